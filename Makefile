@@ -1,0 +1,35 @@
+# Needs make and Python 3.11 or newer. The first target that is made creates .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+
+.PHONY: verify test generate clean
+.DELETE_ON_ERROR:
+
+verify: .venv/ready
+	@$(BIN)/automcm verify $(ARGS)
+
+test: .venv/ready
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/pytest -q -n 2 --cov --cov-report=term $(ARGS)
+
+generate: .venv/ready
+	@$(BIN)/automcm generate $(ARGS)
+
+clean:
+	@rm -rf .venv .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache runs dist build
+	@find spec reference traces conformance -name __pycache__ -prune -exec rm -rf {} +
+
+# Two stamps, so that a change of pyproject.toml alone installs nothing anew but ourselves.
+.venv/packages: requirements.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "automcm needs Python 3.11 or newer: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@echo "Installing into .venv ..."
+	@$(PYTHON) -m venv --clear .venv
+	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
+	@touch $@
+
+.venv/ready: .venv/packages pyproject.toml
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@

@@ -1,0 +1,114 @@
+"""Files that are generated and committed, and whether they still are what would be generated."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from automcm_conformance import citations
+from automcm_spec import generate, models, oracle, simulate
+from automcm_spec.rules import line
+from automcm_traces import itf, schema
+
+ROOT = Path(__file__).resolve().parents[2]
+COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
+CORPUS = ROOT / "traces" / "corpus" / "four-vehicles"
+SCHEMA = ROOT / "traces" / "automcm_traces" / "trace-1.schema.json"
+CITATIONS = ROOT / "docs" / "rule-coverage.md"
+FOUR_VEHICLES = (1001, 2002, 3003, 4004)
+
+
+def counterexample(verdict: models.Verdict) -> str:
+    """A must-fail model's counterexample as ITF; each step with its input, rule and line."""
+    states = []
+    for state in verdict.trace:
+        values = {name: value for name, value in state.values.items() if name != "last"}
+        last: Any = state.values["last"]
+        meta: dict[str, Any] = {"index": state.index - 1, "rule": last["rule"]}
+        if last["station"]:
+            given = simulate.input_(last["input"])
+            meta |= {"station": last["station"], "input": given}
+            if number := line(last["rule"], given):
+                meta["location"] = {"module": "Station", "line": number}
+        states.append(itf.ItfState(values, meta))
+    description = f"{verdict.model.cfg} breaks {verdict.property}. {verdict.model.why}"
+    about = {"description": description, "source": f"spec/models/{verdict.model.cfg}.cfg"}
+    return itf.dumps(itf.to_itf(states, about))
+
+
+def _counterexamples(verdicts: Iterable[models.Verdict]) -> dict[Path, str]:
+    return {
+        COUNTEREXAMPLES / f"{verdict.model.cfg}.itf.json": counterexample(verdict)
+        for verdict in verdicts
+        if verdict.model.expect == "violates" and verdict.ok
+    }
+
+
+def counterexample_drift(verdicts: Sequence[models.Verdict]) -> list[str]:
+    """Which committed counterexamples are not those just found."""
+    return [
+        _stale(path) for path, text in _counterexamples(verdicts).items() if _differs(path, text)
+    ]
+
+
+def four_vehicles(folder: Path) -> None:
+    """The logs of the paper's four vehicles: seeded, with loss, so that every byte is fixed."""
+    from automcm.parameters import Parameters
+    from automcm.simulation import Radio, Simulation, Straight
+
+    simulation = Simulation(seed=3, radio=Radio(loss=0.2, duplicate=0.05), logs=folder)
+    for station in FOUR_VEHICLES:
+        simulation.add(station, Straight(target=FOUR_VEHICLES[2]), Parameters(t_cam=400))
+    simulation.request(FOUR_VEHICLES[0], at=500)
+    simulation.run(until=10_000)
+
+
+def _texts() -> dict[Path, str]:
+    """What is generated within a second."""
+    texts = {SCHEMA: schema.text(), CITATIONS: citations.table(ROOT)}
+    with tempfile.TemporaryDirectory() as folder:
+        four_vehicles(Path(folder))
+        for path in sorted(Path(folder).iterdir()):
+            texts[CORPUS / path.name] = path.read_text()
+    return texts
+
+
+def drift(profile: str, one_peer: bytes, say: Callable[[str], None]) -> list[str]:
+    """Which generated files are stale.  Quick: the two-peer graph by its hash alone."""
+    stale = [_stale(path) for path, text in _texts().items() if _differs(path, text)]
+    fresh = {generate.ONE_PEER: one_peer}
+    if profile == "full":
+        say("oracle: one station, two peers")
+        fresh[generate.TWO_PEERS] = generate.generate(generate.TWO_PEERS)
+    for graph, data in fresh.items():
+        if not graph.path.exists() or oracle.content(graph.path) != data:
+            stale.append(_stale(graph.path))
+    return stale
+
+
+def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
+    """Renew all generated files; returns those that changed."""
+    changed = []
+    verdicts = models.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
+    for path, text in {**_counterexamples(verdicts), **_texts()}.items():
+        if _differs(path, text):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+            changed.append(path)
+    for graph in (generate.ONE_PEER, generate.TWO_PEERS)[: 1 + two_peers]:
+        say(f"oracle: {graph.name}")
+        data = generate.generate(graph)
+        if not graph.path.exists() or oracle.content(graph.path) != data:
+            oracle.write(graph.path, data)
+            changed.append(graph.path)
+    return changed
+
+
+def _differs(path: Path, text: str) -> bool:
+    return not path.exists() or path.read_text() != text
+
+
+def _stale(path: Path) -> str:
+    return f"{path.relative_to(ROOT)}: not what would be generated now; run make generate"

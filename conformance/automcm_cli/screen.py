@@ -1,0 +1,106 @@
+"""The one screen of ``automcm verify``."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from automcm_cli.verify import Report
+from automcm_spec import models
+
+MARK = {True: "[green]ok[/]", False: "[red]FAIL[/]"}
+
+
+def show(report: Report, console: Console) -> None:
+    """Print the report: models, must-fail models, oracle, comparison, the verdict."""
+    holds = [v for v in report.verdicts if v.model.expect == "holds"]
+    fails = [v for v in report.verdicts if v.model.expect == "violates"]
+    if holds:
+        console.print(_holds(holds))
+    if fails:
+        console.print(_fails(fails))
+    if report.oracle:
+        o = report.oracle
+        console.print(
+            f"Oracle      {o['states']:,} states, {o['transitions']:,} transitions, "
+            f"{o['refusals']:,} refusals, spec {o['spec_hash'][:12]}"
+        )
+    _comparison(report, console)
+    for text in report.drift:
+        console.print(f"[red]Drift[/]       {escape(text)}")
+    for text in report.all_errors:
+        console.print(f"[red]Error[/]       {escape(text)}")
+    total = sum(report.seconds.values())
+    parts = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in report.seconds.items())
+    word = "[green]As expected[/]" if report.ok else "[red]NOT as expected[/]"
+    console.print(f"{word} after {total:.0f} s ({parts}).")
+
+
+def _holds(verdicts: list[models.Verdict]) -> Table:
+    table = _table("Models: every property holds", "distinct states", "depth")
+    for v in verdicts:
+        r = v.result
+        numbers = (f"{r.distinct_states:,}", str(r.depth), f"{r.seconds:.1f}") if r else ("",) * 3
+        table.add_row(v.model.cfg, *numbers, MARK[v.ok], *_problem(v))
+    return table
+
+
+def _fails(verdicts: list[models.Verdict]) -> Table:
+    table = _table("Must fail: a mechanism taken away", "breaks", "steps")
+    for v in verdicts:
+        seconds = f"{v.result.seconds:.1f}" if v.result else ""
+        steps = str(len(v.trace) - 1) if v.trace else ""
+        table.add_row(v.model.cfg, v.property or "-", steps, seconds, MARK[v.ok], *_problem(v))
+    return table
+
+
+def _table(title: str, second: str, third: str) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column("model", no_wrap=True)
+    for name in (second, third, "seconds"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    table.add_column("")
+    return table
+
+
+def _problem(v: models.Verdict) -> tuple[str, ...]:
+    """The first line; an error of a tool stands below the tables, once."""
+    if v.error is not None:
+        return (f"{v.error.kind} error, see below",)
+    return (escape(v.problem.splitlines()[0]),) if v.problem else ("",)
+
+
+def _comparison(report: Report, console: Console) -> None:
+    for name, c in report.compared.items():
+        what = "every input" if name == "one-peer" or report.profile == "full" else "transitions"
+        console.print(
+            f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs ({what}), "
+            f"{c.differences} differences"
+        )
+    if report.behaviours:
+        console.print(
+            f"Behaviours  {report.behaviours} of four stations replayed, "
+            f"{len(report.behaviour_differences)} differences"
+        )
+    if report.coverage is not None:
+        rules = report.coverage
+        total = len(rules.covered) + len(rules.uncovered)
+        missing = f", [red]not missed: {', '.join(rules.uncovered)}[/]" if rules.uncovered else ""
+        console.print(
+            f"Rules       {len(rules.covered)} of {total} missed when "
+            f"taken away{missing}; {len(rules.by_test)} shown by a test"
+        )
+    for d in report.divergences[:3]:
+        if "behaviour" in d:
+            console.print(f"[red]Differs[/]     {escape(d['behaviour'])}", soft_wrap=True)
+            continue
+        console.print(f"[red]Differs[/]     {d['rule']} (Station.tla:{d['line']})")
+        for n, value in enumerate(d["inputs"], 1):
+            console.print(f"  {n}. {escape(str(value))}", soft_wrap=True)
+        for name, wanted in d["expected"].items():
+            actual = d["actual"].get(name, d["actual"].get("error"))
+            if actual != wanted:
+                console.print(f"  {name}: spec {escape(str(wanted))}", soft_wrap=True)
+                console.print(f"  {name}: code {escape(str(actual))}", soft_wrap=True)

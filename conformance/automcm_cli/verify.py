@@ -1,0 +1,216 @@
+"""``automcm verify``: model-check, generate, compare.  One report, whatever happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from automcm_cli import generated
+from automcm_conformance import compare, coverage
+from automcm_conformance.replay import replay
+from automcm_spec import generate, models, oracle, simulate
+from automcm_spec.tlc import TlcError
+from automcm_spec.toolchain import ToolError
+
+Profile = Literal["quick", "full"]
+BEHAVIOURS = ((40, 40, False), (80, 40, True))
+"""How many random behaviours of the closed models are replayed, how long, and which kind."""
+SEED = 7
+
+
+@dataclass
+class Report:
+    """What ``automcm verify`` found.  ``errors`` are tools and inputs that did not work."""
+
+    profile: Profile
+    verdicts: list[models.Verdict] = field(default_factory=list)
+    oracle: dict[str, Any] = field(default_factory=dict)
+    compared: dict[str, compare.Comparison] = field(default_factory=dict)
+    coverage: coverage.Coverage | None = None
+    behaviours: int = 0
+    behaviour_differences: list[str] = field(default_factory=list)
+    drift: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def divergences(self) -> list[dict[str, Any]]:
+        found = [d.as_dict() for c in self.compared.values() for d in c.divergences]
+        return found + [{"behaviour": text} for text in self.behaviour_differences]
+
+    @property
+    def all_errors(self) -> list[str]:
+        """Each error once, those of single models too."""
+        return list(dict.fromkeys([str(v.error) for v in self.verdicts if v.error] + self.errors))
+
+    @property
+    def ok(self) -> bool:
+        return (
+            not self.errors
+            and not self.drift
+            and bool(self.verdicts)
+            and all(verdict.ok for verdict in self.verdicts)
+            and bool(self.compared)
+            and not self.divergences
+            and self.coverage is not None
+            and not self.coverage.uncovered
+        )
+
+    @property
+    def exit_code(self) -> int:
+        """0 as expected, 1 a verdict against, 3 something did not run."""
+        broken = self.errors or any(verdict.error for verdict in self.verdicts)
+        return 3 if broken else 0 if self.ok else 1
+
+    def as_dict(self) -> dict[str, Any]:
+        """The JSON of ``--json``."""
+        rules = self.coverage or coverage.Coverage(by_test={})
+        return {
+            "ok": self.ok,
+            "profile": self.profile,
+            "models": [_model(verdict) for verdict in self.verdicts],
+            "oracle": self.oracle,
+            "reference": {
+                "states_compared": sum(c.states for c in self.compared.values()),
+                "inputs_compared": sum(c.inputs for c in self.compared.values()),
+                "divergences": self.divergences,
+                "rules_covered": sorted(rules.covered),
+                "rules_uncovered": rules.uncovered,
+                "rules_by_test": rules.by_test,
+                "behaviours_replayed": self.behaviours,
+            },
+            "drift": self.drift,
+            "errors": self.all_errors,
+            "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
+        }
+
+
+def _model(verdict: models.Verdict) -> dict[str, Any]:
+    result = verdict.result
+    return {
+        "name": verdict.model.cfg,
+        "expect": verdict.model.expect,
+        "outcome": verdict.outcome,
+        "property": verdict.property,
+        "distinct_states": result.distinct_states if result else None,
+        "states": result.states if result else None,
+        "depth": result.depth if result else None,
+        "length": len(verdict.trace) or None,
+        "seconds": round(result.seconds, 1) if result else None,
+        "problem": verdict.problem,
+    }
+
+
+def reference(constants: dict[str, Any]) -> compare.Adapter:
+    """The reference behind its in-process adapter."""
+    from automcm.adapter import Reference
+
+    return Reference(constants)
+
+
+@contextmanager
+def _without(constants: dict[str, Any], rule: str) -> Iterator[compare.Adapter]:
+    from automcm.adapter import Reference, without
+
+    with without(rule) as rules:
+        yield Reference(constants, rules)
+
+
+def _walk(data: bytes, transitions_only: bool) -> compare.Comparison:
+    graph = oracle.parse(data, "oracle")
+    return compare.walk(graph, reference(graph.constants), transitions_only=transitions_only)
+
+
+def _cover(data: bytes) -> coverage.Coverage:
+    graph = oracle.parse(data, "oracle")
+    return coverage.rules(graph, lambda rule: _without(graph.constants, rule))
+
+
+def _behave() -> tuple[int, list[str]]:
+    found = [
+        behaviour
+        for number, depth, lively in BEHAVIOURS
+        for behaviour in simulate.behaviours(number, depth, SEED, lively=lively)
+    ]
+    answers = (replay(behaviour, lambda: reference(simulate.CONSTANTS)) for behaviour in found)
+    return len(found), [answer for answer in answers if answer]
+
+
+def run(profile: Profile = "quick", say: Callable[[str], None] = lambda text: None) -> Report:
+    """Model-check, write the oracle out, compare.  Never raises for what it examines: a spec
+    that does not parse, a missing Java or a full disk ends up in the report's errors."""
+    report = Report(profile)
+    try:
+        _models(report, say)
+        data = _oracle(report, say)
+        _compare(report, data, say)
+    except (TlcError, ToolError, models.ModelError, oracle.OracleError, OSError) as error:
+        report.errors.append(str(error))
+    except ValueError as error:
+        report.errors.append(f"oracle: {error}")
+    return report
+
+
+@contextmanager
+def _timed(report: Report, name: str) -> Iterator[None]:
+    started = time.monotonic()
+    try:
+        yield
+    finally:
+        report.seconds[name] = time.monotonic() - started
+
+
+def _models(report: Report, say: Callable[[str], None]) -> None:
+    chosen = [m for m in models.load() if report.profile == "full" or m.profile == "quick"]
+
+    def done(verdict: models.Verdict) -> None:
+        report.verdicts.append(verdict)
+        say(f"models {len(report.verdicts)}/{len(chosen)}: {verdict.model.cfg} {verdict.outcome}")
+
+    with _timed(report, "models"):
+        say(f"models 0/{len(chosen)}")
+        models.check_all(chosen, jobs=2, on_done=done)
+    order = [m.cfg for m in chosen]
+    report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
+    report.drift += generated.counterexample_drift(report.verdicts)
+
+
+def _oracle(report: Report, say: Callable[[str], None]) -> bytes:
+    with _timed(report, "oracle"):
+        say("oracle: one station, one peer")
+        data, _ = generate.build(generate.ONE_PEER)
+        fresh = oracle.dump(data)
+        graph = oracle.parse(fresh, "oracle")
+        report.oracle = {
+            "states": len(graph.states),
+            "transitions": graph.transitions,
+            "refusals": graph.refusals,
+            "spec_hash": graph.spec_hash,
+        }
+        report.drift += generated.drift(report.profile, fresh, say)
+    return fresh
+
+
+def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
+    with _timed(report, "comparison"), ProcessPoolExecutor(2) as pool:
+        say("comparison: every state, every input")
+        walks: dict[str, Future[compare.Comparison]] = {
+            "one-peer": pool.submit(_walk, one_peer, False)
+        }
+        covered = pool.submit(_cover, one_peer)
+        try:
+            two_peers = oracle.content(generate.TWO_PEERS.path)
+            oracle.parse(two_peers, generate.TWO_PEERS.path, generate.spec_hash())
+            walks["two-peers"] = pool.submit(_walk, two_peers, report.profile == "quick")
+        except oracle.OracleError as error:
+            report.drift.append(str(error))
+        behaved = pool.submit(_behave)
+        for name, walk in walks.items():
+            report.compared[name] = walk.result()
+        say("comparison: every rule taken away")
+        report.coverage = covered.result()
+        report.behaviours, report.behaviour_differences = behaved.result()

@@ -1,0 +1,154 @@
+"""Walks an oracle through an implementation: every state, every input, every refusal.
+
+An implementation stands behind an ``Adapter``.  The walk follows shortest paths, so each state
+is one that the implementation really reached, and the first difference met is a shortest one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from automcm_spec.oracle import Answer, Oracle, canonical
+from automcm_spec.rules import line
+
+Json = Any
+LIMIT = 20
+"""Differences kept; the walk goes on counting."""
+
+
+class Adapter(Protocol):
+    """What the walk needs of an implementation (values: automcm_spec.oracle)."""
+
+    def reset(self) -> None: ...
+
+    def put(self, state: Json) -> None: ...
+
+    def put_state(self, state: Any) -> None: ...
+
+    def save(self) -> Any: ...
+
+    def state(self) -> Json: ...
+
+    def marks(self) -> Json: ...
+
+    def apply(self, value: Json) -> tuple[Json, Json, Json, Json]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Divergence:
+    """One difference: how to get there, what the spec says, what the code does."""
+
+    inputs: list[Json]
+    """Shortest sequence from the initial state; the last one is answered differently."""
+    rule: str
+    line: int
+    """Of Station.tla."""
+    expected: dict[str, Json]
+    actual: dict[str, Json]
+
+    def as_dict(self) -> dict[str, Json]:
+        return {
+            "inputs": self.inputs,
+            "rule": self.rule,
+            "line": self.line,
+            "expected": self.expected,
+            "actual": self.actual,
+        }
+
+
+@dataclass(slots=True)
+class Comparison:
+    """What the walk has compared so far."""
+
+    states: int = 0
+    inputs: int = 0
+    differences: int = 0
+    divergences: list[Divergence] = field(default_factory=list)
+
+
+def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Json]:
+    """The spec's answer, in the words of a report."""
+    effect = answer.effect
+    return {
+        "state": oracle.states[answer.next],
+        "messages": effect.messages,
+        "told": effect.told,
+        "arm": effect.arm,
+        "stop": effect.stop,
+    }
+
+
+def _apply(adapter: Adapter, value: Json) -> dict[str, Json]:
+    """The implementation's answer; an exception is an answer too, a wrong one."""
+    try:
+        messages, told, arm, stop = adapter.apply(value)
+    except Exception as error:  # whatever a stranger's code raises
+        return {"error": f"{type(error).__name__}: {error}"}
+    return {
+        "state": adapter.state(),
+        "messages": messages,
+        "told": told,
+        "arm": arm,
+        "stop": stop,
+    }
+
+
+def walk(
+    oracle: Oracle,
+    adapter: Adapter,
+    *,
+    transitions_only: bool = False,
+    stop_at_first: bool = False,
+    on_state: Callable[[int], None] | None = None,
+) -> Comparison:
+    """Compare every state and every offered input (or only those that change something)."""
+    result = Comparison()
+
+    def differ(state: int, value: Json | None, rule: str, exp: Json, act: Json) -> None:
+        result.differences += 1
+        if len(result.divergences) < LIMIT:
+            inputs = [oracle.inputs[i] for i in oracle.path(state)]
+            inputs += [] if value is None else [value]
+            where = line(rule, inputs[-1]) if inputs else 0
+            result.divergences.append(Divergence(inputs, rule, where, exp, act))
+
+    adapter.reset()
+    reached: dict[int, Any] = {0: adapter.save()}
+    for n, state in enumerate(oracle.states):
+        if on_state is not None:
+            on_state(n)
+        adapter.put(state)
+        round_trip = {"state": adapter.state(), "marks": adapter.marks()}
+        here = {"state": state, "marks": oracle.marks[n]}
+        if round_trip != here:
+            differ(n, None, "ACT-5", here, round_trip)
+        base = reached.pop(n, None) or adapter.save()
+        answers: Iterable[Answer] = oracle.changes(n) if transitions_only else oracle.answers(n)
+        for answer in answers:
+            value = oracle.inputs[answer.input]
+            adapter.put_state(base)
+            actual = _apply(adapter, value)
+            expected = expected_of(oracle, answer)
+            result.inputs += 1
+            if actual != expected:
+                differ(n, value, answer.effect.rule, expected, actual)
+            elif oracle.parents[answer.next] == [n, answer.input] and answer.next != n:
+                reached[answer.next] = adapter.save()
+        result.states += 1
+        if stop_at_first and result.differences:
+            break
+    return result
+
+
+def explain(divergence: Divergence, oracle: Oracle) -> str:
+    """A difference in words: how to get there, what the spec says, what the code does."""
+    parts = [f"{divergence.rule} (Station.tla:{divergence.line})"]
+    parts += [f"  {n}. {canonical(value)}" for n, value in enumerate(divergence.inputs, 1)]
+    for name, value in divergence.expected.items():
+        actual = divergence.actual.get(name, divergence.actual.get("error"))
+        if actual != value:
+            parts.append(f"  {name}: spec {canonical(value)}")
+            parts.append(f"  {' ' * len(name)}  code {canonical(actual)}")
+    return "\n".join(parts)

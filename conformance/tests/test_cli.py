@@ -1,0 +1,186 @@
+"""The commands: exit codes, JSON, help, bad input."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli import generated, screen
+from automcm_cli import verify as verify_
+from automcm_cli.main import app
+from automcm_conformance.citations import found
+from automcm_conformance.compare import Comparison, Divergence
+from automcm_conformance.coverage import Coverage
+from automcm_spec import models
+from automcm_spec.tlc import Result, TlcError
+
+ROOT = generated.ROOT
+LOGS = sorted(str(path) for path in generated.CORPUS.glob("*.ndjson"))
+run = CliRunner()
+
+
+@pytest.mark.parametrize("command", [[], ["verify"], ["generate"], ["trace"], ["trace", "explain"]])
+def test_every_command_has_help_with_exit_codes(command: list[str]) -> None:
+    answer = run.invoke(app, [*command, "--help"])
+    assert answer.exit_code == 0 and "Exit codes" in answer.output
+    assert command in ([], ["trace"]) or "Example" in answer.output
+
+
+def test_usage_errors_are_2() -> None:
+    assert run.invoke(app, ["verify", "--profile", "huge"]).exit_code == 2
+    assert run.invoke(app, ["nonsense"]).exit_code == 2
+
+
+def test_the_corpus_is_allowed() -> None:
+    answer = run.invoke(app, ["trace", "explain", *LOGS])
+    assert answer.exit_code == 0, answer.output
+    assert answer.output.count("ALLOWED") == 4
+
+
+def test_explain_json_of_one_log() -> None:
+    answer = run.invoke(app, ["trace", "explain", "--json", "-", LOGS[0]])
+    assert json.loads(answer.output)["verdict"] == "allowed"
+
+
+def test_explain_says_which_file_it_cannot_read(tmp_path: Path) -> None:
+    answer = run.invoke(app, ["trace", "explain", str(tmp_path / "none.ndjson"), LOGS[0]])
+    assert answer.exit_code == 3
+    assert "none.ndjson" in answer.output and "ALLOWED" in answer.output
+
+
+def test_json_that_cannot_be_written_is_3(tmp_path: Path) -> None:
+    target = str(tmp_path / "no" / "where.json")
+    assert run.invoke(app, ["trace", "explain", "--json", target, LOGS[0]]).exit_code == 3
+
+
+def test_the_console_script_is_installed() -> None:
+    answer = subprocess.run(
+        [Path(sys.executable).parent / "automcm", "--help"], capture_output=True, text=True
+    )
+    assert answer.returncode == 0 and "verify" in answer.stdout
+
+
+def test_generated_files_are_not_stale() -> None:
+    texts = generated._texts()
+    assert [path for path, text in texts.items() if generated._differs(path, text)] == []
+
+
+def test_no_rule_lacks_a_citation() -> None:
+    missing = [
+        (rule, place)
+        for rule, places in found(ROOT).items()
+        for place, names in places.items()
+        if not names and (rule, place) != ("ACT-1", "Specification")
+    ]
+    assert missing == []
+
+
+def good_report() -> verify_.Report:
+    model = models.load()[0]
+    result = Result("holds", None, 10, 20, 3, 0.1)
+    return verify_.Report(
+        "quick",
+        verdicts=[models.Verdict(model, "holds", None, result, None)],
+        oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
+        compared={"one-peer": Comparison(states=1, inputs=5)},
+        coverage=Coverage(covered={"NEG-4": "NEG-4"}),
+        behaviours=3,
+        seconds={"models": 1.0},
+    )
+
+
+def test_the_report_of_verify() -> None:
+    report = good_report()
+    assert report.ok and report.exit_code == 0
+    value = report.as_dict()
+    assert value["models"][0]["outcome"] == "holds"
+    assert set(value["reference"]) >= {
+        "states_compared",
+        "inputs_compared",
+        "divergences",
+        "rules_covered",
+        "rules_uncovered",
+    }
+    assert set(value["oracle"]) == {"states", "transitions", "refusals", "spec_hash"}
+
+
+def wrong(report: verify_.Report, what: str) -> verify_.Report:
+    model = models.load()[0]
+    match what:
+        case "divergence":
+            found = Divergence([["restart"]], "END-8", 9, {"told": 1}, {"told": 2})
+            report.compared["one-peer"].divergences.append(found)
+        case "behaviour":
+            report.behaviour_differences.append("step 3 [red]")
+        case "uncovered":
+            assert report.coverage is not None
+            report.coverage.uncovered.append("NEG-5")
+        case "drift":
+            report.drift.append("spec/oracle: stale")
+        case "model":
+            result = Result("violates", "NoHazardInv", 10, 20, 3, 0.1)
+            verdict = models.Verdict(model, "violates", "S-5", result, "violates S-5")
+            report.verdicts.append(verdict)
+        case "nothing compared":
+            report.compared.clear()
+        case "no models":
+            report.verdicts.clear()
+    return report
+
+
+@pytest.mark.parametrize(
+    "what",
+    ["divergence", "behaviour", "uncovered", "drift", "model", "nothing compared", "no models"],
+)
+def test_each_thing_that_is_wrong_makes_verify_fail(what: str) -> None:
+    from rich.console import Console
+
+    report = wrong(good_report(), what)
+    assert not report.ok and report.exit_code == 1
+    console = Console(file=io.StringIO(), record=True, width=100)
+    screen.show(report, console)
+    assert "NOT as expected" in console.export_text()
+
+
+def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise TlcError("java", "no Java")
+
+    monkeypatch.setattr(models, "check_all", broken)
+    report = verify_.run()
+    assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
+
+
+def test_generate_says_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise TlcError("parse", "Station.tla, line 3: no")
+
+    monkeypatch.setattr(models, "check_all", broken)
+    answer = run.invoke(app, ["generate"])
+    assert answer.exit_code == 3 and "Station.tla, line 3" in answer.output
+
+
+def test_stale_files_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generated, "_texts", lambda: {ROOT / "docs" / "nowhere.md": "text"})
+    stale = generated.drift("quick", b"another oracle", lambda text: None)
+    assert [text.split(":")[0] for text in stale] == [
+        "docs/nowhere.md",
+        "spec/oracle/one-peer.json.xz",
+    ]
+
+
+def test_counterexamples_are_those_that_tlc_finds() -> None:
+    chosen = [m for m in models.load() if m.cfg == "bare_ack"]
+    verdicts = models.check_all(chosen)
+    assert generated.counterexample_drift(verdicts) == []
+    itf = json.loads(generated.counterexample(verdicts[0]))
+    last = itf["states"][-1]["#meta"]
+    assert last["rule"] in ("END-6", "NEG-9", "PRE-4", "ADV-6")
+    assert last["location"]["module"] == "Station" and last["input"][0] == "receive"
+    assert "S-6" in itf["#meta"]["description"]

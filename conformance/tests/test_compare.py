@@ -1,0 +1,81 @@
+"""The walk of the oracle through the reference, and what it says of differences."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+from automcm.adapter import Reference, abstract, concrete, without
+from automcm_conformance.compare import explain, walk
+from automcm_conformance.coverage import rules
+from automcm_spec import generate
+from automcm_spec.oracle import Oracle, load
+
+
+@pytest.fixture(scope="module")
+def oracle() -> Oracle:
+    return load(generate.ONE_PEER.path, generate.spec_hash())
+
+
+def test_the_map_is_its_own_inverse_on_every_state(oracle: Oracle) -> None:
+    assert all(abstract(concrete(state)) == state for state in oracle.states)
+
+
+def test_every_state_differs_in_the_reference(oracle: Oracle) -> None:
+    assert len({repr(concrete(state)) for state in oracle.states}) == len(oracle.states)
+
+
+def test_every_transition_agrees(oracle: Oracle) -> None:
+    result = walk(oracle, Reference(oracle.constants), transitions_only=True)
+    assert (result.states, result.inputs) == (len(oracle.states), oracle.transitions)
+    assert result.divergences == []
+
+
+@pytest.mark.parametrize("rule", ["NEG-4", "ADV-8", "END-4"])
+def test_a_missing_rule_is_missed_and_named(oracle: Oracle, rule: str) -> None:
+    with without(rule) as rows:
+        result = walk(oracle, Reference(oracle.constants, rows), stop_at_first=True)
+    found = result.divergences[0]
+    assert found.rule == (rule if rule != "END-4" else "NEG-6")
+    assert f"Station.tla:{found.line}" in explain(found, oracle) and found.line > 0
+
+
+def test_the_path_to_a_difference_is_a_shortest_one(oracle: Oracle) -> None:
+    with without("NEG-3") as rows:
+        result = walk(oracle, Reference(oracle.constants, rows), stop_at_first=True)
+    inputs = result.divergences[0].inputs
+    assert [i[0] for i in inputs] == ["receive", "receive", inputs[-1][0]]
+
+
+def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
+    class Broken(Reference):
+        def apply(self, value: Any) -> Any:
+            if value[0] == "restart":
+                raise RuntimeError("no")
+            return super().apply(value)
+
+    result = walk(oracle, Broken(oracle.constants), transitions_only=True)
+    assert result.differences == len(oracle.states)
+    assert "RuntimeError: no" in explain(result.divergences[0], oracle)
+
+
+def test_marks_are_compared(oracle: Oracle) -> None:
+    class Unmarked(Reference):
+        def marks(self) -> Any:
+            return []
+
+    result = walk(oracle, Unmarked(oracle.constants), transitions_only=True, stop_at_first=False)
+    assert {d.rule for d in result.divergences} == {"ACT-5"}
+
+
+def test_a_rule_that_nothing_misses_is_uncovered(oracle: Oracle) -> None:
+    @contextmanager
+    def nothing_is_taken_away(rule: str) -> Any:
+        yield Reference(oracle.constants)
+
+    small = load(generate.ONE_PEER.path)
+    small.states = small.states[:1]
+    small.answers = lambda n: iter(())  # type: ignore[method-assign,assignment]
+    assert "NEG-4" in rules(small, nothing_is_taken_away).uncovered

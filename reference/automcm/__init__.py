@@ -1,0 +1,1 @@
+"""The reference implementation: how one does it."""

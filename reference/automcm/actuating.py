@@ -1,0 +1,71 @@
+"""Actuating: ACT-2 … ACT-5.  (ACT-1 is the application's.)"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from automcm.interface import Complete
+from automcm.messages import Cam, Fin
+from automcm.outcome import (
+    Heard,
+    Me,
+    Outcome,
+    Row,
+    ack,
+    acked,
+    always,
+    foreign,
+    ignore,
+    leave,
+    leave_with,
+    own,
+    refuse,
+    stale,
+    tell,
+)
+from automcm.state import State, Timer
+
+
+def counts_as_heard(me: Me, st: State, i: Cam) -> bool:
+    """ACT-5: marked with this session, and newer than the last one that counted."""
+    return (
+        st.phase == "ACTUATING"
+        and i.src == st.peer
+        and st.session in i.marks
+        and (st.heard_ms is None or i.generation_ms > st.heard_ms)
+    )
+
+
+def heard(me: Me, st: State, i: Cam) -> Outcome:
+    return Outcome(replace(st, heard_ms=i.generation_ms), again=(Timer("cam"),))
+
+
+CAM = (Row("ACT-5", counts_as_heard, heard), Row("ACT-5", always, ignore))
+
+
+def complete(me: Me, st: State, i: Complete) -> Outcome:
+    fin = Fin(src=me.station_id, dst=st.target, session=own(st), seq=st.seq + 1)
+    return leave_with(st, [fin])
+
+
+COMPLETE = (
+    Row(
+        "CMD-1",
+        lambda me, st, i: not (st.phase == "ACTUATING" and st.role == "prescriber"),
+        refuse,
+    ),
+    Row("PRE-5", stale, refuse),
+    Row("ACT-3", always, complete),
+)
+
+
+def from_own_prescriber(me: Me, st: State, i: Heard) -> bool:
+    m = i.message
+    return not foreign(me, st, i) and st.role == "receiver" and m.src == st.peer
+
+
+def finished(me: Me, st: State, i: Heard) -> Outcome:
+    return Outcome(leave(st), (ack(me, i.message),), tell("finished", st))
+
+
+FIN = (Row("ACT-3", from_own_prescriber, finished), Row("END-3", always, acked))

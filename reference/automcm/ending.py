@@ -1,0 +1,161 @@
+"""Ending and robustness: END-1 … END-8."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import MappingProxyType
+
+from automcm.interface import Abort
+from automcm.messages import (
+    BROADCAST,
+    Acceptance,
+    Ack,
+    Advertisement,
+    Cancel,
+    Intention,
+    Prescription,
+    Reliable,
+)
+from automcm.outcome import (
+    Heard,
+    Me,
+    Outcome,
+    Restart,
+    Row,
+    acked,
+    always,
+    cancels,
+    discard,
+    foreign,
+    full,
+    ignore,
+    leave,
+    leave_with,
+    moved,
+    others,
+    refuse,
+    stale,
+    tell,
+)
+from automcm.prescribing import no_participants
+from automcm.state import NOBODY, EntryKey, State, Timer, key
+
+
+def abort(me: Me, st: State, i: Abort) -> Outcome:
+    return leave_with(st, cancels(me, st, others(st), "abort"))
+
+
+ABORT = (
+    Row("CMD-1", lambda me, st, i: not st.bound, refuse),
+    Row("PRE-5", stale, refuse),
+    Row("END-1", always, abort),
+)
+
+
+def withdraws(me: Me, st: State, i: Heard) -> bool:
+    """END-2: in ADVERTISING any station, in CHOOSING a recorded one."""
+    p = i.message.src
+    if foreign(me, st, i) or st.phase not in ("ADVERTISING", "CHOOSING"):
+        return False
+    if p in st.recorded:
+        return True
+    return st.phase == "ADVERTISING" and p not in st.withdrawn and not full(me, st)
+
+
+def last_withdraws(me: Me, st: State, i: Heard) -> bool:
+    return st.phase == "CHOOSING" and withdraws(me, st, i) and len(st.recorded) == 1
+
+
+def withdraw(me: Me, st: State, i: Heard) -> Outcome:
+    p = i.message.src
+    recorded = MappingProxyType({q: m for q, m in st.recorded.items() if q != p})
+    withdrawn = st.withdrawn | {p} if st.phase == "ADVERTISING" else st.withdrawn
+    return replace(acked(me, st, i), state=replace(st, recorded=recorded, withdrawn=withdrawn))
+
+
+def last_withdrawn(me: Me, st: State, i: Heard) -> Outcome:
+    return replace(no_participants(me, st, i), messages=acked(me, st, i).messages)
+
+
+def from_peer(me: Me, st: State, i: Heard) -> bool:
+    m = i.message
+    return not foreign(me, st, i) and st.peer != NOBODY and m.src == st.peer
+
+
+def cancelled(me: Me, st: State, i: Heard) -> Outcome:
+    assert isinstance(i.message, Cancel)
+    told = tell("fallback", st, reason=i.message.reason)
+    return replace(acked(me, st, i), state=leave(st), told=told)
+
+
+CANCEL = (
+    Row("PRE-1", last_withdraws, last_withdrawn),
+    Row("END-2", withdraws, withdraw),
+    Row("END-2", from_peer, cancelled),
+    Row("END-3", always, acked),
+)
+
+
+def entry_acked(st: State, i: Heard) -> Reliable | None:
+    """END-6: the entry this Ack names, sent to the one it comes from."""
+    m = i.message
+    assert isinstance(m, Ack)
+    named = EntryKey(m.of.type, m.src, m.session, m.of.seq)
+    return next((entry for entry in st.outbox if key(entry) == named), None)
+
+
+def acks(*types: str) -> Callable[[Me, State, Heard], bool]:
+    def when(me: Me, st: State, i: Heard) -> bool:
+        entry = entry_acked(st, i)
+        return entry is not None and entry.type in types
+
+    return when
+
+
+def drop(st: State, gone: EntryKey) -> tuple[Reliable, ...]:
+    return tuple(entry for entry in st.outbox if key(entry) != gone)
+
+
+def ack_ends(event: str | None) -> Callable[[Me, State, Heard], Outcome]:
+    """The acked entry leaves the outbox; ``event`` moves the phase."""
+
+    def then(me: Me, st: State, i: Heard) -> Outcome:
+        entry = entry_acked(st, i)
+        assert entry is not None
+        kept = drop(st, key(entry))
+        return Outcome(moved(st, event, outbox=kept) if event else replace(st, outbox=kept))
+
+    return then
+
+
+ACK = (
+    Row("ADV-6", acks("Intention"), ack_ends("wait")),
+    Row("PRE-4", acks("Prescription"), ack_ends("acknowledged")),
+    Row("NEG-9", acks("Acceptance"), ack_ends(None)),
+    Row("END-6", acks("Fin", "Cancel"), ack_ends(None)),
+    Row("END-6", always, ignore),
+)
+
+
+def restart(me: Me, st: State, i: Restart) -> Outcome:
+    return Outcome(State(number=st.number, quarantine=True), again=(Timer("quarantine"),))
+
+
+def not_for_me(me: Me, st: State, i: Heard) -> bool:
+    return i.message.dst not in (me.station_id, BROADCAST)
+
+
+def breaks_protocol(me: Me, st: State, i: Heard) -> bool:
+    m = i.message
+    if m.src == me.station_id or (m.dst == BROADCAST) != (m.type == "Advertisement"):
+        return True
+    prescriber = m.session[0]
+    if isinstance(m, Advertisement | Prescription):
+        return m.src != prescriber
+    if isinstance(m, Intention | Acceptance):
+        return prescriber != me.station_id
+    return isinstance(m, Cancel) and m.reason == "closed" and m.src != prescriber
+
+
+FIRST = (Row("MSG-1", not_for_me, ignore), Row("END-5", breaks_protocol, discard))

@@ -1,0 +1,74 @@
+"""The reference writes logs: what a station did, as events of automcm.trace/1."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from typing import Any
+
+from automcm.messages import Cam, Message, to_dict
+from automcm.outcome import Expiry, Heard, Restart
+from automcm.parameters import Parameters
+from automcm.state import Timer
+from automcm.station import Effects
+from automcm_traces.writer import LogWriter
+
+COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
+_NOT_IN_HEADER = frozenset({"t_cam", "backoff_min", "backoff_max"})
+
+
+def parameters(p: Parameters) -> dict[str, int]:
+    """The parameters of a log's header."""
+    return {name: value for name, value in p.as_dict().items() if name not in _NOT_IN_HEADER}
+
+
+def timer(t: Timer) -> dict[str, Any]:
+    """A timer as the log names it."""
+    out: dict[str, Any] = {"name": t.name}
+    if t.entry is not None:
+        out["message"] = {"type": t.entry.type}
+        if t.entry.to:
+            out["message"]["to"] = t.entry.to
+        out["message"] |= {"session": list(t.entry.session), "seq": t.entry.seq}
+    if t.station:
+        out["station"] = t.station
+    return out
+
+
+def write(
+    log: LogWriter,
+    effects: Effects,
+    transmit: Callable[[Message], str],
+    *,
+    tx: str | None = None,
+    raw: bytes = b"",
+) -> None:
+    """One input and its effects.  ``transmit`` sends a message and gives its transmission id;
+    ``tx`` is that of the message received, ``raw`` its bytes if they were no message."""
+    t_ms = effects.now_ms
+    more: dict[str, Any] = {"phase": effects.state.phase, "role": effects.state.role}
+    if effects.rule:
+        more["rule"] = effects.rule
+    match effects.input:
+        case None:
+            log.event("receive", t_ms, tx=tx, raw=base64.b64encode(raw).decode(), **more)
+        case Heard(message, planned):
+            plan = planned and planned.model_dump(mode="json")
+            log.event("receive", t_ms, tx=tx, message=to_dict(message), planned=plan, **more)
+        case Cam() as cam:
+            log.event("receive", t_ms, tx=tx, message=to_dict(cam), **more)
+        case Expiry(expired):
+            log.event("timer", t_ms, op="expire", timer=timer(expired), **more)
+        case Restart():
+            log.event("restart", t_ms, **more)
+        case command:
+            fields = command.model_dump(mode="json", exclude_none=True)
+            log.event("command", t_ms, command=fields, **more)
+    for message in effects.messages:
+        log.event("send", t_ms, tx=transmit(message), message=to_dict(message))
+    for stopped in effects.stopped:
+        log.event("timer", t_ms, op="stop", timer=timer(stopped))
+    for armed, deadline in effects.armed:
+        log.event("timer", t_ms, op="arm", timer=timer(armed), deadline=deadline)
+    for indication in effects.indications:
+        log.event("indication", t_ms, indication=indication.as_dict())

@@ -1,0 +1,145 @@
+"""Negotiating: NEG-1 … NEG-9."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from automcm.advertising import answer_closed
+from automcm.interface import Accept, Indication
+from automcm.messages import ANSWER_REASONS, Acceptance, Prescription
+from automcm.outcome import (
+    Heard,
+    Me,
+    Outcome,
+    Row,
+    ack,
+    acked,
+    always,
+    cancel_peer,
+    discard,
+    foreign,
+    moved,
+    own,
+    post,
+    refusal,
+    refuse,
+    stale,
+    tell,
+    without,
+)
+from automcm.state import State
+
+
+def instructed(me: Me, st: State, i: Heard) -> Outcome:
+    m = i.message
+    assert isinstance(m, Prescription)
+    verifying = moved(
+        st,
+        "verify",
+        proposal=m.proposal,
+        lease_ms=m.lease_ms,
+        outbox=without(st, "Intention"),
+    )
+    told = tell("verify", st, proposal=m.proposal, prescription=m)
+    return Outcome(verifying, (ack(me, m),), told)
+
+
+PRESCRIPTION = (
+    Row(
+        "NEG-5",
+        lambda me, st, i: foreign(me, st, i) and not st.bound,
+        lambda me, st, i: Outcome(st, (refusal(me, i.message, "unknown_session"),)),
+    ),
+    Row("NEG-4", foreign, lambda me, st, i: Outcome(st, (refusal(me, i.message, "busy"),))),
+    Row("NEG-1", lambda me, st, i: i.message.proposal <= st.proposal, acked),
+    Row("END-5", lambda me, st, i: st.phase not in ("INTENDING", "WAITING"), discard),
+    Row("NEG-1", always, instructed),
+)
+
+
+def not_verifying(me: Me, st: State, i: Any) -> bool:
+    return not (st.phase == "NEGOTIATING" and st.role == "receiver")
+
+
+def answer(me: Me, st: State, **verdict: Any) -> Acceptance:
+    """The Acceptance of the current proposal, or its refusal."""
+    return Acceptance(
+        src=me.station_id,
+        dst=st.peer,
+        session=own(st),
+        seq=st.seq + 1,
+        proposal=st.proposal,
+        **verdict,
+    )
+
+
+def accept(me: Me, st: State, i: Accept) -> Outcome:
+    acceptance = answer(me, st, accepted=True, selected=i.selected)
+    return Outcome(post(moved(st, "accept"), acceptance), (acceptance,))
+
+
+def refuse_proposal(me: Me, st: State, reason: Any, told: Indication | None) -> Outcome:
+    acceptance = answer(me, st, accepted=False, reason=reason)
+    return Outcome(post(moved(st, "refuse"), acceptance), (acceptance,), told)
+
+
+ACCEPT = (
+    Row("CMD-1", not_verifying, refuse),
+    Row("PRE-5", stale, refuse),
+    Row("NEG-2", always, accept),
+)
+REFUSE = (
+    Row("CMD-1", not_verifying, refuse),
+    Row("PRE-5", stale, refuse),
+    Row("NEG-3", always, lambda me, st, i: refuse_proposal(me, st, "unsafe", None)),
+)
+
+
+def untaken(me: Me, st: State, i: Heard) -> bool:
+    m = i.message
+    assert isinstance(m, Acceptance)
+    return not (st.awaits_answer and m.proposal == st.proposal)
+
+
+def not_yet_sent(me: Me, st: State, i: Heard) -> bool:
+    m = i.message
+    assert isinstance(m, Acceptance)
+    return m.src != st.target or m.proposal > st.proposal
+
+
+def agreed(me: Me, st: State, i: Heard) -> Outcome:
+    m = i.message
+    assert isinstance(m, Acceptance)
+    acting = moved(st, "accepted", outbox=without(st, "Prescription"))
+    return Outcome(acting, (ack(me, m),), tell("accepted", st, proposal=m.proposal, acceptance=m))
+
+
+def may_propose_again(me: Me, st: State, i: Heard) -> bool:
+    m = i.message
+    assert isinstance(m, Acceptance)
+    return m.reason not in ANSWER_REASONS and st.proposal < me.max_rounds
+
+
+def refused(me: Me, st: State, i: Heard) -> Outcome:
+    m = i.message
+    assert isinstance(m, Acceptance)
+    deciding = moved(st, "refused", deciding=True, outbox=without(st, "Prescription"))
+    told = tell("propose", st, proposal=st.proposal + 1, reason=m.reason)
+    return Outcome(deciding, (ack(me, m),), told)
+
+
+def no_agreement(me: Me, st: State, i: Heard) -> Outcome:
+    outcome = cancel_peer("no_agreement")(me, st, i)
+    return replace(outcome, messages=acked(me, st, i).messages + outcome.messages)
+
+
+ACCEPTANCE = (
+    Row("NEG-6", lambda me, st, i: foreign(me, st, i) and i.message.accepted, answer_closed),
+    Row("NEG-6", foreign, acked),
+    Row("END-5", not_yet_sent, discard),
+    Row("NEG-6", untaken, acked),
+    Row("NEG-6", lambda me, st, i: i.message.accepted, agreed),
+    Row("NEG-7", may_propose_again, refused),
+    Row("NEG-7", always, no_agreement),
+)

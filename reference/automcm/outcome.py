@@ -1,0 +1,211 @@
+"""What the rules are made of: inputs, outcomes, rows, and the few things they all do.
+
+A row is ``(rule, when, then)``.  Rule 1: nothing but a ``then`` changes a State.  Rule 2: a
+``when`` only looks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from automcm.interface import Command, Indication
+from automcm.messages import (
+    Acceptance,
+    Ack,
+    Cam,
+    Cancel,
+    Message,
+    MessageId,
+    Prescription,
+    Reliable,
+    Session,
+    Trajectory,
+)
+from automcm.phases import after
+from automcm.state import State, Timer
+
+
+class Me(NamedTuple):
+    """What a station is configured with and the rules look at."""
+
+    station_id: int
+    max_rounds: int
+    max_participants: int
+    outbox_limit: int
+    memory_limit: int
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A message, and the trajectory the application would intend (None: not concerned)."""
+
+    message: Message
+    planned: Trajectory | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Expiry:
+    """An armed timer has expired."""
+
+    timer: Timer
+
+
+@dataclass(frozen=True, slots=True)
+class Restart:
+    """The station comes back and remembers no session (END-8)."""
+
+
+Input = Heard | Cam | Command | Expiry | Restart
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a rule decided."""
+
+    state: State
+    messages: tuple[Message, ...] = ()
+    told: Indication | None = None
+    rule: str = ""
+    again: tuple[Timer, ...] = ()
+    """Timers armed anew although they ran before."""
+
+
+class Row(NamedTuple):
+    """``when(me, st, i)``: does this row decide?  ``then(me, st, i)``: the outcome."""
+
+    rule: str
+    when: Callable[[Me, State, Any], bool]
+    then: Callable[[Me, State, Any], Outcome]
+
+
+def always(me: Me, st: State, i: Any) -> bool:
+    return True
+
+
+def ignore(me: Me, st: State, i: Any) -> Outcome:
+    return Outcome(st)
+
+
+def tell(name: Any, st: State, **more: Any) -> Indication:
+    return Indication(name=name, rule="", session=st.session, **more)
+
+
+def discard(me: Me, st: State, i: Any) -> Outcome:
+    return Outcome(st, told=Indication(name="discarded", rule="", detail=i.message.type))
+
+
+def refuse(me: Me, st: State, i: Any) -> Outcome:
+    return Outcome(st, told=Indication(name="refused", rule="", detail=i.name))
+
+
+def moved(st: State, event: str, **changes: Any) -> State:
+    """``st`` after ``event`` (phases.py), with ``changes``."""
+    return replace(st, phase=after(st.role, st.phase, event), **changes)
+
+
+def post(st: State, *messages: Reliable) -> State:
+    """``st`` with ``messages`` in the outbox; they were numbered from st.seq + 1 on."""
+    return replace(st, outbox=st.outbox + messages, seq=st.seq + len(messages))
+
+
+def without(st: State, *types: str) -> tuple[Reliable, ...]:
+    return tuple(message for message in st.outbox if message.type not in types)
+
+
+def leave(st: State) -> State:
+    """END-1: leaving ends the retransmission of Intention, Prescription and Acceptance."""
+    return State(
+        phase=after(st.role, st.phase, "leave"),
+        number=st.number,
+        joined=st.joined,
+        outbox=without(st, "Intention", "Prescription", "Acceptance"),
+        quarantine=st.quarantine,
+        backoff=st.backoff,
+    )
+
+
+def leave_with(st: State, messages: Iterable[Reliable], told: Indication | None = None) -> Outcome:
+    """Leave, and send ``messages`` reliably."""
+    sent = tuple(messages)
+    return Outcome(replace(post(leave(st), *sent), seq=0), sent, told)
+
+
+def own(st: State) -> Session:
+    """The session of a bound station."""
+    assert st.session is not None
+    return st.session
+
+
+def cancels(me: Me, st: State, to: Iterable[int], reason: Any, first: int = 1) -> list[Cancel]:
+    """A Cancel to each, numbered from the first'th next seq on."""
+    return [
+        Cancel(src=me.station_id, dst=p, session=own(st), seq=st.seq + n, reason=reason)
+        for n, p in enumerate(to, first)
+    ]
+
+
+def cancel_peer(reason: Any) -> Callable[[Me, State, Any], Outcome]:
+    """Leave by a Cancel to the peer, and tell the application."""
+
+    def then(me: Me, st: State, i: Any) -> Outcome:
+        told = tell("fallback", st, reason=reason)
+        return leave_with(st, cancels(me, st, [st.peer], reason), told)
+
+    return then
+
+
+def others(st: State) -> list[int]:
+    """END-1: whom an abort goes to."""
+    if st.phase in ("ADVERTISING", "CHOOSING"):
+        return sorted(st.recorded)
+    return [st.peer]
+
+
+def ack(me: Me, m: Any) -> Ack:
+    return Ack(
+        src=me.station_id, dst=m.src, session=m.session, of=MessageId(type=m.type, seq=m.seq)
+    )
+
+
+def acked(me: Me, st: State, i: Heard) -> Outcome:
+    """Nothing changes; a message is acked, an answer (seq 0) is not."""
+    return Outcome(st, (ack(me, i.message),) if i.message.seq else ())
+
+
+def refusal(me: Me, m: Prescription, reason: Any) -> Acceptance:
+    """The answer to a Prescription of a session the station is not in (NEG-4, NEG-5)."""
+    return Acceptance(
+        src=me.station_id,
+        dst=m.src,
+        session=m.session,
+        seq=0,
+        proposal=m.proposal,
+        accepted=False,
+        reason=reason,
+    )
+
+
+def in_session(st: State, session: Session) -> bool:
+    """END-4: only a message of the session it is bound to is of that session."""
+    return st.session == session
+
+
+def foreign(me: Me, st: State, i: Heard) -> bool:
+    return not in_session(st, i.message.session)
+
+
+def room(me: Me, st: State) -> bool:
+    """MEM-1: a session needs room in the outbox."""
+    return len(st.outbox) + me.max_participants + 1 <= me.outbox_limit
+
+
+def full(me: Me, st: State) -> bool:
+    """MEM-1: no more stations are recorded."""
+    return len(st.recorded) + len(st.withdrawn) >= me.max_participants
+
+
+def stale(me: Me, st: State, i: Any) -> bool:
+    """PRE-5: the answer of an application names session and proposal."""
+    return i.session != st.session or getattr(i, "proposal", st.proposal) != st.proposal

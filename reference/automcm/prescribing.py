@@ -1,0 +1,90 @@
+"""Prescribing: PRE-1 … PRE-5, and the next proposal of NEG-7."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from automcm.interface import Prescribe, Proceed
+from automcm.messages import Prescription, Reliable
+from automcm.outcome import (
+    Expiry,
+    Me,
+    Outcome,
+    Row,
+    always,
+    cancels,
+    leave,
+    leave_with,
+    moved,
+    own,
+    post,
+    refuse,
+    stale,
+    tell,
+)
+from automcm.state import NO_INTENTIONS, State
+
+
+def no_participants(me: Me, st: State, i: Any) -> Outcome:
+    """PRE-1; END-7: a back-off before the next session."""
+    return Outcome(replace(leave(st), backoff=True), told=tell("no_participants", st))
+
+
+def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
+    if not st.recorded:
+        return no_participants(me, st, i)
+    intentions = tuple(st.recorded[p] for p in sorted(st.recorded))
+    chosen = moved(st, "choose", withdrawn=frozenset(), advertisement=None)
+    return Outcome(chosen, told=tell("choose", st, intentions=intentions))
+
+
+def prescribe(me: Me, st: State, i: Prescribe) -> Outcome:
+    """The proposal to the target; every other recorded station is released."""
+    prescription = Prescription(
+        src=me.station_id,
+        dst=i.target,
+        session=own(st),
+        seq=st.seq + 1,
+        proposal=i.proposal,
+        prescribed=i.prescribed,
+        hold_ms=i.hold_ms,
+        lease_ms=i.lease_ms,
+    )
+    released = [p for p in sorted(st.recorded) if p != i.target]
+    sent: tuple[Reliable, ...] = (prescription, *cancels(me, st, released, "not_selected", first=2))
+    chosen = moved(
+        st,
+        "prescribe",
+        target=i.target,
+        proposal=i.proposal,
+        deciding=False,
+        lease_ms=i.lease_ms,
+        recorded=NO_INTENTIONS,
+    )
+    return Outcome(post(chosen, *sent), sent)
+
+
+def stale_choice(me: Me, st: State, i: Prescribe) -> bool:
+    return i.session != st.session or i.proposal != st.proposal + 1
+
+
+PRESCRIBE = (
+    Row("CMD-1", lambda me, st, i: not (st.phase == "CHOOSING" or st.deciding), refuse),
+    Row("PRE-5", stale_choice, refuse),
+    Row("PRE-2", lambda me, st, i: not st.deciding and i.target not in st.recorded, refuse),
+    Row("NEG-7", lambda me, st, i: st.deciding and i.target != st.target, refuse),
+    Row("PRE-2", lambda me, st, i: not st.deciding, prescribe),
+    Row("NEG-7", lambda me, st, i: st.deciding, prescribe),
+)
+
+
+def proceed(me: Me, st: State, i: Proceed) -> Outcome:
+    return leave_with(st, cancels(me, st, sorted(st.recorded), "not_needed"))
+
+
+PROCEED = (
+    Row("CMD-1", lambda me, st, i: st.phase != "CHOOSING", refuse),
+    Row("PRE-5", stale, refuse),
+    Row("PRE-3", always, proceed),
+)

@@ -1,0 +1,154 @@
+"""The tables: which rows decide which input, and ``decide``, which asks them.
+
+For each input there is a list of rows, ``(rule, when, then)``.  The first row whose ``when``
+holds decides; the rows stand in the order of the specification (Station.tla).  ``decide`` is a
+pure function of a state and an input.  It knows no time: rules arm and stop timers by changing
+the state, and ``state.armed`` says which run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from automcm.actuating import CAM, COMPLETE, FIN
+from automcm.advertising import (
+    ADVERTISEMENT,
+    INTENTION,
+    REQUEST,
+    advertise_again,
+    forget,
+    hold_ends,
+)
+from automcm.ending import ABORT, ACK, CANCEL, FIRST, drop, restart
+from automcm.messages import Cam, Reliable
+from automcm.negotiating import ACCEPT, ACCEPTANCE, PRESCRIPTION, REFUSE, refuse_proposal
+from automcm.outcome import (
+    Expiry,
+    Heard,
+    Input,
+    Me,
+    Outcome,
+    Restart,
+    Row,
+    always,
+    cancel_peer,
+    cancels,
+    leave_with,
+    moved,
+    others,
+    tell,
+)
+from automcm.prescribing import PRESCRIBE, PROCEED, window_closes
+from automcm.state import State, Timer, key
+
+
+def undecided(me: Me, st: State, i: Expiry) -> Outcome:
+    told = tell("undecided", st, proposal=st.proposal)
+    return refuse_proposal(me, st, "undecided", told)
+
+
+def no_choice(me: Me, st: State, i: Expiry) -> Outcome:
+    told = tell("fallback", st, reason="abort")
+    return leave_with(st, cancels(me, st, others(st), "abort"), told)
+
+
+def entry_of(st: State, timer: Timer) -> Reliable:
+    return next(entry for entry in st.outbox if key(entry) == timer.entry)
+
+
+def send_again(me: Me, st: State, i: Expiry) -> Outcome:
+    return Outcome(st, (entry_of(st, i.timer),))
+
+
+def gives_up(type_: str) -> Callable[[Me, State, Expiry], bool]:
+    return lambda me, st, i: i.timer.entry is not None and i.timer.entry.type == type_
+
+
+def give_up(event: str | None) -> Callable[[Me, State, Expiry], Outcome]:
+    def then(me: Me, st: State, i: Expiry) -> Outcome:
+        assert i.timer.entry is not None
+        kept = drop(st, i.timer.entry)
+        return Outcome(moved(st, event, outbox=kept) if event else replace(st, outbox=kept))
+
+    return then
+
+
+TIMERS: dict[str, tuple[Row, ...]] = {
+    "advertise": (Row("PRE-1", always, window_closes),),
+    "resend": (
+        Row("ADV-2", gives_up("Advertisement"), advertise_again),
+        Row("REL-1", always, send_again),
+    ),
+    "giveup": (
+        Row("ADV-6", gives_up("Intention"), give_up("wait")),
+        Row("PRE-4", gives_up("Prescription"), cancel_peer("timeout")),
+        Row("NEG-9", gives_up("Acceptance"), give_up(None)),
+        Row("REL-1", always, give_up(None)),
+    ),
+    "decide": (
+        Row("NEG-3", lambda me, st, i: st.role == "receiver", undecided),
+        Row("PRE-5", always, no_choice),
+    ),
+    "hold": (Row("ADV-7", always, hold_ends),),
+    "answer": (Row("NEG-8", always, cancel_peer("timeout")),),
+    "cam": (Row("ACT-2", always, cancel_peer("cam_loss")),),
+    "lease": (Row("ACT-4", always, cancel_peer("lease_expired")),),
+    "quarantine": (Row("END-8", always, lambda me, st, i: Outcome(replace(st, quarantine=False))),),
+    "forget": (Row("ADV-8", always, forget),),
+    "backoff": (Row("END-7", always, lambda me, st, i: Outcome(replace(st, backoff=False))),),
+}
+
+MESSAGES: dict[str, tuple[Row, ...]] = {
+    "Advertisement": FIRST + ADVERTISEMENT,
+    "Intention": FIRST + INTENTION,
+    "Prescription": FIRST + PRESCRIPTION,
+    "Acceptance": FIRST + ACCEPTANCE,
+    "Fin": FIRST + FIN,
+    "Cancel": FIRST + CANCEL,
+    "Ack": FIRST + ACK,
+}
+
+COMMANDS: dict[str, tuple[Row, ...]] = {
+    "request": REQUEST,
+    "prescribe": PRESCRIBE,
+    "proceed": PROCEED,
+    "accept": ACCEPT,
+    "refuse": REFUSE,
+    "complete": COMPLETE,
+    "abort": ABORT,
+}
+
+RESTART = (Row("END-8", always, restart),)
+
+RULES: dict[str, tuple[Row, ...]] = {
+    **{f"receive {name}": rows for name, rows in MESSAGES.items()},
+    **{f"command {name}": rows for name, rows in COMMANDS.items()},
+    **{f"expire {name}": rows for name, rows in TIMERS.items()},
+    "receive CAM": CAM,
+    "restart": RESTART,
+}
+
+
+def kind(i: Input) -> str:
+    """The key of RULES under which the rows for ``i`` stand."""
+    match i:
+        case Heard(message):
+            return f"receive {message.type}"
+        case Cam():
+            return "receive CAM"
+        case Expiry(timer):
+            return f"expire {timer.name}"
+        case Restart():
+            return "restart"
+    return f"command {i.name}"
+
+
+def decide(me: Me, st: State, i: Input, rules: dict[str, tuple[Row, ...]] = RULES) -> Outcome:
+    """What the first row that applies decides; the outcome carries its rule id."""
+    for rule, when, then in rules[kind(i)]:
+        if when(me, st, i):
+            outcome = then(me, st, i)
+            told = outcome.told and replace(outcome.told, rule=rule)
+            return Outcome(outcome.state, outcome.messages, told, rule, outcome.again)
+    return Outcome(st)

@@ -1,0 +1,126 @@
+"""What a station knows: one immutable value.  The same fields as in Station.tla.
+
+Beyond the specification it holds content (the messages themselves, not only what identifies
+them), the counter behind ``seq``, and the generation time of the last CAM that counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import NamedTuple
+
+from automcm.messages import Advertisement, Intention, Reliable, Session
+from automcm.phases import Phase, Role
+
+NOBODY = 0
+_EMPTY: Mapping[int, int] = MappingProxyType({})
+NO_INTENTIONS: Mapping[int, Intention] = MappingProxyType({})
+
+
+class EntryKey(NamedTuple):
+    """What identifies a message that is sent again: an Ack must name all of it (END-6)."""
+
+    type: str
+    to: int
+    session: Session
+    seq: int
+
+
+class Timer(NamedTuple):
+    """A named timer; ``entry`` for resend and giveup, ``station`` for forget."""
+
+    name: str
+    entry: EntryKey | None = None
+    station: int = 0
+
+
+def key(message: Reliable) -> EntryKey:
+    """The key of an outbox entry."""
+    return EntryKey(message.type, message.dst, message.session, message.seq)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class State:
+    """One station.  ``State()`` is a station that has just been built."""
+
+    phase: Phase = "STANDALONE"
+    role: Role = "none"
+    session: Session | None = None
+    advertisement: Advertisement | None = None
+    """ADVERTISING: what is broadcast again (ADV-2)."""
+    recorded: Mapping[int, Intention] = field(default_factory=lambda: NO_INTENTIONS)
+    withdrawn: frozenset[int] = frozenset()
+    target: int = NOBODY
+    proposal: int = 0
+    deciding: bool = False
+    heard_ms: int | None = None
+    """Generation time of the last CAM that counted in ACTUATING (ACT-5)."""
+    number: int = 0
+    joined: Mapping[int, int] = field(default_factory=lambda: _EMPTY)
+    """Newest session number joined, by prescriber (ADV-8)."""
+    outbox: tuple[Reliable, ...] = ()
+    """Reliable messages still being sent, older before younger."""
+    quarantine: bool = False
+    backoff: bool = False
+    lease_ms: int = 0
+    """Of the last Prescription sent or seen (ACT-4)."""
+    seq: int = 0
+    """The last seq used in the session it is bound to."""
+
+    @property
+    def bound(self) -> bool:
+        return self.phase != "STANDALONE"
+
+    @property
+    def peer(self) -> int:
+        """Of a receiver its prescriber; of a prescriber from PRESCRIBING on its target."""
+        if self.role == "receiver" and self.session is not None:
+            return self.session[0]
+        return self.target
+
+    @property
+    def awaits_answer(self) -> bool:
+        """The prescriber waits for the answer to its current proposal (NEG-6)."""
+        return self.phase == "PRESCRIBING" or (
+            self.phase == "NEGOTIATING" and self.role == "prescriber" and not self.deciding
+        )
+
+    @property
+    def marks(self) -> tuple[Session, ...]:
+        """The sessions its CAM names: the bound one, and those whose Fin is not acked (ACT-5)."""
+        sessions = {message.session for message in self.outbox if message.type == "Fin"}
+        if self.session is not None:
+            sessions.add(self.session)
+        return tuple(sorted(sessions))
+
+
+def armed(me: int, st: State) -> list[Timer]:
+    """The timers that run, in the order in which they fire when due together (section 3)."""
+    timers: list[Timer] = []
+    negotiating = st.phase == "NEGOTIATING"
+    if st.phase == "ADVERTISING":
+        assert st.session is not None
+        timers.append(Timer("advertise"))
+        timers.append(Timer("resend", EntryKey("Advertisement", 0, st.session, 1)))
+    if st.phase == "CHOOSING" or (negotiating and (st.role == "receiver" or st.deciding)):
+        timers.append(Timer("decide"))
+    if st.phase == "WAITING":
+        timers.append(Timer("hold"))
+    if negotiating and st.awaits_answer:
+        timers.append(Timer("answer"))
+    if st.phase == "ACTUATING":
+        timers.append(Timer("cam"))
+    if st.phase == "ACTUATING" or st.awaits_answer:
+        timers.append(Timer("lease"))
+    keys = [key(message) for message in st.outbox]
+    timers.extend(Timer("giveup", k) for k in keys)
+    timers.extend(Timer("resend", k) for k in keys)
+    if st.quarantine:
+        timers.append(Timer("quarantine"))
+    bound_to = st.session[0] if st.role == "receiver" and st.session else NOBODY
+    timers.extend(Timer("forget", None, p) for p in st.joined if p != bound_to)
+    if st.backoff:
+        timers.append(Timer("backoff"))
+    return timers

@@ -1,0 +1,181 @@
+"""One station, sans-IO: no socket, no clock, no thread.
+
+Every entry point takes ``now`` (integer milliseconds, never going back) and returns what
+happened, in order: due timers first, then the input itself (docs/protocol.md, section 3).
+The rules decide (rules.py); this file keeps the clock of the armed timers.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from automcm.interface import Command, Indication
+from automcm.messages import Advertisement, Cam, Message, MessageError, Trajectory, decode
+from automcm.outcome import Expiry, Heard, Input, Me, Outcome, Restart, Row
+from automcm.parameters import Parameters
+from automcm.rules import RULES, decide
+from automcm.state import State, Timer, armed
+
+Plan = Callable[[Advertisement], Trajectory | None]
+"""The application's predicate "concerned" (ADV-3): what it would drive, or None."""
+
+
+def unconcerned(advertisement: Advertisement) -> Trajectory | None:
+    """A plan that joins nothing."""
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Effects:
+    """What one input did at ``now_ms``.
+
+    ``input`` is None for bytes that are no message.  ``armed`` holds the timers armed (or armed
+    anew) with their deadlines in ms, ``stopped`` those stopped before they expired.
+    """
+
+    now_ms: int
+    input: Input | None
+    rule: str
+    state: State
+    """After the input."""
+    messages: tuple[Message, ...] = ()
+    indications: tuple[Indication, ...] = ()
+    armed: tuple[tuple[Timer, int], ...] = ()
+    stopped: tuple[Timer, ...] = ()
+
+
+class Station:
+    """A station that can be a prescriber in one session and a receiver in another.
+
+    ``number`` is the last session number it has used, kept over a restart (END-8); a station
+    that comes back calls ``restart`` at once.  ``seed`` feeds the back-off (END-7).
+    """
+
+    def __init__(
+        self,
+        station_id: int,
+        parameters: Parameters | None = None,
+        *,
+        plan: Plan = unconcerned,
+        number: int = 0,
+        seed: int = 0,
+        rules: dict[str, tuple[Row, ...]] = RULES,
+    ) -> None:
+        self.parameters = p = parameters or Parameters()
+        self.me = Me(station_id, p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit)
+        self.state = State(number=number)
+        self.timers: dict[Timer, int] = {}
+        """Deadline in ms of each armed timer, older before younger."""
+        self._plan = plan
+        self._rules = rules
+        self._random = random.Random(seed)
+        self._joined_at: dict[int, int] = {}
+        self._now = 0
+
+    @property
+    def station_id(self) -> int:
+        return self.me.station_id
+
+    def next_deadline(self) -> int | None:
+        """When ``advance`` is to be called at the latest, in ms; None if no timer runs."""
+        return min(self.timers.values(), default=None)
+
+    def advance(self, now: int) -> list[Effects]:
+        """Fire what is due.  Raises ValueError if time goes back."""
+        if now < self._now:
+            raise ValueError(f"time goes back: {now} ms after {self._now} ms")
+        self._now = now
+        effects = []
+        while (timer := self._due(now)) is not None:
+            effects.append(self._step(Expiry(timer), now))
+        return effects
+
+    def receive(self, message: Message | Cam | bytes, now: int) -> list[Effects]:
+        """A message, a CAM, or bytes from the radio; bytes that are no message are END-5."""
+        effects = self.advance(now)
+        if isinstance(message, bytes):
+            try:
+                message = decode(message)
+            except MessageError as error:
+                told = Indication(name="discarded", rule="END-5", detail=str(error))
+                return [*effects, Effects(now, None, "END-5", self.state, indications=(told,))]
+        return [*effects, self._step(self._heard(message), now)]
+
+    def command(self, command: Command, now: int) -> list[Effects]:
+        """A command of the application; one that no rule provides for is refused (CMD-1)."""
+        return [*self.advance(now), self._step(command, now)]
+
+    def restart(self, now: int) -> list[Effects]:
+        """Come back remembering no session (END-8).  What was due before is lost as well."""
+        if now < self._now:
+            raise ValueError(f"time goes back: {now} ms after {self._now} ms")
+        self._now = now
+        return [self._step(Restart(), now)]
+
+    def _heard(self, message: Message | Cam) -> Input:
+        if isinstance(message, Cam):
+            return message
+        plan = self._plan(message) if isinstance(message, Advertisement) else None
+        return Heard(message, plan)
+
+    def _due(self, now: int) -> Timer | None:
+        """The timer to fire next: by deadline, then in the order of section 3."""
+        due = [timer for timer, deadline in self.timers.items() if deadline <= now]
+        if not due:
+            return None
+        order = {timer: n for n, timer in enumerate(armed(self.station_id, self.state))}
+        return min(due, key=lambda timer: (self.timers[timer], order[timer]))
+
+    def _step(self, i: Input, now: int) -> Effects:
+        before = self.state
+        outcome = decide(self.me, before, i, self._rules)
+        self.state = outcome.state
+        newly, stopped = self._rearm(before, outcome, i, now)
+        told = () if outcome.told is None else (self._with_lease(outcome.told, now),)
+        return Effects(now, i, outcome.rule, outcome.state, outcome.messages, told, newly, stopped)
+
+    def _rearm(
+        self, before: State, outcome: Outcome, i: Input, now: int
+    ) -> tuple[tuple[tuple[Timer, int], ...], tuple[Timer, ...]]:
+        """Arm and stop timers so that those of the new state run."""
+        expired = i.timer if isinstance(i, Expiry) else None
+        if expired is not None:
+            self.timers.pop(expired, None)
+        if outcome.state is before and expired is None and not outcome.again:
+            return (), ()
+        if outcome.state.joined != before.joined:
+            self._joined_at = {
+                p: self._joined_at.get(p, now) if before.joined.get(p) == number else now
+                for p, number in outcome.state.joined.items()
+            }
+        running = armed(self.station_id, outcome.state)
+        stopped = tuple(timer for timer in self.timers if timer not in running)
+        for timer in stopped:
+            del self.timers[timer]
+        newly = []
+        for timer in running:
+            if timer not in self.timers or timer in outcome.again:
+                self.timers.pop(timer, None)
+                self.timers[timer] = deadline = now + self._duration(timer, now)
+                newly.append((timer, deadline))
+        return tuple(newly), stopped
+
+    def _duration(self, timer: Timer, now: int) -> int:
+        p = self.parameters
+        match timer.name:
+            case "lease":
+                return self.state.lease_ms
+            case "backoff":
+                return self._random.randint(p.backoff_min, p.backoff_max)
+            case "forget":  # ADV-8: t_advertise + t_life after joining, t_life after leaving
+                joined = self._joined_at.get(timer.station, now)
+                return max(joined + p.t_advertise + p.t_life, now + p.t_life) - now
+        return p.duration(timer)
+
+    def _with_lease(self, told: Indication, now: int) -> Indication:
+        """NEG-6: the prescriber's application is told the time left of the lease."""
+        if told.name != "accepted" or Timer("lease") not in self.timers:
+            return told
+        return replace(told, lease_left_ms=self.timers[Timer("lease")] - now)

@@ -1,0 +1,417 @@
+"""The messages on the wire: what passes unchanged, and what is refused by name."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, get_args
+
+import pytest
+from automcm_stage import (
+    PLANNED,
+    ack,
+    advertisement,
+    cam,
+    cancel,
+    fin,
+    intention,
+    no,
+    prescription,
+    yes,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from automcm.messages import (
+    ANSWER_REASONS,
+    Acceptance,
+    Ack,
+    Advertisement,
+    Cam,
+    Cancel,
+    CancelReason,
+    Fin,
+    Intention,
+    Message,
+    MessageError,
+    MessageId,
+    MessageType,
+    Prescription,
+    RefusalReason,
+    Trajectory,
+    decode,
+    encode,
+    to_dict,
+)
+
+SMALL, BIG = -(2**40), 2**40
+ids = st.integers(1, 2**32 - 1)
+naturals = st.integers(0, BIG)
+positive = st.integers(1, BIG)
+anything = st.integers(SMALL, BIG)
+sessions = st.tuples(ids, positive)
+points = st.lists(st.tuples(anything, anything, anything), min_size=1, max_size=4).map(tuple)
+trajectories = st.builds(Trajectory, t0=anything, points=points)
+texts = st.text(max_size=8)
+values = st.recursive(
+    st.booleans() | anything | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
+)
+details = st.dictionaries(texts, values, max_size=3)
+common: dict[str, Any] = {"src": ids, "session": sessions}
+addressed: dict[str, Any] = common | {"dst": ids}
+
+advertisements = st.builds(
+    Advertisement,
+    **common,
+    seq=positive,
+    scenario=texts,
+    details=details,
+    planned=st.none() | trajectories,
+)
+intentions = st.builds(Intention, **addressed, seq=positive, planned=trajectories)
+prescriptions = st.builds(
+    Prescription,
+    **addressed,
+    seq=positive,
+    proposal=positive,
+    prescribed=trajectories,
+    hold_ms=naturals,
+    lease_ms=positive,
+)
+acceptances = st.builds(
+    Acceptance,
+    **addressed,
+    seq=positive,
+    proposal=positive,
+    accepted=st.just(True),
+    selected=trajectories,
+)
+refusals = st.sampled_from(get_args(RefusalReason)).flatmap(
+    lambda reason: st.builds(
+        Acceptance,
+        **addressed,
+        seq=st.just(0) if reason in ANSWER_REASONS else positive,
+        proposal=positive,
+        accepted=st.just(False),
+        reason=st.just(reason),
+    )
+)
+fins = st.builds(Fin, **addressed, seq=positive)
+cancels = st.sampled_from(get_args(CancelReason)).flatmap(
+    lambda reason: st.builds(
+        Cancel,
+        **addressed,
+        seq=st.just(0) if reason == "closed" else positive,
+        reason=st.just(reason),
+    )
+)
+of = st.builds(MessageId, type=st.sampled_from(get_args(MessageType)), seq=naturals)
+acks = st.builds(Ack, **addressed, of=of)
+cams = st.builds(
+    Cam,
+    src=ids,
+    generation_ms=naturals,
+    x_mm=anything,
+    y_mm=anything,
+    heading_mrad=anything,
+    speed_mm_s=anything,
+    marks=st.lists(sessions, max_size=3).map(tuple),
+)
+BY_TYPE = {
+    "Advertisement": advertisements,
+    "Intention": intentions,
+    "Prescription": prescriptions,
+    "Acceptance": acceptances | refusals,
+    "Fin": fins,
+    "Cancel": cancels,
+    "Ack": acks,
+    "CAM": cams,
+}
+ONE_OF_EACH: list[Message | Cam] = [
+    advertisement(),
+    intention(),
+    prescription(),
+    yes(),
+    no(),
+    fin(),
+    cancel(),
+    ack(fin()),
+    cam(1, 0, (9, 1)),
+]
+
+
+@pytest.mark.parametrize("type_", BY_TYPE)
+def test_every_message_survives_the_wire(type_: str) -> None:
+    @settings(derandomize=True, max_examples=60, deadline=None, database=None)
+    @given(BY_TYPE[type_])
+    def survives(message: Message | Cam) -> None:
+        data = encode(message)
+        assert decode(data) == message
+        assert decode(data.decode()) == message
+        assert encode(decode(data)) == data
+        assert json.loads(data) == to_dict(message)
+
+    survives()
+
+
+@pytest.mark.parametrize("message", ONE_OF_EACH, ids=lambda m: m.type)
+def test_bytes_are_compact_and_absent_fields_left_out(message: Message | Cam) -> None:
+    data = encode(message)
+    assert data == json.dumps(json.loads(data), separators=(",", ":")).encode()
+    assert b"null" not in data
+    assert b'"dst":0' not in data
+
+
+def test_field_order_on_the_wire_does_not_matter_but_what_is_sent_is_canonical() -> None:
+    data = encode(prescription())
+    backwards = json.dumps(dict(reversed(json.loads(data).items())), indent=2)
+    assert encode(decode(backwards)) == data
+
+
+def test_canonical_bytes_of_an_ack_and_a_broadcast() -> None:
+    assert encode(ack(fin())) == (
+        b'{"v":1,"src":1,"dst":9,"session":[9,1],"seq":0,"type":"Ack","of":{"type":"Fin","seq":7}}'
+    )
+    assert encode(advertisement()) == (
+        b'{"v":1,"src":9,"session":[9,1],"seq":1,"type":"Advertisement",'
+        b'"scenario":"lane_change","details":{}}'
+    )
+
+
+def changed(message: Message | Cam, **fields: Any) -> bytes:
+    return json.dumps(to_dict(message) | fields).encode()
+
+
+def without(message: Message | Cam, name: str) -> bytes:
+    return json.dumps({k: v for k, v in to_dict(message).items() if k != name}).encode()
+
+
+def refused(data: bytes | str, name: str) -> None:
+    """``data`` is no message, and the error says which field is to blame."""
+    with pytest.raises(MessageError) as error:
+        decode(data)
+    place = str(error.value).split(": ")[0]
+    assert name in place.split("."), str(error.value)
+
+
+NEEDED = [
+    (message, name)
+    for message in ONE_OF_EACH
+    for name in to_dict(message)
+    # dst is absent in a broadcast; v and an Ack's seq can have one value only; reason and
+    # selected have a test of their own
+    if name not in ("v", "dst", "type", "reason", "selected")
+    and (message.type, name) != ("Ack", "seq")
+] + [(cancel(), "reason")]
+
+
+@pytest.mark.parametrize(("message", "name"), NEEDED)
+def test_a_missing_field_is_refused(message: Message, name: str) -> None:
+    refused(without(message, name), name)
+
+
+@pytest.mark.parametrize("message", ONE_OF_EACH, ids=lambda m: m.type)
+def test_an_extra_field_is_refused(message: Message) -> None:
+    refused(changed(message, extra=1), "extra")
+
+
+TYPED = [(m, n) for m, n in NEEDED if n != "details"] + [(m, "v") for m in ONE_OF_EACH]
+
+
+@pytest.mark.parametrize(("message", "name"), TYPED)
+def test_null_is_refused(message: Message, name: str) -> None:
+    refused(changed(message, **{name: None}), name)
+
+
+@pytest.mark.parametrize(
+    ("message", "name"),
+    [
+        (advertisement(), "planned"),
+        (advertisement(), "dst"),
+        (yes(), "reason"),
+        (no(), "selected"),
+    ],
+)
+def test_null_is_not_a_way_to_leave_a_field_out(message: Message, name: str) -> None:
+    refused(changed(message, **{name: None}), name)
+
+
+def test_null_within_details_is_refused_and_the_word_in_a_text_is_not() -> None:
+    refused(changed(advertisement(), details={"lanes": [1, None]}), "lanes")
+    assert decode(changed(advertisement(), details={"lane": "null"}))
+
+
+INTEGERS = [
+    (m, n)
+    for m in ONE_OF_EACH
+    for n, value in to_dict(m).items()
+    if type(value) is int and n != "v" and (m.type, n) != ("Ack", "seq")
+]
+
+
+@pytest.mark.parametrize(("message", "name"), INTEGERS)
+@pytest.mark.parametrize("value", ["1", 1.0, 1.5, True, [1], {}])
+def test_an_integer_is_needed(message: Message, name: str, value: Any) -> None:
+    refused(changed(message, **{name: value}), name)
+
+
+@pytest.mark.parametrize(
+    ("message", "name", "value"),
+    [
+        (fin(), "v", 2),
+        (fin(), "v", "1"),
+        (fin(), "src", 0),
+        (fin(), "src", 2**32),
+        (fin(), "src", -1),
+        (fin(), "dst", 2**32),
+        (fin(), "session", [9]),
+        (fin(), "session", [9, 1, 1]),
+        (fin(), "session", [0, 1]),
+        (fin(), "session", [9, 0]),
+        (fin(), "session", "9,1"),
+        (fin(), "session", [9, "1"]),
+        (advertisement(), "scenario", 1),
+        (advertisement(), "details", []),
+        (intention(), "planned", []),
+        (prescription(), "proposal", 0),
+        (prescription(), "hold_ms", -1),
+        (prescription(), "lease_ms", 0),
+        (yes(), "accepted", 1),
+        (yes(), "accepted", "true"),
+        (no(), "reason", "tired"),
+        (cancel(), "reason", "unsafe"),
+        (ack(fin()), "of", {"type": "CAM", "seq": 1}),
+        (ack(fin()), "of", {"type": "Fin"}),
+        (ack(fin()), "of", {"type": "Fin", "seq": -1}),
+        (cam(1, 0), "marks", [[9]]),
+        (cam(1, 0), "generation_ms", -1),
+    ],
+)
+def test_a_wrong_value_is_refused(message: Message, name: str, value: Any) -> None:
+    refused(changed(message, **{name: value}), name)
+
+
+@pytest.mark.parametrize("message", ONE_OF_EACH[:-1], ids=lambda m: m.type)
+def test_dst_0_on_the_wire_is_refused(message: Message) -> None:
+    refused(changed(message, dst=0), "dst")
+
+
+@pytest.mark.parametrize("message", [*ONE_OF_EACH[:5], fin(), cancel()], ids=lambda m: m.type)
+def test_seq_0_is_refused_but_for_an_answer(message: Message) -> None:
+    with pytest.raises(MessageError, match="seq"):
+        decode(changed(message, seq=0))
+
+
+@pytest.mark.parametrize("message", [no(reason="busy"), no(reason="unknown_session")])
+def test_end_6_an_answer_has_seq_0(message: Message) -> None:
+    assert decode(encode(message)) == message
+    with pytest.raises(MessageError, match="seq: 0 if and only if"):
+        decode(changed(message, seq=1))
+
+
+def test_end_6_closed_has_seq_0_and_an_ack_as_well() -> None:
+    assert decode(encode(cancel("closed"))) == cancel("closed")
+    with pytest.raises(MessageError, match="seq: 0 if and only if"):
+        decode(changed(cancel("closed"), seq=1))
+    refused(changed(ack(fin()), seq=1), "seq")
+
+
+@pytest.mark.parametrize(
+    ("data", "name"),
+    [
+        (without(no(), "reason"), "reason"),
+        (changed(yes(), reason="unsafe"), "reason"),
+        (without(yes(), "selected"), "selected"),
+        (changed(no(), selected=to_dict(yes())["selected"]), "selected"),
+        (changed(no(), accepted=True), "reason"),
+        (changed(yes(), accepted=False), "reason"),
+    ],
+)
+def test_accepted_reason_and_selected_belong_together(data: bytes, name: str) -> None:
+    with pytest.raises(MessageError, match=f"{name}: present if and only if"):
+        decode(data)
+
+
+@pytest.mark.parametrize(
+    ("planned", "name"),
+    [
+        ({"t0": 0, "points": []}, "points"),
+        ({"t0": 0}, "points"),
+        ({"points": [[0, 0, 0]]}, "t0"),
+        ({"t0": 0, "points": [[0, 0]]}, "points"),
+        ({"t0": 0, "points": [[0, 0, 0, 0]]}, "points"),
+        ({"t0": 0, "points": [[0, 0, 0.5]]}, "points"),
+        ({"t0": 0, "points": [[0, 0, "0"]]}, "points"),
+        ({"t0": 0, "points": [[0, 0, None]]}, "points"),
+        ({"t0": 0, "points": [[0, 0, 0]], "v": 1}, "v"),
+    ],
+)
+def test_a_wrong_trajectory_is_refused(planned: Any, name: str) -> None:
+    refused(changed(intention(), planned=planned), name)
+
+
+@pytest.mark.parametrize("type_", ["Hello", "cam", "", 1, None, ["Fin"]])
+def test_an_unknown_type_is_refused(type_: Any) -> None:
+    with pytest.raises(MessageError, match="type"):
+        decode(changed(fin(), type=type_))
+    with pytest.raises(MessageError, match="type"):
+        decode(without(fin(), "type"))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"hello",
+        b"null",
+        b"[]",
+        b"1",
+        b'"Fin"',
+        b"\x00\x01\x02",
+        b"\xff\xfe\xfd",
+        encode(fin())[:-1],
+        encode(fin()) + b"}",
+        encode(fin()) * 2,
+        b"[" * 100_000,
+        b"x" * 1_000_000,
+        b"9" * 100_000,
+    ],
+    ids=range(14),
+)
+def test_what_is_no_json_object_is_refused(data: bytes) -> None:
+    with pytest.raises(MessageError, match=r"^message: "):
+        decode(data)
+
+
+def test_a_huge_message_is_read_or_refused_like_any_other() -> None:
+    long = Trajectory(t0=0, points=((0, 0, 0),) * 50_000)
+    assert decode(encode(intention(planned=long))) == intention(planned=long)
+    refused(changed(fin(), extra="x" * 1_000_000), "extra")
+    refused(changed(advertisement(), details={"n": 0}, extra=list(range(100_000))), "extra")
+
+
+@settings(derandomize=True, max_examples=200, deadline=None, database=None)
+@given(st.binary(max_size=60))
+def test_end_5_random_bytes_raise_nothing_but_message_error(data: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode(data)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None, database=None)
+@given(st.sampled_from(ONE_OF_EACH), st.integers(0, 400), st.integers(0, 255))
+def test_end_5_a_flipped_byte_is_refused_or_gives_a_whole_message(
+    message: Message, place: int, byte: int
+) -> None:
+    data = bytearray(encode(message))
+    data[place % len(data)] = byte
+    try:
+        read = decode(bytes(data))
+    except MessageError:
+        return
+    assert decode(encode(read)) == read
+
+
+def test_models_are_frozen() -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        PLANNED.t0 = 1  # type: ignore[misc]

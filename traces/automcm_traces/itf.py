@@ -1,0 +1,243 @@
+"""Counterexamples in ITF, the Informal Trace Format (ADR-015 of Apalache).
+
+How a value of TLA+ stands in Python and in ITF:
+
+=====================  =========================  ==========================================
+TLA+                   Python                     ITF
+=====================  =========================  ==========================================
+boolean, string        bool, str                  the same
+integer                int                        number, beyond 2^53-1 ``{"#bigint": "…"}``
+sequence               list                       ``[…]``
+tuple                  tuple                      ``{"#tup": […]}``
+set                    frozenset                  ``{"#set": […]}``, sorted
+record                 Mapping, all keys str      object
+other function         any other Mapping          ``{"#map": [[key, value], …]}``, sorted
+what is not a value    anything else              ``{"#unserializable": "…"}``
+=====================  =========================  ==========================================
+
+Inside a set, and as a key of a function, Python needs values that hash: there `freeze` makes a
+FrozenMap of a dict and a FrozenList of a list. A function with strings only for keys is a record.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+DESCRIPTION = "https://apalache-mc.org/docs/adr/015adr-trace.html"
+LARGEST = 2**53 - 1
+
+
+class ItfError(ValueError):
+    """A trace that is not ITF, or that ITF cannot hold; the text says where."""
+
+
+@dataclass(frozen=True)
+class ItfState:
+    """One state of a trace: its variables, and what is known of the step that led to it.
+
+    `meta` may hold ``action``, ``args``, ``rule`` and ``location``; the index of the state is its
+    place in the trace.
+    """
+
+    values: Mapping[str, object]
+    meta: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Unserializable:
+    """Stands for something ITF cannot hold, by its text."""
+
+    text: str
+
+
+class FrozenList(tuple[object, ...]):
+    """A sequence that hashes: what a list is outside of sets."""
+
+
+class FrozenMap(Mapping[object, object]):
+    """A record or function that hashes; equal to a dict with the same items."""
+
+    def __init__(self, items: Mapping[object, object]) -> None:
+        self._items = dict(items)
+
+    def __getitem__(self, key: object) -> object:
+        return self._items[key]
+
+    def __iter__(self) -> Iterator[object]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._items.items()))
+
+    def __repr__(self) -> str:
+        return f"FrozenMap({self._items!r})"
+
+
+def freeze(value: object) -> object:
+    """The same value in a form that hashes."""
+    if isinstance(value, FrozenList | list):
+        return FrozenList(freeze(item) for item in value)
+    if isinstance(value, tuple):
+        return tuple(freeze(item) for item in value)
+    if isinstance(value, Mapping):
+        return FrozenMap({freeze(key): freeze(item) for key, item in value.items()})
+    return value
+
+
+def encode(value: object) -> object:
+    """A value as ITF; raises ItfError for a record whose field starts with ``#``."""
+    if isinstance(value, bool | str):
+        return value
+    if isinstance(value, int):
+        return value if abs(value) <= LARGEST else {"#bigint": str(value)}
+    if isinstance(value, FrozenList | list):
+        return [encode(item) for item in value]
+    if isinstance(value, tuple):
+        return {"#tup": [encode(item) for item in value]}
+    if isinstance(value, frozenset):
+        return {"#set": sorted((encode(item) for item in value), key=_text)}
+    if isinstance(value, Mapping):
+        if all(isinstance(key, str) for key in value):
+            return {_field(key): encode(item) for key, item in value.items()}
+        pairs = [[encode(key), encode(item)] for key, item in value.items()]
+        return {"#map": sorted(pairs, key=_text)}
+    text = value.text if isinstance(value, Unserializable) else repr(value)
+    return {"#unserializable": text}
+
+
+def decode(value: object) -> object:
+    """The value that ITF text stands for; raises ItfError for what is not ITF."""
+    match value:
+        case bool() | int() | str():
+            return value
+        case list():
+            return [decode(item) for item in value]
+        case {"#bigint": str(digits), **rest} if not rest:
+            if not re.fullmatch(r"-?[0-9]{1,4000}", digits, re.ASCII):
+                raise ItfError(f"not a #bigint: {_short(digits)}")
+            return int(digits)
+        case {"#tup": list(items), **rest} if not rest:
+            return tuple(decode(item) for item in items)
+        case {"#set": list(items), **rest} if not rest:
+            elements = frozenset(freeze(decode(item)) for item in items)
+            _refuse_collapse(len(elements), items, "#set")
+            return elements
+        case {"#map": list(pairs), **rest} if not rest:
+            if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+                raise ItfError(f"not a #map: {_short(pairs)}")
+            function = {freeze(decode(key)): decode(item) for key, item in pairs}
+            _refuse_collapse(len(function), pairs, "#map")
+            return function
+        case {"#unserializable": str(text), **rest} if not rest:
+            return Unserializable(text)
+        case dict():
+            return {_field(key): decode(item) for key, item in value.items()}
+    raise ItfError(f"not a value of ITF: {_short(value)}")
+
+
+def to_itf(
+    states: Iterable[ItfState], meta: Mapping[str, object], *, loop: int | None = None
+) -> dict[str, object]:
+    """The trace as an ITF object.
+
+    `meta` goes into the trace's ``#meta`` (``description``, ``source``, …). `loop` is the index of
+    the state to which the last one returns, if the trace is a lasso. Raises ItfError if states
+    differ in their variables, or if `loop` is no state.
+    """
+    given = list(states)
+    names = sorted(given[0].values) if given else []
+    written = []
+    for index, state in enumerate(given):
+        if sorted(state.values) != names:
+            raise ItfError(f"state {index} has variables {sorted(state.values)}, not {names}")
+        values = {_field(name): encode(state.values[name]) for name in names}
+        state_meta = {key: encode(item) for key, item in state.meta.items()}
+        written.append({"#meta": {**state_meta, "index": index}, **values})
+    itf: dict[str, object] = {
+        "#meta": {
+            **{key: encode(item) for key, item in meta.items()},
+            "format": "ITF",
+            "format-description": DESCRIPTION,
+        },
+        "vars": names,
+        "states": written,
+    }
+    if loop is not None:
+        if not 0 <= loop < len(given):
+            raise ItfError(f"loop {loop} is not one of {len(given)} states")
+        itf["loop"] = loop
+    return itf
+
+
+def from_itf(itf: Mapping[str, object]) -> list[ItfState]:
+    """The states of an ITF object; raises ItfError if it is none.
+
+    The index is not kept in a state's `meta`. What other tools write there is kept as it is, if it
+    is not a value of ITF.
+    """
+    names, states = itf.get("vars"), itf.get("states")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise ItfError("'vars' is not a list of names")
+    if not isinstance(states, list):
+        raise ItfError("'states' is not a list")
+    return [_state(index, state, names) for index, state in enumerate(states)]
+
+
+def dumps(itf: Mapping[str, object]) -> str:
+    """The text of an ITF object, byte-stable: keys sorted, one state a line, ASCII."""
+    lines = []
+    for key in sorted(itf):
+        value = itf[key]
+        if key == "states" and isinstance(value, list) and value:
+            text = "[\n" + ",\n".join(_text(state) for state in value) + "\n]"
+        else:
+            text = _text(value)
+        lines.append(f"{json.dumps(key)}:{text}")
+    return "{" + ",\n".join(lines) + "}\n"
+
+
+def _state(index: int, state: object, names: list[str]) -> ItfState:
+    if not isinstance(state, dict):
+        raise ItfError(f"state {index} is not an object")
+    if sorted(state.keys() - {"#meta"}) != sorted(names):
+        raise ItfError(f"state {index} does not have the variables {sorted(names)}")
+    meta = state.get("#meta", {})
+    if not isinstance(meta, dict):
+        raise ItfError(f"#meta of state {index} is not an object")
+    try:
+        values = {name: decode(state[name]) for name in names}
+    except ItfError as error:
+        raise ItfError(f"state {index}: {error}") from None
+    return ItfState(values, {k: _decode_meta(v) for k, v in meta.items() if k != "index"})
+
+
+def _decode_meta(value: object) -> object:
+    try:
+        return decode(value)
+    except ItfError:
+        return value
+
+
+def _refuse_collapse(kept: int, items: list[object], what: str) -> None:
+    """Python takes 1 for True and a tuple for a sequence; lose nothing over it in silence."""
+    if kept != len({_text(item) for item in items}):
+        raise ItfError(f"a {what} holds elements that Python cannot tell apart: {_short(items)}")
+
+
+def _field(name: str) -> str:
+    if name.startswith("#"):
+        raise ItfError(f"a name must not start with '#': {_short(name)}")
+    return name
+
+
+def _text(value: object) -> str:
+    return json.dumps(value, sort_keys=True, separators=(",", ":"))
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."

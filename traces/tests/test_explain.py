@@ -1,0 +1,234 @@
+"""What a log means.  Logs are the reference's own, and forged ones."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm.interface import Abort
+from automcm.parameters import Parameters
+from automcm.simulation import Radio, Simulation, Straight
+from automcm_traces.explain import exit_code, explain, explain_files, text
+from automcm_traces.reader import read
+
+STATIONS = (1001, 2002, 3003, 4004)
+
+
+def four_stations(folder: Path, seed: int = 3, parameters: Parameters | None = None) -> list[Path]:
+    """One prescriber and three receivers, default parameters, real ids, 20 % loss."""
+    simulation = Simulation(seed=seed, radio=Radio(loss=0.2, duplicate=0.1), logs=folder)
+    for station in STATIONS:
+        simulation.add(station, Straight(target=3003), parameters)
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    return [folder / f"{station}.ndjson" for station in STATIONS]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return four_stations(tmp_path_factory.mktemp("logs"))
+
+
+def edited(path: Path, number: int, tmp_path: Path, **message: Any) -> Path:
+    """A copy with fields of the message in one line changed."""
+    lines = path.read_text().splitlines()
+    record = json.loads(lines[number - 1])
+    record["message"] |= message
+    lines[number - 1] = json.dumps(record)
+    copy = tmp_path / path.name
+    copy.write_text("\n".join(lines) + "\n")
+    return copy
+
+
+def find(path: Path, ev: str, **wanted: Any) -> int:
+    """The first line of an event whose message or payload has these fields."""
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        record = json.loads(line)
+        inner = record | record.get("message", {})
+        if record.get("ev") == ev and wanted.items() <= inner.items():
+            return number
+    raise LookupError(wanted)
+
+
+def test_four_stations_with_loss_are_allowed(logs: list[Path]) -> None:
+    verdicts = explain_files(logs)
+    assert [v.verdict for v in verdicts] == ["allowed"] * 4
+    assert exit_code(verdicts) == 0 and all(v.events > 100 for v in verdicts)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_other_seeds_and_parameters_are_allowed(seed: int, tmp_path: Path) -> None:
+    parameters = Parameters(t_timeout=(0, 1000, 2000)[seed % 3], max_rounds=1 + seed % 5, t_cam=500)
+    assert exit_code(explain_files(four_stations(tmp_path, seed, parameters))) == 0
+
+
+def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None:
+    for seed in range(4):
+        chance = random.Random(seed)
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        simulation = Simulation(seed=seed, radio=Radio(loss=0.3, duplicate=0.2), logs=folder)
+        for station in range(11, 17):
+            driver = Straight(refuse_first=chance.choice([0, 1, 2]), maneuver_ms=2000)
+            simulation.add(station, driver, Parameters(t_cam=500))
+        for _ in range(4):
+            simulation.request(chance.randrange(11, 17), at=chance.randrange(12_000))
+        simulation.restart(chance.randrange(11, 17), at=chance.randrange(3000, 9000))
+        simulation.command(12, Abort(session=(11, 1)), at=4000)
+        simulation.run(until=25_000)
+        verdicts = explain_files(sorted(folder.iterdir()))
+        assert [text(v) for v in verdicts if v.verdict != "allowed"] == []
+
+
+def mutated(value: Any) -> Any:
+    match value:
+        case bool():
+            return not value
+        case int():
+            return value + 1
+        case str():
+            return "Cancel" if value == "Fin" else value + "x"
+        case [first, *rest]:
+            return [mutated(first), *rest]
+        case {**fields}:
+            name = min(fields)
+            return fields | {name: mutated(fields[name])}
+    raise TypeError(value)
+
+
+def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path: Path) -> None:
+    tried = set()
+    for path in logs:
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            record = json.loads(line)
+            if record.get("ev") != "send" or record["message"]["type"] == "CAM":
+                continue
+            message = record["message"]
+            for name in message:
+                if (path, message["type"], name) in tried:
+                    continue
+                tried.add((path, message["type"], name))
+                changed = edited(path, number, tmp_path, **{name: mutated(message[name])})
+                verdict = explain(read(changed))
+                where = (verdict.verdict, verdict.line)
+                assert where == ("diverges", number), (message["type"], name, verdict)
+    assert {type_ for _, type_, _ in tried} >= {"Advertisement", "Intention", "Prescription"}
+    assert {type_ for _, type_, _ in tried} >= {"Acceptance", "Fin", "Cancel", "Ack"}
+
+
+def test_forged_marks_of_a_cam_are_named_act_5(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[0], "send", type="CAM", marks=[[1001, 1]])
+    verdict = explain(read(edited(logs[0], number, tmp_path, marks=[])))
+    assert (verdict.verdict, verdict.line, verdict.rule) == ("diverges", number, "ACT-5")
+
+
+def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[2], "receive", type="Prescription")
+    changed = edited(logs[2], number, tmp_path, hold_ms=1)
+    assert explain(read(changed)).verdict == "allowed"  # alone, nothing is wrong with it
+    verdicts = explain_files([logs[0], changed])
+    assert (verdicts[1].verdict, verdicts[1].line, verdicts[1].rule) == (
+        "diverges",
+        number,
+        "forged",
+    )
+
+
+def without_line(path: Path, number: int, tmp_path: Path) -> Path:
+    """A copy with an event left out and the later ones renumbered."""
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    del lines[number - 1]
+    for n, record in enumerate(lines):
+        if "seq" in record:
+            record["seq"] = n if record["rec"] == "event" else n - 1
+    copy = tmp_path / path.name
+    copy.write_text("".join(json.dumps(record) + "\n" for record in lines))
+    return copy
+
+
+def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[0], "send", type="Ack")
+    verdict = explain(read(without_line(logs[0], number, tmp_path)))
+    assert (verdict.verdict, verdict.rule) == ("diverges", "ADV-5")
+    assert verdict.expected[0].startswith("send Ack") and "OnIntention" in verdict.guard
+
+
+def test_a_timer_left_out_is_missed(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[2], "timer", op="arm")
+    verdict = explain(read(without_line(logs[2], number, tmp_path)))
+    assert verdict.verdict == "diverges" and "arm" in verdict.expected[0]
+
+
+def shifted(path: Path, number: int, tmp_path: Path, **change: Any) -> Path:
+    lines = path.read_text().splitlines()
+    record = json.loads(lines[number - 1]) | change
+    lines[number - 1] = json.dumps(record)
+    copy = tmp_path / path.name
+    copy.write_text("\n".join(lines) + "\n")
+    return copy
+
+
+def test_a_wrong_deadline_is_named(logs: list[Path], tmp_path: Path) -> None:
+    number = find(logs[2], "timer", op="arm")
+    deadline = json.loads(logs[2].read_text().splitlines()[number - 1])["deadline"]
+    verdict = explain(read(shifted(logs[2], number, tmp_path, deadline=deadline + 1)))
+    assert (verdict.verdict, verdict.line) == ("diverges", number)
+    assert f"until {deadline} ms" in verdict.expected[0]
+
+
+def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
+    simulation = Simulation(logs=tmp_path)
+    simulation.add(7, Straight(), Parameters(t_cam=1000))
+    simulation.request(7, at=10)
+    simulation.run(until=3000)
+    path = tmp_path / "7.ndjson"
+    number = find(path, "timer", op="expire")
+    t_ms = json.loads(path.read_text().splitlines()[number - 1])["t_ms"]
+    verdict = explain(read(shifted(path, number, tmp_path, t_ms=t_ms - 1)))
+    assert (verdict.verdict, verdict.line) == ("diverges", number) and "too early" in verdict.event
+
+
+def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
+    head, rest = logs[1].read_text().split("\n", 1)
+    header = json.loads(head) | {"complete": ["receive", "send"]}
+    path = tmp_path / "partial.ndjson"
+    path.write_text(json.dumps(header) + "\n" + rest)
+    verdict = explain(read(path))
+    assert verdict.verdict == "cannot_tell" and "timer" in verdict.event
+    assert exit_code([verdict]) == 4 and "CANNOT TELL" in text(verdict)
+
+
+def test_a_log_that_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "lost.ndjson"
+    path.write_text(logs[1].read_text().replace('"lost_records":0', '"lost_records":5'))
+    verdict = explain(read(path))
+    assert verdict.verdict == "cannot_tell" and "lost 5 records" in verdict.event
+
+
+def test_a_message_without_its_fields_is_unreadable(logs: list[Path], tmp_path: Path) -> None:
+    lines = logs[1].read_text().splitlines()
+    number = find(logs[1], "receive", type="Advertisement")
+    record = json.loads(lines[number - 1])
+    del record["message"]["session"]
+    lines[number - 1] = json.dumps(record)
+    path = tmp_path / "bad.ndjson"
+    path.write_text("\n".join(lines) + "\n")
+    verdict = explain(read(path))
+    assert (verdict.verdict, verdict.line) == ("unreadable", number)
+
+
+def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:
+    (tmp_path / "empty.ndjson").write_text("")
+    verdicts = explain_files([tmp_path / "empty.ndjson", tmp_path / "none.ndjson"])
+    assert [v.verdict for v in verdicts] == ["unreadable", "unreadable"]
+    assert exit_code(verdicts) == 3 and "none.ndjson" in text(verdicts[1])
+
+
+def test_a_cut_log_is_allowed_as_far_as_it_goes(logs: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "cut.ndjson"
+    path.write_text("".join(logs[2].read_text().splitlines(keepends=True)[:60]))
+    assert explain(read(path)).verdict == "allowed"

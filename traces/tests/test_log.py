@@ -1,0 +1,415 @@
+"""What the log format takes, what it refuses, and how the reader says so."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from automcm_traces.log import Header, MessageTimer, Receive, Send, TimerArm
+from automcm_traces.reader import LONGEST_LINE, LogError, Notice, read, records
+
+Line = dict[str, Any]
+
+HEADER: Line = {
+    "rec": "header",
+    "schema": "automcm.trace/1",
+    "run": "r1",
+    "station": 7,
+    "implementation": {"name": "acme", "version": "1.0"},
+    "spec": {"name": "Station", "hash": "abc"},
+    "parameters": {"t_resend": 100},
+    "complete": ["receive", "send"],
+}
+RESTART: Line = {"rec": "event", "seq": 1, "t_ms": 0, "ev": "restart"}
+MESSAGE: Line = {"v": 1, "type": "Advertisement", "src": 7, "session": [7, 1], "seq": 1}
+SEND: Line = {"rec": "event", "seq": 1, "t_ms": 5, "ev": "send", "tx": "7:1", "message": MESSAGE}
+RECEIVE: Line = {**SEND, "ev": "receive"}
+TIMER: Line = {
+    "rec": "event",
+    "seq": 1,
+    "t_ms": 5,
+    "ev": "timer",
+    "op": "arm",
+    "timer": {"name": "resend", "message": {"type": "Fin", "to": 8, "session": [7, 1], "seq": 2}},
+    "deadline": 105,
+}
+COMMAND: Line = {
+    "rec": "event",
+    "seq": 1,
+    "t_ms": 5,
+    "ev": "command",
+    "command": {"name": "prescribe", "target": 8, "prescribed": {"t0": 0, "points": [[0, 1, 2]]}},
+}
+INDICATION: Line = {
+    "rec": "event",
+    "seq": 1,
+    "t_ms": 5,
+    "ev": "indication",
+    "indication": {"name": "intended", "station": 8},
+}
+END: Line = {"rec": "end", "seq": 1, "reason": "clean", "lost_records": 0}
+
+
+def write(folder: Path, *lines: Line | bytes) -> Path:
+    path = folder / "7.ndjson"
+    raw = (line if isinstance(line, bytes) else json.dumps(line).encode() + b"\n" for line in lines)
+    path.write_bytes(b"".join(raw))
+    return path
+
+
+def refused(folder: Path, *lines: Line | bytes) -> LogError:
+    """The error of reading a log of these lines; every one must be a single readable line."""
+    path = write(folder, *lines)
+    with pytest.raises(LogError) as caught:
+        read(path)
+    text = str(caught.value)
+    assert text.isprintable()
+    assert text.startswith(str(path))
+    return caught.value
+
+
+def numbered(*events: Line) -> list[Line]:
+    return [{**event, "seq": seq} for seq, event in enumerate(events, 1)]
+
+
+def test_reads_a_whole_log(tmp_path: Path) -> None:
+    events = numbered(RESTART, SEND, RECEIVE, TIMER, COMMAND, INDICATION)
+    log = read(write(tmp_path, HEADER, *events, {**END, "seq": 6}))
+    assert log.header.station == 7
+    assert log.header.complete == ("receive", "send")
+    assert log.header.parameters.t_resend == 100
+    assert [line for line, _ in log.events] == [2, 3, 4, 5, 6, 7]
+    assert [event.ev for _, event in log.events] == [event["ev"] for event in events]
+    assert (log.ended, log.truncated, log.warnings) == (True, False, [])
+
+
+def test_an_event_keeps_what_it_says(tmp_path: Path) -> None:
+    observed = {**RECEIVE, "planned": {"t0": 5}, "rule": "ADV-3", "phase": "WAITING"}
+    log = read(write(tmp_path, HEADER, *numbered(observed, TIMER), {**END, "seq": 2}))
+    received, armed = (event for _, event in log.events)
+    assert isinstance(received, Receive)
+    assert received.message == MESSAGE
+    assert received.planned == {"t0": 5}
+    assert (received.rule, received.phase, received.role) == ("ADV-3", "WAITING", None)
+    assert isinstance(armed, TimerArm)
+    assert armed.deadline == 105
+    assert isinstance(armed.timer, MessageTimer)
+    assert armed.timer.message is not None
+    assert armed.timer.message.session == (7, 1)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        {**RECEIVE, "message": {"type": "CAM", "x_note": 1, "anything": [True, {"a": "b"}]}},
+        {"rec": "event", "seq": 1, "t_ms": 0, "ev": "receive", "tx": "8:3", "raw": ""},
+        {"rec": "event", "seq": 1, "t_ms": 0, "ev": "receive", "tx": "8:3", "raw": "/wA="},
+        {**RESTART, "rule": "END-8", "phase": "STANDALONE"},
+        {**TIMER, "timer": {"name": "giveup"}},
+        {**TIMER, "timer": {"name": "forget", "station": 9}},
+        {**TIMER, "timer": {"name": "lease"}},
+        {**{k: v for k, v in TIMER.items() if k != "deadline"}, "op": "stop"},
+        {**{k: v for k, v in TIMER.items() if k != "deadline"}, "op": "expire"},
+    ],
+)
+def test_takes(tmp_path: Path, line: Line) -> None:
+    assert len(read(write(tmp_path, HEADER, line, END)).events) == 1
+
+
+def test_vendor_fields_are_ignored(tmp_path: Path) -> None:
+    header = {**HEADER, "x_build": 3, "implementation": {**HEADER["implementation"], "x_os": "b"}}
+    command = {**COMMAND, "x_a": [1], "command": {**COMMAND["command"], "x_b": "c"}}
+    log = read(write(tmp_path, header, command, {**END, "x_c": True}))
+    plain = read(write(tmp_path, HEADER, COMMAND, END))
+    assert log == plain
+
+
+def test_a_message_is_kept_whole(tmp_path: Path) -> None:
+    sent = {**SEND, "message": {**MESSAGE, "x_lane": 2}}
+    [(_, event)] = read(write(tmp_path, HEADER, sent, END)).events
+    assert isinstance(event, Send)
+    assert event.message == sent["message"]
+
+
+def test_header_without_what_is_optional(tmp_path: Path) -> None:
+    header = {**HEADER, "parameters": {}, "complete": []}
+    del header["spec"]
+    log = read(write(tmp_path, header, {**END, "seq": 0}))
+    assert log.header.spec is None
+    assert log.events == []
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "problem"),
+    [
+        ({"schema": "automcm.trace/2"}, "schema", "unsupported version 'automcm.trace/2'"),
+        ({"schema": "automcm.trace/2", "clock": 1.5}, "schema", "unsupported version"),
+        ({"schema": 1}, "schema", "unsupported version"),
+        ({"station": 0}, "station", "greater"),
+        ({"station": 2**32}, "station", "less"),
+        ({"station": "7"}, "station", "integer"),
+        ({"station": True}, "station", "integer"),
+        ({"run": ""}, "run", "at least 1"),
+        ({"host": "a"}, "host", "unknown field"),
+        ({"implementation": {"name": "a"}}, "implementation.version", "missing"),
+        ({"implementation": 3}, "implementation", "not a JSON object"),
+        ({"spec": {"name": "Other", "hash": "a"}}, "spec.name", "Station"),
+        ({"spec": None}, "spec", "null"),
+        ({"parameters": {"t_resend": 0.1}}, "parameters.t_resend", "float"),
+        ({"parameters": {"t_resend": -1}}, "parameters.t_resend", "greater"),
+        ({"parameters": {"t_unheard": 1}}, "parameters.t_unheard", "unknown field"),
+        ({"complete": ["send", "receive"]}, "complete", "sorted"),
+        ({"complete": ["send", "send"]}, "complete", "without repetition"),
+        ({"complete": ["sleep"]}, "complete[0]", "'timer'"),
+    ],
+)
+def test_refuses_in_the_header(tmp_path: Path, change: Line, field: str, problem: str) -> None:
+    error = refused(tmp_path, {**HEADER, **change}, RESTART, END)
+    assert (error.line, error.field) == (1, field)
+    assert problem in error.problem
+
+
+@pytest.mark.parametrize("field", ["schema", "run", "station", "implementation", "parameters"])
+def test_refuses_a_header_that_lacks(tmp_path: Path, field: str) -> None:
+    error = refused(tmp_path, {k: v for k, v in HEADER.items() if k != field}, END)
+    assert (error.line, error.field, error.problem) == (1, field, "missing")
+
+
+@pytest.mark.parametrize(
+    ("event", "change", "field", "problem"),
+    [
+        (RESTART, {"rec": "evnt"}, "rec", "'evnt' is none of"),
+        (RESTART, {"rec": 1}, "rec", "is none of"),
+        (RESTART, {"ev": 4}, "ev", "string"),
+        (RESTART, {"seq": 0}, "seq", "greater"),
+        (RESTART, {"seq": 1.0}, "seq", "float"),
+        (RESTART, {"t_ms": -1}, "t_ms", "greater"),
+        (RESTART, {"t_ms": None}, "t_ms", "null"),
+        (RESTART, {"message": MESSAGE}, "message", "unknown field"),
+        (RESTART, {"rule": 3}, "rule", "string"),
+        (RESTART, {"a\nb": 3}, "a\nb", "unknown field"),
+        (RESTART, {"x_load": 0.5}, "x_load", "float"),
+        (SEND, {"tx": "7"}, "tx", "pattern"),
+        (SEND, {"tx": 7}, "tx", "string"),
+        (SEND, {"message": []}, "message", "not a JSON object"),
+        (SEND, {"message": {"src": 7}}, "message.type", "needs a string"),
+        (SEND, {"message": {"type": 7}}, "message.type", "needs a string"),
+        (SEND, {"message": {"type": "CAM", "speed": 1.5}}, "message.speed", "float"),
+        (SEND, {"message": {"type": "CAM", "a": [1, {"b": None}]}}, "message.a[1].b", "null"),
+        (SEND, {"raw": "AA=="}, "raw", "unknown field"),
+        (RECEIVE, {"raw": "AA=="}, "message", "exactly one"),
+        (RECEIVE, {"planned": [1]}, "planned", "not a JSON object"),
+        (RECEIVE, {"message": {"type": "Fin"}, "planned": {}}, "planned", "only with"),
+        (TIMER, {"op": "rewind"}, "op", "'rewind' is none of 'arm', 'stop', 'expire'"),
+        (TIMER, {"op": "stop"}, "deadline", "unknown field"),
+        (TIMER, {"timer": {"name": "tea"}}, "timer.name", "'tea' is none of"),
+        (TIMER, {"timer": {}}, "timer.name", "missing"),
+        (TIMER, {"timer": 3}, "timer", "not a JSON object"),
+        (TIMER, {"timer": {"name": "cam", "station": 1}}, "timer.station", "unknown field"),
+        (
+            TIMER,
+            {"timer": {"name": "resend", "message": {"type": "Fin", "session": [7], "seq": 2}}},
+            "timer.message.session[1]",
+            "missing",
+        ),
+        (COMMAND, {"command": {"name": "dance"}}, "command.name", "'request'"),
+        (COMMAND, {"command": {"name": "abort", "why": None}}, "command.why", "null"),
+        (INDICATION, {"indication": {}}, "indication.name", "missing"),
+    ],
+)
+def test_refuses_in_an_event(
+    tmp_path: Path, event: Line, change: Line, field: str, problem: str
+) -> None:
+    error = refused(tmp_path, HEADER, {**event, **change}, END)
+    assert (error.line, error.field) == (2, field)
+    assert problem in error.problem
+
+
+@pytest.mark.parametrize(
+    ("event", "field"),
+    [
+        (SEND, "tx"),
+        (SEND, "message"),
+        (RECEIVE, "message"),
+        (TIMER, "op"),
+        (TIMER, "timer"),
+        (TIMER, "deadline"),
+        (COMMAND, "command"),
+        (RESTART, "ev"),
+        (RESTART, "seq"),
+        (RESTART, "t_ms"),
+        (RESTART, "rec"),
+    ],
+)
+def test_refuses_an_event_that_lacks(tmp_path: Path, event: Line, field: str) -> None:
+    error = refused(tmp_path, HEADER, {k: v for k, v in event.items() if k != field}, END)
+    assert (error.line, error.field) == (2, field)
+
+
+def test_refuses_raw_that_is_not_base64(tmp_path: Path) -> None:
+    event = {"rec": "event", "seq": 1, "t_ms": 0, "ev": "receive", "tx": "8:3", "raw": "A"}
+    error = refused(tmp_path, HEADER, event, END)
+    assert (error.field, error.problem) == ("raw", "not base64")
+
+
+@pytest.mark.parametrize(
+    ("lines", "line", "field", "problem"),
+    [
+        ((), 0, "", "empty file"),
+        ((RESTART, END), 1, "rec", "the first line is no header"),
+        ((HEADER, HEADER), 2, "rec", "a second header"),
+        ((HEADER, RESTART, {**RESTART, "seq": 3}), 3, "seq", "3 after 1, expected 2"),
+        ((HEADER, RESTART, RESTART), 3, "seq", "1 after 1, expected 2"),
+        ((HEADER, *numbered(RESTART, RESTART), RESTART), 4, "seq", "1 after 2, expected 3"),
+        ((HEADER, {**RESTART, "seq": 2}), 2, "seq", "2 after 0, expected 1"),
+        ((HEADER, *numbered(SEND, RESTART)), 3, "t_ms", "goes back from 5 to 0"),
+        ((HEADER, RESTART, {**END, "seq": 2}), 3, "seq", "2, but the last event has 1"),
+        ((HEADER, RESTART, END, {**RESTART, "seq": 2}), 4, "rec", "a record after the end"),
+        ((HEADER, RESTART, END, b"{"), 4, "", "not JSON"),
+        ((HEADER, b"{\n", RESTART), 2, "", "not JSON"),
+        ((HEADER, b"\n", RESTART), 2, "", "empty line"),
+        ((HEADER, b"[1]\n"), 2, "", "not a JSON object"),
+        ((HEADER, b"3\n"), 2, "", "not a JSON object"),
+        ((HEADER, b"NaN\n"), 2, "", "not "),
+        ((HEADER, b'{"rec":"ev\xff"}\n'), 2, "", "not UTF-8 at byte 11"),
+        ((b"\x7fELF\x02\x01\x00\x00\xff",), 1, "", "not UTF-8"),
+        ((b"\x00\x01\x02",), 1, "", "not JSON"),
+        ((b'{"rec":"header","sch',), 1, "", "not JSON"),
+        ((HEADER, b"[" * 100_000 + b"\n"), 2, "", "not JSON"),
+        ((HEADER, b" " * (LONGEST_LINE + 1)), 2, "", "longer than"),
+        ((HEADER, RESTART, {**END, "lost_records": -1}), 3, "lost_records", "greater"),
+        ((HEADER, RESTART, {**END, "rule": "END-8"}), 3, "rule", "unknown field"),
+    ],
+)
+def test_refuses_a_log(
+    tmp_path: Path, lines: tuple[Line | bytes, ...], line: int, field: str, problem: str
+) -> None:
+    error = refused(tmp_path, *lines)
+    assert (error.line, error.field) == (line, field)
+    assert problem in error.problem
+
+
+def test_the_text_of_an_error_names_file_line_and_field(tmp_path: Path) -> None:
+    error = refused(tmp_path, HEADER, {**RESTART, "seq": 4})
+    assert str(error) == f"{tmp_path}/7.ndjson:2: seq: 4 after 0, expected 1"
+
+
+def test_refuses_a_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"none\.ndjson: no such file$"):
+        read(tmp_path / "none.ndjson")
+
+
+def test_refuses_a_directory(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="is a directory"):
+        read(tmp_path)
+
+
+def test_refuses_a_file_below_a_file(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="cannot be read"):
+        read(write(tmp_path, HEADER) / "log")
+
+
+def test_a_cut_last_line_is_a_warning(tmp_path: Path) -> None:
+    whole = json.dumps({**SEND, "seq": 2, "rule": "é"}, ensure_ascii=False).encode()
+    for length in range(1, len(whole)):
+        path = write(tmp_path, HEADER, RESTART, whole[:length])
+        log = read(path)
+        assert (log.truncated, log.ended, len(log.events)) == (True, False, 1)
+        assert log.warnings[0] == f"{path}:3: the last line is cut, ignored"
+
+
+def test_a_last_line_that_only_lacks_its_end_counts(tmp_path: Path) -> None:
+    log = read(write(tmp_path, HEADER, RESTART, json.dumps(END).encode()))
+    assert (log.truncated, log.ended, log.warnings) == (False, True, [])
+
+
+def test_a_last_line_without_end_is_refused_like_any_other(tmp_path: Path) -> None:
+    error = refused(tmp_path, HEADER, RESTART, json.dumps({**END, "seq": 9}).encode())
+    assert error.field == "seq"
+
+
+def test_a_missing_end_is_a_warning(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, RESTART)
+    log = read(path)
+    assert (log.ended, log.truncated) == (False, False)
+    assert log.warnings == [f"{path}:2: the log has no end record"]
+
+
+def test_an_unknown_event_is_skipped_with_a_warning(tmp_path: Path) -> None:
+    unknown = {"rec": "event", "seq": 1, "t_ms": 3, "ev": "so\nng", "tune": [1]}
+    path = write(tmp_path, HEADER, *numbered(unknown, SEND), {**END, "seq": 2})
+    log = read(path)
+    assert [line for line, _ in log.events] == [3]
+    assert log.warnings == [f"{path}:2: unknown event 'so\\nng', ignored"]
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [({"seq": 2}, "seq"), ({"t_ms": -1}, "t_ms"), ({"tune": 0.5}, "tune"), ({"rule": 1}, "rule")],
+)
+def test_an_unknown_event_still_counts(tmp_path: Path, change: Line, field: str) -> None:
+    error = refused(tmp_path, HEADER, {**RESTART, "ev": "song", **change})
+    assert (error.line, error.field) == (2, field)
+
+
+def test_records_gives_what_is_good_before_it_fails(tmp_path: Path) -> None:
+    stream = records(write(tmp_path, HEADER, RESTART, RESTART))
+    assert isinstance(next(stream).record, Header)
+    assert next(stream).line == 2
+    with pytest.raises(LogError):
+        next(stream)
+
+
+def test_records_gives_notices(tmp_path: Path) -> None:
+    entries = list(records(write(tmp_path, HEADER, {**RESTART, "ev": "song"}, b"{")))
+    kinds = [entry.record.kind for entry in entries if isinstance(entry.record, Notice)]
+    assert kinds == ["unknown_event", "truncated", "no_end"]
+    assert [entry.line for entry in entries] == [1, 2, 3, 3]
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=8,
+)
+KNOWN = st.sampled_from([HEADER, RESTART, SEND, RECEIVE, TIMER, COMMAND, INDICATION, END])
+
+
+@st.composite
+def damaged(draw: st.DrawFn) -> bytes:
+    """A line of the format with something exchanged, added or taken out."""
+    line = dict(draw(KNOWN))
+    key = draw(st.sampled_from([*line, "x_y", "rule", "raw"]) | st.text(max_size=5))
+    if draw(st.booleans()):
+        line[key] = draw(JSON)
+    else:
+        line.pop(key, None)
+    return json.dumps(line).encode() + b"\n"
+
+
+def only_log_errors(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    try:
+        log = read(path)
+    except LogError as error:
+        assert str(error).isprintable()
+    else:
+        assert all(warning.isprintable() for warning in log.warnings)
+
+
+same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+@same_folder
+@given(content=st.binary(max_size=200))
+def test_random_bytes_raise_nothing_but_log_errors(tmp_path: Path, content: bytes) -> None:
+    only_log_errors(tmp_path / "log", content)
+
+
+@same_folder
+@given(lines=st.lists(damaged() | st.binary(max_size=30), max_size=3))
+def test_damaged_lines_raise_nothing_but_log_errors(tmp_path: Path, lines: list[bytes]) -> None:
+    only_log_errors(tmp_path / "log", json.dumps(HEADER).encode() + b"\n" + b"".join(lines))
