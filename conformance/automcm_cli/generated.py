@@ -76,12 +76,12 @@ def _texts() -> dict[Path, str]:
 
 
 def drift(profile: str, one_peer: bytes, say: Callable[[str], None]) -> list[str]:
-    """Which generated files are stale.  Quick: the two-peer graph by its hash alone."""
+    """Which generated files are stale.  Quick: graphs but the one-peer one by their hash alone."""
     stale = [_stale(path) for path, text in _texts().items() if _differs(path, text)]
     fresh = {generate.ONE_PEER: one_peer}
-    if profile == "full":
-        say("oracle: one station, two peers")
-        fresh[generate.TWO_PEERS] = generate.generate(generate.TWO_PEERS)
+    for graph in (generate.TIGHT, generate.TWO_PEERS) if profile == "full" else ():
+        say(f"oracle: {graph.name}")
+        fresh[graph] = generate.generate(graph)
     for graph, data in fresh.items():
         if not graph.path.exists() or oracle.content(graph.path) != data:
             stale.append(_stale(graph.path))
@@ -97,7 +97,9 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text)
             changed.append(path)
-    for graph in (generate.ONE_PEER, generate.TWO_PEERS)[: 1 + two_peers]:
+    for graph in generate.GRAPHS.values():
+        if graph is generate.TWO_PEERS and not two_peers:
+            continue
         say(f"oracle: {graph.name}")
         data = generate.generate(graph)
         if not graph.path.exists() or oracle.content(graph.path) != data:

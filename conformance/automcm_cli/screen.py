@@ -74,7 +74,7 @@ def _problem(v: models.Verdict) -> tuple[str, ...]:
 
 def _comparison(report: Report, console: Console) -> None:
     for name, c in report.compared.items():
-        what = "every input" if name == "one-peer" or report.profile == "full" else "transitions"
+        what = "transitions" if name in report.transitions_only else "every input"
         console.print(
             f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs ({what}), "
             f"{c.differences} differences"

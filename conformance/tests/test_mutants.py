@@ -113,7 +113,7 @@ def test_a_change_to_the_reference_is_named(what: str, tmp_path: Path) -> None:
     assert answer.stdout.strip() == rule
 
 
-TINY = generate.Graph("tiny", (2,), 1, 1, 2, 3)
+TINY = generate.Graph("tiny", (2,), 1, 1, 2, 4, 1)
 
 SPEC = {
     "a withdrawn station is acked": (

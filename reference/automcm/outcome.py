@@ -198,7 +198,8 @@ def foreign(me: Me, st: State, i: Heard) -> bool:
 
 def room(me: Me, st: State) -> bool:
     """MEM-1: a session needs room in the outbox."""
-    return len(st.outbox) + me.max_participants + 1 <= me.outbox_limit
+    reserve = 1 + max(me.max_participants, me.max_rounds)
+    return len(st.outbox) + reserve <= me.outbox_limit
 
 
 def full(me: Me, st: State) -> bool:

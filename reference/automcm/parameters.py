@@ -49,8 +49,10 @@ class Parameters:
             raise ParameterError("t_cam_loss: must exceed the longest legal CAM interval, 1000 ms")
         if self.t_cam > 1000:
             raise ParameterError("t_cam: the longest legal CAM interval is 1000 ms")
-        if self.outbox_limit < self.max_participants + 1:
-            raise ParameterError("outbox_limit: must be at least max_participants + 1 (MEM-1)")
+        if self.outbox_limit <= max(self.max_participants, self.max_rounds):
+            raise ParameterError(
+                "outbox_limit: must exceed max_participants and max_rounds (MEM-1)"
+            )
         if self.backoff_max < self.backoff_min:
             raise ParameterError("backoff_max: below backoff_min")
 

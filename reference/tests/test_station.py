@@ -684,7 +684,7 @@ def test_mem_1_a_prescriber_in_memory_needs_no_new_room() -> None:
 
 
 def test_mem_1_a_session_needs_room_in_the_outbox() -> None:
-    s = Stage(max_participants=2, outbox_limit=3).walk("receiver", "WAITING")
+    s = Stage(max_participants=2, outbox_limit=4).walk("receiver", "WAITING")
     s.do(100, "abort", THEIRS)
     (request,) = s.do(150, "request")
     (join,) = s.hear(150, advertisement((8, 1)))

@@ -29,6 +29,8 @@ class Graph:
     peer_sessions: int
     max_rounds: int
     outbox_limit: int
+    max_participants: int
+    memory_limit: int = 4
 
     @property
     def path(self) -> Path:
@@ -36,21 +38,23 @@ class Graph:
 
     @property
     def constants(self) -> dict[str, Json]:
-        """The constants of OpenStation; memory never binds."""
+        """The constants of OpenStation."""
         return {
             "MaxRounds": self.max_rounds,
-            "MaxParticipants": len(self.peers),
+            "MaxParticipants": self.max_participants,
             "OutboxLimit": self.outbox_limit,
-            "MemoryLimit": 4,
+            "MemoryLimit": self.memory_limit,
             "Peers": list(self.peers),
             "OwnSessions": list(range(1, self.own_sessions + 1)),
             "PeerSessions": list(range(1, self.peer_sessions + 1)),
         }
 
 
-ONE_PEER = Graph("one-peer", (2,), 2, 2, 3, 3)
-TWO_PEERS = Graph("two-peers", (2, 3), 2, 2, 3, 4)
-GRAPHS = {graph.name: graph for graph in (ONE_PEER, TWO_PEERS)}
+ONE_PEER = Graph("one-peer", (2,), 2, 2, 3, 5, 1)
+TWO_PEERS = Graph("two-peers", (2, 3), 2, 2, 3, 5, 2)
+TIGHT = Graph("tight", (2, 3), 1, 1, 1, 3, 1, memory_limit=1)
+"""Two peers, and memory for one: where MEM-1 binds."""
+GRAPHS = {graph.name: graph for graph in (ONE_PEER, TWO_PEERS, TIGHT)}
 
 
 def spec_hash(tla: Path = TLA) -> str:

@@ -34,8 +34,21 @@ Rejoin(x, s) == TRUE
 \* No quarantine after a restart.
 NoQuarantine(x) == FALSE
 
-\* A refused prescriber names another target.
-Retarget(x, p) == p # x.session[1]
+\* A refused prescriber names another target, one that it has released.
+Retarget(x, p) ==
+  \/ p = x.target
+  \/ \E m \in net : /\ m.type = "Cancel" /\ m.reason = "as_sent"
+                    /\ m.dst = p /\ m.session = x.session
+
+\* An Ack counts whoever it comes from.
+AckFromAnybody(e, m) ==
+  /\ e.session = m.session
+  /\ m.of[2] # 0
+  /\ m.of = <<e.type, e.seq>>
+
+\* The memory of a session is dropped at once.
+ForgetAtOnce(s, t) == TRUE
+NothingDies(i) == {}
 
 \* The receiver lets go when its Acceptance is not acked.
 AbandonAcceptance(me, x, e) ==

@@ -24,6 +24,7 @@ VARIABLE st
 Me       == 1
 Stranger == 9
 Rounds   == 1 .. MaxRounds
+Beyond   == MaxRounds + 1
 
 OwnIds     == {<<Me, n>> : n \in OwnSessions}
 PeerIds(p) == {<<p, n>> : n \in PeerSessions}
@@ -38,9 +39,9 @@ FromPeer(p) ==
   UNION
   { {Advertisement(p, s) : s \in Sessions},
     {[Intention(p, s) EXCEPT !.dst = Me] : s \in Sessions},
-    {Prescription(p, Me, s, k) : s \in PeerIds(p), k \in Rounds},
+    {Prescription(p, Me, s, k) : s \in PeerIds(p), k \in Rounds \cup {Beyond}},
     {Prescription(p, Me, s, 1) : s \in Sessions \ PeerIds(p)},
-    {Acceptance(p, s, k) : s \in OwnIds, k \in Rounds},
+    {Acceptance(p, s, k) : s \in OwnIds, k \in Rounds \cup {Beyond}},
     {Refusal(p, s, k, "as_sent") : s \in OwnIds, k \in Rounds},
     {[Refusal(p, s, k, why) EXCEPT !.seq = 0] :
        s \in OwnIds, k \in Rounds, why \in {"busy", "unknown_session"}},
@@ -53,7 +54,8 @@ Acks(p) ==
   { [Message("Ack", p, Me, s, 0) EXCEPT !.of = of] :
       s \in Sessions,
       of \in {<<"Advertisement", 1>>, <<"Intention", 1>>, <<"Fin", 1>>,
-              <<"Cancel", 1>>, <<"Cancel", 0>>, <<"Acceptance", 0>>}
+              <<"Cancel", 1>>, <<"Cancel", 0>>, <<"Acceptance", 0>>,
+              <<"Intention", 2>>, <<"Fin", 2>>, <<"Cancel", 2>>}
              \cup ({"Prescription", "Acceptance"} \X Rounds) }
 
 \* One of each type, from and to whom it must not come.
@@ -78,7 +80,9 @@ Heard(ms, concerned) ==
 
 Cams(p) ==
   { [kind |-> "cam", src |-> p, marks |-> marks, newer |-> newer] :
-      marks \in {{}} \cup {{s} : s \in Sessions}, newer \in BOOLEAN }
+      marks \in {{}} \cup {{s} : s \in Sessions}
+                \cup {{<<Me, 1>>, <<p, 1>>}, {<<p, 1>>, <<Stranger, 1>>}},
+      newer \in BOOLEAN }
 
 Cmd(name, session, proposal, target) ==
   [ kind |-> "command", name |-> name, session |-> session,
@@ -87,11 +91,11 @@ Cmd(name, session, proposal, target) ==
 Commands ==
   UNION
   { {Cmd("request", NoSession, 0, Nobody)},
-    {Cmd("prescribe", s, k, p) : s \in OwnIds, k \in Rounds, p \in Peers},
+    {Cmd("prescribe", s, k, p) : s \in Sessions, k \in Rounds, p \in Peers},
     {Cmd(name, s, k, Nobody) : name \in {"accept", "refuse"}, k \in Rounds,
-                               s \in Sessions \ OwnIds},
-    {Cmd(name, s, 0, Nobody) : name \in {"proceed", "complete"}, s \in OwnIds},
-    {Cmd("abort", s, 0, Nobody) : s \in Sessions} }
+                               s \in Sessions},
+    {Cmd(name, s, 0, Nobody) : name \in {"proceed", "complete", "abort"},
+                               s \in Sessions} }
 
 MyEntries ==
   { Entry(m) : m \in
@@ -129,13 +133,17 @@ RECURSIVE AsSeq(_)
 AsSeq(S) == IF S = {} THEN <<>>
             ELSE LET x == CHOOSE y \in S : TRUE IN <<x>> \o AsSeq(S \ {x})
 
-\* Inputs the environment offers: armed timers; requests while numbers last.
+\* Inputs the environment offers: armed timers; requests while numbers last;
+\* proposals beyond MaxRounds only where they would be out of turn.
 \* One order of two timers of the same station is assumed: an entry sent when
 \* leaving is given up (t_giveup) before the session is forgotten (t_life).
 Offered(x, i) ==
   /\ i.kind = "expire" => i.timer \in Armed(Me, x)
   /\ i.kind = "expire" /\ i.timer[1] = "forget" =>
        \A e \in x.outbox : e.session[1] # i.timer[2]
+  /\ i.kind = "receive" /\ i.message.type = "Prescription"
+     /\ i.message.proposal = Beyond =>
+       x.session # i.message.session \/ x.phase \in {"NEGOTIATING", "ACTUATING"}
   /\ i.kind = "command" /\ i.name = "request" =>
        Bound(x) \/ x.number + 1 \in OwnSessions
 

@@ -17,13 +17,16 @@
 (*    reliable message is identified by its proposal (Prescription,        *)
 (*    Acceptance) or is the only one (Intention, Fin, Cancel).  So seq is  *)
 (*    the proposal or 1 here; an answer has 0.                             *)
+(*  - form.  A message that is malformed (a field missing, an answer with  *)
+(*    a seq, a Fin without one) never gets here: the decoder reports it    *)
+(*    (END-5).                                                             *)
 (*  - generation times of CAMs: the input says whether a CAM is newer than *)
 (*    the last one that counted.                                           *)
 (***************************************************************************)
 EXTENDS Naturals, FiniteSets
 
 CONSTANTS
-  MaxRounds,        \* proposals in a session (max_rounds)
+  MaxRounds,        \* proposals in a session (max_rounds), the same everywhere
   MaxParticipants,  \* stations recorded or withdrawn in a session
   OutboxLimit,      \* entries of the outbox
   MemoryLimit       \* prescribers remembered (ADV-8)
@@ -188,8 +191,11 @@ Quarantined(st) == st.quarantine                               \* END-8
 NextTarget(st, p) == p = st.target                             \* NEG-7
 Marked(st, marks) == st.session \in marks                      \* ACT-5
 
-\* MEM-1: bounded memory.
-Room(st) == Cardinality(st.outbox) + MaxParticipants + 1 <= OutboxLimit
+\* MEM-1: bounded memory.  A prescriber needs an entry for each participant,
+\* a receiver one for each round, and either one more to end the session.
+Reserve == 1 + IF MaxRounds > MaxParticipants THEN MaxRounds
+                                              ELSE MaxParticipants
+Room(st) == Cardinality(st.outbox) + Reserve <= OutboxLimit
 RoomToRecord(st) ==
   Cardinality(st.recorded \cup st.withdrawn) < MaxParticipants
 RoomToRemember(st, p) ==
@@ -534,7 +540,7 @@ StationTypeInv(me, st) ==
   /\ (st.phase = "INTENDING") = (\E e \in st.outbox : e.type = "Intention")
   /\ (st.phase = "PRESCRIBING") = (\E e \in st.outbox : e.type = "Prescription")
   /\ \A e \in st.outbox : e.seq # 0
-  /\ Cardinality(st.outbox) <= OutboxLimit + MaxRounds
+  /\ Cardinality(st.outbox) <= OutboxLimit
   /\ st.quarantine => st.role # "receiver"
   /\ Cardinality(st.joined) <= MemoryLimit
 ==============================================================================

@@ -8,7 +8,9 @@
 (*  - T-4: a receiver's lease does not end while its prescriber's runs;    *)
 (*  - a receiver forgets a session, or ends its quarantine, only when the  *)
 (*    Advertisements it may have heard before are no longer being sent and *)
-(*    no copy of them is left (t_advertise + t_life: END-8, ADV-8).        *)
+(*    no copy of them is left (t_advertise + t_life: END-8, ADV-8).  For   *)
+(*    simplicity nobody at all advertises then, and all such copies die;   *)
+(*    this leaves out that a newer session is open at that moment.         *)
 (*                                                                         *)
 (* Reduced = TRUE leaves out behaviours that others simulate.  The net     *)
 (* never shrinks and more messages in it never disable anything, so a      *)
@@ -36,7 +38,7 @@ CONSTANTS
 VARIABLES
   st,        \* st[s]: station s
   net,       \* the radio
-  excused,   \* history: sessions whose receiver aborted, lost CAMs, restarted
+  excused,   \* history: <<session, receiver>> that aborted, lost CAMs, restarted
   received,  \* history: reliable messages their addressee has received
   last       \* history: what happened in the last step.  No guard reads it
              \* and the VIEW hides it; action properties look at last'.
@@ -158,13 +160,17 @@ AllAnswers(s, x, new, all) ==
   THEN Answers(s, x[s], all) \cup UNION {Answers(t, x[t], new) : t \in Stations}
   ELSE {}
 
+\* Reduced, all that is answered without a change is in the net already: such
+\* an input does nothing.  (view' # view says the same, later.)
+Idle(s, r) == Reduced /\ r.st = st[s] /\ Heeded(r.out) \subseteq net
+
 Do(s, i) ==
-  \E r \in {Decide(s, st[s], i)} :
+  \E r \in {x \in {Decide(s, st[s], i)} : ~Idle(s, x)} :
   \E x \in {[st EXCEPT ![s] = GivenUp(r.st)]} :
   \E n \in {Sent(Died(net, Dies(i)), Heeded(r.out))} :
     /\ st' = x
     /\ net' = Sent(n, AllAnswers(s, x, n \ net, n))
-    /\ excused' = IF Excuses(s, i) THEN excused \cup {st[s].session}
+    /\ excused' = IF Excuses(s, i) THEN excused \cup {<<st[s].session, s>>}
                   ELSE excused
     /\ received' = received \cup Received(i)
     /\ last' = [station |-> s, input |-> i, rule |-> r.rule]
@@ -221,12 +227,15 @@ AcceptedInv ==
                    /\ m.proposal = st[s].proposal
 
 (***************************************************************************)
-(* S-4: two that act in one session hold the same proposal.                *)
+(* S-4: two that act in one session hold the same proposal, and one of     *)
+(* them is its prescriber.                                                 *)
 (***************************************************************************)
 AgreementInv ==
   \A s, t \in Stations :
-    Acts(s, "prescriber") /\ Acts(t, "receiver") /\ st[s].session = st[t].session
-      => st[s].proposal = st[t].proposal /\ st[s].target = t
+    /\ s # t /\ Acts(t, "receiver") /\ st[s].phase = "ACTUATING"
+    /\ st[s].session = st[t].session
+    => /\ st[s].role = "prescriber" /\ st[s].target = t
+       /\ st[s].proposal = st[t].proposal
 
 (***************************************************************************)
 (* S-5: while the prescriber acts, its target is committed to that session *)
@@ -234,11 +243,12 @@ AgreementInv ==
 (* the prescriber ever learns of it (T-2), nor that CAMs tell the truth.   *)
 (***************************************************************************)
 NoHazardInv ==
-  \A s \in Stations : Acts(s, "prescriber") /\ st[s].session \notin excused =>
+  \A s \in Stations :
     LET t == st[s].target IN
-    /\ Acts(t, "receiver")
-    /\ st[t].session = st[s].session
-    /\ st[t].proposal = st[s].proposal
+    Acts(s, "prescriber") /\ <<st[s].session, t>> \notin excused =>
+      /\ Acts(t, "receiver")
+      /\ st[t].session = st[s].session
+      /\ st[t].proposal = st[s].proposal
 
 (***************************************************************************)
 (* S-6: an outbox entry that ends by an Ack had been received.             *)

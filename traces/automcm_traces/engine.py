@@ -241,9 +241,6 @@ class Engine:
         y = target or t.peer
         view = View(t, y, next(iter(others(t, y)), 0), session, proposal)
         real = view.sessions(session) if name != "request" else [0, 0]
-        own = name in ("prescribe", "proceed", "complete")
-        if session is not None and own != (session[0] == t.me) and name != "abort":
-            raise CannotTell(f"command {name} for session {session[0]}/{session[1]}")
         k = view.proposals(proposal) if proposal else 0
         value = ["command", name, real, k, view.ids.get(target, 0)]
         self._start(at, event, view, value, f"command {name}", given=c, content=c)
