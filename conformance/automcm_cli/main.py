@@ -26,6 +26,8 @@ app = typer.Typer(
 )
 trace = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
 app.add_typer(trace, name="trace", no_args_is_help=True)
+spec = typer.Typer(help="The specification: list its models, check one.", epilog=CODES)
+app.add_typer(spec, name="spec", no_args_is_help=True)
 
 Json = Annotated[
     Path | None,
@@ -131,6 +133,50 @@ def explain(
         for verdict in verdicts:
             typer.echo(explain_.text(verdict))
     raise typer.Exit(explain_.exit_code(verdicts))
+
+
+@spec.command("list", epilog="Example: automcm spec list.  " + CODES)
+def spec_list(json_: Json = None) -> None:
+    """The models: what each must show, and why it is there."""
+    from automcm_cli import spec as spec_
+
+    models = _loaded()
+    _write_json(json_, [model.model_dump(exclude_none=True) for model in models])
+    if str(json_) != "-":
+        for model in models:
+            typer.echo(spec_.described(model))
+
+
+@spec.command("check", epilog="Example: automcm spec check rejoin --json -.  " + CODES)
+def spec_check(
+    names: Annotated[list[str], typer.Argument(help="Models, as automcm spec list names them.")],
+    json_: Json = None,
+) -> None:
+    """Check models with TLC; a counterexample is shown as the inputs that lead to it."""
+    from automcm_cli import spec as spec_
+
+    known = {model.cfg: model for model in _loaded()}
+    for name in names:
+        if name not in known:
+            raise typer.BadParameter(spec_.unknown(name, list(known)), param_hint="MODEL")
+    verdicts = []
+    for name in names:
+        with _progress() as say:
+            verdicts.append(spec_.check(known[name], say))
+        if str(json_) != "-":
+            typer.echo(spec_.shown(verdicts[-1]))
+    _write_json(json_, [spec_.as_dict(verdict) for verdict in verdicts])
+    raise typer.Exit(spec_.exit_code(verdicts))
+
+
+def _loaded() -> list[Any]:
+    from automcm_spec import models
+
+    try:
+        return list(models.load())
+    except models.ModelError as error:
+        typer.echo(f"spec: {error}", err=True)
+        raise typer.Exit(3) from None
 
 
 def main() -> None:

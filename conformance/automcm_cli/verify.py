@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from automcm_cli import generated
+from automcm_cli import generated, spec
 from automcm_conformance import compare, coverage
 from automcm_conformance.replay import replay
 from automcm_spec import generate, models, oracle, simulate
@@ -77,7 +77,7 @@ class Report:
         return {
             "ok": self.ok,
             "profile": self.profile,
-            "models": [_model(verdict) for verdict in self.verdicts],
+            "models": [spec.as_dict(verdict) for verdict in self.verdicts],
             "oracle": self.oracle,
             "reference": {
                 "states_compared": sum(c.states for c in self.compared.values()),
@@ -92,22 +92,6 @@ class Report:
             "errors": self.all_errors,
             "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
         }
-
-
-def _model(verdict: models.Verdict) -> dict[str, Any]:
-    result = verdict.result
-    return {
-        "name": verdict.model.cfg,
-        "expect": verdict.model.expect,
-        "outcome": verdict.outcome,
-        "property": verdict.property,
-        "distinct_states": result.distinct_states if result else None,
-        "states": result.states if result else None,
-        "depth": result.depth if result else None,
-        "length": len(verdict.trace) or None,
-        "seconds": round(result.seconds, 1) if result else None,
-        "problem": verdict.problem,
-    }
 
 
 def reference(constants: dict[str, Any]) -> compare.Adapter:

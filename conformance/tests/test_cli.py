@@ -25,11 +25,23 @@ LOGS = sorted(str(path) for path in generated.CORPUS.glob("*.ndjson"))
 run = CliRunner()
 
 
-@pytest.mark.parametrize("command", [[], ["verify"], ["generate"], ["trace"], ["trace", "explain"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        [],
+        ["verify"],
+        ["generate"],
+        ["trace"],
+        ["trace", "explain"],
+        ["spec"],
+        ["spec", "list"],
+        ["spec", "check"],
+    ],
+)
 def test_every_command_has_help_with_exit_codes(command: list[str]) -> None:
     answer = run.invoke(app, [*command, "--help"])
     assert answer.exit_code == 0 and "Exit codes" in answer.output
-    assert command in ([], ["trace"]) or "Example" in answer.output
+    assert command in ([], ["trace"], ["spec"]) or "Example" in answer.output
 
 
 def test_usage_errors_are_2() -> None:
@@ -184,3 +196,30 @@ def test_counterexamples_are_those_that_tlc_finds() -> None:
     assert last["rule"] in ("END-6", "NEG-9", "PRE-4", "ADV-6")
     assert last["location"]["module"] == "Station" and last["input"][0] == "receive"
     assert "S-6" in itf["#meta"]["description"]
+
+
+def test_spec_list_names_every_model() -> None:
+    answer = run.invoke(app, ["spec", "list"])
+    assert answer.exit_code == 0
+    assert all(model.cfg in answer.output for model in models.load())
+    listed = json.loads(run.invoke(app, ["spec", "list", "--json", "-"]).output)
+    assert {"cfg", "expect", "why"} <= set(listed[0])
+
+
+def test_spec_check_shows_the_counterexample_with_rules_and_changes() -> None:
+    answer = run.invoke(app, ["spec", "check", "bare_ack"])
+    assert answer.exit_code == 0, answer.output
+    assert "S-6 is violated" in answer.output and "as expected" in answer.output
+    assert "[ADV-1: OnRequest, Station.tla:" in answer.output
+    assert 'phase "STANDALONE" → "ADVERTISING"' in answer.output
+
+
+def test_spec_check_of_an_unknown_model_names_the_nearest() -> None:
+    answer = run.invoke(app, ["spec", "check", "rejoins"])
+    assert answer.exit_code == 2 and "rejoin" in answer.output.replace("rejoins", "")
+
+
+def test_spec_check_that_cannot_run_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AUTOMCM_TLA2TOOLS", "/nowhere.jar")
+    answer = run.invoke(app, ["spec", "check", "one_by_two"])
+    assert answer.exit_code == 3 and "/nowhere.jar" in answer.output

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +29,8 @@ class Verdict:
     guard: str = ""
     possible_states: int = 1
     events: int = 0
+    warnings: tuple[str, ...] = ()
+    """What the reader had to overlook: an unknown event, a cut line, a missing end."""
 
     def as_dict(self) -> dict[str, Json]:
         return {
@@ -40,6 +42,7 @@ class Verdict:
             "expected": list(self.expected),
             "guard": self.guard,
             "possible_states": self.possible_states,
+            "warnings": list(self.warnings),
         }
 
 
@@ -49,6 +52,8 @@ def explain(log: Log) -> Verdict:
     try:
         if log.end is not None and log.end.lost_records:
             raise CannotTell(f"the log lost {log.end.lost_records} records")
+        if not log.events:
+            raise CannotTell("the log holds no event")
         engine = Engine(log)
         for at, event in log.events:
             engine.feed(at, event)
@@ -99,7 +104,7 @@ def explain_files(paths: Sequence[Path]) -> list[Verdict]:
         other = foreign.get(log.file)
         if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
             verdict = other
-        verdicts[log.file] = verdict
+        verdicts[log.file] = replace(verdict, warnings=tuple(log.warnings))
     return [verdicts[str(path)] for path in paths]
 
 
@@ -113,7 +118,11 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 
 
 def text(verdict: Verdict) -> str:
-    """A verdict for a person."""
+    """A verdict for a person, with what the reader had to overlook."""
+    return "\n".join([_text(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)])
+
+
+def _text(verdict: Verdict) -> str:
     if verdict.verdict == "allowed":
         return f"{verdict.file}: ALLOWED, {verdict.events} events"
     if verdict.verdict == "unreadable":

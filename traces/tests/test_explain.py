@@ -228,7 +228,19 @@ def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:
     assert exit_code(verdicts) == 3 and "none.ndjson" in text(verdicts[1])
 
 
-def test_a_cut_log_is_allowed_as_far_as_it_goes(logs: list[Path], tmp_path: Path) -> None:
+def test_a_cut_log_is_allowed_as_far_as_it_goes_and_says_so(
+    logs: list[Path], tmp_path: Path
+) -> None:
     path = tmp_path / "cut.ndjson"
     path.write_text("".join(logs[2].read_text().splitlines(keepends=True)[:60]))
-    assert explain(read(path)).verdict == "allowed"
+    (verdict,) = explain_files([path])
+    assert verdict.verdict == "allowed" and len(verdict.warnings) == 1
+    assert "warning: " in text(verdict) and verdict.as_dict()["warnings"]
+
+
+def test_a_log_without_events_says_nothing(logs: list[Path], tmp_path: Path) -> None:
+    path = tmp_path / "silent.ndjson"
+    lines = logs[2].read_text().splitlines(keepends=True)
+    path.write_text(lines[0] + '{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
+    verdict = explain(read(path))
+    assert verdict.verdict == "cannot_tell" and "no event" in verdict.event
