@@ -7,35 +7,38 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm_conformance import citations
-from automcm_spec import generate, models, oracle, simulate
-from automcm_spec.rules import line
+from automcm_cli import spec
+from automcm_conformance import citations, diagrams
+from automcm_spec import generate, models, oracle, steps
 from automcm_traces import itf, schema
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
 CORPUS = ROOT / "traces" / "corpus" / "four-vehicles"
 SCHEMA = ROOT / "traces" / "automcm_traces" / "trace-1.schema.json"
+MODELS_PAGE = ROOT / "docs" / "models.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
+DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
 FOUR_VEHICLES = (1001, 2002, 3003, 4004)
 
 
 def counterexample(verdict: models.Verdict) -> str:
-    """A must-fail model's counterexample as ITF; each step with its input, rule and line."""
-    states = []
-    for state in verdict.trace:
-        values = {name: value for name, value in state.values.items() if name != "last"}
-        last: Any = state.values["last"]
-        meta: dict[str, Any] = {"index": state.index - 1, "rule": last["rule"]}
-        if last["station"]:
-            given = simulate.input_(last["input"])
-            meta |= {"station": last["station"], "input": given}
-            if number := line(last["rule"], given):
-                meta["location"] = {"module": "Station", "line": number}
-        states.append(itf.ItfState(values, meta))
+    """A model's counterexample as ITF; each step with its input, rule and line."""
+    values = [
+        {name: value for name, value in state.values.items() if name != "last"}
+        for state in verdict.trace
+    ]
+    states = [itf.ItfState(values[0], {"index": 0})]
+    for step, value in zip(steps.steps(verdict.trace), values[1:], strict=True):
+        meta: dict[str, Any] = {"index": step.index, "input": step.input}
+        if step.station is not None:
+            meta |= {"rule": step.rule, "station": step.station}
+            meta["location"] = {"module": "Station", "line": step.line}
+        states.append(itf.ItfState(value, meta))
     description = f"{verdict.model.cfg} breaks {verdict.property}. {verdict.model.why}"
     about = {"description": description, "source": f"spec/models/{verdict.model.cfg}.cfg"}
-    return itf.dumps(itf.to_itf(states, about))
+    loop = verdict.result.loop if verdict.result else None
+    return itf.dumps(itf.to_itf(states, about, loop=None if loop is None else loop - 1))
 
 
 def _counterexamples(verdicts: Iterable[models.Verdict]) -> dict[Path, str]:
@@ -66,8 +69,13 @@ def four_vehicles(folder: Path) -> None:
 
 
 def _texts() -> dict[Path, str]:
-    """What is generated within a second."""
-    texts = {SCHEMA: schema.text(), CITATIONS: citations.table(ROOT)}
+    """What is generated within a second; the diagrams come from the graph as it is on disk."""
+    texts = {
+        SCHEMA: schema.text(),
+        CITATIONS: citations.table(ROOT),
+        MODELS_PAGE: spec.models_page(models.load()),
+        DIAGRAMS: diagrams.text(oracle.load(generate.ONE_PEER.path)),
+    }
     with tempfile.TemporaryDirectory() as folder:
         four_vehicles(Path(folder))
         for path in sorted(Path(folder).iterdir()):
@@ -79,7 +87,7 @@ def drift(profile: str, one_peer: bytes, say: Callable[[str], None]) -> list[str
     """Which generated files are stale.  Quick: graphs but the one-peer one by their hash alone."""
     stale = [_stale(path) for path, text in _texts().items() if _differs(path, text)]
     fresh = {generate.ONE_PEER: one_peer}
-    for graph in (generate.TIGHT, generate.TWO_PEERS) if profile == "full" else ():
+    for graph in (generate.TIGHT, generate.TWO_PEERS) if profile != "quick" else ():
         say(f"oracle: {graph.name}")
         fresh[graph] = generate.generate(graph)
     for graph, data in fresh.items():
@@ -92,11 +100,6 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
     """Renew all generated files; returns those that changed."""
     changed = []
     verdicts = models.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
-    for path, text in {**_counterexamples(verdicts), **_texts()}.items():
-        if _differs(path, text):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
-            changed.append(path)
     for graph in generate.GRAPHS.values():
         if graph is generate.TWO_PEERS and not two_peers:
             continue
@@ -105,6 +108,11 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
         if not graph.path.exists() or oracle.content(graph.path) != data:
             oracle.write(graph.path, data)
             changed.append(graph.path)
+    for path, text in {**_counterexamples(verdicts), **_texts()}.items():
+        if _differs(path, text):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+            changed.append(path)
     return changed
 
 

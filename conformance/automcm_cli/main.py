@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import signal
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-CODES = (
-    "Exit codes: 0 as expected; 1 a verdict against; 2 usage; 3 a tool or an input could not be "
-    "read or run; 4 cannot tell."
-)
+from automcm_cli import spec_commands
+from automcm_cli.common import CODES, Json, progress, write_json
 
 app = typer.Typer(
     name="automcm",
@@ -26,60 +20,30 @@ app = typer.Typer(
 )
 trace = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
 app.add_typer(trace, name="trace", no_args_is_help=True)
-spec = typer.Typer(help="The specification: list its models, check one.", epilog=CODES)
-app.add_typer(spec, name="spec", no_args_is_help=True)
-
-Json = Annotated[
-    Path | None,
-    typer.Option("--json", help="Write the report here as JSON; - for standard output."),
-]
-
-
-def _write_json(target: Path | None, value: Any) -> None:
-    if target is None:
-        return
-    text = json.dumps(value, indent=2) + "\n"
-    try:
-        if str(target) == "-":
-            sys.stdout.write(text)
-        else:
-            target.write_text(text)
-    except OSError as error:
-        typer.echo(f"{target}: {error.strerror}", err=True)
-        raise typer.Exit(3) from None
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """A status line on a terminal; nothing in a pipe."""
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda text: None
-        return
-    with console.status("") as status:
-        yield lambda text: status.update(text)
+app.add_typer(spec_commands.spec, name="spec", no_args_is_help=True)
 
 
 @app.command(epilog="Example: automcm verify --profile full --json report.json.  " + CODES)
 def verify(
     profile: Annotated[
-        str, typer.Option(help="quick, or full (also the two-peer graph).")
+        str,
+        typer.Option(help="quick; full (larger models, all graphs); deep (up to half an hour)."),
     ] = "quick",
     json_: Json = None,
 ) -> None:
     """Model-check, write the oracle out, compare the reference with it; one screen."""
-    if profile not in ("quick", "full"):
-        raise typer.BadParameter(f"{profile!r} is neither quick nor full", param_hint="--profile")
     from rich.console import Console
 
-    from automcm_cli import screen
+    from automcm_cli import screen, spec
     from automcm_cli import verify as verify_
+    from automcm_spec.models import PROFILES
 
-    with _progress() as say:
-        report = verify_.run("full" if profile == "full" else "quick", say)
-    _write_json(json_, report.as_dict())
+    if profile not in PROFILES:
+        raise typer.BadParameter(spec.unknown(profile, PROFILES, "profile"))
+
+    with progress() as say:
+        report = verify_.run(profile, say)
+    write_json(json_, report.as_dict())
     if str(json_) != "-":
         console = Console()
         screen.show(report, console if console.is_terminal else Console(width=100))
@@ -97,7 +61,7 @@ def generate(
     from automcm_spec.toolchain import ToolError
 
     try:
-        with _progress() as say:
+        with progress() as say:
             changed = generated.write(say, two_peers)
     except (TlcError, ToolError, ModelError, OSError, ValueError) as error:
         typer.echo(f"generate: {error}", err=True)
@@ -126,57 +90,13 @@ def explain(
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None
     if len(verdicts) == 1:
-        _write_json(json_, verdicts[0].as_dict())
+        write_json(json_, verdicts[0].as_dict())
     else:
-        _write_json(json_, [verdict.as_dict() for verdict in verdicts])
+        write_json(json_, [verdict.as_dict() for verdict in verdicts])
     if str(json_) != "-":
         for verdict in verdicts:
             typer.echo(explain_.text(verdict))
     raise typer.Exit(explain_.exit_code(verdicts))
-
-
-@spec.command("list", epilog="Example: automcm spec list.  " + CODES)
-def spec_list(json_: Json = None) -> None:
-    """The models: what each must show, and why it is there."""
-    from automcm_cli import spec as spec_
-
-    models = _loaded()
-    _write_json(json_, [model.model_dump(exclude_none=True) for model in models])
-    if str(json_) != "-":
-        for model in models:
-            typer.echo(spec_.described(model))
-
-
-@spec.command("check", epilog="Example: automcm spec check rejoin --json -.  " + CODES)
-def spec_check(
-    names: Annotated[list[str], typer.Argument(help="Models, as automcm spec list names them.")],
-    json_: Json = None,
-) -> None:
-    """Check models with TLC; a counterexample is shown as the inputs that lead to it."""
-    from automcm_cli import spec as spec_
-
-    known = {model.cfg: model for model in _loaded()}
-    for name in names:
-        if name not in known:
-            raise typer.BadParameter(spec_.unknown(name, list(known)), param_hint="MODEL")
-    verdicts = []
-    for name in names:
-        with _progress() as say:
-            verdicts.append(spec_.check(known[name], say))
-        if str(json_) != "-":
-            typer.echo(spec_.shown(verdicts[-1]))
-    _write_json(json_, [spec_.as_dict(verdict) for verdict in verdicts])
-    raise typer.Exit(spec_.exit_code(verdicts))
-
-
-def _loaded() -> list[Any]:
-    from automcm_spec import models
-
-    try:
-        return list(models.load())
-    except models.ModelError as error:
-        typer.echo(f"spec: {error}", err=True)
-        raise typer.Exit(3) from None
 
 
 def main() -> None:

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from automcm_cli.spec import checks
 from automcm_cli.verify import Report
 from automcm_spec import models
 
@@ -20,6 +21,9 @@ def show(report: Report, console: Console) -> None:
         console.print(_holds(holds))
     if fails:
         console.print(_fails(fails))
+        for v in fails:
+            if v.problem:
+                console.print(f"[red]{v.model.cfg}[/]  {_problem(v)[0]}")
     if report.oracle:
         o = report.oracle
         console.print(
@@ -38,36 +42,47 @@ def show(report: Report, console: Console) -> None:
 
 
 def _holds(verdicts: list[models.Verdict]) -> Table:
-    table = _table("Models: every property holds", "distinct states", "depth")
+    table = _table("Models: every property holds")
+    for name in ("distinct states", "checks", "reached", "seconds"):
+        table.add_column(name, justify="left" if name == "checks" else "right")
+    table.add_column("")
+    table.add_column("")
     for v in verdicts:
         r = v.result
-        numbers = (f"{r.distinct_states:,}", str(r.depth), f"{r.seconds:.1f}") if r else ("",) * 3
-        table.add_row(v.model.cfg, *numbers, MARK[v.ok], *_problem(v))
+        states = f"{r.distinct_states:,}" if r else ""
+        seconds = f"{r.seconds:.1f}" if r else ""
+        reached = str(len(v.reached)) if v.reached else ""
+        table.add_row(
+            v.model.cfg, states, checks(v.model), reached, seconds, MARK[v.ok], *_problem(v)
+        )
     return table
 
 
 def _fails(verdicts: list[models.Verdict]) -> Table:
-    table = _table("Must fail: a mechanism taken away", "breaks", "steps")
-    for v in verdicts:
-        seconds = f"{v.result.seconds:.1f}" if v.result else ""
-        steps = str(len(v.trace) - 1) if v.trace else ""
-        table.add_row(v.model.cfg, v.property or "-", steps, seconds, MARK[v.ok], *_problem(v))
+    """Two to a row, so that it stays on one screen."""
+    table = _table("Must fail: a mechanism taken away breaks what it protects")
+    for name in ("breaks", "steps", "", "model", "breaks", "steps", ""):
+        table.add_column(name, justify="right" if name == "steps" else "left", no_wrap=True)
+    half = (len(verdicts) + 1) // 2
+    for n in range(half):
+        pair = [verdicts[n], *verdicts[half + n : half + n + 1]]
+        table.add_row(*(cell for v in pair for cell in _fail(v)))
     return table
 
 
-def _table(title: str, second: str, third: str) -> Table:
+def _fail(v: models.Verdict) -> tuple[str, str, str, str]:
+    return v.model.cfg, v.property or "-", str(len(v.trace) - 1) if v.trace else "", MARK[v.ok]
+
+
+def _table(title: str) -> Table:
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     table.add_column("model", no_wrap=True)
-    for name in (second, third, "seconds"):
-        table.add_column(name, justify="right")
-    table.add_column("")
-    table.add_column("")
     return table
 
 
 def _problem(v: models.Verdict) -> tuple[str, ...]:
     """The first line; an error of a tool stands below the tables, once."""
-    if v.error is not None:
+    if v.outcome == "error" and v.error is not None:
         return (f"{v.error.kind} error, see below",)
     return (escape(v.problem.splitlines()[0]),) if v.problem else ("",)
 

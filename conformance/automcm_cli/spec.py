@@ -4,33 +4,110 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
-from automcm_spec import models, simulate, tlc
-from automcm_spec.oracle import STATE_FIELDS, canonical
-from automcm_spec.rules import handler, line
+from automcm_spec import models, tlc
+from automcm_spec import steps as steps_
+from automcm_spec.paths import MODELS
 
 
 def described(model: models.Model) -> str:
     """One line for ``automcm spec list``."""
-    must = f"must break {model.property}" if model.expect == "violates" else "holds"
-    return f"{model.cfg:28}{must:16}{model.profile:7}{model.why}"
+    must = f"must break {model.property}" if model.expect == "violates" else "must hold"
+    return f"{model.cfg:28}{must:20}{model.profile:7}{model.why}"
 
 
-def unknown(name: str, known: Sequence[str]) -> str:
-    """That there is no such model, and which come nearest."""
+def models_page(loaded: Sequence[models.Model]) -> str:
+    """docs/models.md: every model, with what was recorded of it."""
+    lines = [
+        "# The models",
+        "",
+        "Generated from `spec/models/expectations.toml` by `make generate`. The seconds were",
+        "measured once, on two cores with two models at a time; everything else is compared in",
+        "every run.",
+        "",
+        "## Must hold",
+        "",
+        "| model | profile | checks | distinct states | generated | depth | s | why |",
+        "|---|---|---|---:|---:|---:|---:|---|",
+    ]
+    for m in loaded:
+        if m.expect == "holds":
+            counts = f"{m.distinct_states:,} | {m.states:,} | {m.depth} | {m.seconds:.0f}"
+            lines.append(f"| `{m.cfg}` | {m.profile} | {checks(m)} | {counts} | {m.why} |")
+    lines += ["", "## Must fail", "", "| model | breaks | steps | story |", "|---|---|---:|---|"]
+    for m in loaded:
+        if m.expect == "violates":
+            steps_taken = (m.length or 1) - 1
+            lines.append(f"| `{m.cfg}` | {m.property} | {steps_taken} | {m.why} |")
+    return "\n".join(lines) + "\n"
+
+
+def checks(model: models.Model) -> str:
+    """The properties a model checks; S-1 to S-7 together as S."""
+    names = set(models.checked_in(MODELS / f"{model.cfg}.cfg"))
+    names = {"NoHazardInv" if name == "SettledHazardInv" else name for name in names}
+    ids = [id_ for id_, name in models.PROPERTIES.items() if name in names and id_ != "TypeInv"]
+    safety = [id_ for id_ in ids if id_.startswith("S")]
+    rest = [id_ for id_ in ids if not id_.startswith("S")]
+    return " ".join((["S"] if len(safety) > 1 else safety) + rest) or "-"
+
+
+def unknown(name: str, known: Sequence[str], what: str = "model") -> str:
+    """That there is no such thing, and which come nearest."""
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-    return f"there is no model {name!r}" + (f"; nearest: {', '.join(near)}" if near else "")
+    nearest = f"; nearest: {', '.join(near)}" if near else f"; there are: {', '.join(known)}"
+    return f"there is no {what} {name!r}{nearest}"
 
 
-def check(model: models.Model, say: Callable[[str], None]) -> models.Verdict:
+def chosen(
+    loaded: Sequence[models.Model], names: Sequence[str], profile: str | None, property_: str | None
+) -> list[models.Model]:
+    """The models of these names, or of the profile, that check the property if one is given.
+
+    Raises ValueError for what is unknown, with the nearest matches, and if nothing is left.
+    """
+    known = {model.cfg: model for model in loaded}
+    for name in names:
+        if name not in known:
+            raise ValueError(unknown(name, list(known)))
+    if profile is not None and profile not in models.PROFILES:
+        raise ValueError(unknown(profile, models.PROFILES, "profile"))
+    ids = {**models.PROPERTIES, **{name: name for name in models.PROPERTIES.values()}}
+    if property_ is not None and property_ not in ids:
+        raise ValueError(unknown(property_, list(ids), "property"))
+    found = [known[name] for name in names]
+    if not names:
+        found = models.of_profile(loaded, profile) if profile else list(loaded)
+    if property_ is not None:
+        cfgs = {m.cfg: models.checked_in(MODELS / f"{m.cfg}.cfg") for m in found}
+        found = [m for m in found if ids[property_] in cfgs[m.cfg]]
+    if not found:
+        raise ValueError("there is no such model: nothing would be checked")
+    return found
+
+
+def check(
+    model: models.Model, say: Callable[[str], None], timeout_s: float | None, heap_mb: int | None
+) -> models.Verdict:
     """Run TLC on one model, saying how far it is."""
 
     def progress(p: tlc.Progress) -> None:
         say(f"{model.cfg}: depth {p.depth}, {p.distinct_states:,} states, {p.queue:,} to go")
 
     say(model.cfg)
-    return models.check(model, on_progress=progress)
+    return models.check(model, on_progress=progress, timeout_s=timeout_s, heap_mb=heap_mb)
+
+
+def write_trace(verdict: models.Verdict, folder: Path) -> Path:
+    """Write the counterexample as ITF into a folder; returns its path."""
+    from automcm_cli import generated
+
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{verdict.model.cfg}.itf.json"
+    path.write_text(generated.counterexample(verdict))
+    return path
 
 
 def as_dict(verdict: models.Verdict) -> dict[str, Any]:
@@ -46,6 +123,8 @@ def as_dict(verdict: models.Verdict) -> dict[str, Any]:
         "depth": result.depth if result else None,
         "length": len(verdict.trace) or None,
         "seconds": round(result.seconds, 1) if result else None,
+        "reached": list(verdict.reached) or None,
+        "states_looked_at": verdict.partial.distinct_states if verdict.partial else None,
         "problem": verdict.problem,
     }
 
@@ -54,39 +133,33 @@ def shown(verdict: models.Verdict) -> str:
     """The outcome in words, with the counterexample."""
     model, result = verdict.model, verdict.result
     if result is None:
-        return f"{model.cfg}: {verdict.problem}"
+        return f"{model.cfg}: {verdict.outcome}: {verdict.problem}"
     expected = "as expected" if verdict.ok else f"NOT as expected: {verdict.problem}"
     found = f"{result.distinct_states:,} distinct states, {result.seconds:.1f} s"
     if verdict.outcome == "holds":
         return f"{model.cfg}: every property holds; {found}; {expected}"
     head = f"{model.cfg}: {verdict.property} is violated; {found}; {expected}"
-    return "\n".join([head, *_steps(verdict)])
+    return "\n".join([head, *steps(verdict.trace, result.loop)])
 
 
-def _steps(verdict: models.Verdict) -> list[str]:
+def steps(trace: Sequence[tlc.TraceState], loop: int | None = None) -> list[str]:
     """Each step: the station, its input, the rule and line that decided, the fields changed."""
-    lines = []
-    for before, after in zip(verdict.trace, verdict.trace[1:], strict=False):
-        last: Any = after.values["last"]
-        given, who, rule = simulate.input_(last["input"]), last["station"], last["rule"]
-        where = f"{handler(given)}, Station.tla:{line(rule, given)}"
-        lines.append(f"{after.index - 1:3}. station {who}: {canonical(given)}  [{rule}: {where}]")
-        lines.append(f"     {_changed(before.values['st'], after.values['st'], who)}")
+    lines = [f"{step.index:3}. {step.text}" for step in steps_.steps(trace)]
+    if loop == len(trace):
+        lines.append("     and so it stays for ever")
+    elif loop:
+        lines.append(
+            f"     and from here (by a step TLC does not name) again what followed step {loop - 1},"
+            " for ever"
+        )
     return lines
 
 
-def _changed(before: Any, after: Any, who: int) -> str:
-    old, new = simulate.state(before[who - 1]), simulate.state(after[who - 1])
-    changes = [
-        f"{name} {canonical(a)} → {canonical(b)}"
-        for name, a, b in zip(STATE_FIELDS, old, new, strict=True)
-        if a != b
-    ]
-    return ", ".join(changes) or "nothing changes"
-
-
 def exit_code(verdicts: Sequence[models.Verdict]) -> int:
-    """0 as expected, 1 not, 3 if TLC gave no verdict."""
-    if any(verdict.error for verdict in verdicts):
+    """0 as expected, 1 not, 3 if TLC gave no verdict, 4 if it did not come to the end."""
+    outcomes = {verdict.outcome for verdict in verdicts}
+    if "error" in outcomes:
         return 3
-    return 0 if all(verdict.ok for verdict in verdicts) else 1
+    if any(not verdict.ok and verdict.outcome != "incomplete" for verdict in verdicts):
+        return 1
+    return 4 if "incomplete" in outcomes else 0

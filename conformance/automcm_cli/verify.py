@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from automcm_cli import generated, spec
 from automcm_conformance import compare, coverage
@@ -16,7 +16,6 @@ from automcm_spec import generate, models, oracle, simulate
 from automcm_spec.tlc import TlcError
 from automcm_spec.toolchain import ToolError
 
-Profile = Literal["quick", "full"]
 BEHAVIOURS = ((30, 40, False), (70, 40, True))
 """How many random behaviours of the closed models are replayed, how long, and which kind."""
 SEED = 7
@@ -26,7 +25,7 @@ SEED = 7
 class Report:
     """What ``automcm verify`` found.  ``errors`` are tools and inputs that did not work."""
 
-    profile: Profile
+    profile: str
     verdicts: list[models.Verdict] = field(default_factory=list)
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, compare.Comparison] = field(default_factory=dict)
@@ -68,8 +67,7 @@ class Report:
     @property
     def exit_code(self) -> int:
         """0 as expected, 1 a verdict against, 3 something did not run."""
-        broken = self.errors or any(verdict.error for verdict in self.verdicts)
-        return 3 if broken else 0 if self.ok else 1
+        return 3 if self.errors else spec.exit_code(self.verdicts) or int(not self.ok)
 
     def as_dict(self) -> dict[str, Any]:
         """The JSON of ``--json``."""
@@ -129,7 +127,7 @@ def _behave() -> tuple[int, list[str]]:
     return len(found), [answer for answer in answers if answer]
 
 
-def run(profile: Profile = "quick", say: Callable[[str], None] = lambda text: None) -> Report:
+def run(profile: str = "quick", say: Callable[[str], None] = lambda text: None) -> Report:
     """Model-check, write the oracle out, compare.  Never raises for what it examines: a spec
     that does not parse, a missing Java or a full disk ends up in the report's errors."""
     report = Report(profile)
@@ -154,7 +152,7 @@ def _timed(report: Report, name: str) -> Iterator[None]:
 
 
 def _models(report: Report, say: Callable[[str], None]) -> None:
-    chosen = [m for m in models.load() if report.profile == "full" or m.profile == "quick"]
+    chosen = models.of_profile(models.load(), report.profile)
 
     def done(verdict: models.Verdict) -> None:
         report.verdicts.append(verdict)

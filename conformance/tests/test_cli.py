@@ -17,8 +17,8 @@ from automcm_cli.main import app
 from automcm_conformance.citations import found
 from automcm_conformance.compare import Comparison, Divergence
 from automcm_conformance.coverage import Coverage
-from automcm_spec import models
-from automcm_spec.tlc import Result, TlcError
+from automcm_spec import models, tlc
+from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
 
 ROOT = generated.ROOT
 LOGS = sorted(str(path) for path in generated.CORPUS.glob("*.ndjson"))
@@ -36,6 +36,10 @@ run = CliRunner()
         ["spec"],
         ["spec", "list"],
         ["spec", "check"],
+        ["spec", "simulate"],
+        ["spec", "mutate"],
+        ["spec", "bench"],
+        ["spec", "worker"],
     ],
 )
 def test_every_command_has_help_with_exit_codes(command: list[str]) -> None:
@@ -47,6 +51,62 @@ def test_every_command_has_help_with_exit_codes(command: list[str]) -> None:
 def test_usage_errors_are_2() -> None:
     assert run.invoke(app, ["verify", "--profile", "huge"]).exit_code == 2
     assert run.invoke(app, ["nonsense"]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "near"),
+    [
+        (["verify", "--profile", "fulll"], "full"),
+        (["spec", "check", "retargett"], "retarget"),
+        (["spec", "list", "--property", "S-55"], "S-5"),
+        (["spec", "list", "--property", "NoHazard"], "NoHazardInv"),
+        (["spec", "list", "--profile", "depp"], "deep"),
+    ],
+)
+def test_an_unknown_name_gets_the_nearest_ones(arguments: list[str], near: str) -> None:
+    answer = run.invoke(app, arguments)
+    assert answer.exit_code == 2 and near in answer.output.replace("\n", " ")
+
+
+def test_check_needs_something_to_check() -> None:
+    assert run.invoke(app, ["spec", "check"]).exit_code == 2
+    nothing = ["spec", "list", "--profile", "quick", "--property"]
+    assert run.invoke(app, [*nothing, "L-1"]).exit_code == 0
+
+
+def test_check_shows_and_writes_a_counterexample(tmp_path: Path) -> None:
+    answer = run.invoke(app, ["spec", "check", "bare_ack", "--traces", str(tmp_path)])
+    assert answer.exit_code == 0, answer.output
+    assert "S-6 is violated" in answer.output and "OnAck, Station.tla:" in answer.output
+    written = json.loads((tmp_path / "bare_ack.itf.json").read_text())
+    assert written["#meta"]["description"].startswith("bare_ack breaks S-6. ")
+    assert [s["#meta"]["index"] for s in written["states"]] == list(range(len(written["states"])))
+
+
+@pytest.mark.parametrize(
+    ("kind", "partial", "code"),
+    [("timeout", 7, 4), ("memory", 7, 4), ("disk", 7, 4), ("timeout", 0, 3)],
+)
+def test_a_run_that_does_not_end_is_incomplete(
+    monkeypatch: pytest.MonkeyPatch, kind: ErrorKind, partial: int, code: int
+) -> None:
+    def broken(*_: object, **__: object) -> Result:
+        error = TlcError(kind, "TLC did not come to the end")
+        error.partial = Progress(3, 2 * partial, partial, 1) if partial else None
+        raise error
+
+    monkeypatch.setattr(tlc, "run", broken)
+    answer = run.invoke(app, ["spec", "check", "unreduced", "--json", "-"])
+    assert answer.exit_code == code, answer.output
+    (found_,) = json.loads(answer.output)
+    assert found_["outcome"] == ("incomplete" if partial else "error")
+    assert found_["states_looked_at"] == (partial or None)
+
+
+def test_counterexamples_are_those_of_the_models() -> None:
+    names = {model.cfg for model in models.load() if model.expect == "violates"}
+    files = {path.name.removesuffix(".itf.json") for path in generated.COUNTEREXAMPLES.iterdir()}
+    assert files == names
 
 
 def test_the_corpus_is_allowed() -> None:

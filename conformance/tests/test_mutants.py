@@ -139,7 +139,7 @@ SPEC = {
         'Effect(Leave(st), {}, <<"finished">>',
     ),
     "no quarantine": ("!.quarantine = TRUE]", "!.quarantine = FALSE]"),
-    "one proposal too many": ("st.proposal < MaxRounds THEN", "st.proposal <= MaxRounds THEN"),
+    "one proposal too many": ("== st.proposal < MaxRounds", "== st.proposal <= MaxRounds"),
     "a late CAM counts": ("(i.newer \\/ ~st.heard)", "TRUE"),
     "no cam timer": ('If(st.phase = "ACTUATING", {Timer("cam")})', 'If(FALSE, {Timer("cam")})'),
     "an answer has a seq": ("AnswerSeq(seq)         == 0", "AnswerSeq(seq)         == seq"),

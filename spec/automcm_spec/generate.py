@@ -143,6 +143,7 @@ def build(
     tla: Path = TLA,
     workers: int = 2,
     on_progress: Callable[[tlc.Progress], None] | None = None,
+    stop: tlc.Stop | None = None,
 ) -> tuple[dict[str, Json], tlc.Result]:
     """The oracle's data (see ``oracle.dump``) and TLC's result.
 
@@ -159,6 +160,7 @@ def build(
             tla_dir=tla,
             on_progress=on_progress,
             on_print=printed.line,
+            stop=stop,
         )
     if result.outcome != "holds":
         raise ValueError(f"OpenStation: {result.property} is violated")

@@ -16,7 +16,7 @@ from automcm_spec.paths import MODELS, TLA
 
 EXPECTATIONS = "expectations.toml"
 
-#: The properties: id in docs/protocol.md and name in System.tla.
+#: The properties: id in docs/protocol.md and name in the modules of spec/tla.
 PROPERTIES = {
     "S-1": "OneSessionProp",
     "S-2": "CommitmentProp",
@@ -25,10 +25,29 @@ PROPERTIES = {
     "S-5": "NoHazardInv",
     "S-6": "AckedProp",
     "S-7": "NoCrossEffectProp",
+    "L-1": "EndsProp",
+    "L-2": "CompletesProp",
+    "L-3": "SilenceProp",
+    "L-4": "GivenUpProp",
+    "R-1": "PromiseProp",
+    "R-2": "FulfilledProp",
+    "T-1": "DurationInv",
+    "T-2": "HazardInv",
+    "T-3": "SendingsInv",
+    "T-4": "LeaseInv",
+    "T-5": "OrdersInv",
     "TypeInv": "TypeInv",
 }
-_IDS = {name: id_ for id_, name in PROPERTIES.items()}
 
+#: The profiles, each with the models of those before it.
+PROFILES = ("quick", "full", "deep")
+
+#: Below this many seconds a run is too short for Java to optimise it well.
+SHORT_S = 10.0
+_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
+
+_SENTENCE = re.compile(r"[.?!](?=\s|$)")
+_REACHED = re.compile(r'"<<\\"REACHED\\", \\"(.+)\\">>"')
 _KEYWORD = re.compile(r"^\s*([A-Z_]{4,})\b", re.MULTILINE)
 _COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
 
@@ -38,16 +57,21 @@ class ModelError(Exception):
 
 
 class Model(BaseModel):
-    """A cfg and what TLC must find with it: a pass with these counts, or a counterexample."""
+    """A cfg and what TLC must find with it: a pass with these counts, or a counterexample.
+
+    reaches: what a model that holds must print as reached (modules Probe and TimedSystem), all
+    of it and nothing else. The why of a must-fail model is its story, in two sentences.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
     cfg: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
     module: str
     expect: Literal["holds", "violates"]
-    profile: Literal["quick", "full"]
+    profile: Literal["quick", "full", "deep"]
     why: str = Field(min_length=1)
     seconds: float = Field(ge=0)
+    reaches: list[str] | None = None
     distinct_states: int | None = None
     states: int | None = None
     depth: int | None = None
@@ -60,6 +84,10 @@ class Model(BaseModel):
         holds = ("distinct_states", "states", "depth")
         violates = ("property", "breaks", "length")
         needed, barred = (holds, violates) if self.expect == "holds" else (violates, holds)
+        if self.expect == "violates" and self.reaches is not None:
+            raise ValueError("a model that violates reaches nothing")
+        if self.expect == "violates" and len(_SENTENCE.findall(self.why)) != 2:
+            raise ValueError("the why of a model that violates is a story of two sentences")
         for name in needed:
             if getattr(self, name) is None:
                 raise ValueError(f"a model that {self.expect} needs {name}")
@@ -76,19 +104,27 @@ class Verdict:
     """What TLC found in a model, and whether that was expected.
 
     problem says what was not. With the outcome "error" TLC gave no verdict: error is why, and
-    result is None. property is the id of what is violated, or its TLA+ name if it has no id.
+    result is None. "incomplete" is an error that came after part of the states had been looked
+    at without a violation (time, memory or disk ran out): partial says how many.
+    property is the id of what is violated, or its TLA+ name if it has no id. reached is what the
+    model printed as reached.
     """
 
     model: Model
-    outcome: Literal["holds", "violates", "error"]
+    outcome: Literal["holds", "violates", "incomplete", "error"]
     property: str | None
     result: tlc.Result | None
     problem: str | None
     error: tlc.TlcError | None = None
+    reached: tuple[str, ...] = ()
 
     @builtins.property
     def ok(self) -> bool:
         return self.problem is None
+
+    @builtins.property
+    def partial(self) -> tlc.Progress | None:
+        return self.error.partial if self.error else None
 
     @builtins.property
     def trace(self) -> tuple[tlc.TraceState, ...]:
@@ -141,12 +177,13 @@ def _check_files(models: list[Model], models_dir: Path) -> None:
 
 def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
     try:
-        system = (tla_dir / "System.tla").read_text(encoding="utf-8")
+        texts = [path.read_text(encoding="utf-8") for path in sorted(tla_dir.glob("*.tla"))]
     except OSError as error:
-        raise ModelError(f"System.tla cannot be read: {error.strerror}") from error
+        raise ModelError(f"a module cannot be read: {error}") from error
+    defined = set(re.findall(r"^(\w+) ==", "\n".join(texts), re.MULTILINE))
     for name in PROPERTIES.values():
-        if not re.search(rf"^{name} ==", system, re.MULTILINE):
-            raise ModelError(f"System.tla does not define the property {name}")
+        if name not in defined:
+            raise ModelError(f"no module defines the property {name}")
     for model in models:
         if not (tla_dir / f"{model.module}.tla").is_file():
             raise ModelError(f"model {model.cfg}: there is no module {model.module}")
@@ -168,6 +205,11 @@ def checked_in(cfg: Path) -> list[str]:
     return names
 
 
+def of_profile(models: Sequence[Model], profile: str) -> list[Model]:
+    """The models of a profile and of those before it."""
+    return [m for m in models if PROFILES.index(m.profile) <= PROFILES.index(profile)]
+
+
 def check(
     model: Model,
     *,
@@ -178,39 +220,65 @@ def check(
     on_progress: Callable[[tlc.Progress], None] | None = None,
     stop: tlc.Stop | None = None,
 ) -> Verdict:
-    """Run TLC on a model with one worker and compare what it finds with what is expected."""
+    """Run TLC on a model, with one worker, and compare what it finds with what is expected.
+
+    With more workers the depth differs from run to run, and with SYMMETRY also the states.
+    """
+    reached: list[str] = []
+
+    def printed(line: str) -> None:
+        if match := _REACHED.fullmatch(line.strip()):
+            reached.append(match[1])
+
     try:
         result = tlc.run(
             model.module,
             models_dir / f"{model.cfg}.cfg",
             tla_dir=tla_dir,
+            extra=("-lncheck", "final"),
             heap_mb=heap_mb,
             timeout_s=timeout_s,
             on_progress=on_progress,
+            on_print=printed,
             stop=stop,
+            short=model.seconds < SHORT_S,
         )
     except tlc.TlcError as error:
+        if error.partial and error.kind in ("timeout", "memory", "disk"):
+            seen = f"incomplete: {error.partial.distinct_states:,} states looked at"
+            return Verdict(model, "incomplete", None, None, f"{seen}; {error}", error)
         return Verdict(model, "error", None, None, f"TLC gave no verdict: {error}", error)
     name = result.property
+    if name and name.startswith("line "):
+        name = None  # a part of a property, named by its place
     if name is None and result.outcome == "violates" and model.expect == "violates":
-        name = model.breaks  # a temporal property, and the cfg lists only this one
+        name = model.breaks  # the cfg lists only this one
     violated = None if name is None else _IDS.get(name, name)
-    return Verdict(model, result.outcome, violated, result, _problem(model, result, violated))
+    kept = tuple(sorted(set(reached)))
+    problem = _problem(model, result, violated, kept)
+    return Verdict(model, result.outcome, violated, result, problem, reached=kept)
 
 
-def _problem(model: Model, result: tlc.Result, violated: str | None) -> str | None:
+def _problem(
+    model: Model, result: tlc.Result, violated: str | None, reached: tuple[str, ...]
+) -> str | None:
+    wrong: list[str] = []
     if model.expect == "holds":
         if result.outcome == "violates":
             return f"{violated or 'a temporal property'} is violated; everything was to hold"
         counts = ("distinct_states", "states", "depth")
         found = {name: getattr(result, name) for name in counts}
+        if missed := sorted(set(model.reaches or ()) - set(reached)):
+            wrong.append(f"reached no more: {', '.join(missed)}")
+        if new := sorted(set(reached) - set(model.reaches or ())):
+            wrong.append(f"reached, and not expected: {', '.join(new)}")
     else:
         if result.outcome == "holds":
             return f"nothing is violated; {model.property} was to be"
         if violated != model.property:
             return f"{violated} is violated; {model.property} was to be"
         found = {"length": len(result.trace)}
-    wrong = [
+    wrong += [
         f"{name} is {value}, {getattr(model, name)} expected"
         for name, value in found.items()
         if value != getattr(model, name)

@@ -15,3 +15,5 @@ def _data(name: str) -> Path:
 TLA = _data("tla")
 MODELS = _data("models")
 ORACLES = _data("oracle")
+BENCH = _data("bench")
+SIMULATION = _data("simulation")

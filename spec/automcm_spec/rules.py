@@ -96,7 +96,7 @@ def handler(i: Any) -> str:
     if i[0] == "command":
         return _HANDLER[i[1]]
     if i[0] == "expire":
-        return _HANDLER.get(i[1][0], "OnExpiry")
+        return "OnCamLoss" if i[1][0] == "cam" else _HANDLER.get(i[1][0], "OnExpiry")
     return _HANDLER[i[0]]
 
 

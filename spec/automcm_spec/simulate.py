@@ -58,11 +58,18 @@ def state(value: Any) -> Json:
     return out
 
 
+def message(value: Any) -> Json:
+    """A message of a closed model in the form of the oracle."""
+    return _record(value, _MESSAGE)
+
+
 def input_(value: Any) -> Json:
     """An input of a closed model in the form of the oracle, with the model's ids."""
     match value["kind"]:
         case "receive":
-            return ["receive", _record(value["message"], _MESSAGE), value["concerned"]]
+            return ["receive", message(value["message"]), value["concerned"]]
+        case "cam":
+            return ["cam", value["src"], _plain(value["marks"]), value["newer"]]
         case "command":
             return ["command", *_record(value, ("name", "session", "proposal", "target"))]
         case "expire":

@@ -23,7 +23,12 @@ INITIAL = "Initial predicate"
 
 
 class TlcError(Exception):
-    """TLC gave no verdict. module and line say where the fault is, if TLC said so."""
+    """TLC gave no verdict. module and line say where the fault is, if TLC said so.
+
+    partial is how far TLC had come, if it had begun.
+    """
+
+    partial: "Progress | None" = None
 
     def __init__(
         self, kind: ErrorKind, message: str, module: str | None = None, line: int | None = None
@@ -110,6 +115,10 @@ class Stop:
             self._running.discard(process)
 
 
+_SHORT = ("-XX:TieredStopAtLevel=1", "-XX:+UseSerialGC")
+_LONG = ("-XX:+UseParallelGC",)
+
+
 def run(
     module: str,
     cfg: Path,
@@ -122,9 +131,11 @@ def run(
     on_progress: Callable[[Progress], None] | None = None,
     on_print: Callable[[str], None] | None = None,
     stop: Stop | None = None,
+    short: bool = False,
 ) -> Result:
     """Check a module of tla_dir with a cfg.
 
+    short is for runs of seconds: Java then compiles fast instead of well, and uses one core.
     on_print gets each line that the specification prints, as it comes; nothing of it is kept.
     With one worker the counts, the depth and the counterexample are the same in every run.
     Raises TlcError for whatever is neither a clean pass nor a violation. Whatever happens,
@@ -139,7 +150,7 @@ def run(
         command = [
             str(java),
             "-Xss64m",
-            "-XX:+UseParallelGC",
+            *(_SHORT if short else _LONG),
             "-XX:+ExitOnOutOfMemoryError",
             "-XX:-UsePerfData",
             f"-XX:ErrorFile={scratch / 'java.log'}",
@@ -154,11 +165,15 @@ def run(
         ]
         started = time.monotonic()
         reader = _Reader(on_progress, on_print)
-        with (scratch / "stderr").open("w+b") as stderr:
-            code = _read(command, tla_dir, stderr, timeout_s, stop or Stop(), reader)
-            stderr.seek(0)
-            complaint = stderr.read(100_000).decode(errors="replace")
-        return reader.result(cfg, code, complaint, time.monotonic() - started)
+        try:
+            with (scratch / "stderr").open("w+b") as stderr:
+                code = _read(command, tla_dir, stderr, timeout_s, stop or Stop(), reader)
+                stderr.seek(0)
+                complaint = stderr.read(100_000).decode(errors="replace")
+            return reader.result(cfg, code, complaint, time.monotonic() - started)
+        except TlcError as error:
+            error.partial = reader.progress
+            raise
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
@@ -287,6 +302,7 @@ class _Reader:
         self._trace: list[TraceState] = []
         self._loop: int | None = None
         self._states = self._distinct = self._depth = 0
+        self.progress: Progress | None = None
 
     def read(self, lines: Iterable[str]) -> None:
         for raw in lines:
@@ -350,8 +366,10 @@ class _Reader:
             r"([\d,]+) distinct states found.*?([\d,]+) states left",
             text,
         )
-        if match and self._on_progress:
-            self._on_progress(Progress(*(int(g.replace(",", "")) for g in match.groups())))
+        if match:
+            self.progress = Progress(*(int(g.replace(",", "")) for g in match.groups()))
+            if self._on_progress:
+                self._on_progress(self.progress)
 
     def _state(self, block: _Block) -> None:
         head, _, state = block.text.partition("\n")

@@ -190,6 +190,9 @@ NewerThanJoined(st, s) ==                                      \* ADV-8
 Quarantined(st) == st.quarantine                               \* END-8
 NextTarget(st, p) == p = st.target                             \* NEG-7
 Marked(st, marks) == st.session \in marks                      \* ACT-5
+NextProposal(k) == k + 1                                       \* NEG-7
+RoundLeft(st) == st.proposal < MaxRounds                       \* NEG-7
+AckCopy(me, m) == {Ack(me, m)}                                 \* NEG-1, END-3
 
 \* MEM-1: bounded memory.  A prescriber needs an entry for each participant,
 \* a receiver one for each round, and either one more to end the session.
@@ -281,7 +284,7 @@ Prescribe(me, st, to, k, rule) ==
 
 OnPrescribe(me, st, c) ==
   IF ~(st.phase = "CHOOSING" \/ st.deciding) THEN Refuse(st, "CMD-1")
-  ELSE IF c.session # st.session \/ c.proposal # st.proposal + 1
+  ELSE IF c.session # st.session \/ c.proposal # NextProposal(st.proposal)
     THEN Refuse(st, "PRE-5")
   ELSE IF st.phase = "CHOOSING" THEN
     IF c.target \in st.recorded THEN Prescribe(me, st, c.target, 1, "PRE-2")
@@ -306,7 +309,7 @@ OnForeignPrescription(me, st, m) ==
 OnPrescription(me, st, m) ==
   IF ~In(st, m.session) THEN OnForeignPrescription(me, st, m)
   ELSE IF OlderOrSame(m.proposal, st.proposal)
-    THEN Answer(st, Ack(me, m), "NEG-1")
+    THEN Effect(st, AckCopy(me, m), Nothing, "NEG-1")
   ELSE IF st.phase \in {"INTENDING", "WAITING"} THEN
     Effect([st EXCEPT !.phase = "NEGOTIATING", !.proposal = m.proposal,
                       !.outbox = {e \in @ : e.type # "Intention"}],
@@ -340,7 +343,7 @@ AwaitsAnswer(st) ==
 
 \* A copy of a reliable Acceptance is acked; an answer is not.
 AckIfReliable(me, st, m) ==
-  IF m.seq # 0 THEN Answer(st, Ack(me, m), "NEG-6") ELSE Ignore(st, "NEG-6")
+  Effect(st, IF m.seq # 0 THEN AckCopy(me, m) ELSE {}, Nothing, "NEG-6")
 
 OnAcceptance(me, st, m) ==                                     \* NEG-6, NEG-7
   IF ~In(st, m.session) THEN
@@ -358,7 +361,7 @@ OnAcceptance(me, st, m) ==                                     \* NEG-6, NEG-7
          Effect([done EXCEPT !.phase = "ACTUATING"], acks,
                 <<"accepted">>, "NEG-6")
        ELSE IF /\ m.reason \notin {"busy", "unknown_session"}
-               /\ st.proposal < MaxRounds THEN
+               /\ RoundLeft(st) THEN
          Effect([done EXCEPT !.phase = "NEGOTIATING", !.deciding = TRUE],
                 acks, <<"propose">>, "NEG-7")
        ELSE LET r == CancelPeer(me, done, "no_agreement", "NEG-7")
@@ -374,6 +377,8 @@ OnCam(me, st, i) ==                                            \* ACT-5
           EXCEPT !.again = {Timer("cam")}]
   ELSE Ignore(st, "ACT-5")
 
+OnCamLoss(me, st) == CancelPeer(me, st, "cam_loss", "ACT-2")
+
 OnComplete(me, st, c) ==                                       \* ACT-3
   IF ~(st.phase = "ACTUATING" /\ st.role = "prescriber")
     THEN Refuse(st, "CMD-1")
@@ -383,7 +388,7 @@ OnComplete(me, st, c) ==                                       \* ACT-3
 OnFin(me, st, m) ==
   IF In(st, m.session) /\ st.role = "receiver" /\ m.src = Peer(st)
   THEN Effect(Leave(st), {Ack(me, m)}, <<"finished">>, "ACT-3")
-  ELSE Answer(st, Ack(me, m), "END-3")
+  ELSE Effect(st, AckCopy(me, m), Nothing, "END-3")
 
 (***************************************************************************)
 (* Ending and robustness                                                   *)
@@ -395,7 +400,8 @@ OnAbort(me, st, c) ==
 
 OnCancel(me, st, m) ==                                         \* END-2, END-3
   LET acks == IF m.seq # 0 THEN {Ack(me, m)} ELSE {} IN
-  IF ~In(st, m.session) THEN Effect(st, acks, Nothing, "END-3")
+  IF ~In(st, m.session)
+    THEN Effect(st, IF m.seq # 0 THEN AckCopy(me, m) ELSE {}, Nothing, "END-3")
   ELSE IF st.phase = "ADVERTISING" THEN
     IF m.src \in st.withdrawn \/ (m.src \notin st.recorded /\ ~RoomToRecord(st))
     THEN Effect(st, acks, Nothing, "END-3")
@@ -483,7 +489,7 @@ OnExpiry(me, st, t) ==
     [] t[1] = "decide"     -> OnDecide(me, st)
     [] t[1] = "hold"       -> OnHold(me, st)
     [] t[1] = "answer"     -> CancelPeer(me, st, "timeout", "NEG-8")
-    [] t[1] = "cam"        -> CancelPeer(me, st, "cam_loss", "ACT-2")
+    [] t[1] = "cam"        -> OnCamLoss(me, st)
     [] t[1] = "lease"      -> CancelPeer(me, st, "lease_expired", "ACT-4")
     [] t[1] = "quarantine" -> Ignore([st EXCEPT !.quarantine = FALSE], "END-8")
     [] t[1] = "backoff"    -> Ignore([st EXCEPT !.backoff = FALSE], "END-7")

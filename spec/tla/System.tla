@@ -19,8 +19,15 @@
 (*  - a Fin, Cancel or Acceptance is given up at once: in the outbox it    *)
 (*    could only add copies of a message that is in the net for good, and  *)
 (*    keep back a Cancel(closed);                                          *)
-(*  - an Ack of anything but a Prescription is lost: its effect is that of *)
-(*    give-up.  A back-off ends at once.                                   *)
+(*  - so is an Intention, which makes its sender WAITING: that can do all  *)
+(*    that INTENDING can, and let the hold timer expire besides;           *)
+(*  - every Ack is lost.  Its effect is that of give-up; and a prescriber  *)
+(*    that is NEGOTIATING because of one does nothing that it could not do *)
+(*    in PRESCRIBING (an answer in time, none in time, the lease);         *)
+(*  - a back-off ends at once;                                             *)
+(*  - a message that can do nothing any more is taken away: it is for a    *)
+(*    session that its addressee has left and cannot join again, and what  *)
+(*    is answered to it is in the net already, or is one of these.         *)
 (* S-6 is about Acks, so it is checked with Reduced = FALSE, and with it   *)
 (* all the others once more.                                               *)
 (***************************************************************************)
@@ -73,7 +80,7 @@ Commands(s) ==
        {Cmd("prescribe", x.session, 1, p) : p \in x.recorded}
        \cup {Cmd("proceed", x.session, 0, Nobody)}),
     If(x.deciding,
-       {Cmd("prescribe", x.session, x.proposal + 1, p) :
+       {Cmd("prescribe", x.session, NextProposal(x.proposal), p) :
           p \in {q \in Stations : NextTarget(x, q)}}),
     If(x.phase = "NEGOTIATING" /\ x.role = "receiver",
        {Cmd("accept", x.session, x.proposal, Nobody),
@@ -136,14 +143,12 @@ Received(i) ==
 \* The reductions.
 GivenUp(x) ==
   IF Reduced
-  THEN [x EXCEPT !.outbox = {e \in @ : e.type \in {"Intention", "Prescription"}},
+  THEN [x EXCEPT !.outbox = {e \in @ : e.type = "Prescription"},
+                 !.phase = IF @ = "INTENDING" THEN "WAITING" ELSE @,
                  !.backoff = FALSE]
   ELSE x
 
-Heeded(ms) ==
-  {Plain(m) : m \in {k \in ms : \/ ~Reduced
-                                \/ k.type # "Ack"
-                                \/ k.of[1] = "Prescription"}}
+Heeded(ms) == {Plain(m) : m \in {k \in ms : ~Reduced \/ k.type # "Ack"}}
 
 \* What station s answers to messages ms without changing.  (A Fin or Cancel
 \* is answered by an Ack, which is not heeded.)
@@ -160,16 +165,30 @@ AllAnswers(s, x, new, all) ==
   THEN Answers(s, x[s], all) \cup UNION {Answers(t, x[t], new) : t \in Stations}
   ELSE {}
 
+\* (The Acceptances that were sent stay: S-3 and Coordination look at them.)
+Dead(x, m) ==
+  LET p == m.session[1]
+      r == m.dst
+  IN \/ /\ r = p /\ x[p].session # m.session /\ m.session[2] <= x[p].number
+        /\ ~(m.type = "Acceptance" /\ m.accepted)
+     \/ /\ r \notin {p, Broadcast} /\ x[r].session # m.session
+        /\ ~NewerThanJoined(x[r], m.session)
+        /\ \/ m.type \in {"Fin", "Cancel"}
+           \/ m.type = "Prescription" /\ x[p].session # m.session
+
+Living(x, ms) == IF Reduced THEN {m \in ms : ~Dead(x, m)} ELSE ms
+
 \* Reduced, all that is answered without a change is in the net already: such
 \* an input does nothing.  (view' # view says the same, later.)
-Idle(s, r) == Reduced /\ r.st = st[s] /\ Heeded(r.out) \subseteq net
+Idle(s, r) ==
+  Reduced /\ r.st = st[s] /\ Living(st, Heeded(r.out)) \subseteq net
 
 Do(s, i) ==
   \E r \in {x \in {Decide(s, st[s], i)} : ~Idle(s, x)} :
   \E x \in {[st EXCEPT ![s] = GivenUp(r.st)]} :
   \E n \in {Sent(Died(net, Dies(i)), Heeded(r.out))} :
     /\ st' = x
-    /\ net' = Sent(n, AllAnswers(s, x, n \ net, n))
+    /\ net' = Living(x, Sent(n, AllAnswers(s, x, n \ net, n)))
     /\ excused' = IF Excuses(s, i) THEN excused \cup {<<st[s].session, s>>}
                   ELSE excused
     /\ received' = received \cup Received(i)

@@ -1,0 +1,278 @@
+"""The commands ``automcm spec ...``.  Imports lazily: each command only what it needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from automcm_cli.common import CODES, Json, progress, write_json
+
+spec = typer.Typer(
+    help="The specification: its models, and how far they can be trusted.", epilog=CODES
+)
+
+
+Profile = Annotated[
+    str | None, typer.Option(help="quick, full or deep: the models of these and of those before.")
+]
+Property = Annotated[
+    str | None, typer.Option("--property", help="Only models that check it, such as S-5.")
+]
+
+
+@spec.command("list", epilog="Example: automcm spec list --property T-2.  " + CODES)
+def spec_list(profile: Profile = None, property_: Property = None, json_: Json = None) -> None:
+    """The models: what each must show, and why it is there."""
+    from automcm_cli import spec as spec_
+
+    models = _chosen([], profile, property_)
+    write_json(json_, [model.model_dump(exclude_none=True) for model in models])
+    if str(json_) != "-":
+        for model in models:
+            typer.echo(spec_.described(model))
+
+
+@spec.command("check", epilog="Example: automcm spec check rejoin --json -.  " + CODES)
+def spec_check(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Models, as automcm spec list names them.")
+    ] = None,
+    profile: Profile = None,
+    property_: Property = None,
+    timeout: Annotated[
+        float | None, typer.Option(min=0, help="Seconds for each model; then it is incomplete.")
+    ] = None,
+    heap: Annotated[int | None, typer.Option(min=16, help="Memory for Java, in MB.")] = None,
+    traces: Annotated[Path, typer.Option(help="Folder for counterexamples, in ITF.")] = Path(
+        "runs/counterexamples"
+    ),
+    distributed: Annotated[
+        bool,
+        typer.Option("--distributed", help="Wait for automcm spec worker; only safety, no trace."),
+    ] = False,
+    host: Annotated[
+        str, typer.Option(help="With --distributed: the address workers reach this machine under.")
+    ] = "127.0.0.1",
+    json_: Json = None,
+) -> None:
+    """Check models with TLC; a counterexample is shown as the inputs that lead to it.
+
+    A run that does not come to its end (time, memory, disk) is incomplete: code 4, and the
+    states it has looked at.
+    """
+    from automcm_cli import spec as spec_
+
+    if not names and profile is None and property_ is None:
+        raise typer.BadParameter("name a model, or give --profile or --property")
+    asked = _chosen(names or [], profile, property_)
+    if distributed:
+        _check_distributed(asked, host, json_)
+    verdicts = []
+    try:
+        for model in asked:
+            with progress() as say:
+                verdicts.append(spec_.check(model, say, timeout, heap))
+            if str(json_) != "-":
+                typer.echo(spec_.shown(verdicts[-1]))
+            if verdicts[-1].trace:
+                path = spec_.write_trace(verdicts[-1], traces)
+                typer.echo(f"written: {path}", err=True)
+    except OSError as error:
+        typer.echo(f"check: {error}", err=True)
+        raise typer.Exit(3) from None
+    finally:
+        write_json(json_, [spec_.as_dict(verdict) for verdict in verdicts])
+    raise typer.Exit(spec_.exit_code(verdicts))
+
+
+@spec.command("mutate", epilog="Example: automcm spec mutate --only OnAck.  " + CODES)
+def spec_mutate(
+    profile: Annotated[
+        str, typer.Option(help="quick: till a mutant is killed; deep: by which properties.")
+    ] = "quick",
+    module: Annotated[
+        list[str] | None, typer.Option(help="A module to mutate, instead of the usual ones.")
+    ] = None,
+    model: Annotated[
+        list[str] | None, typer.Option(help="A model to use, instead of all that fit.")
+    ] = None,
+    only: Annotated[
+        str | None, typer.Option(help="Mutants with this in their id; * and ?.")
+    ] = None,
+    limit: Annotated[
+        int, typer.Option(min=0, help="A fixed sample of this size; 0: all there are.")
+    ] = 260,
+    list_: Annotated[bool, typer.Option("--list", help="Name the mutants, run nothing.")] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Mutants at a time.")] = 2,
+    search: Annotated[
+        float, typer.Option(min=0, help="Seconds: longer models are not run for a better kill.")
+    ] = 2,
+    longest: Annotated[
+        float, typer.Option(min=0, help="Seconds: longer models are not run at all.")
+    ] = 6,
+    write: Annotated[bool, typer.Option(help="Write docs/mutation.md.")] = False,
+    json_: Json = None,
+) -> None:
+    """Change the specification in small ways; the models must notice.  May take an hour.
+
+    What is done is kept under runs/, so an interrupted run goes on where it was.  A mutant that
+    survives must be in spec/models/survivors.toml with the reason.
+    """
+    from rich.console import Console
+
+    from automcm_cli import mutate
+
+    try:
+        asked = mutate.Asked(profile, module, model, only, limit, jobs, search, longest, write)
+        mutants = mutate.select(asked)
+        if list_:
+            write_json(json_, mutate.as_rows(mutants))
+            if str(json_) != "-":
+                typer.echo(mutate.listed(mutants))
+            return
+        with progress() as say:
+            report = mutate.run(asked, mutants, say)
+        if write:
+            mutate.write(report)
+    except mutate.Usage as error:
+        raise typer.BadParameter(str(error)) from None
+    except mutate.FAULTS as error:
+        typer.echo(f"mutate: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, mutate.as_dict(report))
+    if str(json_) != "-":
+        console = Console()
+        mutate.show(report, console if console.is_terminal else Console(width=110))
+    raise typer.Exit(report.exit_code)
+
+
+def _check_distributed(asked: list[Any], host: str, json_: Path | None) -> None:
+    from automcm_cli import distributed as shared_
+    from automcm_spec.tlc import TlcError
+
+    found = []
+    try:
+        for model in asked:
+            with progress() as say:
+                found.append(shared_.check(model, host, say))
+            if str(json_) != "-":
+                typer.echo(shared_.shown(found[-1]))
+    except TlcError as error:
+        typer.echo(f"check: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, [shared_.as_dict(one) for one in found])
+    raise typer.Exit(1 if any(one.problem for one in found) else 0)
+
+
+@spec.command("worker", epilog="Example: automcm spec worker 192.0.2.7.  " + CODES)
+def spec_worker(
+    server: Annotated[
+        str, typer.Argument(metavar="HOST", help="Where spec check --distributed is.")
+    ],
+    threads: Annotated[int, typer.Option(min=1, help="How much to do at a time.")] = 1,
+    host: Annotated[
+        str, typer.Option(help="The address the server reaches this machine under.")
+    ] = "127.0.0.1",
+) -> None:
+    """Help a check on another machine until it is done.  For a network one trusts."""
+    from automcm_spec import distributed
+    from automcm_spec.tlc import TlcError
+
+    try:
+        with progress() as say:
+            say(f"working for {server}")
+            computed = distributed.work(server, threads=threads, host=host)
+    except TlcError as error:
+        typer.echo(f"worker: {error}", err=True)
+        raise typer.Exit(3) from None
+    typer.echo(f"{computed:,} states computed here")
+
+
+@spec.command("simulate", epilog="Example: automcm spec simulate two_by_three.  " + CODES)
+def spec_simulate(
+    name: Annotated[
+        str, typer.Argument(metavar="MODEL", help="As automcm spec list names it, or two_by_three.")
+    ],
+    seed: Annotated[int, typer.Option(min=0, help="The same gives the same behaviours.")] = 1,
+    seconds: Annotated[int, typer.Option(min=1, help="When to end, with the start of Java.")] = 30,
+    depth: Annotated[int, typer.Option(min=1, help="Steps of a behaviour, at most.")] = 100,
+    behaviours: Annotated[int | None, typer.Option(min=1, help="How many, at most.")] = None,
+    lively: Annotated[
+        bool, typer.Option("--lively", help="Without what ends sessions early (Simulation.tla).")
+    ] = False,
+    json_: Json = None,
+) -> None:
+    """Random behaviours of a model, till a property is violated; which rules decided how often?
+
+    Code 4: a model that must fail did not in these behaviours, or there were none in time.
+    """
+    from automcm_cli import spec as spec_
+    from automcm_cli import walks as walks_
+    from automcm_spec import walks
+    from automcm_spec.models import ModelError
+    from automcm_spec.tlc import TlcError
+
+    try:
+        known = walks.known()
+        if name not in known:
+            raise typer.BadParameter(spec_.unknown(name, list(known)), param_hint="MODEL")
+        with progress() as say:
+            found = walks.run(
+                known[name],
+                seed=seed,
+                depth=depth,
+                seconds=seconds,
+                number=behaviours,
+                lively=lively,
+                on_progress=lambda n: say(f"{name}: {n:,} behaviours"),
+            )
+    except (TlcError, ModelError, walks.WalkError, OSError) as error:
+        typer.echo(f"simulate: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, found.as_dict())
+    if str(json_) != "-":
+        typer.echo(walks_.shown(found))
+    raise typer.Exit(found.exit_code)
+
+
+@spec.command("bench", epilog="Example: automcm spec bench --seconds 120.  " + CODES)
+def spec_bench(
+    seconds: Annotated[int, typer.Option(min=1, help="For each naive encoding.")] = 60,
+    json_: Json = None,
+) -> None:
+    """States and seconds of our encoding of the radio against two naive ones; at least 20 times?
+
+    A naive one that does not finish in time gives a lower bound.  Too low a bound is code 4.
+    """
+    from rich.console import Console
+
+    from automcm_cli import bench as bench_
+    from automcm_spec import bench
+    from automcm_spec.tlc import TlcError
+
+    try:
+        with progress() as say:
+            report = bench.run(seconds, say)
+    except (TlcError, bench.BenchError, OSError) as error:
+        typer.echo(f"bench: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, report.as_dict())
+    if str(json_) != "-":
+        console = Console()
+        bench_.show(report, console if console.is_terminal else Console(width=100))
+    raise typer.Exit(report.exit_code)
+
+
+def _chosen(names: list[str], profile: str | None, property_: str | None) -> list[Any]:
+    from automcm_cli import spec as spec_
+    from automcm_spec import models
+
+    try:
+        return list(spec_.chosen(models.load(), names, profile, property_))
+    except models.ModelError as error:
+        typer.echo(f"spec: {error}", err=True)
+        raise typer.Exit(3) from None
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None

@@ -1,0 +1,114 @@
+"""What the mutants change into what, what they leave alone, and why."""
+
+from __future__ import annotations
+
+MODULES = ("Station", "System")
+"""The modules that are mutated unless others are named."""
+
+KINDS: dict[str, str] = {
+    "conjunct": "a conjunct, the condition of an implication or that of a set filter is dropped",
+    "disjunct": "a disjunct or an arm of a CASE is dropped",
+    "action": "what a CASE dispatches to is not done: the station ignores the input",
+    "guard": "a condition is negated, or a named guard is always true",
+    "branch": "the THEN of an IF is never taken",
+    "assignment": "a field of an EXCEPT, or a variable, keeps its value",
+    "constant": "a phase, role, message type, reason, timer, command or truth value is another one",
+    "number": "a number is off by one, a comparison takes or leaves its boundary",
+    "member": "a member of a set, a part of a union or a subtraction is dropped",
+}
+
+NOT_MUTATED: dict[str, str] = {
+    "Station.Phases": "read by the type invariant only",
+    "Station.Roles": "read by the type invariant only",
+    "Station.StationTypeInv": "a property",
+    "Station.Nobody": "a name for a value; any that no station has will do",
+    "Station.Broadcast": "a name for a value; any that no station has will do",
+    "Station.NoSession": "a name for a value; any that no session has will do",
+    "Station.Nothing": "what the application is told: no model looks at it",
+    "Station.OnCam": "no model has CAMs (their loss is a timer); the oracle and its tests see it",
+    "Station.Marks": "no model has CAMs; the oracle and its tests see it",
+    "Station.Step": "arm and stop: the models take the timers from Armed; the oracle sees it",
+    "Station.Expired": "used by Step alone",
+    "System.Init": "the start; its parts are mutated in Station.Initial",
+    "System.vars": "the subscript of the actions",
+    "System.view": "what TLC takes for a state",
+    "System.Spec": "no model uses it",
+    "System.Excuses": "defines a history variable, which belongs to S-5",
+    "System.Received": "defines a history variable, which belongs to S-6",
+}
+"""Definitions that are left alone, and why.  So is every property: see PROPERTIES_FROM."""
+
+PROPERTIES_FROM = "Helpers of the properties"
+"""A module is left alone from the heading with these words on: a property must not be weakened."""
+
+HISTORY = {"excused", "received", "last"}
+"""Variables whose next value is left alone: only properties read them."""
+
+UNSEEN_FIELDS = {"told", "rule", "again"}
+"""Fields of an effect that are left alone: no model reads them (the oracle's graph has them)."""
+
+UNSEEN_ARGUMENTS = {("Effect", 2), ("LeaveWith", 2), ("RefuseProposal", 3)}
+"""Arguments (operator, position from 0) that are left alone: what the application is told."""
+
+UNREAD_ZERO = "Cmd"
+"""A zero given to this operator fills a field of a command that nobody reads."""
+
+UNINDEXED = {"t", "timer", "of"}
+"""Tuples of unlike things, whose index is left alone: TLC could not evaluate the mutant.  For the
+same reason the conditions of a CASE without OTHER are left alone; its actions are not."""
+
+NEIGHBOURS: dict[str, str] = {
+    "STANDALONE": "WAITING",
+    "ADVERTISING": "CHOOSING",
+    "CHOOSING": "PRESCRIBING",
+    "PRESCRIBING": "NEGOTIATING",
+    "INTENDING": "WAITING",
+    "WAITING": "NEGOTIATING",
+    "NEGOTIATING": "ACTUATING",
+    "ACTUATING": "NEGOTIATING",
+    "prescriber": "receiver",
+    "receiver": "prescriber",
+    "Advertisement": "Intention",
+    "Intention": "Prescription",
+    "Prescription": "Acceptance",
+    "Acceptance": "Prescription",
+    "Fin": "Cancel",
+    "Cancel": "Fin",
+    "Ack": "Fin",
+    # A reason matters where "busy" and "unknown_session" end a negotiation and "closed" a session.
+    "busy": "unsafe",
+    "unknown_session": "unsafe",
+    "unsafe": "busy",
+    "undecided": "busy",
+    "closed": "abort",
+    "not_selected": "closed",
+    "not_needed": "closed",
+    "no_agreement": "closed",
+    "timeout": "closed",
+    "cam_loss": "closed",
+    "lease_expired": "closed",
+    "abort": "closed",
+    "as_sent": "none",
+    "advertise": "backoff",
+    "backoff": "advertise",
+    "decide": "hold",
+    "hold": "decide",
+    "answer": "lease",
+    "lease": "cam",
+    "cam": "lease",
+    "quarantine": "forget",
+    "forget": "quarantine",
+    "resend": "giveup",
+    "giveup": "resend",
+}
+"""A constant and a plausible neighbour of its kind.  "none" is left alone: it has three kinds."""
+COMMANDS: dict[str, str] = {
+    "request": "abort",
+    "prescribe": "proceed",
+    "proceed": "abort",
+    "accept": "refuse",
+    "refuse": "accept",
+    "complete": "abort",
+    "abort": "complete",
+}
+"""The same for the names of commands."""

@@ -1,0 +1,75 @@
+"""The steps of a counterexample: who took which input, by which rule, and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from automcm_spec import simulate
+from automcm_spec.oracle import STATE_FIELDS, canonical
+from automcm_spec.rules import handler, line
+from automcm_spec.tlc import TraceState
+
+Json = Any
+
+#: What happens in a model that is no step of a station.
+EVENTS = {
+    "tick": "a tick passes",
+    "cut": "the radio is cut",
+    "silence": "no CAM is heard from here on",
+    "lose": "a message is lost",
+}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step.
+
+    index counts from 1. station is its id, or None for an event of the radio or of time. input is
+    in the form of the oracle, with the model's ids. line is that of Station.tla where the rule
+    decided, 0 for an event. changes maps the changed fields of the station to before and after.
+    """
+
+    index: int
+    station: int | str | None
+    input: Json
+    rule: str | None
+    line: int
+    changes: dict[str, tuple[Json, Json]]
+
+    @property
+    def text(self) -> str:
+        """The step in one line, and what it changed in another."""
+        if self.station is None:
+            what = EVENTS[self.input[0]]
+            return f"{what}: {canonical(self.input[1])}" if self.input[1:] else what
+        by = f"[{self.rule}: {handler(self.input)}, Station.tla:{self.line}]"
+        fields = [f"{n} {canonical(a)} → {canonical(b)}" for n, (a, b) in self.changes.items()]
+        changed = ", ".join(fields) or "nothing changes"
+        return f"station {self.station}: {canonical(self.input)}  {by}\n     {changed}"
+
+
+def steps(trace: Sequence[TraceState]) -> list[Step]:
+    """The steps of a trace of any model: its variable ``last`` names each."""
+    return [_step(before, after) for before, after in pairwise(trace)]
+
+
+def _step(before: TraceState, after: TraceState) -> Step:
+    last: Any = after.values["last"]
+    given, who, rule = last["input"], last["station"], last["rule"]
+    number = after.index - 1
+    if given["kind"] in EVENTS:
+        about = [simulate.message(given["message"])] if "message" in given else []
+        return Step(number, None, [given["kind"], *about], None, 0, {})
+    value = simulate.input_(given)
+    old = simulate.state(_of(before.values["st"], who))
+    new = simulate.state(_of(after.values["st"], who))
+    changes = {n: (a, b) for n, a, b in zip(STATE_FIELDS, old, new, strict=True) if a != b}
+    return Step(number, who, value, rule, line(rule, value), changes)
+
+
+def _of(stations: Any, who: Any) -> Any:
+    """The station ``who`` of the variable st, a sequence or a function of ids."""
+    return stations[who] if isinstance(stations, Mapping) else stations[who - 1]

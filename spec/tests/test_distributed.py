@@ -1,0 +1,41 @@
+"""TLC's server with two workers, all on loopback."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from automcm_spec import distributed, models, tlc
+
+MODELS = {model.cfg: model for model in models.load()}
+
+
+def shared(name: str) -> tuple[distributed.Shared, list[int]]:
+    with ThreadPoolExecutor(3) as pool:
+        server = pool.submit(distributed.serve, MODELS[name], timeout_s=120)
+        workers = [pool.submit(distributed.work, "127.0.0.1", timeout_s=120) for _ in range(2)]
+        return server.result(), [worker.result() for worker in workers]
+
+
+def test_two_workers_find_the_states_of_one() -> None:
+    found, computed = shared("one_by_two")
+    assert found.problem is None
+    assert found.distinct_states == MODELS["one_by_two"].distinct_states
+    assert len(computed) == 2
+
+
+@pytest.mark.parametrize("name", ["any_lease_order", "no_busy_refusal"])
+def test_a_violated_invariant_and_a_violated_action_property_are_found(name: str) -> None:
+    found, _ = shared(name)
+    assert (found.outcome, found.problem) == ("violates", None)
+
+
+def test_a_worker_waits_for_its_server() -> None:
+    with pytest.raises(tlc.TlcError) as error:
+        distributed.work("127.0.0.1", timeout_s=1)
+    assert error.value.kind == "timeout"
+
+
+def test_a_server_without_workers_waits() -> None:
+    with pytest.raises(tlc.TlcError) as error:
+        distributed.serve(MODELS["one_by_two"], timeout_s=1)
+    assert error.value.kind == "timeout"

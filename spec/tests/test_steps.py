@@ -1,0 +1,76 @@
+"""The steps of counterexamples of all kinds of models, as named inputs."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from automcm_spec import models
+from automcm_spec.models import Verdict
+from automcm_spec.steps import Step, steps
+
+
+@cache
+def checked(cfg: str) -> Verdict:
+    verdict = models.check(next(m for m in models.load() if m.cfg == cfg))
+    assert verdict.ok, verdict.problem
+    return verdict
+
+
+def found(cfg: str) -> list[Step]:
+    return steps(checked(cfg).trace)
+
+
+def test_every_step_of_a_station_names_its_input_rule_and_line() -> None:
+    for step in found("bare_ack"):
+        assert step.station in (1, 2)
+        assert step.rule and step.line > 0 and step.input[0] in ("receive", "command", "expire")
+    last = found("bare_ack")[-1]
+    assert last.input[1][0] == "Ack"
+    assert "outbox" in last.changes
+    assert f"station {last.station}: " in last.text and f"[{last.rule}: OnAck" in last.text
+
+
+def test_a_liveness_counterexample_goes_on_for_ever() -> None:
+    result = checked("no_lease").result
+    assert result is not None and result.loop == len(result.trace)
+    text = [step.text for step in found("no_lease")]
+    assert "a message is lost: " in "".join(text)
+
+
+@pytest.mark.parametrize(("cfg", "event"), [("bound_less_one", "tick"), ("silent_cam_loss", "cut")])
+def test_time_and_the_radio_have_steps_of_their_own(cfg: str, event: str) -> None:
+    events = [step for step in found(cfg) if step.station is None]
+    assert event in {step.input[0] for step in events}
+    assert all(not step.changes and step.rule is None and step.text for step in events)
+
+
+def test_the_bound_of_t_2_is_reached_by_a_restart_after_a_cam() -> None:
+    kinds = [step.input[0] for step in found("bound_less_one")]
+    restart = kinds.index("restart")
+    assert "cam" in kinds[restart:]  # the last CAM with the mark arrives after the restart
+    assert kinds[restart:].count("tick") == 5  # Delay + CamLoss of that model
+
+
+def test_a_station_that_is_a_model_value_is_found_by_its_name() -> None:
+    verdict = checked("bare_ack")
+    trace = [
+        state.__class__(
+            state.index,
+            state.action,
+            state.location,
+            state.values
+            | {"st": dict(zip(("a", "b"), state.values["st"], strict=True))}
+            | {
+                "last": {
+                    **state.values["last"],
+                    "station": "ab"[(state.values["last"]["station"] or 1) - 1],
+                }
+            },
+        )
+        for state in verdict.trace
+    ]
+    assert [step.station for step in steps(trace)] == [
+        "ab"[(step.station or 1) - 1] for step in steps(verdict.trace)
+    ]

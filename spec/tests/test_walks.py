@@ -1,0 +1,96 @@
+"""Random behaviours of a model: the same by the same seed, and what they decide."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli.main import app
+from automcm_spec import walks
+from automcm_spec.paths import MODELS, SIMULATION
+from automcm_spec.rules import RULES
+
+KNOWN = walks.known()
+
+
+def test_the_listed_models_and_the_larger_ones_have_names() -> None:
+    assert set(KNOWN) == {p.stem for p in [*MODELS.glob("*.cfg"), *SIMULATION.glob("*.cfg")]}
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    def report(seed: int, number: int) -> str:
+        found = walks.run(KNOWN["two_by_three"], seed=seed, depth=30, seconds=None, number=number)
+        return json.dumps(found.as_dict())
+
+    first = report(1, 20)
+    assert first == report(1, 20)
+    assert first != report(2, 5)
+    assert json.loads(first)["behaviours"] == 20
+
+
+def test_every_step_is_decided_by_a_rule() -> None:
+    found = walks.run(KNOWN["one_by_two"], depth=12, seconds=None, number=100)
+    assert (found.behaviours, found.ended, found.exit_code) == (100, "number", 0)
+    assert found.steps == sum(found.rules.values()) <= 1200
+    assert found.rules["ADV-1"] == 100  # one session, and it is opened first
+    assert set(found.rules) | set(found.never) == set(RULES)
+    assert "MEM-1" in found.never
+
+
+def test_lively_behaviours_get_as_far_as_driving() -> None:
+    found = walks.run(KNOWN["one_by_two"], depth=60, seconds=None, number=50, lively=True)
+    assert {"NEG-2", "NEG-6", "ACT-3"} <= set(found.rules)
+    assert "PRE-3" in found.never
+
+
+def test_a_violated_property_is_reported_with_its_steps() -> None:
+    result = CliRunner().invoke(
+        app, ["spec", "simulate", "bare_ack", "--seconds", "60", "--depth", "40"]
+    )
+    assert result.exit_code == 0, result.output
+    assert "S-6 is violated; as expected" in result.output
+    assert "  1. station 1: " in result.output
+    assert "[END-6: OnAck" in result.output or "[ADV-6: OnAck" in result.output
+
+
+def test_a_violation_where_all_was_to_hold_is_a_verdict_against() -> None:
+    found = walks.run(KNOWN["bare_ack"], seconds=60, depth=40)
+    assert found.ended == "violation"
+    assert found.rules[last_rule(found)] >= 1
+    unexpected = walks.Walks(
+        KNOWN["one_by_two"], 1, 40, 1, 1, found.rules, "violation", found.property, found.trace
+    )
+    assert unexpected.exit_code == 1
+
+
+def last_rule(found: walks.Walks) -> str:
+    last = found.trace[-1].values["last"]
+    assert isinstance(last, dict)
+    return str(last["rule"])
+
+
+def test_a_model_that_must_fail_and_does_not_is_no_verdict() -> None:
+    found = walks.run(KNOWN["retarget"], depth=3, seconds=None, number=5)
+    assert (found.property, found.exit_code) == (None, 4)
+
+
+def test_the_time_ends_the_behaviours() -> None:
+    short = walks.run(KNOWN["two_by_three"], depth=30, seconds=2)
+    assert short.ended == "time"
+    if short.behaviours:
+        again = walks.run(KNOWN["two_by_three"], depth=30, seconds=None, number=short.behaviours)
+        assert (again.steps, again.rules) == (short.steps, short.rules)
+    else:
+        assert short.exit_code == 4
+
+
+def test_an_unknown_name_lists_the_nearest() -> None:
+    result = CliRunner().invoke(app, ["spec", "simulate", "two_by_thre"])
+    assert result.exit_code == 2
+    assert "two_by_three" in result.output
+
+
+def test_a_module_that_does_not_extend_system_is_refused() -> None:
+    model = walks.Walked("open", KNOWN["one_by_two"].cfg, "OpenStation")
+    with pytest.raises(walks.WalkError, match="does not extend System"):
+        walks.run(model, number=1)

@@ -1,0 +1,320 @@
+----------------------------- MODULE TimedSystem -----------------------------
+(***************************************************************************)
+(* System with time.  The named timers get durations in ticks, a message   *)
+(* takes at most Delay ticks, and CAMs are sent every CamInterval.  So the *)
+(* orders of timers that System assumes need not be assumed: they follow   *)
+(* (T-5), and S-1 to S-5 must hold without them.                           *)
+(*                                                                         *)
+(* Time passes only when nothing is due: a due timer fires at its instant, *)
+(* before messages and commands of the same instant, and in the order of   *)
+(* the table in docs/protocol.md.  All clocks run alike.                   *)
+(*                                                                         *)
+(* What may go wrong is an Environment (Environments.tla), chosen at the   *)
+(* start: whether the radio is perfect (every copy arrives within Delay)   *)
+(* or lossy in each direction, what may be cut for good, which stations    *)
+(* may abort or restart.  CAMs do not overtake each other (ASSUME), so a   *)
+(* CAM that arrives is newer than the last one.                            *)
+(*                                                                         *)
+(* Of System it uses what a station may be asked, and the properties.  Of  *)
+(* its variables, `net` is history here: the positive Acceptances that     *)
+(* were sent.  What is on its way is `air`.                                *)
+(***************************************************************************)
+EXTENDS System, TLC
+
+CONSTANTS
+  ResendTime,    \* t_resend
+  Sendings,      \* N: t_giveup is N * t_resend
+  Delay,         \* a copy takes 0 .. Delay ticks
+  CamInterval,   \* between two CAMs of a station
+  CamLoss,       \* t_cam_loss
+  Deciding,      \* t_decide
+  Lease,         \* lease_ms
+  Prompt,        \* an application answers at once, not within t_decide
+  Environments   \* what may go wrong; see Environments.tla
+
+ASSUME CamLoss > CamInterval + Delay /\ Lease >= CamLoss
+ASSUME CamInterval > Delay
+ASSUME 2 * Delay < ResendTime
+
+GiveUpTime    == Sendings * ResendTime
+AdvertiseTime == GiveUpTime
+AnswerTime    == Deciding + GiveUpTime
+HoldTime      == AdvertiseTime + Deciding + 2 * GiveUpTime
+LifeTime      == 2 * GiveUpTime
+
+VARIABLES
+  env,     \* the Environment
+  cut,     \* what may be cut is cut
+  clock,   \* clock[s][t]: ticks until the armed timer t of s is due
+  air,     \* copies on their way: [to, message, left, sure]
+  next,    \* next[s]: ticks until the next CAM of s
+  age,     \* age[s]: ticks s has been bound; while it is not, 0
+  sends,   \* sends[s][e]: how often entry e was sent by its timer
+  been,    \* history: <<session, s>>: sessions that s has ever joined
+  hazard   \* ticks the hazard of T-2 has lasted
+
+tvars == <<vars, env, cut, clock, air, next, age, sends, been, hazard>>
+tview ==
+  <<st, net, excused, env, cut, clock, air, next, age, sends, been, hazard>>
+
+TInit ==
+  /\ Init
+  /\ env \in Environments
+  /\ cut = FALSE
+  /\ clock = [s \in Stations |-> <<>>]
+  /\ air = {}
+  /\ next \in [Stations -> 1 .. CamInterval]
+  /\ age = [s \in Stations |-> 0]
+  /\ sends = [s \in Stations |-> <<>>]
+  /\ been = {}
+  /\ hazard = 0
+
+Max(a, b) == IF a > b THEN a ELSE b
+Min(a, b) == IF a < b THEN a ELSE b
+
+(***************************************************************************)
+(* Timers                                                                  *)
+(***************************************************************************)
+DurationOf(s, t) ==
+  CASE t[1] = "advertise"              -> AdvertiseTime
+    [] t[1] = "resend"                 -> ResendTime
+    [] t[1] = "giveup"                 -> GiveUpTime
+    [] t[1] \in {"decide", "backoff"}  -> Deciding
+    [] t[1] = "hold"                   -> HoldTime
+    [] t[1] = "answer"                 -> AnswerTime
+    [] t[1] = "cam"                    -> CamLoss
+    [] t[1] = "lease"                  -> Lease
+    [] t[1] = "quarantine"             -> AdvertiseTime + LifeTime
+    [] t[1] = "forget"                 ->
+         Max(LifeTime, AdvertiseTime + LifeTime - age[s])
+
+Duration(s, t) == DurationOf(s, t)
+
+\* Those due at the same instant fire in this order.
+Order(t) ==
+  CASE t[1] = "advertise"  -> 1
+    [] t[1] = "decide"     -> 3
+    [] t[1] = "hold"       -> 4
+    [] t[1] = "answer"     -> 5
+    [] t[1] = "cam"        -> 6
+    [] t[1] = "lease"      -> 7
+    [] t[1] = "giveup"     -> 8
+    [] t[1] = "resend"     -> IF t[2].type = "Advertisement" THEN 2 ELSE 9
+    [] t[1] = "quarantine" -> 10
+    [] t[1] = "forget"     -> 11
+    [] t[1] = "backoff"    -> 12
+
+Due(s)  == {t \in DOMAIN clock[s] : clock[s][t] = 0}
+Settled == \A s \in Stations : Due(s) = {}
+
+\* Timers armed anew beyond what Step says: none.
+AlsoArmed(s, r) == {}
+
+Clock(s, i, r) ==
+  LET after == Armed(s, r.st)
+      anew  == Expired(i) \cup r.again \cup AlsoArmed(s, r)
+  IN [t \in after |-> IF t \in DOMAIN clock[s] /\ t \notin anew
+                      THEN clock[s][t] ELSE Duration(s, t)]
+
+Sends(s, i, r) ==
+  [e \in r.st.outbox |->
+     IF e \notin st[s].outbox THEN 1
+     ELSE sends[s][e] + (IF <<"resend", e>> \in Expired(i) THEN 1 ELSE 0)]
+
+(***************************************************************************)
+(* The radio                                                               *)
+(***************************************************************************)
+Direction(s) == IF s \in Prescribers THEN "forward" ELSE "backward"
+Cut(s)       == cut /\ Direction(s) \in env.cut
+
+Addressees(m) == IF m.dst = Broadcast THEN Stations \ {m.src} ELSE {m.dst}
+
+\* A copy is sure to arrive if the direction is perfect, or if it is the
+\* last of the N that one of which gets through.
+Sure(s, m, counts) ==
+  \/ env.perfect[Direction(s)]
+  \/ /\ env.one_passes
+     /\ \E e \in DOMAIN counts : Copy(s, e) = m /\ counts[e] = Sendings
+
+Copies(s, ms, counts) ==
+  IF Cut(s) THEN {}
+  ELSE UNION { { [to |-> t, message |-> m, left |-> Delay,
+                  sure |-> Sure(s, m, counts)] : t \in Addressees(m) } :
+               m \in {k \in ms : ~(k.type = "Cancel" /\ env.cancels_lost)} }
+
+Cam(s) == [type |-> "CAM", src |-> s, dst |-> Broadcast, marks |-> Marks(st[s])]
+
+\* What a copy is to its addressee.
+InputOf(c) ==
+  IF c.message.type = "CAM"
+  THEN [ kind |-> "cam", src |-> c.message.src, newer |-> TRUE,
+         marks |-> c.message.marks ]
+  ELSE [ kind |-> "receive", message |-> c.message,
+         concerned |-> c.to \in Receivers ]
+
+\* Without ACT-5 (env.marks FALSE) any CAM of the peer counts.  Without the
+\* Cancel of ACT-2 (env.cancel FALSE) CAM loss is silent.
+Effected(s, i) ==
+  LET r == Decide(s, st[s], IF i.kind = "cam" /\ ~env.marks
+                            THEN [i EXCEPT !.marks = {st[s].session}] ELSE i)
+  IN
+  IF i.kind = "expire" /\ i.timer[1] = "cam" /\ ~env.cancel
+  THEN [r EXCEPT !.st = Leave(st[s]), !.out = {}] ELSE r
+
+\* A copy that does nothing may as well be lost.
+Useless(c) ==
+  LET r == Effected(c.to, InputOf(c)) IN
+  r.st = st[c.to] /\ r.out = {} /\ r.again = {}
+
+\* An Ack of what is not in its addressee's outbox does nothing, now or ever.
+Alive(copies, stations) ==
+  {c \in copies : c.message.type = "Ack" =>
+     \E e \in stations[c.to].outbox : AckMatches(e, c.message)}
+
+(***************************************************************************)
+(* Steps                                                                   *)
+(***************************************************************************)
+HazardNow ==
+  \E s \in Stations :
+    LET t == st[s].target IN
+    /\ Acts(s, "prescriber")
+    /\ ~(/\ Acts(t, "receiver") /\ st[t].session = st[s].session
+         /\ st[t].proposal = st[s].proposal)
+
+\* When to stop looking: never.
+Goes == TRUE
+
+TDo(s, i, taken) ==
+  \E r \in {Effected(s, i)} :
+  \E counts \in {Sends(s, i, r)} :
+    /\ st' = [st EXCEPT ![s] = r.st]
+    /\ clock' = [clock EXCEPT ![s] = Clock(s, i, r)]
+    /\ sends' = [sends EXCEPT ![s] = counts]
+    /\ air' = Alive((air \ taken)
+                    \cup Copies(s, {Plain(m) : m \in r.out}, counts), st')
+    /\ age' = [age EXCEPT ![s] = IF Bound(r.st) THEN @ ELSE 0]
+    /\ net' = net \cup {Plain(m) : m \in {k \in r.out : /\ k.type = "Acceptance"
+                                                        /\ k.accepted}}
+    /\ excused' = IF Excuses(s, i) THEN excused \cup {<<st[s].session, s>>}
+                  ELSE excused
+    /\ been' = been \cup {<<x, s>> : x \in r.st.joined}
+    /\ last' = [station |-> s, input |-> i, rule |-> r.rule]
+    /\ UNCHANGED <<received, env, cut, next, hazard>>
+
+FireDue(s) ==
+  \E t \in {x \in Due(s) : \A y \in Due(s) : Order(x) <= Order(y)} :
+    TDo(s, [kind |-> "expire", timer |-> t], {})
+
+Deliver(c) ==
+  /\ Due(c.to) = {}
+  /\ ~Useless(c)
+  /\ TDo(c.to, InputOf(c), {c})
+
+Duplicate(c) ==
+  /\ env.duplicates /\ c.message.type # "CAM"
+  /\ Due(c.to) = {}
+  /\ ~Useless(c)
+  /\ TDo(c.to, InputOf(c), {})
+
+Obey(s) ==
+  /\ Due(s) = {}
+  /\ \E c \in Commands(s) :
+       /\ c.name \in env.commands
+       /\ c.name = "abort" => s \in env.aborters
+       /\ TDo(s, c, {})
+
+Restart(s) ==
+  /\ s \in env.restarters
+  /\ TDo(s, [kind |-> "restart"], {})
+
+Event(name) == [station |-> Nobody, input |-> [kind |-> name], rule |-> "none"]
+
+CutOff ==
+  /\ env.cut # {} /\ ~cut /\ cut' = TRUE
+  /\ air' = {c \in air : Direction(c.message.src) \notin env.cut}
+  /\ last' = Event("cut")
+  /\ UNCHANGED <<st, net, excused, received, env, clock, next, age, sends, been,
+                 hazard>>
+
+\* The application has been asked, or wants a maneuver.
+Asked(s) ==
+  LET x == st[s] IN
+  \/ x.phase = "CHOOSING" \/ x.deciding
+  \/ x.phase = "NEGOTIATING" /\ x.role = "receiver"
+  \/ s \in Prescribers /\ ~Bound(x) /\ x.number < MaxSessions /\ ~x.backoff
+
+Tick ==
+  /\ Settled
+  /\ Prompt => \A s \in Stations : ~Asked(s)
+  /\ \A c \in air : c.sure /\ c.left = 0 => Useless(c)
+  /\ clock' = [s \in Stations |->
+                 [t \in DOMAIN clock[s] |-> clock[s][t] - 1]]
+  /\ next' = [s \in Stations |-> IF next[s] = 1 THEN CamInterval ELSE next[s] - 1]
+  /\ air' = {[c EXCEPT !.left = @ - 1] : c \in {x \in air : x.left > 0}}
+            \cup UNION { Copies(s, {Cam(s)}, <<>>) :
+                           s \in {x \in Stations : /\ next[x] = 1
+                                                   /\ env.marks => Marks(st[x]) # {}} }
+  /\ age' = [s \in Stations |-> IF Bound(st[s]) THEN age[s] + 1 ELSE 0]
+  /\ hazard' = IF HazardNow THEN hazard + 1 ELSE 0
+  /\ last' = Event("tick")
+  /\ UNCHANGED <<st, net, excused, received, env, cut, sends, been>>
+
+TNext ==
+  /\ Goes
+  /\ \/ \E s \in Stations : FireDue(s) \/ Obey(s) \/ Restart(s)
+     \/ \E c \in air : Deliver(c) \/ Duplicate(c)
+     \/ CutOff
+     \/ Tick
+
+(***************************************************************************)
+(* T-1: a session lasts at most so many ticks.  A receiver's last verdict  *)
+(* leads to the lease, or to waiting once more.                            *)
+(***************************************************************************)
+RoundTime == Min(Lease, GiveUpTime + AnswerTime)
+PrescriberTime ==
+  AdvertiseTime + Deciding + (MaxRounds - 1) * (RoundTime + Deciding) + Lease
+ReceiverTime ==
+  GiveUpTime + MaxRounds * (HoldTime + Deciding) + Max(Lease, HoldTime)
+
+DurationInv ==
+  \A s \in Stations :
+    age[s] <= IF st[s].role = "prescriber" THEN PrescriberTime ELSE ReceiverTime
+
+(***************************************************************************)
+(* T-3: a reliable message is sent at most N times by its timer.           *)
+(***************************************************************************)
+SendingsInv ==
+  \A s \in Stations : \A e \in DOMAIN sends[s] : sends[s][e] <= Sendings
+
+(***************************************************************************)
+(* T-4: the prescriber's lease does not outlive its target's.              *)
+(***************************************************************************)
+LeaseInv ==
+  \A s \in Stations :
+    LET t == st[s].target IN
+    /\ st[s].role = "prescriber" /\ t # Nobody /\ LeaseRuns(st[s])
+    /\ Acts(t, "receiver") /\ st[t].session = st[s].session
+    /\ st[t].proposal = st[s].proposal
+    => clock[s][Timer("lease")] <= clock[t][Timer("lease")]
+
+(***************************************************************************)
+(* T-5: the orders that the untimed models assume.  When a session is      *)
+(* forgotten, or a quarantine ends, nobody advertises a session that the   *)
+(* station has been in, and no copy of its Advertisement is left; and      *)
+(* nothing to its prescriber is left in the outbox.                        *)
+(***************************************************************************)
+Advertising(x) ==
+  \/ \E p \in Stations : st[p].phase = "ADVERTISING" /\ st[p].session = x
+  \/ \E c \in air : c.message.type = "Advertisement" /\ c.message.session = x
+
+OrdersInv ==
+  \A s \in Stations : \A t \in Due(s) :
+    /\ t[1] = "forget" =>
+         /\ \A x \in st[s].joined : x[1] = t[2] => ~Advertising(x)
+         /\ \A e \in st[s].outbox : e.session[1] # t[2]
+    /\ t[1] = "quarantine" =>
+         \A x \in been : x[2] = s => ~Advertising(x[1])
+
+\* S-5 at the end of an instant: at its beginning both leases may be due.
+SettledHazardInv == Settled => NoHazardInv
+==============================================================================
