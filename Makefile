@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test generate clean
+.PHONY: verify test generate fuzz clean
 .DELETE_ON_ERROR:
 
 verify: .venv/ready
@@ -12,10 +12,14 @@ test: .venv/ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/pytest -q -n 2 --cov --cov-report=term $(ARGS)
+	@$(BIN)/pytest -q -n 2 --dist loadgroup --cov --cov-report=term $(ARGS)
 
 generate: .venv/ready
 	@$(BIN)/automcm generate $(ARGS)
+
+# Ten million changed encodings; make fuzz ARGS="--count 100000 --seed 2" for fewer or others.
+fuzz: .venv/ready
+	@$(BIN)/python -m automcm.fuzz $(ARGS)
 
 clean:
 	@rm -rf .venv .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache runs dist build

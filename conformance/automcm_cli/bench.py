@@ -7,8 +7,6 @@ from rich.table import Table
 
 from automcm_spec.bench import FACTOR, Figure, Report
 
-MODEL = "1 prescriber, 1 receiver, 2 sessions, 2 proposals; S-1 to S-5 hold as far as seen."
-
 
 def show(report: Report, console: Console) -> None:
     """Print the table, and what follows from it."""

@@ -18,6 +18,8 @@ CORPUS = ROOT / "traces" / "corpus" / "four-vehicles"
 SCHEMA = ROOT / "traces" / "automcm_traces" / "trace-1.schema.json"
 MODELS_PAGE = ROOT / "docs" / "models.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
+MESSAGES_SCHEMA = ROOT / "reference" / "automcm" / "messages.schema.json"
+MESSAGES_PAGE = ROOT / "docs" / "messages.md"
 DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
 FOUR_VEHICLES = (1001, 2002, 3003, 4004)
 
@@ -58,10 +60,12 @@ def counterexample_drift(verdicts: Sequence[models.Verdict]) -> list[str]:
 
 def four_vehicles(folder: Path) -> None:
     """The logs of the paper's four vehicles: seeded, with loss, so that every byte is fixed."""
+    from automcm.links.simulated import Channel
     from automcm.parameters import Parameters
-    from automcm.simulation import Radio, Simulation, Straight
+    from automcm.simulation import Simulation
+    from automcm.straight import Straight
 
-    simulation = Simulation(seed=3, radio=Radio(loss=0.2, duplicate=0.05), logs=folder)
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2, duplicate=0.05), logs=folder)
     for station in FOUR_VEHICLES:
         simulation.add(station, Straight(target=FOUR_VEHICLES[2]), Parameters(t_cam=400))
     simulation.request(FOUR_VEHICLES[0], at=500)
@@ -70,11 +74,16 @@ def four_vehicles(folder: Path) -> None:
 
 def _texts() -> dict[Path, str]:
     """What is generated within a second; the diagrams come from the graph as it is on disk."""
+    from automcm import phases, sizes
+    from automcm import schema as messages_schema
+
     texts = {
         SCHEMA: schema.text(),
+        MESSAGES_SCHEMA: messages_schema.text(),
+        MESSAGES_PAGE: sizes.page(MESSAGES_PAGE.read_text()),
         CITATIONS: citations.table(ROOT),
         MODELS_PAGE: spec.models_page(models.load()),
-        DIAGRAMS: diagrams.text(oracle.load(generate.ONE_PEER.path)),
+        DIAGRAMS: diagrams.text(oracle.load(generate.ONE_PEER.path), phases.WAYS),
     }
     with tempfile.TemporaryDirectory() as folder:
         four_vehicles(Path(folder))

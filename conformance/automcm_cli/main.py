@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli import spec_commands
+from automcm_cli import demo_command, spec_commands, station, station_bench
 from automcm_cli.common import CODES, Json, progress, write_json
 
 app = typer.Typer(
@@ -21,6 +21,12 @@ app = typer.Typer(
 trace = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
 app.add_typer(trace, name="trace", no_args_is_help=True)
 app.add_typer(spec_commands.spec, name="spec", no_args_is_help=True)
+app.add_typer(station_bench.bench, name="bench", no_args_is_help=True)
+app.add_typer(station.link, name="link", no_args_is_help=True)
+app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
+app.command(epilog="Example: automcm station --id 7 --request-after 500.  " + CODES)(
+    station.station
+)
 
 
 @app.command(epilog="Example: automcm verify --profile full --json report.json.  " + CODES)
@@ -75,6 +81,10 @@ def generate(
 @trace.command(epilog="Example: automcm trace explain 1001.ndjson 2002.ndjson.  " + CODES)
 def explain(
     logs: Annotated[list[Path], typer.Argument(help="Logs in the format automcm.trace/1.")],
+    late: Annotated[
+        int | None,
+        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
+    ] = None,
     json_: Json = None,
 ) -> None:
     """Is each log allowed by the specification?  If not: the first event that is not, and why.
@@ -85,7 +95,7 @@ def explain(
     from automcm_traces import explain as explain_
 
     try:
-        verdicts = explain_.explain_files(logs)
+        verdicts = explain_.explain_files(logs, late)
     except OracleError as error:
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None

@@ -46,12 +46,17 @@ def models_page(loaded: Sequence[models.Model]) -> str:
 
 def checks(model: models.Model) -> str:
     """The properties a model checks; S-1 to S-7 together as S."""
-    names = set(models.checked_in(MODELS / f"{model.cfg}.cfg"))
-    names = {"NoHazardInv" if name == "SettledHazardInv" else name for name in names}
-    ids = [id_ for id_, name in models.PROPERTIES.items() if name in names and id_ != "TypeInv"]
+    checked = _ids(model)
+    ids = [id_ for id_ in models.PROPERTIES if id_ in checked and id_ != "TypeInv"]
     safety = [id_ for id_ in ids if id_.startswith("S")]
     rest = [id_ for id_ in ids if not id_.startswith("S")]
     return " ".join((["S"] if len(safety) > 1 else safety) + rest) or "-"
+
+
+def _ids(model: models.Model) -> set[str | None]:
+    """The ids of the properties a model checks."""
+    checked = models.checked_in(MODELS / f"{model.cfg}.cfg")
+    return {models.PROPERTY_IDS.get(name) for name in checked}
 
 
 def unknown(name: str, known: Sequence[str], what: str = "model") -> str:
@@ -74,15 +79,14 @@ def chosen(
             raise ValueError(unknown(name, list(known)))
     if profile is not None and profile not in models.PROFILES:
         raise ValueError(unknown(profile, models.PROFILES, "profile"))
-    ids = {**models.PROPERTIES, **{name: name for name in models.PROPERTIES.values()}}
+    ids = {id_: id_ for id_ in models.PROPERTIES} | models.PROPERTY_IDS
     if property_ is not None and property_ not in ids:
         raise ValueError(unknown(property_, list(ids), "property"))
     found = [known[name] for name in names]
     if not names:
         found = models.of_profile(loaded, profile) if profile else list(loaded)
     if property_ is not None:
-        cfgs = {m.cfg: models.checked_in(MODELS / f"{m.cfg}.cfg") for m in found}
-        found = [m for m in found if ids[property_] in cfgs[m.cfg]]
+        found = [m for m in found if ids[property_] in _ids(m)]
     if not found:
         raise ValueError("there is no such model: nothing would be checked")
     return found

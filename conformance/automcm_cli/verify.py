@@ -129,7 +129,10 @@ def _behave() -> tuple[int, list[str]]:
 
 def run(profile: str = "quick", say: Callable[[str], None] = lambda text: None) -> Report:
     """Model-check, write the oracle out, compare.  Never raises for what it examines: a spec
-    that does not parse, a missing Java or a full disk ends up in the report's errors."""
+    that does not parse, a missing Java or a full disk ends up in the report's errors.  Raises
+    ValueError for an unknown profile."""
+    if profile not in models.PROFILES:
+        raise ValueError(spec.unknown(profile, models.PROFILES, "profile"))
     report = Report(profile)
     try:
         _models(report, say)

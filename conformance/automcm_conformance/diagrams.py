@@ -1,15 +1,22 @@
-"""State diagrams of both roles: the graph of one station, seen as (role, phase) alone."""
+"""State diagrams of both roles, as an implementation declares them.
+
+The arrows and their rules are the declaration's; the events come from the graph of one station,
+seen as (role, phase) alone.  Both must name the same ways.
+"""
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from automcm_spec.oracle import Json, Oracle
 from automcm_spec.rules import RULES
 
 ROLES = ("prescriber", "receiver")
+RESTART = "END-8"
+"""The rule of the ways that are declared and compared but not drawn."""
+Way = tuple[str, str, str, str]
+"""Role, phase before, phase after, and the rule by which."""
 _PHASE, _ROLE, _DECIDING = 0, 1, 7
 
 
@@ -24,6 +31,10 @@ class Edge:
     rule: str
     told: str
     """What the application is told; empty for nothing."""
+
+    @property
+    def way(self) -> Way:
+        return self.role, self.source, self.target, self.rule
 
 
 def event(i: Json) -> str:
@@ -70,68 +81,74 @@ def _told(told: Json) -> str:
     return f"{told[0]}({told[1]})" if len(told) > 1 else str(told[0])
 
 
-def phases(found: set[Edge], role: str) -> list[str]:
-    """The phases of a role as a breadth-first walk from STANDALONE meets them."""
-    met = ["STANDALONE"]
-    for phase in met:
-        ways = _by_rule({e for e in found if e.role == role and e.source == phase})
-        met += [target for target in dict.fromkeys(e.target for e in ways) if target not in met]
-    return met
+def check(declared: Collection[Way], found: set[Edge]) -> None:
+    """Raises ValueError if the ways declared are not exactly those of the graph."""
+    in_graph = {edge.way for edge in found}
+    only = {"declared": set(declared) - in_graph, "in the graph": in_graph - set(declared)}
+    wrong = [
+        f"only {where}: {role} {source} to {target} by {rule}"
+        for where, ways in only.items()
+        for role, source, target, rule in sorted(ways)
+    ]
+    if wrong:
+        raise ValueError("the phases declared and the graph differ: " + "; ".join(wrong))
 
 
-def _by_rule(found: set[Edge]) -> list[Edge]:
-    order = list(RULES)
-    return sorted(found, key=lambda e: (order.index(e.rule), e.event, e.told, e.target))
-
-
-def _lines(found: set[Edge], between: set[Edge]) -> Iterator[str]:
-    """The lines of one arrow's label: events by rule.
+def _label(rule: str, among: set[Edge], found: set[Edge]) -> str:
+    """A line of an arrow's label: the rule and its events.
 
     What the application is told is added where the event alone does not say which way it goes.
     """
-    by_rule: dict[str, list[str]] = defaultdict(list)
-    for edge in _by_rule(between):
+    texts: dict[str, None] = {}
+    for edge in sorted(among, key=lambda e: (e.event, e.told)):
         elsewhere = any(
             (e.role, e.source, e.event) == (edge.role, edge.source, edge.event)
             and e.target != edge.target
             for e in found
         )
-        text = f"{edge.event} / {edge.told}" if elsewhere and edge.told else edge.event
-        if text not in by_rule[edge.rule]:
-            by_rule[edge.rule].append(text)
-    return (f"{', '.join(texts)} ({rule})" for rule, texts in by_rule.items())
+        texts[f"{edge.event} / {edge.told}" if elsewhere and edge.told else edge.event] = None
+    return f"{', '.join(texts)} ({rule})"
 
 
-def diagram(found: set[Edge], role: str) -> str:
-    """One role as Mermaid; restarts are not drawn."""
-    drawn = {edge for edge in found if edge.role == role and edge.event != "restart"}
-    order = phases(found, role)
+def diagram(declared: Collection[Way], found: set[Edge], role: str) -> str:
+    """One role as Mermaid, its phases in the order of the declaration; restarts are not drawn.
+
+    Raises ValueError: see ``check``.
+    """
+    check(declared, found)
+    ways = [way for way in declared if way[0] == role and way[3] != RESTART]
+    order = list(dict.fromkeys(source for _, source, _, _ in ways))
+    by_rule = list(RULES).index
     lines = ["stateDiagram-v2", "    [*] --> STANDALONE"]
     for source in order:
         for target in order[1:] + order[:1]:
-            between = {e for e in drawn if (e.source, e.target) == (source, target)}
-            if between:
-                label = "<br/>".join(_lines(drawn, between))
+            rules = [rule for _, before, after, rule in ways if (before, after) == (source, target)]
+            if rules:
+                label = "<br/>".join(
+                    _label(rule, {e for e in found if e.way == (role, source, target, rule)}, found)
+                    for rule in sorted(rules, key=by_rule)
+                )
                 lines.append(f"    {source} --> {target} : {label}")
     return "\n".join(lines)
 
 
-def text(oracle: Oracle) -> str:
-    """Both diagrams as a Markdown page."""
+def text(oracle: Oracle, declared: Collection[Way]) -> str:
+    """Both diagrams as a Markdown page.  Raises ValueError: see ``check``."""
     found = edges(oracle)
     parts = [_HEAD]
     for role in ROLES:
-        parts.append(f"## {role.capitalize()}\n\n```mermaid\n{diagram(found, role)}\n```\n")
+        drawn = diagram(declared, found, role)
+        parts.append(f"## {role.capitalize()}\n\n```mermaid\n{drawn}\n```\n")
     return "\n".join(parts)
 
 
 _HEAD = """\
 # State diagrams
 
-Generated from the graph of one station by `make generate`; `make verify` fails when it is stale.
-
-Each arrow stands for all steps of the graph that lead from one phase to another. Its label names
-the events, each with the rule that decides (`protocol.md`):
+Drawn from the phases the reference declares (`reference/automcm/phases.py`): each arrow is a
+transition, and the rules in brackets are its guard (`protocol.md`). The events before them come
+from the graph of one station. Generated by `make generate`; `make verify` fails when it is stale,
+or when declaration and graph do not name the same phases, arrows and rules. An event is
 
 - a message received, by its type (`Fin`, `Ack of Intention`);
 - a command of the application (`prescribe`, `abort`);

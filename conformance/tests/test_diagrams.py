@@ -1,4 +1,4 @@
-"""The graph's phases are those of the reference's table and of docs/protocol.md."""
+"""The phases and rules declared are those of the graph and of docs/protocol.md."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from automcm.phases import TABLE
+from automcm.phases import WAYS
 from automcm_conformance import diagrams
-from automcm_conformance.diagrams import Edge
+from automcm_conformance.diagrams import Edge, Way
 from automcm_spec import generate, models
 from automcm_spec.oracle import Oracle, load
 
 ROOT = Path(__file__).resolve().parents[2]
 PROTOCOL = (ROOT / "docs" / "protocol.md").read_text()
-Way = tuple[str, str, str]
-"""Role, phase before, phase after."""
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +33,7 @@ def drawn(edges: set[Edge]) -> set[Edge]:
 
 
 def ways(edges: set[Edge]) -> set[Way]:
-    return {(edge.role, edge.source, edge.target) for edge in edges}
+    return {edge.way for edge in edges}
 
 
 def table_rows(first: str) -> list[list[str]]:
@@ -44,8 +42,25 @@ def table_rows(first: str) -> list[list[str]]:
     return [re.split(r"(?<!\\)\|", line.strip("| ")) for line in lines[2:]]
 
 
-def test_the_table_of_the_reference_allows_every_step_and_no_other(drawn: set[Edge]) -> None:
-    assert ways(drawn) == {(role, source, target) for (role, source, _), target in TABLE.items()}
+def test_the_declaration_names_every_step_and_its_rule_and_no_other(edges: set[Edge]) -> None:
+    assert ways(edges) == set(WAYS)
+
+
+@pytest.mark.parametrize("way", WAYS, ids="-".join)
+def test_a_way_missing_from_either_is_named(way: Way, edges: set[Edge]) -> None:
+    role, source, target, rule = way
+    said = f"{role} {source} to {target} by {rule}"
+    with pytest.raises(ValueError, match=f"differ: only in the graph: {said}$"):
+        diagrams.diagram(WAYS.keys() - {way}, edges, role)
+    with pytest.raises(ValueError, match=f"differ: only declared: {said}$"):
+        diagrams.check(WAYS, {edge for edge in edges if edge.way != way})
+
+
+def test_a_page_whose_declaration_names_a_wrong_rule_is_not_drawn(one_peer: Oracle) -> None:
+    right: Way = ("prescriber", "STANDALONE", "ADVERTISING", "ADV-1")
+    wrong: Way = (*right[:3], "ADV-3")
+    with pytest.raises(ValueError, match=r"only declared: .* by ADV-3; only in the graph: .*ADV-1"):
+        diagrams.text(one_peer, [wrong if way == right else way for way in WAYS])
 
 
 def test_the_tables_of_the_protocol_name_every_step_and_its_rules(drawn: set[Edge]) -> None:
@@ -56,14 +71,14 @@ def test_the_tables_of_the_protocol_name_every_step_and_its_rules(drawn: set[Edg
             given = bound if "each but" in sources else re.findall(r"[A-Z]+", sources)
             for rule in re.findall(r"[A-Z]{3}-\d", by):
                 told |= {(role, source, target.strip(), rule) for source in given}
-    assert told == {(e.role, e.source, e.target, e.rule) for e in drawn}
+    assert told == ways(drawn)
 
 
 def test_end_8_a_restart_leads_from_every_phase_to_standalone(edges: set[Edge]) -> None:
     restarts = {edge for edge in edges if edge.event == "restart"}
     assert {edge.rule for edge in restarts} == {"END-8"}
-    bound = {(e.role, e.source, "STANDALONE") for e in edges if e.source != "STANDALONE"}
-    assert ways(restarts) == bound
+    bound = {(e.role, e.source, "STANDALONE", "END-8") for e in edges if e.source != "STANDALONE"}
+    assert ways(restarts) == bound == {way for way in WAYS if way[3] == diagrams.RESTART}
 
 
 @pytest.mark.parametrize("graph", [generate.TIGHT, generate.TWO_PEERS], ids=lambda g: g.name)
@@ -72,32 +87,34 @@ def test_the_other_graphs_have_no_other_step(graph: generate.Graph, edges: set[E
 
 
 @pytest.mark.parametrize("role", diagrams.ROLES)
-def test_every_step_is_drawn_and_its_rule_named(role: str, drawn: set[Edge]) -> None:
+def test_every_step_is_drawn_and_its_rule_named(
+    role: str, edges: set[Edge], drawn: set[Edge]
+) -> None:
     arrows = {}
-    for line in diagrams.diagram(drawn, role).splitlines()[2:]:
+    for line in diagrams.diagram(WAYS, edges, role).splitlines()[2:]:
         arrow, label = line.split(" : ")
         assert not set(":;#") & set(label), "Mermaid would end the label there"
         source, target = arrow.strip().split(" --> ")
         arrows[role, source, target] = label
     mine = {edge for edge in drawn if edge.role == role}
-    assert set(arrows) == ways(mine)
+    assert set(arrows) == {edge.way[:3] for edge in mine}
     for edge in mine:
         label = arrows[edge.role, edge.source, edge.target]
         lines = [line for line in label.split("<br/>") if line.endswith(f"({edge.rule})")]
         assert len(lines) == 1 and edge.event in lines[0]
 
 
-def test_an_event_with_two_ways_says_what_is_told(drawn: set[Edge]) -> None:
-    text = diagrams.diagram(drawn, "prescriber")
+def test_an_event_with_two_ways_says_what_is_told(edges: set[Edge]) -> None:
+    text = diagrams.diagram(WAYS, edges, "prescriber")
     assert "ADVERTISING --> CHOOSING : advertise expires / choose (PRE-1)" in text
     assert "CHOOSING --> PRESCRIBING : prescribe (PRE-2)" in text
 
 
 def test_the_order_of_the_graph_does_not_matter(one_peer: Oracle, edges: set[Edge]) -> None:
-    assert diagrams.text(one_peer).endswith("```\n")
+    assert diagrams.text(one_peer, WAYS).endswith("```\n")
     shuffled = set(sorted(edges, key=lambda e: (e.told, e.event, e.role, e.rule)))
     for role in diagrams.ROLES:
-        assert diagrams.diagram(shuffled, role) == diagrams.diagram(edges, role)
+        assert diagrams.diagram(WAYS, shuffled, role) == diagrams.diagram(WAYS, edges, role)
 
 
 def rule_rows() -> dict[str, list[str]]:

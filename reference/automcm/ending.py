@@ -71,11 +71,11 @@ def withdraw(me: Me, st: State, i: Heard) -> Outcome:
     p = i.message.src
     recorded = MappingProxyType({q: m for q, m in st.recorded.items() if q != p})
     withdrawn = st.withdrawn | {p} if st.phase == "ADVERTISING" else st.withdrawn
-    return replace(acked(me, st, i), state=replace(st, recorded=recorded, withdrawn=withdrawn))
+    return acked(me, st, i)._replace(state=replace(st, recorded=recorded, withdrawn=withdrawn))
 
 
 def last_withdrawn(me: Me, st: State, i: Heard) -> Outcome:
-    return replace(no_participants(me, st, i), messages=acked(me, st, i).messages)
+    return no_participants(me, st, i)._replace(messages=acked(me, st, i).messages)
 
 
 def from_peer(me: Me, st: State, i: Heard) -> bool:
@@ -86,7 +86,7 @@ def from_peer(me: Me, st: State, i: Heard) -> bool:
 def cancelled(me: Me, st: State, i: Heard) -> Outcome:
     assert isinstance(i.message, Cancel)
     told = tell("fallback", st, reason=i.message.reason)
-    return replace(acked(me, st, i), state=leave(st), told=told)
+    return acked(me, st, i)._replace(state=leave(st), told=told)
 
 
 CANCEL = (

@@ -12,10 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from automcm.messages import (
     Acceptance,
+    Details,
     Intention,
-    Plain,
+    Natural,
+    Positive,
     Prescription,
     Session,
+    Text,
     Trajectory,
     to_dict,
 )
@@ -29,8 +32,8 @@ class Request(_Command):
     """Open a session (ADV-1)."""
 
     name: Literal["request"] = "request"
-    scenario: str
-    details: dict[str, Plain] = Field(default_factory=dict)
+    scenario: Text
+    details: Details = Field(default_factory=dict)
     planned: Trajectory | None = None
 
 
@@ -39,11 +42,11 @@ class Prescribe(_Command):
 
     name: Literal["prescribe"] = "prescribe"
     session: Session
-    proposal: int = Field(ge=1)
-    target: int
+    proposal: Positive
+    target: Natural
     prescribed: Trajectory
-    hold_ms: int = Field(ge=0)
-    lease_ms: int = Field(ge=1)
+    hold_ms: Natural
+    lease_ms: Positive
 
 
 class Proceed(_Command):
@@ -58,7 +61,7 @@ class Accept(_Command):
 
     name: Literal["accept"] = "accept"
     session: Session
-    proposal: int = Field(ge=1)
+    proposal: Positive
     selected: Trajectory
 
 
@@ -67,7 +70,7 @@ class Refuse(_Command):
 
     name: Literal["refuse"] = "refuse"
     session: Session
-    proposal: int = Field(ge=1)
+    proposal: Positive
 
 
 class Complete(_Command):

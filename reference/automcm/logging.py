@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
-from automcm.messages import Cam, Message, to_dict
+from automcm.messages import Cam, to_dict
 from automcm.outcome import Expiry, Heard, Restart
 from automcm.parameters import Parameters
 from automcm.state import Timer
@@ -38,13 +38,13 @@ def timer(t: Timer) -> dict[str, Any]:
 def write(
     log: LogWriter,
     effects: Effects,
-    transmit: Callable[[Message], str],
+    txs: Sequence[str],
     *,
     tx: str | None = None,
     raw: bytes = b"",
 ) -> None:
-    """One input and its effects.  ``transmit`` sends a message and gives its transmission id;
-    ``tx`` is that of the message received, ``raw`` its bytes if they were no message."""
+    """One input and its effects.  ``txs`` are the transmission ids of the messages sent, ``tx``
+    is that of the message received, ``raw`` its bytes if they were no message."""
     t_ms = effects.now_ms
     more: dict[str, Any] = {"phase": effects.state.phase, "role": effects.state.role}
     if effects.rule:
@@ -64,8 +64,8 @@ def write(
         case command:
             fields = command.model_dump(mode="json", exclude_none=True)
             log.event("command", t_ms, command=fields, **more)
-    for message in effects.messages:
-        log.event("send", t_ms, tx=transmit(message), message=to_dict(message))
+    for message, own in zip(effects.messages, txs, strict=True):
+        log.event("send", t_ms, tx=own, message=to_dict(message))
     for stopped in effects.stopped:
         log.event("timer", t_ms, op="stop", timer=timer(stopped))
     for armed, deadline in effects.armed:

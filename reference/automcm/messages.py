@@ -2,7 +2,8 @@
 
 Integers on the wire: millimetres, milliseconds, mm/s, milliradians.  A message that is
 broadcast has no ``dst`` on the wire; inside it is ``BROADCAST``.  The models are frozen and
-strict and refuse unknown fields, so whatever ``decode`` returns is well formed (END-5).
+strict and refuse unknown fields, so whatever ``decode`` returns is well formed (END-5) and
+within the bounds of docs/messages.md.
 """
 
 from __future__ import annotations
@@ -13,21 +14,84 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    PlainValidator,
     TypeAdapter,
     ValidationError,
     model_validator,
 )
+from pydantic_core import PydanticCustomError
 from typing_extensions import TypeAliasType
 
 BROADCAST = 0
+LIMIT = 2**53 - 1
+"""The largest integer that every JSON reader holds exactly; the smallest is its negative."""
+MAX_TEXT = 65_507
+"""Characters in a text: no more than fit the largest UDP datagram."""
+MAX_DEPTH = 32
+"""How deep lists and objects may nest in ``details``, itself included."""
 
+Whole = Annotated[int, Field(ge=-LIMIT, le=LIMIT)]
+Natural = Annotated[int, Field(ge=0, le=LIMIT)]
+Positive = Annotated[int, Field(ge=1, le=LIMIT)]
+# With the bound pydantic also refuses a text that is no Unicode (a lone surrogate).
+Text = Annotated[str, Field(max_length=MAX_TEXT)]
 StationId = Annotated[int, Field(ge=1, le=2**32 - 1)]
-Session = tuple[StationId, Annotated[int, Field(ge=1)]]
+Session = tuple[StationId, Positive]
 """A session is ``(prescriber's station_id, number)``."""
 
 Version = Annotated[int, Field(ge=1, le=1)]
-Plain = TypeAliasType("Plain", "str | int | bool | list[Plain] | dict[str, Plain]")
+Plain = TypeAliasType("Plain", "Text | Whole | bool | list[Plain] | dict[Text, Plain]")
 """JSON without floats and nulls."""
+
+
+def _details(value: Any) -> dict[str, Plain]:
+    """A copy of an object of ``Plain`` within the bounds; stops at the first fault.
+
+    Not left to pydantic: its union copies what is below once for each level and choice, so one
+    bad value deep in many good ones kept it busy for seconds (END-5).
+    """
+    if type(value) is not dict:
+        raise _fault((), "an object is needed")
+    copy: dict[str, Plain] = _plain(value, ())
+    return copy
+
+
+def _plain(value: Any, path: tuple[str | int, ...]) -> Any:
+    kind = type(value)
+    if kind is str:
+        if len(value) > MAX_TEXT:
+            raise _fault(path, f"a text of more than {MAX_TEXT} characters")
+        if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
+            raise _fault(path, "a text that is no Unicode")
+        return value
+    if kind is int:
+        if not -LIMIT <= value <= LIMIT:
+            raise _fault(path, f"an integer beyond {LIMIT}")
+        return value
+    if kind is bool:
+        return value
+    if kind is not dict and kind is not list:
+        what = {float: "a float", type(None): "null"}.get(kind, kind.__name__)
+        raise _fault(path, f"{what} is not allowed")
+    if len(path) >= MAX_DEPTH:
+        raise _fault(path, f"nested more than {MAX_DEPTH} deep")
+    if kind is list:
+        return [_plain(each, (*path, index)) for index, each in enumerate(value)]
+    for name in value:
+        if type(name) is not str:
+            raise _fault(path, "a name that is no text")
+        _plain(name, path)
+    return {name: _plain(each, (*path, name)) for name, each in value.items()}
+
+
+def _fault(path: tuple[str | int, ...], problem: str) -> PydanticCustomError:
+    place = ".".join(map(str, path))
+    return PydanticCustomError("plain", "{problem}", {"place": place, "problem": problem})
+
+
+Details = Annotated[
+    dict[str, Plain], PlainValidator(_details, json_schema_input_type=dict[Text, Plain])
+]
 
 MessageType = Literal[
     "Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack"
@@ -58,15 +122,15 @@ class _Frozen(BaseModel):
 class Trajectory(_Frozen):
     """Positions over time: ``t0`` in ms, points ``(dt_ms, x_mm, y_mm)``.  Opaque to the service."""
 
-    t0: int
-    points: tuple[tuple[int, int, int], ...] = Field(min_length=1)
+    t0: Whole
+    points: tuple[tuple[Whole, Whole, Whole], ...] = Field(min_length=1, fail_fast=True)
 
 
 class MessageId(_Frozen):
     """What an Ack acknowledges (END-6)."""
 
     type: MessageType
-    seq: int = Field(ge=0)
+    seq: Natural
 
 
 class _Message(_Frozen):
@@ -74,15 +138,15 @@ class _Message(_Frozen):
     src: StationId
     dst: StationId = BROADCAST
     session: Session
-    seq: int = Field(ge=1)
+    seq: Positive
 
 
 class Advertisement(_Message):
     """prescriber → all: who is concerned?  Repeated, never acknowledged (ADV-2)."""
 
     type: Literal["Advertisement"] = "Advertisement"
-    scenario: str
-    details: dict[str, Plain]
+    scenario: Text
+    details: Details
     planned: Trajectory | None = None
 
 
@@ -97,18 +161,18 @@ class Prescription(_Message):
     """prescriber → target: drive this instead (PRE-2).  ``hold_ms`` is Δt1."""
 
     type: Literal["Prescription"] = "Prescription"
-    proposal: int = Field(ge=1)
+    proposal: Positive
     prescribed: Trajectory
-    hold_ms: int = Field(ge=0)
-    lease_ms: int = Field(ge=1)
+    hold_ms: Natural
+    lease_ms: Positive
 
 
 class Acceptance(_Message):
     """receiver → prescriber: yes, or no and why (NEG-2 … NEG-5)."""
 
     type: Literal["Acceptance"] = "Acceptance"
-    seq: int = Field(ge=0)
-    proposal: int = Field(ge=1)
+    seq: Natural
+    proposal: Positive
     accepted: bool
     reason: RefusalReason | None = None
     selected: Trajectory | None = None
@@ -134,7 +198,7 @@ class Cancel(_Message):
     """either → the other: the session is over, and why (END-1, END-2)."""
 
     type: Literal["Cancel"] = "Cancel"
-    seq: int = Field(ge=0)
+    seq: Natural
     reason: CancelReason
 
     @model_validator(mode="after")
@@ -158,18 +222,18 @@ class Cam(_Frozen):
     v: Version = 1
     type: Literal["CAM"] = "CAM"
     src: StationId
-    generation_ms: int = Field(ge=0)
-    x_mm: int
-    y_mm: int
-    heading_mrad: int
-    speed_mm_s: int
-    marks: tuple[Session, ...]
+    generation_ms: Natural
+    x_mm: Whole
+    y_mm: Whole
+    heading_mrad: Whole
+    speed_mm_s: Whole
+    marks: tuple[Session, ...] = Field(fail_fast=True)
 
 
 Message = Advertisement | Intention | Prescription | Acceptance | Fin | Cancel | Ack
 Reliable = Intention | Prescription | Acceptance | Fin | Cancel
 
-_ADAPTER: TypeAdapter[Message | Cam] = TypeAdapter(
+MESSAGE: TypeAdapter[Message | Cam] = TypeAdapter(
     Annotated[Message | Cam, Field(discriminator="type")]
 )
 
@@ -177,27 +241,54 @@ _ADAPTER: TypeAdapter[Message | Cam] = TypeAdapter(
 def decode(data: bytes | str) -> Message | Cam:
     """The message in ``data``.  Raises MessageError, naming the first field that is wrong."""
     try:
-        message = _ADAPTER.validate_json(data)
+        message = MESSAGE.validate_json(data)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(str(part) for part in first["loc"]) or "message"
-        raise MessageError(_short(place, first["msg"])) from None
-    for name in _REQUIRED & type(message).model_fields.keys() - message.model_fields_set:
+        raise refusal(error) from None
+    given = message.model_fields_set
+    for name in _REQUIRED[type(message)] - given:
         raise MessageError(f"{message.type}.{name}: Field required")
-    for name, value in message:
-        if value is None and name in message.model_fields_set:
+    for name in _OPTIONAL[type(message)]:
+        if name in given and getattr(message, name) is None:
             raise MessageError(f"{message.type}.{name}: null is not allowed: leave the field out")
     return message
 
 
-_REQUIRED = {"v", "seq"}
+_MODELS: tuple[type[_Frozen], ...] = (
+    *(Advertisement, Intention, Prescription, Acceptance, Fin, Cancel, Ack),
+    Cam,
+)
+_REQUIRED = {model: frozenset({"v", "seq"} & model.model_fields.keys()) for model in _MODELS}
 """Fields that have a default here but not on the wire."""
+_OPTIONAL = {
+    model: tuple(name for name, field in model.model_fields.items() if field.default is None)
+    for model in _MODELS
+}
+"""Fields that are None here and absent on the wire."""
 
 
-def _short(place: str, problem: str) -> str:
-    """One line of bounded length, whatever the sender wrote."""
+def from_dict(fields: dict[str, Any]) -> Message | Cam:
+    """The message with these fields, as Python values.  Raises MessageError as ``decode``."""
+    try:
+        return MESSAGE.validate_python(fields)
+    except ValidationError as error:
+        raise refusal(error) from None
+
+
+def refusal(error: ValidationError, *outer: str) -> MessageError:
+    """What pydantic found first, as a MessageError; ``outer`` is where the value stands."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    within = first.get("ctx", {}).get("place")
+    place = ".".join(
+        str(part) for part in (*outer, *first["loc"], within) if part not in (None, "")
+    )
+    return MessageError(short(place or "message", first["msg"]))
+
+
+def short(place: str, problem: str) -> str:
+    """One line of at most 200 printable characters, whatever the sender wrote."""
     text = f"{place}: {problem}"
-    return text if len(text) <= 200 else text[:199] + "…"
+    text = text if len(text) <= 200 else text[:199] + "…"
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def encode(message: Message | Cam) -> bytes:
@@ -211,4 +302,7 @@ def to_dict(message: Message | Cam) -> dict[str, Any]:
 
 
 def _absent(message: Message | Cam) -> set[str]:
-    return {name for name, value in message if value is None or (name, value) == ("dst", 0)}
+    absent = {name for name in _OPTIONAL[type(message)] if getattr(message, name) is None}
+    if not isinstance(message, Cam) and message.dst == BROADCAST:
+        absent.add("dst")
+    return absent

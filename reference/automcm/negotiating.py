@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from automcm.advertising import answer_closed
@@ -131,7 +130,7 @@ def refused(me: Me, st: State, i: Heard) -> Outcome:
 
 def no_agreement(me: Me, st: State, i: Heard) -> Outcome:
     outcome = cancel_peer("no_agreement")(me, st, i)
-    return replace(outcome, messages=acked(me, st, i).messages + outcome.messages)
+    return outcome._replace(messages=acked(me, st, i).messages + outcome.messages)
 
 
 ACCEPTANCE = (

@@ -60,14 +60,12 @@ class Restart:
 Input = Heard | Cam | Command | Expiry | Restart
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What a rule decided."""
 
     state: State
     messages: tuple[Message, ...] = ()
     told: Indication | None = None
-    rule: str = ""
     again: tuple[Timer, ...] = ()
     """Timers armed anew although they ran before."""
 

@@ -1,12 +1,14 @@
 """The phases of both roles, declared once (docs/protocol.md, section 4).
 
-python-statemachine holds the declaration: it checks it, and draws the diagrams.  A station
-walks ``TABLE``, compiled from it at import; a test enumerates that both agree.  A pair that is
-not in the table is an error in this program, never an input's fault: rules decide first.
+python-statemachine holds the declaration and checks it: every transition has a guard that names
+the rules that may take it, and an event that no transition takes raises.  A station runs on
+``TABLE``, compiled from it at import; a test enumerates that both agree.  What is not in the
+table is an error in this program, never an input's fault: rules decide first.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 from statemachine import State as Phase_
@@ -23,9 +25,35 @@ Phase = Literal[
     "ACTUATING",
 ]
 Role = Literal["none", "prescriber", "receiver"]
+Way = tuple[Role, Phase, Phase, str]
+"""Role, phase before, phase after, and the rule by which."""
+
+RULES = (
+    *("ADV-1", "ADV-3", "ADV-6", "ADV-7"),
+    *("PRE-1", "PRE-2", "PRE-3", "PRE-4", "PRE-5"),
+    *("NEG-1", "NEG-2", "NEG-3", "NEG-6", "NEG-7", "NEG-8"),
+    *("ACT-2", "ACT-3", "ACT-4", "END-1", "END-2", "END-8"),
+)
+"""The rules that take a transition."""
 
 
-class PrescriberPhases(StateMachine):
+class _Guarded(StateMachine):
+    """``machine.send(event, rule="ADV-1")``: the guard ADV_1 holds, and no other."""
+
+
+def _guard(of: str) -> Callable[[_Guarded, str], bool]:
+    def guard(self: _Guarded, rule: str) -> bool:
+        return rule == of
+
+    return guard
+
+
+_GUARDS = {rule.replace("-", "_"): rule for rule in RULES}
+for _name, _rule in _GUARDS.items():
+    setattr(_Guarded, _name, _guard(_rule))
+
+
+class PrescriberPhases(_Guarded):
     """A prescriber: advertise, choose, prescribe, negotiate, act."""
 
     STANDALONE = Phase_(initial=True)
@@ -35,22 +63,25 @@ class PrescriberPhases(StateMachine):
     NEGOTIATING = Phase_()
     ACTUATING = Phase_()
 
-    open = STANDALONE.to(ADVERTISING)  # ADV-1
-    choose = ADVERTISING.to(CHOOSING)  # PRE-1
-    prescribe = CHOOSING.to(PRESCRIBING) | NEGOTIATING.to(PRESCRIBING)  # PRE-2, NEG-7
-    acknowledged = PRESCRIBING.to(NEGOTIATING)  # PRE-4
-    refused = PRESCRIBING.to(NEGOTIATING) | NEGOTIATING.to(NEGOTIATING)  # NEG-7
-    accepted = PRESCRIBING.to(ACTUATING) | NEGOTIATING.to(ACTUATING)  # NEG-6
+    open = STANDALONE.to(ADVERTISING, cond="ADV_1")
+    choose = ADVERTISING.to(CHOOSING, cond="PRE_1")
+    prescribe = CHOOSING.to(PRESCRIBING, cond="PRE_2") | NEGOTIATING.to(PRESCRIBING, cond="NEG_7")
+    acknowledged = PRESCRIBING.to(NEGOTIATING, cond="PRE_4")
+    refused = NEGOTIATING.from_(PRESCRIBING, NEGOTIATING, cond="NEG_7")
+    accepted = ACTUATING.from_(PRESCRIBING, NEGOTIATING, cond="NEG_6")
     leave = (
-        ADVERTISING.to(STANDALONE)
-        | CHOOSING.to(STANDALONE)
-        | PRESCRIBING.to(STANDALONE)
-        | NEGOTIATING.to(STANDALONE)
-        | ACTUATING.to(STANDALONE)
+        ADVERTISING.to(STANDALONE, cond="PRE_1 or END_1")
+        | CHOOSING.to(STANDALONE, cond="PRE_1 or PRE_3 or PRE_5 or END_1")
+        | PRESCRIBING.to(STANDALONE, cond="PRE_4 or NEG_7 or ACT_4 or END_1 or END_2")
+        | NEGOTIATING.to(STANDALONE, cond="PRE_5 or NEG_7 or NEG_8 or ACT_4 or END_1 or END_2")
+        | ACTUATING.to(STANDALONE, cond="ACT_2 or ACT_3 or ACT_4 or END_1 or END_2")
+    )
+    restart = STANDALONE.from_(
+        ADVERTISING, CHOOSING, PRESCRIBING, NEGOTIATING, ACTUATING, cond="END_8"
     )
 
 
-class ReceiverPhases(StateMachine):
+class ReceiverPhases(_Guarded):
     """A receiver: intend, wait, negotiate (verify), act."""
 
     STANDALONE = Phase_(initial=True)
@@ -59,17 +90,18 @@ class ReceiverPhases(StateMachine):
     NEGOTIATING = Phase_()
     ACTUATING = Phase_()
 
-    join = STANDALONE.to(INTENDING)  # ADV-3
-    wait = INTENDING.to(WAITING)  # ADV-6
-    verify = INTENDING.to(NEGOTIATING) | WAITING.to(NEGOTIATING)  # NEG-1
-    refuse = NEGOTIATING.to(WAITING)  # NEG-3
-    accept = NEGOTIATING.to(ACTUATING)  # NEG-2
+    join = STANDALONE.to(INTENDING, cond="ADV_3")
+    wait = INTENDING.to(WAITING, cond="ADV_6")
+    verify = NEGOTIATING.from_(INTENDING, WAITING, cond="NEG_1")
+    refuse = NEGOTIATING.to(WAITING, cond="NEG_3")
+    accept = NEGOTIATING.to(ACTUATING, cond="NEG_2")
     leave = (
-        INTENDING.to(STANDALONE)
-        | WAITING.to(STANDALONE)
-        | NEGOTIATING.to(STANDALONE)
-        | ACTUATING.to(STANDALONE)
+        INTENDING.to(STANDALONE, cond="ACT_3 or END_1 or END_2")
+        | WAITING.to(STANDALONE, cond="ADV_7 or ACT_3 or END_1 or END_2")
+        | NEGOTIATING.to(STANDALONE, cond="ACT_3 or END_1 or END_2")
+        | ACTUATING.to(STANDALONE, cond="ACT_2 or ACT_3 or ACT_4 or END_1 or END_2")
     )
+    restart = STANDALONE.from_(INTENDING, WAITING, NEGOTIATING, ACTUATING, cond="END_8")
 
 
 MACHINES: dict[Role, type[StateMachine]] = {
@@ -78,18 +110,34 @@ MACHINES: dict[Role, type[StateMachine]] = {
 }
 
 
-def _compile() -> dict[tuple[Role, str, str], Phase]:
+def compiled(
+    machines: dict[Role, type[StateMachine]],
+) -> dict[tuple[Role, Phase, str, str], Phase]:
+    """Every transition by role, phase, event and rule.  Raises KeyError for another guard."""
     return {
-        (role, source.id, transition.event): transition.target.id
-        for role, machine in MACHINES.items()
+        (role, source.id, transition.event, _GUARDS[name]): transition.target.id
+        for role, machine in machines.items()
         for source in machine.states
         for transition in source.transitions
+        for guard in transition.cond
+        for name in str(guard).split(" or ")
     }
 
 
-TABLE = _compile()
+TABLE = compiled(MACHINES)
+NEXT = {(role, phase, event): target for (role, phase, event, _), target in TABLE.items()}
+WAYS: dict[Way, str] = {
+    (role, phase, target, rule): event for (role, phase, event, rule), target in TABLE.items()
+}
+"""The event of each way; no two share one, so what ``require`` lets pass is in TABLE."""
 
 
 def after(role: Role, phase: Phase, event: str) -> Phase:
     """The phase after ``event``.  Raises KeyError if the role declares no such transition."""
-    return TABLE[role, phase, event]
+    return NEXT[role, phase, event]
+
+
+def require(role: Role, before: Phase, after: Phase, rule: str) -> None:
+    """Raises KeyError if ``rule`` may not lead ``role`` from one phase to the other."""
+    if (role, before, after, rule) not in WAYS:
+        raise KeyError(f"{rule} may not lead a {role} from {before} to {after}")

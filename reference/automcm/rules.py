@@ -39,6 +39,7 @@ from automcm.outcome import (
     others,
     tell,
 )
+from automcm.phases import require
 from automcm.prescribing import PRESCRIBE, PROCEED, window_closes
 from automcm.state import State, Timer, key
 
@@ -130,25 +131,33 @@ RULES: dict[str, tuple[Row, ...]] = {
 }
 
 
+_HEARD = {name: f"receive {name}" for name in MESSAGES}
+_EXPIRED = {name: f"expire {name}" for name in TIMERS}
+
+
 def kind(i: Input) -> str:
     """The key of RULES under which the rows for ``i`` stand."""
-    match i:
-        case Heard(message):
-            return f"receive {message.type}"
-        case Cam():
-            return "receive CAM"
-        case Expiry(timer):
-            return f"expire {timer.name}"
-        case Restart():
-            return "restart"
-    return f"command {i.name}"
+    if isinstance(i, Heard):
+        return _HEARD[i.message.type]
+    if isinstance(i, Expiry):
+        return _EXPIRED[i.timer.name]
+    if isinstance(i, Restart):
+        return "restart"
+    return "receive CAM" if isinstance(i, Cam) else f"command {i.name}"
 
 
-def decide(me: Me, st: State, i: Input, rules: dict[str, tuple[Row, ...]] = RULES) -> Outcome:
-    """What the first row that applies decides; the outcome carries its rule id."""
+def decide(
+    me: Me, st: State, i: Input, rules: dict[str, tuple[Row, ...]] = RULES
+) -> tuple[str, Outcome]:
+    """The rule of the first row that applies, and its outcome.  No row: no rule, no change.
+
+    Raises KeyError if the row changes the phase and phases.py does not declare its rule for that.
+    """
     for rule, when, then in rules[kind(i)]:
         if when(me, st, i):
             outcome = then(me, st, i)
-            told = outcome.told and replace(outcome.told, rule=rule)
-            return Outcome(outcome.state, outcome.messages, told, rule, outcome.again)
-    return Outcome(st)
+            to = outcome.state
+            if to is not st and to.phase != st.phase:
+                require(st.role if st.bound else to.role, st.phase, to.phase, rule)
+            return rule, outcome
+    return "", Outcome(st)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from automcm.interface import Command, Indication
 from automcm.messages import Advertisement, Cam, Message, MessageError, Trajectory, decode
@@ -20,6 +21,8 @@ from automcm.state import State, Timer, armed
 
 Plan = Callable[[Advertisement], Trajectory | None]
 """The application's predicate "concerned" (ADV-3): what it would drive, or None."""
+Decode = Callable[[bytes], Message | Cam]
+"""A codec's decoder; raises MessageError."""
 
 
 def unconcerned(advertisement: Advertisement) -> Trajectory | None:
@@ -27,8 +30,7 @@ def unconcerned(advertisement: Advertisement) -> Trajectory | None:
     return None
 
 
-@dataclass(frozen=True, slots=True)
-class Effects:
+class Effects(NamedTuple):
     """What one input did at ``now_ms``.
 
     ``input`` is None for bytes that are no message.  ``armed`` holds the timers armed (or armed
@@ -62,6 +64,7 @@ class Station:
         number: int = 0,
         seed: int = 0,
         rules: dict[str, tuple[Row, ...]] = RULES,
+        decode: Decode = decode,
     ) -> None:
         self.parameters = p = parameters or Parameters()
         self.me = Me(station_id, p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit)
@@ -70,6 +73,7 @@ class Station:
         """Deadline in ms of each armed timer, older before younger."""
         self._plan = plan
         self._rules = rules
+        self._decode = decode
         self._random = random.Random(seed)
         self._joined_at: dict[int, int] = {}
         self._now = 0
@@ -87,9 +91,9 @@ class Station:
         if now < self._now:
             raise ValueError(f"time goes back: {now} ms after {self._now} ms")
         self._now = now
-        effects = []
-        while (timer := self._due(now)) is not None:
-            effects.append(self._step(Expiry(timer), now))
+        effects: list[Effects] = []
+        while self.timers and min(self.timers.values()) <= now:
+            effects.append(self._step(Expiry(self._due(now)), now))
         return effects
 
     def receive(self, message: Message | Cam | bytes, now: int) -> list[Effects]:
@@ -97,11 +101,14 @@ class Station:
         effects = self.advance(now)
         if isinstance(message, bytes):
             try:
-                message = decode(message)
+                message = self._decode(message)
             except MessageError as error:
                 told = Indication(name="discarded", rule="END-5", detail=str(error))
-                return [*effects, Effects(now, None, "END-5", self.state, indications=(told,))]
-        return [*effects, self._step(self._heard(message), now)]
+                effects.append(Effects(now, None, "END-5", self.state, indications=(told,)))
+                return effects
+        i = message if isinstance(message, Cam) else self._heard(message)
+        effects.append(self._step(i, now))
+        return effects
 
     def command(self, command: Command, now: int) -> list[Effects]:
         """A command of the application; one that no rule provides for is refused (CMD-1)."""
@@ -114,27 +121,26 @@ class Station:
         self._now = now
         return [self._step(Restart(), now)]
 
-    def _heard(self, message: Message | Cam) -> Input:
-        if isinstance(message, Cam):
-            return message
+    def _heard(self, message: Message) -> Heard:
         plan = self._plan(message) if isinstance(message, Advertisement) else None
         return Heard(message, plan)
 
-    def _due(self, now: int) -> Timer | None:
-        """The timer to fire next: by deadline, then in the order of section 3."""
+    def _due(self, now: int) -> Timer:
+        """Of the timers due, the one to fire next: by deadline, then in the order of section 3."""
         due = [timer for timer, deadline in self.timers.items() if deadline <= now]
-        if not due:
-            return None
         order = {timer: n for n, timer in enumerate(armed(self.station_id, self.state))}
         return min(due, key=lambda timer: (self.timers[timer], order[timer]))
 
     def _step(self, i: Input, now: int) -> Effects:
         before = self.state
-        outcome = decide(self.me, before, i, self._rules)
-        self.state = outcome.state
-        newly, stopped = self._rearm(before, outcome, i, now)
-        told = () if outcome.told is None else (self._with_lease(outcome.told, now),)
-        return Effects(now, i, outcome.rule, outcome.state, outcome.messages, told, newly, stopped)
+        rule, outcome = decide(self.me, before, i, self._rules)
+        self.state, messages, told, again = outcome
+        newly: tuple[tuple[Timer, int], ...] = ()
+        stopped: tuple[Timer, ...] = ()
+        if self.state is not before or again or isinstance(i, Expiry):
+            newly, stopped = self._rearm(before, outcome, i, now)
+        indications = () if told is None else (self._completed(told, rule, now),)
+        return Effects(now, i, rule, self.state, messages, indications, newly, stopped)
 
     def _rearm(
         self, before: State, outcome: Outcome, i: Input, now: int
@@ -143,8 +149,6 @@ class Station:
         expired = i.timer if isinstance(i, Expiry) else None
         if expired is not None:
             self.timers.pop(expired, None)
-        if outcome.state is before and expired is None and not outcome.again:
-            return (), ()
         if outcome.state.joined != before.joined:
             self._joined_at = {
                 p: self._joined_at.get(p, now) if before.joined.get(p) == number else now
@@ -174,8 +178,9 @@ class Station:
                 return max(joined + p.t_advertise + p.t_life, now + p.t_life) - now
         return p.duration(timer)
 
-    def _with_lease(self, told: Indication, now: int) -> Indication:
-        """NEG-6: the prescriber's application is told the time left of the lease."""
-        if told.name != "accepted" or Timer("lease") not in self.timers:
-            return told
-        return replace(told, lease_left_ms=self.timers[Timer("lease")] - now)
+    def _completed(self, told: Indication, rule: str, now: int) -> Indication:
+        """With the rule, and for NEG-6 the time left of the lease."""
+        lease = Timer("lease")
+        if told.name == "accepted" and lease in self.timers:
+            return replace(told, rule=rule, lease_left_ms=self.timers[lease] - now)
+        return replace(told, rule=rule)

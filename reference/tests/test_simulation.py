@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from automcm.application import Application
 from automcm.interface import Indication
+from automcm.links.simulated import Channel
 from automcm.parameters import Parameters
-from automcm.simulation import Radio, Simulation, Straight
+from automcm.service import McService
+from automcm.simulation import Simulation
 from automcm.state import State
-from automcm.station import Effects, Station
+from automcm.station import Effects
+from automcm.straight import Straight
 
 PRESCRIBER, TARGET = 1001, 2002
 STATIONS = (1001, 2002, 3003, 4004)
@@ -23,30 +26,37 @@ LOSSES = (0.0, 0.2, 0.4)
 
 
 class Watched(Simulation):
-    """A simulation that looks at every state every station is in."""
+    """A simulation that keeps what every station was told and every state it was in."""
+
+    together = 0
+    hazards = True
+    """Whether S-3, S-4 and S-5 are looked at."""
 
     def __init__(self, **more: Any) -> None:
         super().__init__(**more)
         self.seen: dict[int, list[State]] = {}
-        self.together = 0
+        self.told: dict[int, list[Indication]] = {}
 
-    def _done(self, station: Station, effects: list[Effects], **more: Any) -> None:
-        states = self.seen.setdefault(station.station_id, [])
-        for effect in effects:
-            if not states or effect.state is not states[-1]:
-                states.append(effect.state)
-        if effects:
+    def add(self, station_id: int, application: Application, *more: Any, **_: Any) -> McService:
+        states = self.seen.setdefault(station_id, [])
+        told = self.told.setdefault(station_id, [])
+
+        def observe(before: State, effects: Effects) -> None:
+            if not states or effects.state is not states[-1]:
+                states.append(effects.state)
+            told.extend(effects.indications)
             self._look()
-        super()._done(station, effects, **more)
+
+        return super().add(station_id, application, *more, observers=(observe,))
 
     def _look(self) -> None:
         """S-3, S-4, S-5: who acts as a prescriber has a target that acts on its word."""
-        for station in self.stations.values():
-            st = station.state
+        for service in self.services.values() if self.hazards else ():
+            st = service.state
             if (st.role, st.phase) == ("prescriber", "ACTUATING"):
-                peer = self.stations[st.target].state
-                assert (peer.role, peer.phase) == ("receiver", "ACTUATING"), self.now
-                assert (peer.session, peer.proposal) == (st.session, st.proposal), self.now
+                peer = self.services[st.target].state
+                assert (peer.role, peer.phase) == ("receiver", "ACTUATING"), self.clock.now()
+                assert (peer.session, peer.proposal) == (st.session, st.proposal)
                 self.together += 1
 
 
@@ -54,12 +64,13 @@ def world(
     seed: int = 0,
     loss: float = 0.0,
     logs: Path | None = None,
-    make: Callable[..., Simulation] = Watched,
+    hazards: bool = True,
     refuse_first: int = 0,
     **parameters: int,
-) -> Simulation:
+) -> Watched:
     """A prescriber and three receivers; the lane change is asked for at 500 ms."""
-    simulation = make(seed=seed, radio=Radio(loss=loss, duplicate=0.2), logs=logs)
+    simulation = Watched(seed=seed, channel=Channel(loss=loss, duplicate=0.2), logs=logs)
+    simulation.hazards = hazards
     for station_id in STATIONS:
         driver = Straight(target=TARGET, refuse_first=refuse_first)
         simulation.add(station_id, driver, Parameters(**parameters))
@@ -67,13 +78,11 @@ def world(
     return simulation
 
 
-def heard(simulation: Simulation, station_id: int, name: str) -> list[Indication]:
-    driver = simulation.drivers[station_id]
-    assert isinstance(driver, Straight)
-    return [indication for indication in driver.heard if indication.name == name]
+def heard(simulation: Watched, station_id: int, name: str) -> list[Indication]:
+    return [told for told in simulation.told[station_id] if told.name == name]
 
 
-def reasons(simulation: Simulation, station_id: int) -> list[str]:
+def reasons(simulation: Watched, station_id: int) -> list[str]:
     return [indication.reason for indication in heard(simulation, station_id, "fallback")]
 
 
@@ -89,7 +98,7 @@ def test_same_seed_same_bytes(tmp_path: Path, seed: int, loss: float) -> None:
     for name in ("first", "second"):
         folder = tmp_path / name
         folder.mkdir()
-        world(seed, loss, folder, Simulation).run(7000)
+        world(seed, loss, folder).run(7000)
         logs.append({path.name: path.read_bytes() for path in folder.iterdir()})
     assert logs[0] == logs[1]
     assert sorted(logs[0]) == [f"{station_id}.ndjson" for station_id in STATIONS]
@@ -98,7 +107,7 @@ def test_same_seed_same_bytes(tmp_path: Path, seed: int, loss: float) -> None:
 def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:
     for seed in (1, 2):
         (tmp_path / str(seed)).mkdir()
-        world(seed, 0.2, tmp_path / str(seed), Simulation).run(3000)
+        world(seed, 0.2, tmp_path / str(seed)).run(3000)
     first, second = (
         (tmp_path / name / "1001.ndjson").read_text().splitlines()[1:] for name in "12"
     )
@@ -109,7 +118,7 @@ def test_logs_do_not_change_what_happens(tmp_path: Path) -> None:
     plain, logged = world(3, 0.4), world(3, 0.4, tmp_path)
     plain.run(END)
     logged.run(END)
-    assert plain.seen == logged.seen  # type: ignore[attr-defined]
+    assert plain.seen == logged.seen
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -117,13 +126,12 @@ def test_logs_do_not_change_what_happens(tmp_path: Path) -> None:
 def test_s_1_s_5_l_1_a_session_over_a_lossy_radio(seed: int, loss: float) -> None:
     simulation = world(seed, loss)
     simulation.run(END)
-    assert isinstance(simulation, Watched)
     for station_id, states in simulation.seen.items():
         for before, st in pairwise(states):
             # S-1: from one session to another only through STANDALONE
             assert st.session == before.session or None in (st.session, before.session)
         # L-1, L-4: every session ends, every message is acknowledged or given up
-        st = simulation.stations[station_id].state
+        st = simulation.services[station_id].state
         assert (st.phase, st.session, st.outbox) == ("STANDALONE", None, ())
     assert set(simulation.seen) == set(STATIONS)
     assert simulation.together > 0
@@ -134,7 +142,6 @@ def test_s_1_s_5_l_1_a_session_over_a_lossy_radio(seed: int, loss: float) -> Non
 def test_l_2_the_way_of_a_session_without_loss() -> None:
     simulation = world()
     simulation.run(END)
-    assert isinstance(simulation, Watched)
     ways = {station_id: phases(states) for station_id, states in simulation.seen.items()}
     assert ways == {
         PRESCRIBER: [
@@ -182,19 +189,18 @@ def test_end_7_two_prescribers_at_once_both_end(seed: int) -> None:
     simulation.request(3003, 500)
     simulation.request(3003, END // 2)
     simulation.run(2 * END)
-    assert {station.state.phase for station in simulation.stations.values()} == {"STANDALONE"}
-    assert isinstance(simulation, Watched)
+    assert {station.state.phase for station in simulation.services.values()} == {"STANDALONE"}
     for states in simulation.seen.values():
         for before, st in pairwise(states):
             assert st.session == before.session or None in (st.session, before.session)
 
 
-def acting(seed: int) -> Simulation:
-    """At 4000 ms both act.  (Not watched: a restart is S-5's excuse.)"""
-    simulation = world(seed, make=Simulation)
+def acting(seed: int) -> Watched:
+    """At 4000 ms both act.  (S-5 is not looked at: a restart is its excuse.)"""
+    simulation = world(seed, hazards=False)
     simulation.run(4000)
     for station_id in (PRESCRIBER, TARGET):
-        assert simulation.stations[station_id].state.phase == "ACTUATING"
+        assert simulation.services[station_id].state.phase == "ACTUATING"
     return simulation
 
 
@@ -203,12 +209,12 @@ def test_act_2_a_target_that_restarts_leads_to_fallback(seed: int) -> None:
     simulation = acting(seed)
     simulation.restart(TARGET, 4010)
     simulation.run(4010 + 1500 - 100)
-    assert simulation.stations[PRESCRIBER].state.phase == "ACTUATING"
+    assert simulation.services[PRESCRIBER].state.phase == "ACTUATING"
     simulation.run(4010 + 1500 + 40)
     assert reasons(simulation, PRESCRIBER) == ["cam_loss"]
-    assert simulation.stations[PRESCRIBER].state.phase == "STANDALONE"
+    assert simulation.services[PRESCRIBER].state.phase == "STANDALONE"
     simulation.run(END)
-    assert all(station.state.outbox == () for station in simulation.stations.values())
+    assert all(station.state.outbox == () for station in simulation.services.values())
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -217,23 +223,23 @@ def test_act_2_a_prescriber_that_restarts_leads_to_fallback(seed: int) -> None:
     simulation.restart(PRESCRIBER, 4010)
     simulation.run(4010 + 1500 + 40)
     assert reasons(simulation, TARGET) == ["cam_loss"]
-    assert simulation.stations[TARGET].state.phase == "STANDALONE"
+    assert simulation.services[TARGET].state.phase == "STANDALONE"
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_l_3_a_radio_that_falls_silent_leads_both_to_fallback(seed: int) -> None:
     simulation = acting(seed)
-    simulation._radio = Radio(loss=1.0)
+    simulation.radio.channel = Channel(loss=1.0)
     simulation.run(4000 + 1500 + 40)
     assert reasons(simulation, PRESCRIBER) == reasons(simulation, TARGET) == ["cam_loss"]
     simulation.run(END)
-    assert all(station.state.outbox == () for station in simulation.stations.values())
+    assert all(station.state.outbox == () for station in simulation.services.values())
 
 
 def test_adv_3_who_is_not_concerned_does_not_join() -> None:
     simulation = Watched()
     simulation.add(PRESCRIBER, Straight())
-    simulation.add(TARGET, Straight(concerned=False))
+    simulation.add(TARGET, Straight(concerned_by_all=False))
     simulation.request(PRESCRIBER, 0)
     simulation.run(5000)
     assert len(heard(simulation, PRESCRIBER, "no_participants")) == 1

@@ -12,14 +12,13 @@ import re
 import shutil
 import subprocess
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from automcm_spec import models, tlc, toolchain
+from automcm_spec import models, tlc
 from automcm_spec.paths import MODELS, TLA
 
 LOOPBACK = "127.0.0.1"
@@ -70,7 +69,7 @@ def serve(
     model has a temporal property, or TLC gives no verdict in time.
     """
     checked = models.checked_in(models_dir / f"{model.cfg}.cfg")
-    safety = {name for id_, name in models.PROPERTIES.items() if id_[0] in "ST"}
+    safety = {name for name, id_ in models.PROPERTY_IDS.items() if id_[0] in "ST"}
     if beyond := sorted(set(checked) - safety):
         raise tlc.TlcError("config", f"{model.cfg}: only safety is distributed, not {beyond[0]}")
     started = time.monotonic()
@@ -118,48 +117,18 @@ def _java(
     on_line: Callable[[str], None] = lambda line: None,
 ) -> str:
     """Run a class of TLC's distributed mode in a folder of its own; all it says."""
-    try:
-        java, jar = toolchain.java(), toolchain.tla2tools()
-    except toolchain.ToolError as error:
-        raise tlc.TlcError("java", str(error)) from error
+    java, jar = tlc.tools()
     command = [str(java), "-Xss64m", "-XX:-UsePerfData", "-Duser.language=en"]
     command += [f"-Djava.io.tmpdir={place}", f"-Djava.rmi.server.hostname={host}", *options]
     command += ["-cp", str(jar), f"tlc2.tool.distributed.{name}", *arguments]
-    process = subprocess.Popen(
-        command,
-        cwd=place,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        encoding="utf-8",
-        errors="replace",
-    )
-    expired = threading.Event()
+    lines: list[str] = []
 
-    def expire() -> None:
-        expired.set()
-        process.kill()
-
-    timer = threading.Timer(timeout_s, expire) if timeout_s is not None else None
-    lines = []
-    try:
-        if timer:
-            timer.start()
-        assert process.stdout is not None
-        for line in process.stdout:
+    def read(said: Iterable[str]) -> None:
+        for line in said:
             lines.append(line)
             on_line(line.rstrip("\n"))
-        process.wait()
-    finally:
-        if timer:
-            timer.cancel()
-        process.kill()
-        process.wait()
-        if process.stdout:
-            process.stdout.close()
-    if expired.is_set():
-        raise tlc.TlcError("timeout", f"{name} did not end within {timeout_s:g} s")
+
+    tlc.execute(command, place, subprocess.STDOUT, timeout_s, read, name=name)
     return "".join(lines)
 
 

@@ -3,7 +3,7 @@
 import builtins
 import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,17 +39,22 @@ PROPERTIES = {
     "TypeInv": "TypeInv",
 }
 
+#: The id of a property by its name in the modules, or by that of its version with time.
+PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
+
 #: The profiles, each with the models of those before it.
 PROFILES = ("quick", "full", "deep")
 
 #: Below this many seconds a run is too short for Java to optimise it well.
 SHORT_S = 10.0
-_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
 
 _SENTENCE = re.compile(r"[.?!](?=\s|$)")
 _REACHED = re.compile(r'"<<\\"REACHED\\", \\"(.+)\\">>"')
 _KEYWORD = re.compile(r"^\s*([A-Z_]{4,})\b", re.MULTILINE)
 _COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
+_CHECKED = {"INVARIANT", "INVARIANTS", "PROPERTY", "PROPERTIES"}
+_EXTENDS = re.compile(r"^EXTENDS\s+(\w+(?:\s*,\s*\w+)*)", re.MULTILINE)
+_INSTANCE = re.compile(r"\bINSTANCE\s+(\w+)")
 
 
 class ModelError(Exception):
@@ -194,15 +199,40 @@ def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
             raise ModelError(f"{model.cfg}.cfg must check {model.breaks} and nothing else")
 
 
+def split(cfg: str) -> tuple[str, list[tuple[str, str]]]:
+    """The text of a cfg without comments and what it checks, and that: (keyword, name)."""
+    rest, *sections = _KEYWORD.split(_COMMENT.sub("", cfg))
+    checked: list[tuple[str, str]] = []
+    for keyword, body in zip(sections[::2], sections[1::2], strict=True):
+        if keyword in _CHECKED:
+            checked += [(keyword, name) for name in body.split()]
+        else:
+            rest += f"\n{keyword}{body}"
+    return rest, checked
+
+
 def checked_in(cfg: Path) -> list[str]:
     """The names of the invariants and properties that a cfg lists."""
-    text = _COMMENT.sub("", cfg.read_text(encoding="utf-8"))
-    sections = _KEYWORD.split(text)
-    names: list[str] = []
-    for keyword, body in zip(sections[1::2], sections[2::2], strict=True):
-        if keyword in ("INVARIANT", "INVARIANTS", "PROPERTY", "PROPERTIES"):
-            names += body.split()
-    return names
+    return [name for _, name in split(cfg.read_text(encoding="utf-8"))[1]]
+
+
+def extended(module: str, texts: Mapping[str, str], *, instances: bool = False) -> set[str]:
+    """The modules a module extends, at whatever remove, itself included.
+
+    texts are the modules there are; others, such as Naturals, are left out. With instances, also
+    what is instantiated: all that TLC reads.
+    """
+    found: set[str] = set()
+    left = {module}
+    while left:
+        name = left.pop()
+        found.add(name)
+        text = texts.get(name, "")
+        names = {one for listed in _EXTENDS.findall(text) for one in re.findall(r"\w+", listed)}
+        if instances:
+            names |= set(_INSTANCE.findall(text))
+        left |= (names & set(texts)) - found
+    return found
 
 
 def of_profile(models: Sequence[Model], profile: str) -> list[Model]:
@@ -253,7 +283,7 @@ def check(
         name = None  # a part of a property, named by its place
     if name is None and result.outcome == "violates" and model.expect == "violates":
         name = model.breaks  # the cfg lists only this one
-    violated = None if name is None else _IDS.get(name, name)
+    violated = None if name is None else PROPERTY_IDS.get(name, name)
     kept = tuple(sorted(set(reached)))
     problem = _problem(model, result, violated, kept)
     return Verdict(model, result.outcome, violated, result, problem, reached=kept)

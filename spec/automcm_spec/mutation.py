@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import tempfile
 import threading
 import time
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from automcm_spec import generate, models, oracle, tlc, toolchain
-from automcm_spec.models import Model
+from automcm_spec.models import PROPERTY_IDS, Model
 from automcm_spec.mutants import Mutant
 from automcm_spec.paths import MODELS, TLA
 
@@ -42,10 +41,6 @@ GRAPHS = (generate.TIGHT, generate.ONE_PEER)
 
 Profile = Literal["quick", "deep"]
 Say = Callable[[str], None]
-_KEYWORD = re.compile(r"^\s*([A-Z_]{4,})\b", re.MULTILINE)
-_COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
-_CHECKED = {"INVARIANT", "INVARIANTS", "PROPERTY", "PROPERTIES"}
-_IDS = {name: id_ for id_, name in models.PROPERTIES.items()}
 
 
 class MutationError(Exception):
@@ -188,18 +183,8 @@ class _Run:
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
         self._locks = {m.cfg: threading.Lock() for m in chosen}
         self._sound: set[str] = set()
-        self._read_by = {m.module: self._extended(m.module) for m in chosen}
-
-    def _extended(self, module: str) -> set[str]:
-        """The modules of the folder that a module reads, itself included."""
-        found, left = set(), {module}
-        while left:
-            name = left.pop()
-            found.add(name)
-            text = self._modules[name].decode()
-            for names in re.findall(r"\b(?:EXTENDS|INSTANCE)\s+([\w\s,]+)", text):
-                left |= (set(re.split(r"[\s,]+", names)) & set(self._modules)) - found
-        return found
+        texts = {name: text.decode() for name, text in self._modules.items()}
+        self._read_by = {m.module: models.extended(m.module, texts, instances=True) for m in chosen}
 
     def _baseline(self, model: Model) -> None:
         """Raise MutationError if the model is not as expected without a mutant (checked once)."""
@@ -299,10 +284,10 @@ class _Run:
 
     def _violated(self, mutant: Mutant, model: Model, folder: Path) -> Iterator[_Found]:
         """Run again without the property just violated, till nothing more is."""
-        rest, left = _split(self._cfg[model.cfg])
+        rest, left = models.split(self._cfg[model.cfg])
         while left:
             found = self._check(mutant, model, _joined(rest, left), folder)
-            ids = [_IDS.get(name, name) for _, name in left]
+            ids = [PROPERTY_IDS.get(name, name) for _, name in left]
             if found.how == "property" and found.what not in ids:
                 # TLC does not name a temporal property: each by itself.
                 for one in [x for x in left if x[0].startswith("PROPERT")]:
@@ -378,27 +363,15 @@ def _found(verdict: models.Verdict, cfg: str) -> _Found:
     if verdict.problem is None:
         return _Found(None, "", seconds)
     if verdict.outcome == "violates" and verdict.model.expect == "holds":
-        temporal = [name for word, name in _split(cfg)[1] if word.startswith("PROPERT")]
+        temporal = [name for word, name in models.split(cfg)[1] if word.startswith("PROPERT")]
         name = verdict.property or (temporal[0] if len(temporal) == 1 else "a temporal property")
-        return _Found("property", _IDS.get(name, name), seconds)
+        return _Found("property", PROPERTY_IDS.get(name, name), seconds)
     what = verdict.problem.splitlines()[0]
     if what.startswith("reached"):
         return _Found("probe", what, seconds)
     if verdict.model.expect == "holds" or verdict.property == verdict.model.property:
         return _Found("counts", what, seconds)
     return _Found("must-fail", what, seconds)
-
-
-def _split(cfg: str) -> tuple[str, list[tuple[str, str]]]:
-    """A cfg without what it checks, and that: (keyword, name)."""
-    head, *sections = _KEYWORD.split(_COMMENT.sub("", cfg))
-    rest, checked = head, []
-    for keyword, body in zip(sections[::2], sections[1::2], strict=True):
-        if keyword in _CHECKED:
-            checked += [(keyword, name) for name in body.split()]
-        else:
-            rest += f"\n{keyword}{body}"
-    return rest, checked
 
 
 def _joined(rest: str, checked: Sequence[tuple[str, str]]) -> str:

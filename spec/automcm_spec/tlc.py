@@ -141,10 +141,7 @@ def run(
     Raises TlcError for whatever is neither a clean pass nor a violation. Whatever happens,
     Java is not running and nothing of it is on disk afterwards.
     """
-    try:
-        java, jar = toolchain.java(), toolchain.tla2tools()
-    except toolchain.ToolError as error:
-        raise TlcError("java", str(error)) from error
+    java, jar = tools()
     scratch = Path(tempfile.mkdtemp(prefix="automcm-tlc-"))
     try:
         command = [
@@ -167,7 +164,7 @@ def run(
         reader = _Reader(on_progress, on_print)
         try:
             with (scratch / "stderr").open("w+b") as stderr:
-                code = _read(command, tla_dir, stderr, timeout_s, stop or Stop(), reader)
+                code = execute(command, tla_dir, stderr, timeout_s, reader.read, stop=stop)
                 stderr.seek(0)
                 complaint = stderr.read(100_000).decode(errors="replace")
             return reader.result(cfg, code, complaint, time.monotonic() - started)
@@ -178,15 +175,29 @@ def run(
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _read(
-    command: list[str],
+def tools() -> tuple[Path, Path]:
+    """Java and TLC's jar. Raises TlcError if there is none."""
+    try:
+        return toolchain.java(), toolchain.tla2tools()
+    except toolchain.ToolError as error:
+        raise TlcError("java", str(error)) from error
+
+
+def execute(
+    command: Sequence[str],
     cwd: Path,
-    stderr: IO[bytes],
+    stderr: IO[bytes] | int,
     timeout_s: float | None,
-    stop: Stop,
-    reader: "_Reader",
+    read: Callable[[Iterable[str]], None],
+    *,
+    stop: Stop | None = None,
+    name: str = "TLC",
 ) -> int:
-    """Run the command, feed its lines to the reader, and return its exit code."""
+    """Run the command, have its lines read as they come, and return its exit code.
+
+    Raises TlcError if it cannot be started, is stopped or does not end in time.
+    """
+    stop = stop or Stop()
     try:
         process = subprocess.Popen(
             command,
@@ -199,7 +210,7 @@ def _read(
             errors="replace",
         )
     except OSError as error:
-        raise TlcError("java", f"TLC could not be started: {error}") from error
+        raise TlcError("java", f"{name} could not be started: {error}") from error
     expired = threading.Event()
 
     def expire() -> None:
@@ -212,7 +223,7 @@ def _read(
         if timer:
             timer.start()
         assert process.stdout is not None
-        reader.read(process.stdout)
+        read(process.stdout)
         code = process.wait()
     finally:
         if timer:
@@ -223,9 +234,9 @@ def _read(
         if process.stdout:
             process.stdout.close()
     if stop.stopped:
-        raise TlcError("other", "TLC was stopped")
+        raise TlcError("other", f"{name} was stopped")
     if expired.is_set():
-        raise TlcError("timeout", f"TLC did not end within {timeout_s:g} s")
+        raise TlcError("timeout", f"{name} did not end within {timeout_s:g} s")
     return code
 
 

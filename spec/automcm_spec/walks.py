@@ -35,8 +35,6 @@ once per station.  (An invariant would also see the successors that are not chos
 """
 
 _SAID = re.compile(r'<<"walk", (\d+), "([^"]+)">>$')
-_EXTENDS = re.compile(r"^EXTENDS\s+(\w+(?:\s*,\s*\w+)*)", re.MULTILINE)
-_IDS = {name: id_ for id_, name in models.PROPERTIES.items()}
 
 
 class WalkError(Exception):
@@ -135,7 +133,8 @@ def run(
     """
     if seconds is None and number is None:
         raise ValueError("neither a time nor a number of behaviours is given")
-    if not _extends_system(model.module, tla):
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in tla.glob("*.tla")}
+    if "System" not in models.extended(model.module, texts):
         raise WalkError(f"{model.name}: the module {model.module} does not extend System")
     count = _Count(on_progress)
     result = None
@@ -170,7 +169,7 @@ def run(
     name = result.property or model.breaks or "a property"
     count.end([str(_rule(state)) for state in result.trace[1:]])
     counts = count.counts()
-    found = _IDS.get(name, name)
+    found = models.PROPERTY_IDS.get(name, name)
     return Walks(model, seed, depth, *counts, "violation", found, result.trace)
 
 
@@ -216,13 +215,3 @@ def _config(model: Walked) -> str:
         if found != 1:
             raise WalkError(f"{model.name}: its cfg does not say {keyword} {name}, as System does")
     return text
-
-
-def _extends_system(module: str, tla: Path) -> bool:
-    if module == "System":
-        return True
-    path = tla / f"{module}.tla"
-    match = _EXTENDS.search(path.read_text(encoding="utf-8")) if path.is_file() else None
-    return match is not None and any(
-        _extends_system(name.strip(), tla) for name in match[1].split(",")
-    )

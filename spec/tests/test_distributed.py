@@ -1,31 +1,33 @@
 """TLC's server with two workers, all on loopback."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 
 from automcm_spec import distributed, models, tlc
 
+pytestmark = pytest.mark.xdist_group("the one port of TLC's server")
+
 MODELS = {model.cfg: model for model in models.load()}
 
 
-def shared(name: str) -> tuple[distributed.Shared, list[int]]:
+def shared(name: str) -> tuple[distributed.Shared, list[Future[int]]]:
     with ThreadPoolExecutor(3) as pool:
         server = pool.submit(distributed.serve, MODELS[name], timeout_s=120)
         workers = [pool.submit(distributed.work, "127.0.0.1", timeout_s=120) for _ in range(2)]
-        return server.result(), [worker.result() for worker in workers]
+    return server.result(), workers
 
 
 def test_two_workers_find_the_states_of_one() -> None:
-    found, computed = shared("one_by_two")
+    found, workers = shared("one_by_two")
     assert found.problem is None
     assert found.distinct_states == MODELS["one_by_two"].distinct_states
-    assert len(computed) == 2
+    assert len([worker.result() for worker in workers]) == 2
 
 
 @pytest.mark.parametrize("name", ["any_lease_order", "no_busy_refusal"])
 def test_a_violated_invariant_and_a_violated_action_property_are_found(name: str) -> None:
-    found, _ = shared(name)
+    found, _ = shared(name)  # a worker that comes after the violation breaks off
     assert (found.outcome, found.problem) == ("violates", None)
 
 

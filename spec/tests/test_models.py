@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from automcm_cli.spec import chosen
 from automcm_spec import models, rules
 from automcm_spec.models import Model, ModelError, Verdict
 from automcm_spec.paths import MODELS, TLA
@@ -54,6 +55,34 @@ def test_models_that_hold_check_everything() -> None:
 def test_every_property_holds_in_a_quick_model() -> None:
     quick = [m for m in models.load() if m.profile == "quick" and m.expect == "holds"]
     assert set().union(*(checked(m.cfg) for m in quick)) >= set(models.PROPERTIES.values())
+
+
+def test_s_5_is_found_under_its_name_with_time_too() -> None:
+    names = {name for name, id_ in models.PROPERTY_IDS.items() if id_ == "S-5"}
+    assert names == {"NoHazardInv", "SettledHazardInv"}
+    wanted = {m.cfg for m in models.load() if names & checked(m.cfg)}
+    for asked in ("S-5", *names):
+        assert {m.cfg for m in chosen(models.load(), [], None, asked)} == wanted
+
+
+def test_what_a_cfg_checks_and_the_rest_of_it() -> None:
+    cfg = "\\* a PROPERTY\nCONSTANTS\n  A = 1 (* INVARIANT\n  X *)\nINVARIANTS A\n  B\nINIT Init\n"
+    rest, listed = models.split(cfg + "PROPERTY C")
+    assert listed == [("INVARIANTS", "A"), ("INVARIANTS", "B"), ("PROPERTY", "C")]
+    assert rest.split() == ["CONSTANTS", "A", "=", "1", "INIT", "Init"]
+
+
+def test_what_a_module_extends_and_what_it_reads() -> None:
+    texts = {
+        "A": "EXTENDS B, Naturals\nVARIABLE D",
+        "B": "EXTENDS\n  C ,  B",
+        "C": "Inner == INSTANCE D WITH x <- 1",
+        "D": "\\* it EXTENDS E",
+        "E": "",
+    }
+    assert models.extended("A", texts) == {"A", "B", "C"}
+    assert models.extended("A", texts, instances=True) == {"A", "B", "C", "D"}
+    assert models.extended("F", texts) == {"F"}
 
 
 def test_must_fail_models_are_quick() -> None:

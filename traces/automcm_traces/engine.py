@@ -90,9 +90,13 @@ class Step:
 
 
 class Engine:
-    """Follows one station's log."""
+    """Follows one station's log.
 
-    def __init__(self, log: Log) -> None:
+    A timer may expire up to ``late_ms`` after its deadline, by default half of t_resend: what
+    section 3 allows a copy to be under way.
+    """
+
+    def __init__(self, log: Log, late_ms: int | None = None) -> None:
         header = log.header
         missing = [kind for kind in NEEDED if kind not in header.complete]
         if missing:
@@ -109,7 +113,7 @@ class Engine:
             "quarantine": _sum(p.t_advertise, p.t_life),
         }
         self._tells = "indication" in header.complete
-        self._late_ms = (p.t_resend or 100) // 2
+        self._late_ms = (p.t_resend or 100) // 2 if late_ms is None else late_ms
         self.track = Track(header.station, p.max_rounds or 3)
         self.timers: dict[str, int] = {}
         self._step: Step | None = None
@@ -194,17 +198,24 @@ class Engine:
         z = next(iter(others(t, y)), 0)
         view = View(t, y, z, m["session"], m.get("proposal", 0))
         content = {"planned": event.planned} if event.planned is not None else {}
-        concerned = m["type"] != "Ack" and not (
-            m["type"] == "Advertisement" and not content and m["session"][0] == src
+        message = self._message(view, m)
+        concerned = self._misdirected(m) or (
+            m["type"] != "Ack"
+            and not (m["type"] == "Advertisement" and not content and m["session"][0] == src)
         )
-        value = ["receive", self._message(view, m), concerned]
+        value = ["receive", message, concerned]
         self._start(at, event, view, value, what, given=m, content=content)
+
+    def _misdirected(self, m: dict[str, Json]) -> bool:
+        """MSG-1, END-5: whatever it holds, where it comes from or goes to settles it."""
+        me, dst, to_all = self.track.me, m.get("dst", 0), m["type"] == "Advertisement"
+        return m["src"] == me or dst not in (0, me) or (dst == 0) != to_all
 
     def _message(self, view: View, m: dict[str, Json]) -> Json:
         """A received message in the oracle's ids; a broken one as its kind in the alphabet."""
         t, type_, dst = self.track, m["type"], m.get("dst", 0)
         src = ME if m["src"] == t.me else Y
-        if src == ME or dst not in (0, t.me) or (dst == 0) != (type_ == "Advertisement"):
+        if self._misdirected(m):
             to = {0: 0, t.me: ME}.get(dst, STRANGER)
             if src == ME and type_ != "Advertisement":
                 to = ME

@@ -46,15 +46,18 @@ class Verdict:
         }
 
 
-def explain(log: Log) -> Verdict:
-    """The verdict on one log.  Raises automcm_spec.oracle.OracleError if there is no oracle."""
+def explain(log: Log, late_ms: int | None = None) -> Verdict:
+    """The verdict on one log; ``late_ms`` is as for ``Engine``.
+
+    Raises automcm_spec.oracle.OracleError if there is no oracle.
+    """
     at = 0
     try:
         if log.end is not None and log.end.lost_records:
             raise CannotTell(f"the log lost {log.end.lost_records} records")
         if not log.events:
             raise CannotTell("the log holds no event")
-        engine = Engine(log)
+        engine = Engine(log, late_ms)
         for at, event in log.events:
             engine.feed(at, event)
         if log.ended:
@@ -89,7 +92,7 @@ def forged(logs: Sequence[Log]) -> dict[str, Verdict]:
     return found
 
 
-def explain_files(paths: Sequence[Path]) -> list[Verdict]:
+def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """A verdict for each file; with several, messages are compared with what was sent."""
     verdicts: dict[str, Verdict] = {}
     logs: list[Log] = []
@@ -100,7 +103,7 @@ def explain_files(paths: Sequence[Path]) -> list[Verdict]:
             verdicts[str(path)] = Verdict("unreadable", str(path), error.line, str(error))
     foreign = forged(logs)
     for log in logs:
-        verdict = explain(log)
+        verdict = explain(log, late_ms)
         other = foreign.get(log.file)
         if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
             verdict = other

@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 
 from automcm.interface import Abort
+from automcm.links.simulated import Channel, Radio
 from automcm.parameters import Parameters
-from automcm.simulation import Radio, Simulation, Straight
+from automcm.simulation import Simulation
+from automcm.straight import Straight
 from automcm_traces.explain import exit_code, explain, explain_files, text
 from automcm_traces.reader import read
 
@@ -20,7 +22,7 @@ STATIONS = (1001, 2002, 3003, 4004)
 
 def four_stations(folder: Path, seed: int = 3, parameters: Parameters | None = None) -> list[Path]:
     """One prescriber and three receivers, default parameters, real ids, 20 % loss."""
-    simulation = Simulation(seed=seed, radio=Radio(loss=0.2, duplicate=0.1), logs=folder)
+    simulation = Simulation(seed=seed, channel=Channel(loss=0.2, duplicate=0.1), logs=folder)
     for station in STATIONS:
         simulation.add(station, Straight(target=3003), parameters)
     simulation.request(1001, at=500)
@@ -60,6 +62,37 @@ def test_four_stations_with_loss_are_allowed(logs: list[Path]) -> None:
     assert exit_code(verdicts) == 0 and all(v.events > 100 for v in verdicts)
 
 
+def test_msg_1_stations_that_overhear_everything_are_allowed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a shared radio each hears what is meant for the others, Acks too."""
+    send = Radio._send
+    monkeypatch.setattr(Radio, "_send", lambda self, src, data, _, tx: send(self, src, data, 0, tx))
+    paths = four_stations(tmp_path)
+    overheard = find(paths[1], "receive", type="Ack", dst=3003)
+    assert overheard and exit_code(explain_files(paths)) == 0
+
+
+@pytest.mark.parametrize(
+    ("late_ms", "verdict"), [(50, "diverges"), (None, "diverges"), (70, "allowed")]
+)
+def test_how_late_a_timer_may_be_can_be_told(
+    logs: list[Path], tmp_path: Path, late_ms: int | None, verdict: str
+) -> None:
+    """A log in which everything from the first expiry on is 60 ms later."""
+    lines = logs[0].read_text().splitlines()
+    records = [json.loads(line) for line in lines]
+    first = next(n for n, r in enumerate(records) if r.get("op") == "expire")
+    for record in records[first:]:
+        if "t_ms" in record:
+            record["t_ms"] += 60
+        if "deadline" in record:
+            record["deadline"] += 60
+    late = tmp_path / "late.ndjson"
+    late.write_text("".join(json.dumps(record) + "\n" for record in records))
+    assert explain_files([late], late_ms)[0].verdict == verdict
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_other_seeds_and_parameters_are_allowed(seed: int, tmp_path: Path) -> None:
     parameters = Parameters(t_timeout=(0, 1000, 2000)[seed % 3], max_rounds=1 + seed % 5, t_cam=500)
@@ -71,7 +104,7 @@ def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None
         chance = random.Random(seed)
         folder = tmp_path / str(seed)
         folder.mkdir()
-        simulation = Simulation(seed=seed, radio=Radio(loss=0.3, duplicate=0.2), logs=folder)
+        simulation = Simulation(seed=seed, channel=Channel(loss=0.3, duplicate=0.2), logs=folder)
         for station in range(11, 17):
             driver = Straight(refuse_first=chance.choice([0, 1, 2]), maneuver_ms=2000)
             simulation.add(station, driver, Parameters(t_cam=500))

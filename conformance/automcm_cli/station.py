@@ -1,0 +1,153 @@
+"""``automcm station``, ``automcm link relay`` and ``automcm drive``: the reference at work."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Coroutine
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from automcm_cli.common import CODES
+from automcm_cli.parameters import chosen
+
+link = typer.Typer(help="Links between stations.", epilog=CODES)
+
+Remote = Annotated[
+    bool, typer.Option("--allow-remote", help="Also addresses that other hosts can reach.")
+]
+
+
+def report(event: dict[str, Any]) -> None:
+    """One line of JSON on standard output."""
+    sys.stdout.write(json.dumps(event, separators=(",", ":")) + "\n")
+    sys.stdout.flush()
+
+
+def carry_out(name: str, what: Coroutine[Any, Any, None]) -> None:
+    """Run it; what goes wrong is one line and exit code 3."""
+    from automcm.links import LinkError
+    from automcm.process import NumberError
+
+    try:
+        asyncio.run(what)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads any more
+    except (LinkError, NumberError, OSError) as error:
+        typer.echo(f"{name}: {error}", err=True)
+        raise typer.Exit(3) from None
+
+
+def delays(text: str) -> tuple[int, int]:
+    """``MIN:MAX`` in ms."""
+    low, _, high = text.partition(":")
+    if not low.isdecimal() or not high.isdecimal() or int(low) > int(high):
+        raise typer.BadParameter(f"{text}: a delay is MIN:MAX in ms, such as 2:40")
+    return int(low), int(high)
+
+
+def station(
+    station_id: Annotated[int, typer.Option("--id", min=1, max=2**32 - 1, help="Its station_id.")],
+    via: Annotated[str | None, typer.Option(help="A relay's HOST:PORT; else broadcast.")] = None,
+    broadcast: Annotated[
+        str, typer.Option(help="Where all stations listen.")
+    ] = "127.255.255.255:47100",
+    host: Annotated[str, typer.Option(help="The address to send from.")] = "127.0.0.1",
+    allow_remote: Remote = False,
+    codec: Annotated[str, typer.Option(help="json or uper.")] = "json",
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="A parameter, such as t_timeout=1000.")
+    ] = None,
+    log: Annotated[Path | None, typer.Option(help="Write a log here (automcm.trace/1).")] = None,
+    number_file: Annotated[
+        Path | None,
+        typer.Option(help="Keeps the session number.  If it is there, this is a restart (END-8)."),
+    ] = None,
+    request_after: Annotated[
+        int | None, typer.Option(help="Ask for a lane change after so many ms.")
+    ] = None,
+    target: Annotated[int, typer.Option(help="Whom to prescribe; 0: who answers first.")] = 0,
+    concerned: Annotated[bool, typer.Option(help="Join the maneuvers of others.")] = True,
+    refuse_first: Annotated[int, typer.Option(help="How many proposals to refuse.")] = 0,
+    maneuver: Annotated[int, typer.Option(help="How long the maneuver takes, ms.")] = 3000,
+    listen: Annotated[
+        int, typer.Option(help="First listen so many ms for a station of the same id.")
+    ] = 1100,
+    for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
+    zero: Annotated[
+        float, typer.Option(help="What counts as 0 ms on the host's monotonic clock, in s.")
+    ] = 0.0,
+) -> None:
+    """Run one station on UDP until SIGTERM; report messages and phases as lines of JSON.
+
+    Its application drives straight on and agrees to what it is asked.
+    """
+    from automcm.codec import CodecError
+    from automcm.codec import codec as by_name
+    from automcm.links import LinkError
+    from automcm.links.udp import UdpLink, address
+    from automcm.process import NumberFile, StationProcess
+    from automcm.straight import LANE_CHANGE, Straight
+
+    try:
+        to, relay = address(broadcast), address(via) if via else None
+        coded = by_name(codec)
+    except (LinkError, CodecError) as error:
+        raise typer.BadParameter(str(error)) from None
+    application = Straight(
+        target=target,
+        refuse_first=refuse_first,
+        maneuver_ms=maneuver,
+        concerned_by_all=concerned,
+    )
+    process = StationProcess(
+        station_id=station_id,
+        application=application,
+        link=partial(UdpLink, host=host, broadcast=to, via=relay, allow_remote=allow_remote),
+        codec=coded,
+        parameters=chosen(set_ or []),
+        report=report,
+        log=log,
+        number_file=NumberFile(number_file) if number_file else None,
+        commands=[] if request_after is None else [(request_after, LANE_CHANGE)],
+        listen_ms=listen,
+        for_ms=for_ms,
+        zero=zero,
+    )
+    carry_out("station", process.run())
+
+
+@link.command(epilog="Example: automcm link relay --port 47200 --loss 0.2 --delay 5:40.  " + CODES)
+def relay(
+    port: Annotated[int, typer.Option(help="Where to listen; 0: any.")] = 47_200,
+    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    loss: Annotated[float, typer.Option(min=0, max=1, help="Share of copies lost.")] = 0.0,
+    duplicate: Annotated[float, typer.Option(min=0, max=1, help="Share doubled.")] = 0.0,
+    reorder: Annotated[float, typer.Option(min=0, max=1, help="Share held back.")] = 0.0,
+    delay: Annotated[str, typer.Option(help="MIN:MAX in ms.")] = "0:0",
+    seed: Annotated[int, typer.Option(help="Seed of what is lost, doubled and held back.")] = 0,
+    allow_remote: Remote = False,
+    for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
+) -> None:
+    """Pass what one station sends on to all others, with loss and delay, until SIGTERM."""
+    from automcm.links.relay import Relay
+    from automcm.links.simulated import Channel
+    from automcm.process import until_stopped
+
+    channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=delays(delay))
+
+    async def run() -> None:
+        relay = Relay(host, port, channel=channel, seed=seed, allow_remote=allow_remote)
+        report({"event": "start", "host": relay.address[0], "port": relay.address[1]})
+        try:
+            await until_stopped(for_ms)
+        finally:
+            relay.close()
+            report({"event": "end", "delivered": relay.radio.delivered, "lost": relay.radio.lost})
+
+    carry_out("link relay", run())

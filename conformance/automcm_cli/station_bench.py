@@ -1,0 +1,103 @@
+"""``automcm bench station``: the figures as tables."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from automcm.bench import POINTS, Report
+from automcm_cli.common import CODES, Json, progress, write_json
+
+bench = typer.Typer(help="What the reference costs.", epilog=CODES)
+
+
+@bench.command(epilog="Example: automcm bench station --seconds 20.  " + CODES)
+def station(
+    seconds: Annotated[float, typer.Option(help="About how long to measure.", min=0.1)] = 20,
+    json_: Json = None,
+) -> None:
+    """Messages, sessions and memory, each beside a baseline measured in the same run.
+
+    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    """
+    from automcm import bench as measured
+
+    with progress() as say:
+        report = measured.run(seconds, say)
+    write_json(json_, report.as_dict())
+    if str(json_) != "-":
+        console = Console()
+        show(report, console if console.is_terminal else Console(width=100))
+
+
+@bench.callback()
+def _group() -> None:
+    """Keeps ``station`` a command of its own."""
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for n, column in enumerate(columns):
+        table.add_column(column, justify="left" if n == 0 else "right")
+    return table
+
+
+def show(report: Report, console: Console) -> None:
+    """Print the tables."""
+    core = report.core
+    console.print(f"the core, {core.messages} messages of a session of four stations")
+    table = _table("", "us a message", "core costs")
+    table.add_row("core", f"{core.core_us:.2f}", "")
+    for name, us in (
+        ("decoding it (pydantic, JSON)", core.decode_us),
+        ("a dictionary look-up", core.lookup_us),
+        ("a python-statemachine transition", core.statemachine_us),
+    ):
+        table.add_row(name, f"{us:.2f}", f"{core.core_us / us:.2f} times that")
+    console.print(table)
+    console.print(f"messages a second: {1e6 / core.core_us:,.0f}\n", highlight=False)
+    table = _table("by type", "messages", "core us", "decoding us", "ratio")
+    for type_, (n, handled, decoded) in core.by_type.items():
+        ratio = f"{handled / decoded:.2f}"
+        table.add_row(type_, str(n), f"{handled:.2f}", f"{decoded:.2f}", ratio)
+    console.print(table)
+    table = _table(
+        f"\nPrescription, {POINTS} points",
+        "bytes",
+        "encoding us",
+        "to json",
+        "decoding us",
+        "to json",
+    )
+    first = report.codings[0]
+    for coding in report.codings:
+        table.add_row(
+            coding.codec,
+            f"{coding.size:,}",
+            f"{coding.encode_us:.1f}",
+            f"{coding.encode_us / first.encode_us:.1f}",
+            f"{coding.decode_us:.1f}",
+            f"{coding.decode_us / first.decode_us:.1f}",
+        )
+    console.print(table)
+    table = _table("\nsessions", "loss", "a second", "to no loss", "messages a second", "agreed")
+    for each in report.sessions:
+        perfect = next(s for s in report.sessions if (s.t_timeout, s.loss) == (each.t_timeout, 0.0))
+        table.add_row(
+            f"t_timeout {each.t_timeout} ms",
+            f"{each.loss:.0%}",
+            f"{each.per_second:,.0f}",
+            f"{each.per_second / perfect.per_second:.2f}",
+            f"{each.messages_per_second:,.0f}",
+            f"{each.agreed / each.sessions:.0%}",
+        )
+    console.print(table)
+    m = report.memory
+    table = _table(f"\nmemory, {m.stations} stations", "bytes a station", "to idle")
+    for name, size in (("idle", m.idle), ("waiting", m.waiting), ("acting", m.acting)):
+        table.add_row(name, f"{size:,}", f"{size / m.idle:.2f}")
+    table.add_row(f"one trajectory of {POINTS} points", f"{m.trajectory:,}", "")
+    console.print(table)

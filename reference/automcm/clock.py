@@ -1,0 +1,68 @@
+"""Clocks: what time it is, in integer milliseconds, and "wake me at".
+
+The station is given the time and reads no clock.  The service is given a ``Clock``: a virtual
+one in simulations and tests, asyncio's in a process of its own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import math
+from collections.abc import Callable
+from typing import Protocol
+
+Cancel = Callable[[], None]
+
+
+class Clock(Protocol):
+    """Time in ms that never goes back, and one-shot alarms."""
+
+    def now(self) -> int:
+        """The time in ms."""
+
+    def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
+        """Call ``do`` at ``when_ms`` or as soon as possible after it; the result calls it off."""
+
+
+class VirtualClock:
+    """Time that passes only in ``run``.  Of alarms for one instant, the first set rings first."""
+
+    def __init__(self) -> None:
+        self._now = 0
+        self._set = 0
+        self._alarms: list[tuple[int, int, list[Callable[[], None]]]] = []
+
+    def now(self) -> int:
+        return self._now
+
+    def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
+        what = [do]
+        self._set += 1
+        heapq.heappush(self._alarms, (max(when_ms, self._now), self._set, what))
+        return what.clear
+
+    def run(self, until_ms: int) -> None:
+        """Ring every alarm up to and at ``until_ms``; then it is ``until_ms``."""
+        while self._alarms and self._alarms[0][0] <= until_ms:
+            self._now, _, what = heapq.heappop(self._alarms)
+            if what:
+                what[0]()
+        self._now = max(self._now, until_ms)
+
+
+class AsyncioClock:
+    """The running event loop's clock: the host's monotonic time, so that a process that comes
+    back goes on where it was.  ``zero`` is the time in seconds that counts as 0."""
+
+    def __init__(self, zero: float = 0.0) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._zero = zero
+
+    def now(self) -> int:
+        return int((self._loop.time() - self._zero) * 1000)
+
+    def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
+        # A hair late rather than early: woken early, now() would still be before when_ms.
+        when = math.nextafter(self._zero + when_ms / 1000, math.inf)
+        return self._loop.call_at(when, do).cancel

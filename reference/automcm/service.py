@@ -1,0 +1,319 @@
+"""The MC service: the facility layer, common to all scenarios (section IV of the paper).
+
+It owns a station, a link, a clock and one application.  It generates and takes CAMs, sends and
+receives messages, keeps a single alarm set for the next thing due, writes the log, and turns
+what the station tells into the questions of the application interface.  It decides nothing.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from logging import getLogger
+
+from automcm import logging
+from automcm.application import Advertised, Application, Choice, Drive, Proposal
+from automcm.clock import Cancel, Clock
+from automcm.codec import JSON, MAX_BYTES, Codec
+from automcm.interface import Accept, Command, Indication
+from automcm.links import Link
+from automcm.messages import (
+    BROADCAST,
+    Advertisement,
+    Cam,
+    Message,
+    MessageError,
+    Trajectory,
+    to_dict,
+)
+from automcm.outcome import Heard
+from automcm.parameters import Parameters
+from automcm.state import State
+from automcm.station import Effects, Station
+from automcm.statistics import Statistics
+from automcm_traces.writer import LogWriter
+
+NEIGHBOURS = 256
+"""How many stations' last CAMs are kept."""
+
+_logger = getLogger(__name__)
+
+Observer = Callable[[State, Effects], None]
+"""Called with the state before and what an input did, after its messages were sent."""
+
+
+class McService:
+    """One station at work.
+
+    ``number`` is the last session number used before, and ``keep_number`` is called with each
+    new one before it goes on the air (END-8); a service that comes back calls ``restart``.
+    ``seed`` feeds the back-off (END-7) and the offset of the first CAM.
+
+    An exception in the application or an observer passes through to whoever called (the event
+    loop, the simulation), after the messages of that input were sent and the alarm was set: it
+    stops no session.
+    """
+
+    def __init__(
+        self,
+        station_id: int,
+        application: Application,
+        link: Link,
+        clock: Clock,
+        *,
+        parameters: Parameters | None = None,
+        number: int = 0,
+        keep_number: Callable[[int], None] = lambda number: None,
+        seed: int = 0,
+        codec: Codec = JSON,
+        log: LogWriter | None = None,
+        observers: tuple[Observer, ...] = (),
+    ) -> None:
+        self.station = Station(
+            station_id,
+            parameters,
+            plan=self._plan,
+            number=number,
+            seed=seed,
+            decode=codec.decode,
+        )
+        self.application, self.statistics = application, Statistics()
+        self.neighbours: OrderedDict[int, Cam] = OrderedDict()
+        """The last CAM of each of the ``NEIGHBOURS`` stations heard last."""
+        self._link, self._clock, self._codec, self._log = link, clock, codec, log
+        self._keep_number, self._observers = keep_number, observers
+        self._number = number
+        self._time = 0
+        self._sent = 0
+        self._cam_due = clock.now() + random.Random(seed).randrange(self.parameters.t_cam)
+        self._alarm: tuple[int, Cancel] | None = None
+        self._pending: deque[Callable[[], None]] = deque()
+        self._busy = False
+        self._open = False
+        self._proposal: Proposal | None = None
+        self._before = self.station.state
+        application.attach(self)
+
+    @property
+    def station_id(self) -> int:
+        return self.station.station_id
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.station.parameters
+
+    @property
+    def state(self) -> State:
+        return self.station.state
+
+    # -- what may be done with it
+
+    def start(self) -> None:
+        """Open the link and begin to send CAMs."""
+        self._link.open(self.receive)
+        self._open = True
+        self._do(lambda: None)
+
+    def close(self) -> None:
+        """Stop where it is, as a crash would: nothing more is sent, received or due."""
+        self._open = False
+        if self._alarm is not None:
+            self._alarm[1]()
+        self._link.close()
+
+    def now(self) -> int:
+        """The time in ms.  It never goes back, whatever the clock does."""
+        self._time = max(self._time, self._clock.now())
+        return self._time
+
+    def receive(self, data: bytes, tx: str | None = None) -> int | None:
+        """Bytes from the link; what is no message is counted and dropped (END-5).
+
+        Returns the station that the message is from, None for no message.
+        """
+        src: int | None = None
+
+        def take() -> None:
+            nonlocal src
+            self.statistics.received_bytes += len(data)
+            self.statistics.oversized += len(data) > MAX_BYTES
+            effects = self.station.receive(data, self.now())
+            match effects[-1].input:
+                case Heard(message):
+                    src = message.src
+                case Cam() as cam:
+                    src = cam.src
+            self._take(effects, tx, data)
+
+        self._do(take)
+        return src
+
+    def command(self, command: Command, after_ms: int = 0) -> None:
+        """A command of the application, now (from within a callback: after it) or later."""
+        if after_ms > 0:
+            self._clock.at(self._clock.now() + after_ms, lambda: self.command(command))
+        else:
+            self._do(lambda: self._take(self.station.command(command, self.now())))
+
+    def restart(self) -> None:
+        """Forget every session, as after a crash (END-8)."""
+        self._do(lambda: self._take(self.station.restart(self.now())))
+
+    # -- one thing at a time
+
+    def _do(self, what: Callable[[], None]) -> None:
+        """Do it, and what the application asks for meanwhile; then set the alarm."""
+        if not self._open:
+            return
+        self._pending.append(what)
+        if self._busy:
+            return
+        self._busy = True
+        try:
+            while self._pending:
+                self._pending.popleft()()
+        finally:
+            self._busy = False
+            self._set_alarm()
+
+    def _set_alarm(self) -> None:
+        if not self._open:
+            return
+        deadline = self.station.next_deadline()
+        due = self._cam_due if deadline is None else min(deadline, self._cam_due)
+        if self._alarm is not None:
+            if self._alarm[0] <= due:
+                return  # rings early, does nothing, and is set again
+            self._alarm[1]()
+        self._alarm = due, self._clock.at(due, lambda: self._ring(due))
+
+    def _ring(self, due: int) -> None:
+        self._alarm = None
+        self._time = max(self._time, due)  # woken early it is due all the same
+        self.statistics.latest_ms = max(self.statistics.latest_ms, self.now() - due)
+        self._do(self._on_time)
+
+    def _on_time(self) -> None:
+        now = self.now()
+        self._take(self.station.advance(now))
+        if now >= self._cam_due:
+            self._send_cam(now)
+            self._cam_due = max(self._cam_due + self.parameters.t_cam, now + 1)
+
+    def _take(self, effects: list[Effects], tx: str | None = None, raw: bytes = b"") -> None:
+        """Send, log, count and pass on what the station did.
+
+        The input that ``tx`` and ``raw`` belong to comes last: due timers fire first.
+        """
+        told = []
+        last = len(effects) - 1
+        for n, effect in enumerate(effects):
+            before, self._before = self._before, effect.state
+            if effect.state.number > self._number:
+                self._number = effect.state.number
+                self._keep_number(self._number)
+            txs = [self._send(message) for message in effect.messages]
+            if self._log is not None:
+                mine = n == last
+                logging.write(
+                    self._log, effect, txs, tx=tx if mine else None, raw=raw if mine else b""
+                )
+            self.statistics.count(effect, before)
+            told.append((before, effect))
+        for before, effect in told:
+            for observe in self._observers:
+                observe(before, effect)
+            self._tell(effect)
+
+    # -- sending
+
+    def _send(self, message: Message | Cam) -> str:
+        """Put a message on the air; returns its transmission id.
+
+        What the codec cannot carry, such as a trajectory too long for it, is as if lost.
+        """
+        self._sent += 1
+        tx = f"{self.station_id}:{self._sent}"
+        try:
+            data = self._codec.encode(message)
+        except MessageError as error:
+            self.statistics.unsendable += 1
+            _logger.warning("%s: %s is not sent: %s", self.station_id, message.type, error)
+            return tx
+        self.statistics.sent[message.type] += 1
+        self.statistics.sent_bytes += len(data)
+        self._link.send(data, BROADCAST if isinstance(message, Cam) else message.dst, tx)
+        return tx
+
+    def _send_cam(self, now: int) -> None:
+        at = self.application.kinematics(now)
+        cam = Cam(
+            src=self.station_id,
+            generation_ms=now,
+            x_mm=at.x_mm,
+            y_mm=at.y_mm,
+            heading_mrad=at.heading_mrad,
+            speed_mm_s=at.speed_mm_s,
+            marks=self.state.marks,
+        )
+        tx = self._send(cam)
+        if self._log is not None:
+            self._log.event("send", now, tx=tx, message=to_dict(cam))
+
+    # -- the application interface
+
+    def _plan(self, advertisement: Advertisement) -> Trajectory | None:
+        a = advertisement
+        return self.application.concerned(Advertised(a.session, a.scenario, a.details, a.planned))
+
+    def _tell(self, effect: Effects) -> None:
+        if isinstance(effect.input, Cam) and effect.input.src != self.station_id:
+            self.neighbours[effect.input.src] = effect.input
+            self.neighbours.move_to_end(effect.input.src)
+            if len(self.neighbours) > NEIGHBOURS:
+                self.neighbours.popitem(last=False)
+        elif isinstance(effect.input, Accept) and effect.rule == "NEG-2":
+            p, now = self._proposal, effect.now_ms
+            assert p is not None
+            selected = effect.input.selected
+            self.application.load(
+                Drive(p.session, "receiver", selected, now + p.hold_ms, now + p.lease_ms)
+            )
+        for told in effect.indications:
+            self._tell_application(told, effect)
+
+    def _tell_application(self, told: Indication, effect: Effects) -> None:
+        application, session = self.application, told.session
+        match told.name:
+            case "refused":
+                application.refused(told.detail, told.rule)
+            case "undecided":
+                application.refused("undecided", told.rule)
+            case "discarded":
+                pass
+            case _ if session is None:
+                raise AssertionError(f"{told.name} is always of a session")
+            case "choose":
+                planned = {i.src: i.planned for i in told.intentions}
+                application.choose(Choice(session, 1, planned))
+            case "propose":
+                target = effect.state.target
+                application.choose(Choice(session, told.proposal, {}, target, told.reason))
+            case "verify":
+                m = told.prescription
+                assert m is not None
+                self._proposal = Proposal(session, m.proposal, m.prescribed, m.hold_ms, m.lease_ms)
+                application.verify(self._proposal)
+            case "accepted":
+                assert told.acceptance is not None and told.acceptance.selected is not None
+                until = effect.now_ms + (told.lease_left_ms or 0)
+                application.load(
+                    Drive(session, "prescriber", told.acceptance.selected, effect.now_ms, until)
+                )
+            case "fallback":
+                application.fallback(session, told.reason)
+            case "no_participants":
+                application.fallback(session, "no_participants")
+            case "finished":
+                application.finished(session)

@@ -1,0 +1,516 @@
+"""Codecs, schema, sizes and the fuzzer: what is carried, what is refused, what fits a frame."""
+
+from __future__ import annotations
+
+import builtins
+import itertools
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, get_args
+
+import asn1tools
+import jsonschema
+import pytest
+from automcm_stage import ack, advertisement, cam, cancel, fin, intention, no, prescription, yes
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from test_messages import BY_TYPE, NEEDED, ONE_OF_EACH, changed, without
+
+import automcm.schema
+from automcm import fuzz, messages, sizes
+from automcm.codec import FRAME_BYTES, JSON, MAX_BYTES, Codec, CodecError, codec
+from automcm.messages import (
+    LIMIT,
+    MAX_DEPTH,
+    MAX_TEXT,
+    Cam,
+    CancelReason,
+    Message,
+    MessageError,
+    MessageType,
+    RefusalReason,
+    Trajectory,
+    decode,
+    encode,
+    to_dict,
+)
+from automcm.uper import MAX_MARKS, MAX_POINTS, SCHEMA, UPER
+
+BOTH: list[Codec] = [JSON, UPER]
+EXAMPLES = fuzz.examples()
+
+
+def refused(used: Codec, data: bytes, text: str) -> None:
+    with pytest.raises(MessageError) as error:
+        used.decode(data)
+    assert text in str(error.value), str(error.value)
+
+
+@pytest.mark.parametrize("used", BOTH, ids=lambda c: c.name)
+@pytest.mark.parametrize("type_", BY_TYPE)
+def test_every_message_survives_both_codecs(type_: str, used: Codec) -> None:
+    @settings(derandomize=True, max_examples=60, deadline=None, database=None)
+    @given(BY_TYPE[type_])
+    def survives(message: Message | Cam) -> None:
+        data = used.encode(message)
+        assert used.decode(data) == message
+        assert used.encode(used.decode(data)) == data
+        assert codec("json").encode(used.decode(data)) == encode(message)
+
+    survives()
+
+
+@pytest.mark.parametrize("used", BOTH, ids=lambda c: c.name)
+@pytest.mark.parametrize("message", EXAMPLES, ids=lambda m: m.type)
+def test_every_reason_and_form_survives(message: Message | Cam, used: Codec) -> None:
+    assert used.decode(used.encode(message)) == message
+
+
+def test_the_fuzzer_starts_from_every_type_and_reason() -> None:
+    assert {m.type for m in EXAMPLES} == {*get_args(MessageType), "CAM"}
+    reasons = {getattr(m, "reason", None) for m in EXAMPLES}
+    assert reasons >= {*get_args(RefusalReason), *get_args(CancelReason)}
+
+
+numbers = st.integers(-LIMIT, LIMIT)
+near = st.sampled_from([2**n + d for n in (7, 8, 11, 13, 15, 16, 31, 32) for d in (-1, 0, 1)])
+steps = st.tuples(*[near | near.map(int.__neg__) | numbers] * 3)
+
+
+@settings(derandomize=True, max_examples=200, deadline=None, database=None)
+@given(numbers, st.lists(steps, min_size=1, max_size=5).map(tuple), st.booleans())
+def test_uper_loses_nothing_of_any_trajectory(
+    t0: int, moves: tuple[tuple[int, int, int], ...], relative: bool
+) -> None:
+    points = moves
+    if relative:
+        sums = (itertools.accumulate(each) for each in zip(*moves, strict=True))
+        points = tuple((t, x, y) for t, x, y in zip(*sums, strict=True))
+        points = tuple(p for p in points if max(map(abs, p)) <= LIMIT) or ((0, 0, 0),)
+    message = intention(planned=Trajectory(t0=t0, points=points))
+    assert UPER.decode(UPER.encode(message)) == message
+
+
+@pytest.mark.parametrize(
+    ("dt", "dx", "short"),
+    [
+        (2047, 0, True),
+        (2048, 0, False),
+        (-1, 0, False),
+        (0, 8191, True),
+        (0, 8192, False),
+        (0, -8192, True),
+        (0, -8193, False),
+    ],
+)
+def test_a_step_takes_five_bytes_where_it_fits(dt: int, dx: int, short: bool) -> None:
+    start = (10**5, 10**5, 10**5)
+    one = UPER.encode(intention(planned=Trajectory(t0=0, points=(start,))))
+    end = (start[0] + dt, start[1] + dx, start[2])
+    moved = intention(planned=Trajectory(t0=0, points=(start, end)))
+    data = UPER.encode(moved)
+    assert (len(data) == len(one) + 5) == short
+    assert UPER.decode(data) == moved
+
+
+def test_uper_of_a_fin_is_known() -> None:
+    # v 4 bits 0, body 3 bits 4 (fin), dst present, src-1, dst-1, 9-1, n8 1, n8 7
+    bits = "00001001" + f"{8:032b}{0:032b}{8:032b}" + f"00{1:08b}" + f"00{7:08b}"
+    assert UPER.encode(fin()) == int(bits.ljust(128, "0"), 2).to_bytes(16, "big")
+
+
+def test_what_the_schema_enumerates_is_what_the_models_allow() -> None:
+    types = asn1tools.parse_files([str(SCHEMA)])["AutoMCM"]["types"]
+
+    def values(name: str) -> list[str]:
+        return [value for value, _ in types[name]["values"]]
+
+    assert values("MessageType") == [name.lower() for name in get_args(MessageType)]
+    for name, reasons in (("RefusalReason", RefusalReason), ("CancelReason", CancelReason)):
+        assert values(name) == [reason.replace("_", "-") for reason in get_args(reasons)]
+
+
+def packed(**fields: Any) -> bytes:
+    """A Fin with other content than ours, as asn1tools encodes it."""
+    header = {"src": 9, "dst": 1, "session": {"prescriber": 9, "number": ("n8", 1)}}
+    body = {"header": header, "seq": ("n8", 7)} | fields
+    packet = asn1tools.compile_files(str(SCHEMA), "uper").types["Packet"]
+    return bytes(packet.encode({"v": 1, "body": ("fin", body)}))
+
+
+def test_uper_has_one_encoding_of_a_message() -> None:
+    data = UPER.encode(fin())
+    assert packed() == data
+    refused(UPER, data + b"\0", "one encoding")
+    refused(UPER, data[:-1] + bytes([data[-1] | 1]), "one encoding")
+    refused(UPER, packed(seq=("n16", 7)), "one encoding")
+    assert UPER.decode(packed(seq=("n16", 700))) == fin(seq=700)
+
+
+def test_end_5_details_in_uper_are_compact_json() -> None:
+    one, data = advertisement(details={"a": 1}), b'{"a":1}'
+    packet = UPER.encode(one)
+    bits = f"{int.from_bytes(packet, 'big'):0{8 * len(packet)}b}"
+    text = f"{int.from_bytes(data, 'big'):0{8 * len(data)}b}"
+    assert bits.count(text) == 1
+    for other, problem in [
+        (b'{"a":2}', ""),
+        (b'{"a" 1}', "Advertisement.details: Invalid JSON"),
+        (b'{"\xff":1}', "no UTF-8"),
+        (b"[[[1]]]", "details: an object"),
+        (b'{ "":1}', "one encoding"),
+        (b'{"a":-}', "details"),
+        (b'{"":.5}', "details"),
+        (b'{"":-0}', "one encoding"),
+    ]:
+        swapped = bits.replace(text, f"{int.from_bytes(other, 'big'):0{len(text)}b}")
+        changed_packet = int(swapped, 2).to_bytes(len(packet), "big")
+        if problem:
+            refused(UPER, changed_packet, problem)
+        else:
+            assert UPER.decode(changed_packet) == advertisement(details={"a": 2})
+
+
+@pytest.mark.parametrize("message", EXAMPLES, ids=lambda m: m.type)
+def test_end_5_what_is_cut_off_is_refused_with_the_field(message: Message | Cam) -> None:
+    data = UPER.encode(message)
+    for length in range(len(data)):
+        refused(UPER, data[:length], "out of data" if length < len(data) - 1 else "")
+    refused(UPER, data[:3], f"{message.type}.src: out of data")
+
+
+@pytest.mark.parametrize("used", BOTH, ids=lambda c: c.name)
+def test_end_5_what_is_longer_than_a_datagram_is_refused_both_ways(used: Codec) -> None:
+    refused(used, bytes(MAX_BYTES + 1), f"message: {MAX_BYTES + 1} bytes, more than {MAX_BYTES}")
+    refused(used, b"", "")
+    with pytest.raises(MessageError, match="bytes, more than"):
+        used.encode(advertisement(scenario="x" * MAX_TEXT))
+
+
+def test_uper_says_which_field_it_cannot_carry() -> None:
+    long = Trajectory(t0=0, points=((0, 0, 0),) * (MAX_POINTS + 1))
+    with pytest.raises(MessageError, match=r"^Intention\.planned\.points: 16385 points"):
+        UPER.encode(intention(planned=long))
+    marks = ((9, 1),) * (MAX_MARKS + 1)
+    with pytest.raises(MessageError, match=r"^CAM\.marks: 256 sessions, more than 255"):
+        UPER.encode(cam(1, 0, *marks))
+    assert UPER.decode(UPER.encode(cam(1, 0, *marks[1:]))) == cam(1, 0, *marks[1:])
+
+
+def test_a_codec_has_a_name() -> None:
+    assert [codec(used.name) for used in BOTH] == BOTH
+    with pytest.raises(CodecError, match="there is no codec 'xml'; there are: json, uper"):
+        codec("xml")
+
+
+def test_without_asn1tools_the_error_says_what_to_install(monkeypatch: Any) -> None:
+    real = builtins.__import__
+
+    def missing(name: str, *rest: Any) -> Any:
+        if name == "asn1tools":
+            raise ModuleNotFoundError("No module named 'asn1tools'", name=name)
+        return real(name, *rest)
+
+    monkeypatch.delitem(sys.modules, "automcm.uper")
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(CodecError, match=r"pip install 'automcm\[asn1\]'"):
+        codec("uper")
+    assert codec("json") is JSON
+
+
+# What got through, or took long, before there was this test.
+
+
+@pytest.mark.parametrize("n", [LIMIT + 1, -LIMIT - 1, 10**30, 10**4200])
+def test_end_5_integers_have_a_bound(n: int) -> None:
+    for data in (
+        changed(advertisement(), details={"a": [n]}),
+        changed(fin(), seq=abs(n)),
+        changed(cam(1, 0), x_mm=n),
+        changed(intention(), planned={"t0": n, "points": [[0, 0, 0]]}),
+        changed(intention(), planned={"t0": 0, "points": [[0, 0, n]]}),
+    ):
+        refused(JSON, data, "")
+    edge = changed(advertisement(), details={"a": [LIMIT, -LIMIT]})
+    for used in BOTH:
+        assert used.decode(used.encode(decode(edge))) == decode(edge)
+
+
+@pytest.mark.parametrize("text", ["\ud800", "a\udfffb", "\udc00\ud800"])
+def test_a_message_that_could_not_be_sent_cannot_be_made(text: str) -> None:
+    for fields in ({"scenario": text}, {"details": {"a": [text]}}, {"details": {text: 1}}):
+        with pytest.raises(ValidationError):
+            advertisement(**fields)
+        # as JSON escapes it, a text of ASCII
+        refused(JSON, changed(advertisement(), **fields), "Invalid JSON")
+
+
+def test_end_5_details_have_a_bound_of_depth() -> None:
+    def nested(depth: int) -> dict[str, Any]:
+        value: Any = 1
+        for level in range(depth - 1):
+            value = [value] if level % 2 else {"a": value}
+        return {"a": value}
+
+    deepest = advertisement(details=nested(MAX_DEPTH))
+    for used in BOTH:
+        assert used.decode(used.encode(deepest)) == deepest
+    refused(JSON, changed(advertisement(), details=nested(MAX_DEPTH + 1)), "nested more than 32")
+    for depth in (MAX_DEPTH + 1, 250, 300, 900):
+        with pytest.raises(ValidationError, match="nested more than 32"):
+            advertisement(details=nested(depth))
+
+
+@pytest.mark.parametrize("value", [1.0, None, (1,), b"x", {1: 2}, object()])
+def test_details_made_by_an_application_are_held_to_the_same(value: Any) -> None:
+    with pytest.raises(ValidationError):
+        advertisement(details={"a": value})
+    with pytest.raises(ValidationError):
+        advertisement(details=[value])
+
+
+def test_details_are_a_copy() -> None:
+    mine: dict[str, Any] = {"a": [1]}
+    message = advertisement(details=mine)
+    mine["a"].append(2)
+    assert message.details == {"a": [1]}
+
+
+WIDE = 13_000
+
+
+@pytest.mark.parametrize("depth", [1, 25, 150])
+@pytest.mark.parametrize("value", ["1", "null", "1.5", "[]", "{}"])
+def test_end_5_no_input_takes_out_of_proportion(depth: int, value: str) -> None:
+    """A null below 150 lists, beside 13,000 others, once kept the decoder busy for 11 s."""
+    start = encode(advertisement())[:-3] + b'{"a":' + b"[" * depth
+    data = start + ",".join([value] * WIDE).encode() + b"]" * depth + b"}}"
+    assert len(data) <= MAX_BYTES + 100
+    began = time.process_time()
+    try:
+        decode(data)
+    except MessageError as error:
+        assert len(str(error)) <= 200
+    assert time.process_time() - began < 2
+
+
+@pytest.mark.parametrize("name", ["a\nb", "\x1b[31m", "\u2028", "x" * 300])
+def test_end_5_an_error_is_one_printable_line(name: str) -> None:
+    with pytest.raises(MessageError) as error:
+        decode(changed(advertisement(), details={name: None}))
+    assert str(error.value).isprintable() and len(str(error.value)) <= 200
+
+
+def test_a_field_given_twice_counts_as_given_last() -> None:
+    data = encode(fin()).replace(b'"seq":7', b'"seq":0,"seq":8')
+    assert decode(data) == fin(seq=8)
+    refused(JSON, encode(fin()).replace(b'"seq":7', b'"seq":7,"seq":0'), "seq")
+
+
+# The JSON Schema.
+
+VALIDATOR = jsonschema.Draft202012Validator(automcm.schema.schema())
+
+
+def test_the_committed_schema_is_what_is_generated() -> None:
+    committed = Path(messages.__file__).with_name("messages.schema.json")
+    assert committed.read_text() == automcm.schema.text()
+    jsonschema.Draft202012Validator.check_schema(automcm.schema.schema())
+
+
+@pytest.mark.parametrize("type_", BY_TYPE)
+def test_every_message_fits_the_schema(type_: str) -> None:
+    @settings(derandomize=True, max_examples=30, deadline=None, database=None)
+    @given(BY_TYPE[type_])
+    def fits(message: Message | Cam) -> None:
+        VALIDATOR.validate(to_dict(message))
+
+    fits()
+
+
+@pytest.mark.parametrize("message", EXAMPLES, ids=lambda m: m.type)
+def test_every_example_fits_the_schema(message: Message | Cam) -> None:
+    VALIDATOR.validate(to_dict(message))
+
+
+SWAPS = [None, 0, -1, 1, "1", 1.5, True, [], {}, "busy", "closed", "unsafe", 2**32, LIMIT + 1]
+
+
+def test_the_schema_and_decode_agree_on_changed_messages() -> None:
+    """Each field of each message left out, and given each of some values."""
+    seen = {True: 0, False: 0}
+    more: list[Message | Cam] = [no(reason="busy"), cancel("closed"), advertisement(planned=None)]
+    for message in [*ONE_OF_EACH, *more]:
+        names = {*to_dict(message), "dst", "reason", "selected", "planned", "extra"}
+        inputs = [without(message, name) for name in to_dict(message)]
+        inputs += [changed(message, **{name: value}) for name in names for value in SWAPS]
+        inputs += [changed(message, type=type_) for type_ in get_args(MessageType)]
+        for data in inputs:
+            try:
+                decode(data)
+                accepted = True
+            except MessageError:
+                accepted = False
+            assert VALIDATOR.is_valid(json.loads(data)) == accepted, data
+            seen[accepted] += 1
+    assert seen[True] > 50 and seen[False] > 500
+
+
+@pytest.mark.parametrize(("message", "name"), NEEDED)
+def test_a_missing_field_does_not_fit_the_schema(message: Message, name: str) -> None:
+    assert not VALIDATOR.is_valid(json.loads(without(message, name)))
+
+
+MALFORMED: list[dict[str, Any]] = [
+    {},
+    to_dict(fin()) | {"v": 2},
+    to_dict(fin()) | {"dst": 0},
+    to_dict(fin()) | {"session": [9]},
+    to_dict(fin()) | {"session": [9, 1, 1]},
+    to_dict(yes()) | {"reason": "unsafe"},
+    to_dict(no()) | {"selected": to_dict(yes())["selected"]},
+    to_dict(no()) | {"seq": 0},
+    to_dict(no(reason="busy")) | {"seq": 1},
+    to_dict(cancel("closed")) | {"seq": 1},
+    to_dict(cancel("abort")) | {"seq": 0},
+    to_dict(ack(fin())) | {"seq": 1},
+    to_dict(advertisement()) | {"details": {"a": {"b": [1.5]}}},
+    to_dict(advertisement()) | {"details": {"a": None}},
+    to_dict(intention()) | {"planned": {"t0": 0, "points": []}},
+    to_dict(intention()) | {"planned": {"t0": 0, "points": [[0, 0]]}},
+    to_dict(prescription()) | {"type": "CAM"},
+]
+
+
+@pytest.mark.parametrize("value", MALFORMED, ids=range(len(MALFORMED)))
+def test_malformed_messages_do_not_fit_the_schema(value: dict[str, Any]) -> None:
+    assert not VALIDATOR.is_valid(value)
+    with pytest.raises(MessageError):
+        decode(json.dumps(value))
+
+
+# Sizes.
+
+
+def test_kin_2_the_papers_trajectory_fits_one_frame() -> None:
+    measured = sizes.measure()
+    assert len(measured) == 2 * (6 + 4 * len(sizes.POINTS))
+    fits = {(size.codec, size.points) for size in measured if size.fits}
+    too_long = {(size.codec, size.points) for size in measured if not size.fits}
+    assert not fits & too_long
+    assert too_long == {("json", 260)}
+    assert max(size.bytes for size in measured if size.points == 0) < 200
+
+
+def test_kin_2_the_most_points_that_fit() -> None:
+    for used, least in ((JSON, 52), (UPER, 260)):
+        most = sizes.most_points(used)
+        assert most >= least
+        fitting, too_many = (sizes.carrying(sizes.trajectory(n))[2] for n in (most, most + 1))
+        assert len(used.encode(fitting)) <= FRAME_BYTES < len(used.encode(too_many))
+    assert sizes.most_points(JSON, 100) == 0
+    assert 2000 < sizes.most_points(JSON, MAX_BYTES) < 4000
+
+
+def test_kin_2_far_from_the_origin_json_does_not_fit() -> None:
+    far = [(t, x + 10**8, y + 10**8) for t, x, y in sizes.trajectory(52).points]
+    moved = Trajectory(t0=sizes.trajectory(1).t0, points=tuple(far))
+    for message in sizes.carrying(moved):
+        assert len(JSON.encode(message)) > FRAME_BYTES
+        assert len(UPER.encode(message)) < 310
+
+
+def test_the_points_measured_are_the_papers() -> None:
+    points = sizes.trajectory(52).points
+    for (t, x, y), (t2, x2, y2) in itertools.pairwise(points):
+        assert (x2 - x) ** 2 + (y2 - y) ** 2 == 5000**2
+        assert 5000 * 3600 // (t2 - t) == 30_000
+
+
+def test_the_page_has_the_table_as_it_is() -> None:
+    page = sizes.page(f"before\n{sizes.BEGIN}\nold\n{sizes.END}\nafter\n")
+    assert page == f"before\n{sizes.BEGIN}\n{sizes.table()}\n{sizes.END}\nafter\n"
+    assert "| Prescription | 260 | **" in page and "old" not in page
+    assert sizes.page(page) == page
+    with pytest.raises(ValueError, match="marks"):
+        sizes.page("no marks")
+
+
+# The fuzzer.
+
+
+@pytest.mark.parametrize(("name", "count"), [("json", 8000), ("uper", 3000)])
+def test_end_5_decoders_survive_changed_inputs(name: str, count: int) -> None:
+    outcome = fuzz.fuzz(codec(name), count, seed=7)
+    assert outcome.accepted + outcome.refused == count
+    assert outcome.accepted > count // 50 and outcome.refused > count // 2
+    assert fuzz.fuzz(codec(name), count, seed=7) == outcome
+
+
+class Broken:
+    """A codec with a fault that few inputs show."""
+
+    name = "json"
+
+    def __init__(self, fault: str) -> None:
+        self.fault = fault
+
+    def encode(self, message: Message | Cam) -> bytes:
+        return JSON.encode(message)
+
+    def decode(self, data: bytes) -> Message | Cam:
+        if self.fault == "leak" and data[:1] == b"[":
+            raise IndexError("out of range")
+        if self.fault == "long" and not data:
+            raise MessageError("x" * 201)
+        if self.fault == "panic" and not data:
+            raise BaseException("a panic of compiled code")
+        message = JSON.decode(data)
+        if self.fault == "again" and data == JSON.encode(message):
+            raise TypeError("only what encode gives")
+        return message
+
+
+@pytest.mark.parametrize(
+    ("fault", "problem"),
+    [
+        ("leak", "decode raised IndexError: out of range"),
+        ("long", "an error of 201 characters"),
+        ("panic", "decode raised BaseException"),
+        ("again", "TypeError: only what encode gives"),
+    ],
+)
+def test_a_decoder_that_leaks_is_caught(fault: str, problem: str) -> None:
+    with pytest.raises(fuzz.Found, match=problem) as found:
+        fuzz.fuzz(Broken(fault), 50_000, seed=1)
+    with pytest.raises(fuzz.Found, match=problem):
+        fuzz.check(Broken(fault), found.value.data)
+
+
+def test_what_is_accepted_must_be_encoded_and_read_again() -> None:
+    with pytest.raises(fuzz.Found, match="then not encoded and read again: TypeError"):
+        fuzz.check(Broken("again"), b" " + JSON.encode(fin()))
+
+
+def test_a_codec_that_reads_its_own_bytes_as_another_message_is_caught() -> None:
+    class Forgetful(Broken):
+        def encode(self, message: Message | Cam) -> bytes:
+            return JSON.encode(fin())
+
+    with pytest.raises(fuzz.Found, match="read again as another message"):
+        fuzz.check(Forgetful(""), JSON.encode(cancel()))
+
+
+def test_the_fuzzer_as_a_command(capsys: Any, monkeypatch: Any) -> None:
+    assert fuzz.main(["--count", "500", "--seed", "3"]) == 0
+    printed = capsys.readouterr()
+    assert [line.split(",")[0] for line in printed.out.splitlines()] == ["uper", "json"]
+    assert "100 inputs" in printed.out and "400 inputs" in printed.out and not printed.err
+    monkeypatch.setattr(fuzz, "codec", lambda _: Broken("leak"))
+    assert fuzz.main(["--count", "50000", "--codec", "json"]) == 1
+    first, data = capsys.readouterr().out.splitlines()
+    assert first.startswith("json, seed 1: decode raised IndexError")
+    assert bytes.fromhex(data).startswith(b"[")

@@ -1,0 +1,346 @@
+"""The links: the simulated radio, UDP sockets, the relay between them."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import socket
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import pytest
+
+from automcm.clock import AsyncioClock, VirtualClock
+from automcm.links import LinkError
+from automcm.links import relay as relay_
+from automcm.links import udp as udp_
+from automcm.links.relay import Relay
+from automcm.links.simulated import Channel, Radio
+from automcm.links.udp import UdpLink, address, bind
+from automcm.messages import BROADCAST, Cam, encode
+from automcm.parameters import Parameters
+from automcm.service import McService
+from automcm.straight import LANE_CHANGE, Straight
+
+# -- simulated
+
+
+def heard(channel: Channel, copies: int, seed: int = 1) -> list[tuple[int, int]]:
+    """What 2 hears of ``copies`` datagrams sent 100 ms apart by 1: (number, when)."""
+    clock = VirtualClock()
+    radio = Radio(clock, channel, seed)
+    got: list[tuple[int, int]] = []
+    radio.link(2).open(lambda data, tx: got.append((int(data), clock.now())))
+    link = radio.link(1)
+    for n in range(copies):
+        clock.at(100 * n, lambda n=n: link.send(b"%d" % n, BROADCAST, ""))  # type: ignore[misc]
+    clock.run(100 * copies + 1000)
+    return got
+
+
+def test_a_perfect_radio_delivers_each_once_after_its_delay() -> None:
+    assert heard(Channel(delay_ms=(3, 3)), 5) == [(n, 100 * n + 3) for n in range(5)]
+
+
+@pytest.mark.parametrize("loss", [0.2, 0.6])
+def test_loss_is_as_frequent_as_told(loss: float) -> None:
+    assert abs(len(heard(Channel(loss=loss), 4000)) / 4000 - (1 - loss)) < 0.03
+
+
+def test_duplication_and_delay_are_as_told() -> None:
+    got = heard(Channel(duplicate=0.5, delay_ms=(10, 30)), 4000)
+    assert abs(len(got) / 4000 - 1.5) < 0.03
+    delays = {when - 100 * n for n, when in got}
+    assert (min(delays), max(delays)) == (10, 30)
+
+
+def test_reordering_lets_later_copies_overtake() -> None:
+    order = [n for n, _ in heard(Channel(reorder=0.3, delay_ms=(0, 99)), 500)]
+    assert order != sorted(order) and sorted(order) == list(range(500))
+    assert (o := [n for n, _ in heard(Channel(delay_ms=(0, 99)), 500)]) == sorted(o)
+
+
+def test_the_same_seed_treats_copies_alike_and_another_does_not() -> None:
+    channel = Channel(loss=0.3, duplicate=0.3, reorder=0.3)
+    assert heard(channel, 200, 7) == heard(channel, 200, 7) != heard(channel, 200, 8)
+
+
+def radio_of(*stations: int) -> tuple[Radio, VirtualClock, dict[int, list[bytes]], dict[int, Any]]:
+    clock = VirtualClock()
+    radio = Radio(clock, Channel(delay_ms=(1, 1)))
+    got: dict[int, list[bytes]] = {s: [] for s in stations}
+    links = {s: radio.link(s) for s in stations}
+    for s in stations:
+        links[s].open(lambda data, tx, s=s: got[s].append(data))
+    return radio, clock, got, links
+
+
+def test_a_cut_is_one_way_until_it_is_mended() -> None:
+    radio, clock, got, links = radio_of(1, 2)
+    radio.cut(1, 2)
+    links[1].send(b"there", 2, "")
+    links[2].send(b"back", 1, "")
+    clock.run(10)
+    assert (got[1], got[2]) == ([b"back"], [])
+    radio.mend()
+    links[1].send(b"there", 2, "")
+    clock.run(20)
+    assert got[2] == [b"there"]
+
+
+def test_a_partition_separates_groups_only() -> None:
+    radio, clock, got, links = radio_of(1, 2, 3, 4)
+    radio.partition([1, 2], [3])
+    for s in links:
+        links[s].send(b"%d" % s, BROADCAST, "")
+    clock.run(10)
+    assert got == {1: [b"2", b"4"], 2: [b"1", b"4"], 3: [b"4"], 4: [b"1", b"2", b"3"]}
+
+
+def test_unicast_reaches_its_addressee_alone_and_a_closed_link_nobody() -> None:
+    _, clock, got, links = radio_of(1, 2, 3)
+    links[1].send(b"x", 2, "")
+    links[3].close()
+    links[1].send(b"y", BROADCAST, "")
+    clock.run(10)
+    assert got == {1: [], 2: [b"x", b"y"], 3: []}
+
+
+def test_mem_1_a_radio_with_a_capacity_holds_no_more() -> None:
+    clock = VirtualClock()
+    radio = Radio(clock, Channel(), capacity=10)
+    radio.link(2).open(lambda data, tx: None)
+    link = radio.link(1)
+    for _ in range(25):
+        link.send(b"x", BROADCAST, "")
+    assert (radio.in_flight, radio.lost) == (10, 15)
+    clock.run(1000)
+    assert (radio.in_flight, radio.delivered) == (0, 10)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("loss", 1.5),
+        ("duplicate", -0.1),
+        ("reorder", 2),
+        ("delay_ms", (5, 4)),
+        ("delay_ms", (-1, 4)),
+    ],
+)
+def test_a_channel_that_cannot_be_is_refused_by_name(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=name):
+        Channel(**{name: value})
+
+
+# -- the virtual clock
+
+
+def test_alarms_ring_in_order_and_may_be_called_off() -> None:
+    clock, rung = VirtualClock(), list[tuple[str, int]]()
+
+    def alarm(name: str) -> Callable[[], None]:
+        return lambda: rung.append((name, clock.now()))
+
+    clock.at(20, alarm("c"))
+    clock.at(10, alarm("a"))
+    off = clock.at(10, alarm("off"))
+    clock.at(10, alarm("b"))
+    clock.at(31, alarm("late"))
+    off()
+    clock.run(30)
+    clock.at(5, alarm("past"))
+    clock.run(30)
+    assert rung == [("a", 10), ("b", 10), ("c", 20), ("past", 30)] and clock.now() == 30
+
+
+# -- sockets
+
+
+def run(what: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    asyncio.run(asyncio.wait_for(what(), 30))
+
+
+async def until(so: Callable[[], bool]) -> None:
+    """Let the loop run until it is so; the time limit of ``run`` ends it otherwise."""
+    while not so():
+        await asyncio.sleep(0.01)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+QUICK = Parameters(t_timeout=200, t_resend=50, t_decide=200)
+
+
+def quick(**more: Any) -> Straight:
+    return Straight(think_ms=1, maneuver_ms=100, hold_ms=0, **more)
+
+
+def services(links: list[Any], clock: AsyncioClock) -> list[McService]:
+    """Station 1 asks; the others agree."""
+    made = [
+        McService(n, quick(concerned_by_all=n > 1), link, clock, parameters=QUICK, seed=n)
+        for n, link in enumerate(links, 1)
+    ]
+    for service in made:
+        service.start()
+    return made
+
+
+def finished(made: list[McService]) -> bool:
+    """By Fin, and nothing is left to send."""
+    return made[0].statistics.sent["Fin"] > 0 and not any(
+        s.state.bound or s.state.outbox for s in made
+    )
+
+
+def test_a_session_over_udp_with_broadcast_and_unicast() -> None:
+    async def session() -> None:
+        where = ("127.255.255.255", free_port())
+        links = [UdpLink(broadcast=where) for _ in range(3)]
+        made = services(links, AsyncioClock())
+        await until(lambda: all(len(link._addresses) == 2 for link in links))
+        made[0].command(LANE_CHANGE)
+        await until(lambda: finished(made))
+        assert made[0].statistics.rules["NEG-6"] == 1
+        assert made[0].statistics.sent["Cancel"] > 0
+        for service in made:
+            s = service.statistics
+            assert s.elsewhere == s.malformed == s.broken == 0  # unicast went to its addressee
+            assert set(links[service.station_id - 1]._addresses) == {1, 2, 3} - {service.station_id}
+            service.close()
+
+    run(session)
+
+
+def test_a_session_through_a_lossy_relay_where_all_overhear_all() -> None:
+    async def session() -> None:
+        relay = Relay(channel=Channel(loss=0.2, duplicate=0.2, delay_ms=(1, 10)), seed=3)
+        clock = AsyncioClock()
+        links = [UdpLink(via=relay.address) for _ in range(3)]
+        made = services(links, clock)
+        made[0].command(LANE_CHANGE)
+        await until(lambda: not any(s.state.bound or s.state.outbox for s in made))
+        assert relay.radio.lost > 0
+        assert sum(s.statistics.elsewhere for s in made) > 0  # MSG-1
+        for service in made:
+            service.close()
+        relay.close()
+
+    run(session)
+
+
+def test_end_5_rubbish_and_a_flood_stop_no_session() -> None:
+    async def session() -> None:
+        where = ("127.255.255.255", free_port())
+        made = services([UdpLink(broadcast=where) for _ in range(2)], AsyncioClock())
+        chance = random.Random(1)
+        with bind("127.0.0.1", 0) as flood:
+            made[0].command(LANE_CHANGE)
+            for _ in range(200):
+                for _ in range(10):
+                    flood.sendto(chance.randbytes(chance.randrange(0, 1500)), where)
+                forged = Cam(
+                    src=chance.randrange(1, 2**32),
+                    generation_ms=0,
+                    x_mm=0,
+                    y_mm=0,
+                    heading_mrad=0,
+                    speed_mm_s=0,
+                    marks=(),
+                )
+                flood.sendto(encode(forged), where)
+                await asyncio.sleep(0.002)
+            await until(lambda: finished(made))
+        assert made[1].statistics.malformed > 100
+        for service in made:
+            assert len(service.neighbours) <= 256
+            service.close()
+
+    run(session)
+
+
+def test_mem_1_a_link_remembers_so_many_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(udp_, "ADDRESSES", 5)
+
+    async def many() -> None:
+        where = ("127.255.255.255", free_port())
+        link = UdpLink(broadcast=where)
+        got: list[int] = []
+        link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
+        with bind("127.0.0.1", 0) as sender:
+            for n in range(1, 9):
+                sender.sendto(b"%d" % n, where)
+            await until(lambda: len(got) == 8)
+        assert list(link._addresses) == [4, 5, 6, 7, 8]
+        link.close()
+
+    run(many)
+
+
+def test_mem_1_a_relay_takes_so_many_stations_and_forgets_silent_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(relay_, "STATIONS", 2)
+
+    async def many() -> None:
+        relay = Relay()
+        sockets = [bind("127.0.0.1", 0) for _ in range(3)]
+        for sock in sockets:
+            sock.sendto(b"", relay.address)
+        await until(lambda: len(relay._stations) == 2)
+        await asyncio.sleep(0.05)
+        assert len(relay._stations) == 2
+        for where in relay._heard:
+            relay._heard[where] -= relay_.SILENCE_MS + 1
+        sockets[2].sendto(b"x", relay.address)
+        await until(lambda: list(relay._stations) == [sockets[2].getsockname()])
+        for sock in sockets:
+            sock.close()
+        relay.close()
+
+    run(many)
+
+
+def test_a_port_in_use_is_named() -> None:
+    with (
+        bind("127.0.0.1", 0) as taken,
+        pytest.raises(LinkError, match=rf"UDP 127.0.0.1:{taken.getsockname()[1]}: .*in use"),
+    ):
+        bind(*taken.getsockname())
+
+
+@pytest.mark.parametrize("host", ["192.168.1.7", "0.0.0.0"])
+def test_only_loopback_unless_told_otherwise(host: str) -> None:
+    with pytest.raises(LinkError, match=f"{host}: not a loopback address"):
+        bind(host, 0)
+    with pytest.raises(LinkError, match=f"{host}: not a loopback address"):
+        UdpLink(broadcast=(host, 1))
+    with pytest.raises(LinkError, match=f"{host}: not a loopback address"):
+        UdpLink(via=(host, 1))
+
+
+def test_an_interface_of_all_hosts_may_be_allowed() -> None:
+    bind("0.0.0.0", 0, allow_remote=True).close()
+
+
+@pytest.mark.parametrize("text", ["", "127.0.0.1", ":1", "127.0.0.1:", "127.0.0.1:70000", "a.b:1"])
+def test_an_address_is_host_and_port(text: str) -> None:
+    with pytest.raises(LinkError, match=r"HOST:PORT|no IPv4"):
+        address(text)
+    assert address("localhost:9") == ("127.0.0.1", 9)
+
+
+def test_what_the_system_refuses_to_send_is_counted() -> None:
+    async def send() -> None:
+        link = UdpLink(broadcast=("127.255.255.255", free_port()))
+        link.open(lambda data, tx: None)
+        link.send(b"x" * 70_000, BROADCAST, "")
+        assert link.unsent == 1
+        link.close()
+
+    run(send)
