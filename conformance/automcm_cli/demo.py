@@ -19,9 +19,11 @@ from typing import Any
 
 from automcm.links.relay import Relay
 from automcm.links.simulated import Channel
+from automcm.process import stopping
 from automcm_traces.explain import Verdict, explain_files
 
 LIMIT_S = 50
+ENDING_S = 5
 LATE_MS = 500
 """How late a timer of a process on a busy machine may be in its log."""
 KILL_AFTER_MS = 300
@@ -47,6 +49,8 @@ class Vehicle:
     """Reasons of the Acceptances it sent that refuse."""
     latest_ms: int = 0
     killed: bool = False
+    ended: bool = False
+    """It has reported its end."""
     error: str = ""
     process: asyncio.subprocess.Process | None = None
 
@@ -67,6 +71,7 @@ class Vehicle:
                 reason = f"({event['reason']})" if event["reason"] else ""
                 self.told.append(event["name"] + reason)
             case "end":
+                self.ended = True
                 self.latest_ms = event["statistics"]["latest_ms"]
 
     @property
@@ -121,45 +126,46 @@ class Demo:
     async def run(self) -> None:
         """Raises LinkError or OSError if it cannot be started."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        for log in self.logs:
-            log.unlink(missing_ok=True)
+        for old in self.folder.glob("[1-5].ndjson"):
+            old.unlink()
         began = time.monotonic()
+        stopped = stopping(LIMIT_S * 1000)
         relay = Relay(channel=Channel(loss=self.loss, delay_ms=self.delay_ms), seed=self.seed)
+        over = asyncio.create_task(self._over())
+        readers: list[asyncio.Task[None]] = []
         try:
-            async with asyncio.timeout(LIMIT_S):
-                await self._drive(relay, began)
-        except TimeoutError:
-            self.problems.append(f"not over after {LIMIT_S} s")
+            for vehicle, log in zip(self.vehicles, self.logs, strict=True):
+                if not stopped.done():
+                    await self._start(vehicle, log, relay, began)
+                    readers.append(asyncio.create_task(self._read(vehicle)))
+            waiting = {over, stopped, *readers}
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            while not (over.done() or stopped.done() or any(v.error for v in self.vehicles)):
+                await asyncio.sleep(0.05)
+            if stopped.done():
+                self.problems.append(f"told to stop, or not over after {LIMIT_S} s")
         finally:
-            await self._stop()
+            self._ending = True
+            over.cancel()
+            await self._stop(readers)
             relay.close()
         self.delivered, self.lost = relay.radio.delivered, relay.radio.lost
         self.seconds = time.monotonic() - began
         self._judge()
 
-    async def _drive(self, relay: Relay, began: float) -> None:
+    _ending = False
+
+    async def _start(self, vehicle: Vehicle, log: Path, relay: Relay, began: float) -> None:
         host, port = relay.address
-        for vehicle, log in zip(self.vehicles, self.logs, strict=True):
-            vehicle.process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "automcm_cli", "station"),
-                *("--id", str(vehicle.station_id), "--via", f"{host}:{port}"),
-                *("--listen", str(self.listen_ms), "--zero", str(began), "--log", str(log)),
-                *vehicle.options,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.PIPE,
-            )
-        readers = [asyncio.create_task(self._read(vehicle)) for vehicle in self.vehicles]
-        over = asyncio.create_task(self._over())
-        try:
-            await asyncio.wait([*readers, over], return_when=asyncio.FIRST_COMPLETED)
-            while not over.done() and not any(v.error for v in self.vehicles):
-                await asyncio.sleep(0.05)
-        finally:
-            over.cancel()
-            for vehicle in self.vehicles:
-                if vehicle.process is not None and vehicle.process.returncode is None:
-                    vehicle.process.terminate()
-            await asyncio.wait(readers, timeout=5)
+        vehicle.process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-P", "-m", "automcm_cli", "station", "--first"),
+            *("--id", str(vehicle.station_id), "--via", f"{host}:{port}"),
+            *("--listen", str(self.listen_ms), "--zero", str(began), "--log", str(log)),
+            *("--for", str(2 * LIMIT_S * 1000)),
+            *vehicle.options,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+        )
 
     async def _read(self, vehicle: Vehicle) -> None:
         """Take what one process reports, until it ends."""
@@ -173,9 +179,14 @@ class Demo:
                 process.kill()
             self.changed(self)
         errors = (await process.stderr.read()).decode(errors="replace").strip()
-        if await process.wait() != 0 and not vehicle.killed and not vehicle.error:
-            last = errors.splitlines()[-1] if errors else f"exit code {process.returncode}"
+        code = await process.wait()
+        if vehicle.killed or vehicle.error:
+            return
+        if code != 0 or not vehicle.ended:
+            last = errors.splitlines()[-1] if errors else f"exit code {code}"
             vehicle.error = f"{vehicle.name}: {last}"
+        elif not self._ending:
+            vehicle.error = f"{vehicle.name}: ended before it was told to"
 
     async def _over(self) -> None:
         """Until all are idle; on the way, kill B if that is to be shown."""
@@ -188,9 +199,18 @@ class Demo:
                 b.killed = True
                 b.process.kill()
 
-    async def _stop(self) -> None:
-        for vehicle in self.vehicles:
-            if vehicle.process is not None and vehicle.process.returncode is None:
+    async def _stop(self, readers: Sequence[asyncio.Task[None]]) -> None:
+        """Tell all processes to end; kill those that do not."""
+        alive = [v for v in self.vehicles if v.process and v.process.returncode is None]
+        for vehicle in alive:
+            assert vehicle.process is not None
+            vehicle.process.terminate()
+        if readers:
+            await asyncio.wait(readers, timeout=ENDING_S)
+        for vehicle in alive:
+            assert vehicle.process is not None
+            if vehicle.process.returncode is None:
+                vehicle.error = vehicle.error or f"{vehicle.name}: did not end when told to"
                 vehicle.process.kill()
                 await vehicle.process.wait()
 
@@ -201,10 +221,12 @@ class Demo:
             if not so:
                 self.problems.append(f"not as described: {what}")
         self.verdicts = explain_files(self.logs, LATE_MS)
-        for verdict in self.verdicts:
+        for vehicle, verdict in zip(self.vehicles, self.verdicts, strict=True):
             if verdict.verdict != "allowed":
                 where = f"{verdict.file}:{verdict.line}"
                 self.problems.append(f"{where}: {verdict.verdict} at {verdict.event}")
+            if not vehicle.killed:
+                self.problems += [f"{verdict.file}: {warning}" for warning in verdict.warnings]
 
     def _described(self) -> Sequence[tuple[str, bool]]:
         prescriber, a, b, c = self.vehicles[:4]

@@ -24,6 +24,7 @@ app.add_typer(spec_commands.spec, name="spec", no_args_is_help=True)
 app.add_typer(station_bench.bench, name="bench", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
 app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
+app.command(epilog="Example: automcm drive --uri ws://127.0.0.1:9090.  " + CODES)(station.drive)
 app.command(epilog="Example: automcm station --id 7 --request-after 500.  " + CODES)(
     station.station
 )

@@ -6,15 +6,20 @@ import asyncio
 import json
 import os
 import sys
+import time
 from collections.abc import Coroutine
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from automcm_cli.common import CODES
 from automcm_cli.parameters import chosen
+
+if TYPE_CHECKING:
+    from automcm.links.bridge import WebSocketBridge
 
 link = typer.Typer(help="Links between stations.", epilog=CODES)
 
@@ -24,7 +29,9 @@ Remote = Annotated[
 
 
 def report(event: dict[str, Any]) -> None:
-    """One line of JSON on standard output."""
+    """One line of JSON on standard output, if there is one."""
+    if sys.stdout is None:
+        return
     sys.stdout.write(json.dumps(event, separators=(",", ":")) + "\n")
     sys.stdout.flush()
 
@@ -68,6 +75,17 @@ def station(
         Path | None,
         typer.Option(help="Keeps the session number.  If it is there, this is a restart (END-8)."),
     ] = None,
+    first: Annotated[
+        bool, typer.Option("--first", help="Without --number-file: it never ran before (END-8).")
+    ] = False,
+    bridge: Annotated[
+        int | None,
+        typer.Option(
+            help="Serve driving software on this WebSocket port (9090 is usual; 0: any).",
+            min=0,
+            max=65_535,
+        ),
+    ] = None,
     request_after: Annotated[
         int | None, typer.Option(help="Ask for a lane change after so many ms.")
     ] = None,
@@ -85,7 +103,10 @@ def station(
 ) -> None:
     """Run one station on UDP until SIGTERM; report messages and phases as lines of JSON.
 
-    Its application drives straight on and agrees to what it is asked.
+    With --bridge its application is at the other end of a WebSocket: driving software that speaks
+    rosbridge JSON, or automcm drive.  Without, it drives straight on and agrees to what it is
+    asked.  Unless a --number-file or --first says that it never ran before, it starts as after a
+    restart: its session number comes from the clock, and for some seconds it joins no session.
     """
     from automcm.codec import CodecError
     from automcm.codec import codec as by_name
@@ -94,20 +115,24 @@ def station(
     from automcm.process import NumberFile, StationProcess
     from automcm.straight import LANE_CHANGE, Straight
 
+    if not 0 <= zero <= time.monotonic():
+        raise typer.BadParameter(f"--zero: {zero} is not a time that has been")
     try:
         to, relay = address(broadcast), address(via) if via else None
         coded = by_name(codec)
     except (LinkError, CodecError) as error:
         raise typer.BadParameter(str(error)) from None
-    application = Straight(
+    straight = Straight(
         target=target,
         refuse_first=refuse_first,
         maneuver_ms=maneuver,
         concerned_by_all=concerned,
     )
+    served = None if bridge is None else _bridge(bridge, host, allow_remote)
     process = StationProcess(
         station_id=station_id,
-        application=application,
+        application=served or straight,
+        serving=served or nullcontext(),
         link=partial(UdpLink, host=host, broadcast=to, via=relay, allow_remote=allow_remote),
         codec=coded,
         parameters=chosen(set_ or []),
@@ -116,15 +141,75 @@ def station(
         number_file=NumberFile(number_file) if number_file else None,
         commands=[] if request_after is None else [(request_after, LANE_CHANGE)],
         listen_ms=listen,
+        number=0 if first else int(time.time()),
+        restarted=not first,
         for_ms=for_ms,
         zero=zero,
     )
     carry_out("station", process.run())
 
 
+def _bridge(port: int, host: str, allow_remote: bool) -> WebSocketBridge:
+    from automcm.links import LinkError
+
+    try:
+        from automcm.links.bridge import WebSocketBridge
+
+        return WebSocketBridge(host, port, allow_remote=allow_remote)
+    except LinkError as error:
+        typer.echo(f"station: {error}", err=True)
+        raise typer.Exit(3) from None
+
+
+def drive(
+    uri: Annotated[str, typer.Option(help="Where the bridge is.")] = "ws://127.0.0.1:9090",
+    request_after: Annotated[
+        int | None, typer.Option(help="Ask for a lane change so many ms after connecting.")
+    ] = None,
+    target: Annotated[int, typer.Option(help="Whom to prescribe; 0: who answers first.")] = 0,
+    attempts: Annotated[int, typer.Option(help="To connect the first time.", min=1)] = 5,
+    for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
+) -> None:
+    """The driving software's end of a bridge: drives straight on, agrees to what it is asked."""
+    from automcm.links import LinkError
+    from automcm.process import stopping
+    from automcm.straight import LANE_CHANGE, Straight
+
+    try:
+        from automcm.links.remote import RemoteApplication
+    except LinkError as error:
+        typer.echo(f"drive: {error}", err=True)
+        raise typer.Exit(3) from None
+
+    async def run() -> None:
+        over = stopping(for_ms)
+        remote = RemoteApplication(
+            Straight(target=target, concerned_by_all=request_after is None),
+            uri,
+            expect=[LANE_CHANGE],
+            attempts=attempts,
+        )
+        running = asyncio.create_task(remote.run())
+        connected = asyncio.create_task(remote.connected.wait())
+        everything: set[asyncio.Future[Any]] = {over, running, connected}
+        await asyncio.wait(everything, return_when=asyncio.FIRST_COMPLETED)
+        if connected.done():
+            report({"event": "connected", "uri": uri})
+            if request_after is not None:
+                await asyncio.wait({over, running}, timeout=request_after / 1000)
+                remote.command(LANE_CHANGE)
+            await asyncio.wait({over, running}, return_when=asyncio.FIRST_COMPLETED)
+        connected.cancel()
+        if running.done():
+            running.result()
+        running.cancel()
+
+    carry_out("drive", run())
+
+
 @link.command(epilog="Example: automcm link relay --port 47200 --loss 0.2 --delay 5:40.  " + CODES)
 def relay(
-    port: Annotated[int, typer.Option(help="Where to listen; 0: any.")] = 47_200,
+    port: Annotated[int, typer.Option(help="Where to listen; 0: any.", min=0, max=65_535)] = 47_200,
     host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
     loss: Annotated[float, typer.Option(min=0, max=1, help="Share of copies lost.")] = 0.0,
     duplicate: Annotated[float, typer.Option(min=0, max=1, help="Share doubled.")] = 0.0,
@@ -137,15 +222,16 @@ def relay(
     """Pass what one station sends on to all others, with loss and delay, until SIGTERM."""
     from automcm.links.relay import Relay
     from automcm.links.simulated import Channel
-    from automcm.process import until_stopped
+    from automcm.process import stopping
 
     channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=delays(delay))
 
     async def run() -> None:
+        over = stopping(for_ms)
         relay = Relay(host, port, channel=channel, seed=seed, allow_remote=allow_remote)
         report({"event": "start", "host": relay.address[0], "port": relay.address[1]})
         try:
-            await until_stopped(for_ms)
+            await over
         finally:
             relay.close()
             report({"event": "end", "delivered": relay.radio.delivered, "lost": relay.radio.lost})

@@ -6,8 +6,10 @@ import asyncio
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,6 +102,43 @@ def test_a_log_that_the_oracle_does_not_allow_is_a_problem(tmp_path: Path) -> No
     demo._judge()
     assert any("3.ndjson" in problem for problem in demo.problems)
 
+    path.write_text("\n".join((tmp_path / "2.ndjson").read_text().splitlines()[:99]) + "\n")
+    demo.problems.clear()
+    demo._judge()
+    assert any("3.ndjson" in problem for problem in demo.problems)  # cut short, but "allowed"
+    path.write_text("rubbish")
+    demo.problems.clear()
+    demo._judge()
+    assert any("3.ndjson" in problem and "unreadable" in problem for problem in demo.problems)
+
+
+def test_a_process_that_hangs_or_leaves_early_is_a_problem(tmp_path: Path) -> None:
+    early = shown(tmp_path / "early", C=["--for", "2500"])
+    assert early.problems[0] == "C: ended before it was told to"
+
+    hung = Demo(tmp_path / "hung", listen_ms=0)
+
+    def hang(demo: Demo) -> None:
+        a = demo.vehicle("A")
+        if a.way and a.process is not None:
+            a.process.send_signal(signal.SIGSTOP)
+            demo.changed = lambda demo: None
+            asyncio.get_running_loop().call_later(4, os.kill, os.getpid(), signal.SIGTERM)
+
+    hung.changed = hang
+    asyncio.run(hung.run())
+    assert "A: did not end when told to" in hung.problems
+
+
+@pytest.mark.parametrize("after_s", [0.7, 2.5])
+def test_a_demonstration_told_to_stop_leaves_no_process(after_s: float, tmp_path: Path) -> None:
+    with subprocess.Popen([*COMMAND, "demo", "--logs", str(tmp_path)], stderr=subprocess.PIPE) as p:
+        time.sleep(after_s)  # somewhere in the start, or in the session
+        p.send_signal(signal.SIGTERM)
+        assert p.wait(timeout=LIMIT_S) in (1, 130, -signal.SIGTERM)
+    left = subprocess.run(["pgrep", "-f", f"--log {tmp_path}"], capture_output=True)
+    assert left.stdout == b""
+
 
 def test_a_vehicle_is_idle_only_after_a_session() -> None:
     vehicle = Vehicle("A", 2)
@@ -131,6 +170,9 @@ REST: dict[str, Any] = {"session": None, "sending": 0}
         (["station", "--id", "1", "--codec", "xml"], "xml"),
         (["station", "--id", "1", "--via", "nowhere"], "HOST:PORT"),
         (["link", "relay", "--delay", "9:1"], "MIN:MAX"),
+        (["link", "relay", "--port", "70000"], "port"),
+        (["station", "--id", "1", "--zero", "nan"], "zero"),
+        (["station", "--id", "1", "--zero", "1e12"], "zero"),
     ],
 )
 def test_wrong_usage_is_exit_code_2_and_names_it(args: list[str], error: str) -> None:
@@ -165,7 +207,7 @@ def test_an_address_beyond_loopback_is_exit_code_3() -> None:
 def test_a_station_id_that_is_on_the_air_is_refused() -> None:
     with running("link", "relay", "--port", "0") as relay:
         via = ["--via", f"127.0.0.1:{report(relay)['port']}", "--id", "7"]
-        with running("station", "--listen", "0", *via) as first:
+        with running("station", "--listen", "0", "--first", *via) as first:
             report(first)
             done = automcm("station", "--for", "1", *via)
     assert done.returncode == 3 and "station_id: 7 is on the air already" in done.stderr
@@ -176,14 +218,33 @@ def test_end_8_the_number_file_makes_the_next_start_a_restart(tmp_path: Path) ->
     args = ["station", "--id", "9", "--listen", "0", "--number-file", str(kept)]
     with running("link", "relay", "--port", "0") as relay:
         args += ["--via", f"127.0.0.1:{report(relay)['port']}"]
-        first = automcm(*args, "--request-after", "1", "--for", "300")
-        again = automcm(*args, "--log", str(tmp_path / "log"), "--for", "1")
-    assert (first.returncode, kept.read_text()) == (0, "1\n")
+        quiet = automcm(*args, "--for", "1", "--log", str(tmp_path / "first"))
+        assert (quiet.returncode, kept.read_text()) == (0, "0\n")  # it has run, whatever it did
+        assert not restarts(tmp_path / "first")
+        automcm(*args, "--request-after", "1", "--for", "300")
+        again = automcm(*args, "--log", str(tmp_path / "again"), "--for", "1")
+    assert kept.read_text() == "1\n" and restarts(tmp_path / "again")
     assert json.loads(again.stdout.splitlines()[0])["session_number"] == 1
-    assert any(e.ev == "restart" for _, e in read(tmp_path / "log").events)
-    kept.write_text("rubbish")
-    broken = automcm(*args)
+
+
+def restarts(log: Path) -> bool:
+    return any(event.ev == "restart" for _, event in read(log).events)
+
+
+def test_end_8_without_a_number_file_a_station_may_have_run_before(tmp_path: Path) -> None:
+    for n, first in enumerate(([], ["--first"])):
+        log = tmp_path / str(n)
+        automcm("station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log), *first)
+        assert restarts(log) == (not first)
+
+
+@pytest.mark.parametrize("text", ["rubbish", "-1", "9" * 5000, "9007199254740991", "\u0663"])
+def test_end_8_a_number_file_with_no_number_is_exit_code_3(text: str, tmp_path: Path) -> None:
+    kept = tmp_path / "number"
+    kept.write_text(text)
+    broken = automcm("station", "--id", "9", "--listen", "0", "--number-file", str(kept))
     assert broken.returncode == 3 and "holds no session number" in broken.stderr
+    assert len(broken.stderr.splitlines()) == 1
 
 
 def test_end_8_a_number_that_cannot_be_kept_does_not_go_on_the_air(tmp_path: Path) -> None:
@@ -204,3 +265,42 @@ def test_end_8_a_number_that_cannot_be_kept_does_not_go_on_the_air(tmp_path: Pat
 def test_a_log_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
     done = automcm("station", "--id", "1", "--listen", "0", "--log", str(tmp_path / "no" / "log"))
     assert done.returncode == 3 and "no/log" in done.stderr
+
+
+def test_told_to_stop_while_it_listens_a_station_ends_well() -> None:
+    with subprocess.Popen([*COMMAND, "station", "--id", "1", "--listen", "30000"]) as process:
+        time.sleep(3)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=LIMIT_S) == 0
+
+
+def test_driving_software_at_the_other_end_of_a_bridge() -> None:
+    """station --bridge, and automcm drive, which asks for a lane change and completes it."""
+    with running("link", "relay", "--port", "0") as relay:
+        via = ["--via", f"127.0.0.1:{report(relay)['port']}", "--listen", "0", "--first"]
+        bridged = ["--bridge", "0", "--set", "t_timeout=500", "--for", "20000"]
+        with (
+            running("station", "--id", "1", *bridged, *via) as router,
+            running("station", "--id", "2", *via),
+        ):
+            uri = f"ws://127.0.0.1:{report(router)['bridge']}"
+            with running(
+                "drive", "--uri", uri, "--request-after", "500", "--for", "20000"
+            ) as drive:
+                assert report(drive)["event"] == "connected"
+                seen = []
+                while "ACT-3" not in seen:
+                    event = report(router)
+                    seen += [event["rule"]] if event["event"] == "phase" else []
+    assert seen == ["ADV-1", "PRE-1", "PRE-2", "PRE-4", "NEG-6", "ACT-3"]
+
+
+def test_a_bridge_that_cannot_be_reached_or_opened_is_exit_code_3() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        busy = automcm("station", "--id", "1", "--listen", "0", "--bridge", str(port))
+    assert busy.returncode == 3 and str(port) in busy.stderr
+    gone = automcm("drive", "--uri", f"ws://127.0.0.1:{port}", "--attempts", "1")
+    assert gone.returncode == 3 and f"ws://127.0.0.1:{port}" in gone.stderr

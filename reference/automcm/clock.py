@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import heapq
-import math
 from collections.abc import Callable
 from typing import Protocol
 
@@ -58,11 +57,14 @@ class AsyncioClock:
     def __init__(self, zero: float = 0.0) -> None:
         self._loop = asyncio.get_running_loop()
         self._zero = zero
+        self._set = 0
 
     def now(self) -> int:
         return int((self._loop.time() - self._zero) * 1000)
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
-        # A hair late rather than early: woken early, now() would still be before when_ms.
-        when = math.nextafter(self._zero + when_ms / 1000, math.inf)
+        # A hair late rather than early: woken early, now() would still be before when_ms.  And a
+        # hair later than the one set before: asyncio does not keep the order of equal times.
+        self._set = self._set % 10_000 + 1
+        when = self._zero + when_ms / 1000 + self._set * 1e-8
         return self._loop.call_at(when, do).cancel

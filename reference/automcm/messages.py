@@ -27,6 +27,8 @@ LIMIT = 2**53 - 1
 """The largest integer that every JSON reader holds exactly; the smallest is its negative."""
 MAX_TEXT = 65_507
 """Characters in a text: no more than fit the largest UDP datagram."""
+MAX_MARKS = 255
+"""Sessions in a CAM: more than a station can be in and have Fins of in its outbox (MEM-1)."""
 MAX_DEPTH = 32
 """How deep lists and objects may nest in ``details``, itself included."""
 
@@ -227,7 +229,7 @@ class Cam(_Frozen):
     y_mm: Whole
     heading_mrad: Whole
     speed_mm_s: Whole
-    marks: tuple[Session, ...] = Field(fail_fast=True)
+    marks: tuple[Session, ...] = Field(fail_fast=True, max_length=MAX_MARKS)
 
 
 Message = Advertisement | Intention | Prescription | Acceptance | Fin | Cancel | Ack

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from automcm.codec import Codec
 from automcm.interface import Command
 from automcm.links import LinkError
 from automcm.links.udp import UdpLink
-from automcm.messages import MessageError
+from automcm.messages import LIMIT, MessageError
 from automcm.outcome import Expiry, Heard
 from automcm.parameters import Parameters
 from automcm.service import McService
@@ -35,19 +36,21 @@ class NumberError(Exception):
 
 @dataclass(frozen=True)
 class NumberFile:
-    """Keeps the last session number over a restart (END-8), in a file."""
+    """Keeps the last session number over a restart (END-8), in a file.  That the file is there
+    means that the station ran before."""
 
     path: Path
 
     def last(self) -> int | None:
         """None if the station never ran before.  Raises NumberError for anything else."""
         try:
-            text = self.path.read_text()
+            with self.path.open() as file:
+                text = file.read(100).strip()
         except FileNotFoundError:
             return None
         except (OSError, UnicodeDecodeError) as error:
             raise NumberError(f"{self.path}: {error}") from None
-        if not text.strip().isdecimal():
+        if not (text.isascii() and text.isdecimal() and int(text) < LIMIT):
             raise NumberError(f"{self.path}: holds no session number")
         return int(text)
 
@@ -55,7 +58,10 @@ class NumberFile:
         """Raises NumberError: without it, the number must not go on the air."""
         new = self.path.with_name(self.path.name + ".new")
         try:
-            new.write_text(f"{number}\n")
+            with new.open("w") as file:
+                file.write(f"{number}\n")
+                file.flush()
+                os.fsync(file.fileno())
             new.replace(self.path)
         except OSError as error:
             raise NumberError(f"{self.path}: {error.strerror}") from None
@@ -74,7 +80,13 @@ class StationProcess:
     log: Path | None = None
     run_name: str = "live"
     number_file: NumberFile | None = None
+    number: int = 0
+    """Without a file: the last session number that it may have used before."""
+    restarted: bool = False
+    """Without a file: it may have run before (END-8)."""
     commands: list[tuple[int, Command]] = field(default_factory=list)
+    serving: AbstractAsyncContextManager[Any] = field(default_factory=nullcontext)
+    """Open while the station runs: the WebSocket server of a bridge, and its ``port``."""
     listen_ms: int = 1100
     """How long to listen for another station of the same id before the start; a CAM comes at
     least every 1000 ms."""
@@ -87,38 +99,53 @@ class StationProcess:
 
         Raises LinkError, NumberError, or OSError for a log that cannot be written.
         """
-        await _free(self.link, self.codec, self.station_id, self.listen_ms)
-        last = self.number_file.last() if self.number_file else None
-        with ExitStack() as stack:
+        over = stopping(None)
+        number, restarted = self._before()
+        async with AsyncExitStack() as stack:
+            link = self.link()
+            stack.callback(link.close)
+            await _free(link, self.codec, self.station_id, self.listen_ms, over)
             service = McService(
                 self.station_id,
                 self.application,
-                self.link(),
+                link,
                 AsyncioClock(self.zero),
                 parameters=self.parameters,
-                number=last or 0,
-                keep_number=self._keep if self.number_file else lambda number: None,
+                number=number,
+                keep_number=self.number_file.keep if self.number_file else lambda number: None,
                 seed=self.station_id,
                 codec=self.codec,
                 log=self._log(stack),
                 observers=(self._observe,),
             )
-            stack.callback(lambda: self._report(service, event="end", **_statistics(service)))
+            stack.callback(self._end, service, link)
             stack.callback(service.close)
             self._service = service
+            await stack.enter_async_context(self.serving)
             service.start()
-            if last is not None:
+            if restarted:
                 service.restart()
-            self._report(service, event="start", session_number=last or 0)
+            about = {"session_number": number, "bridge": getattr(self.serving, "port", None)}
+            self._report(service, event="start", **about)
             for after_ms, command in self.commands:
                 service.command(command, max(after_ms, 1))
-            await until_stopped(self.for_ms)
+            if self.for_ms is not None:
+                asyncio.get_running_loop().call_later(self.for_ms / 1000, _end, over)
+            await over
 
-    def _keep(self, number: int) -> None:
-        assert self.number_file is not None
-        self.number_file.keep(number)
+    def _before(self) -> tuple[int, bool]:
+        """The last number used, and whether it has run before; from now on it has."""
+        if self.number_file is None:
+            return self.number, self.restarted
+        last = self.number_file.last()
+        self.number_file.keep(last or 0)
+        return last or 0, last is not None
 
-    def _log(self, stack: ExitStack) -> LogWriter | None:
+    def _end(self, service: McService, link: UdpLink) -> None:
+        statistics = service.statistics.as_dict()
+        self._report(service, event="end", statistics=statistics, unsent=link.unsent)
+
+    def _log(self, stack: AsyncExitStack) -> LogWriter | None:
         if self.log is None:
             return None
         return stack.enter_context(
@@ -160,11 +187,9 @@ class StationProcess:
         )
 
 
-def _statistics(service: McService) -> dict[str, Any]:
-    return {"statistics": service.statistics.as_dict()}
-
-
-async def _free(link: Callable[[], UdpLink], codec: Codec, station_id: int, ms: int) -> None:
+async def _free(
+    link: UdpLink, codec: Codec, station_id: int, ms: int, over: asyncio.Future[None]
+) -> None:
     """Listen.  Raises LinkError if a station with this id is on the air already."""
     if ms <= 0:
         return
@@ -175,19 +200,14 @@ async def _free(link: Callable[[], UdpLink], codec: Codec, station_id: int, ms: 
         with suppress(MessageError):
             taken = taken or codec.decode(data).src == station_id
 
-    listening = link()
-    listening.open(look)
-    try:
-        await asyncio.sleep(ms / 1000)
-    finally:
-        listening.close()
+    link.open(look)
+    await asyncio.wait([over], timeout=ms / 1000)
     if taken:
         raise LinkError(f"station_id: {station_id} is on the air already")
 
 
-async def until_stopped(for_ms: int | None = None) -> None:
-    """Wait for SIGTERM, SIGINT or ``for_ms``.  An exception in the event loop ends the wait and
-    is raised."""
+def stopping(for_ms: int | None = None) -> asyncio.Future[None]:
+    """Done at SIGTERM, SIGINT or after ``for_ms``; an exception in the event loop is its own."""
     loop = asyncio.get_running_loop()
     over: asyncio.Future[None] = loop.create_future()
 
@@ -195,13 +215,14 @@ async def until_stopped(for_ms: int | None = None) -> None:
         if not over.done():
             over.set_exception(context.get("exception") or RuntimeError(context["message"]))
 
-    def stop() -> None:
-        if not over.done():
-            over.set_result(None)
-
     loop.set_exception_handler(failed)
     for signum in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(signum, stop)
+        loop.add_signal_handler(signum, _end, over)
     if for_ms is not None:
-        loop.call_later(for_ms / 1000, stop)
-    await over
+        loop.call_later(for_ms / 1000, _end, over)
+    return over
+
+
+def _end(over: asyncio.Future[None]) -> None:
+    if not over.done():
+        over.set_result(None)

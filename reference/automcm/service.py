@@ -10,6 +10,7 @@ from __future__ import annotations
 import random
 from collections import OrderedDict, deque
 from collections.abc import Callable
+from functools import partial
 from logging import getLogger
 
 from automcm import logging
@@ -43,6 +44,16 @@ Observer = Callable[[State, Effects], None]
 """Called with the state before and what an input did, after its messages were sent."""
 
 
+def _attempt(what: Callable[[], object], errors: list[Exception]) -> bool:
+    """Do it; an exception is kept for later."""
+    try:
+        what()
+    except Exception as error:
+        errors.append(error)
+        return False
+    return True
+
+
 class McService:
     """One station at work.
 
@@ -50,9 +61,9 @@ class McService:
     new one before it goes on the air (END-8); a service that comes back calls ``restart``.
     ``seed`` feeds the back-off (END-7) and the offset of the first CAM.
 
-    An exception in the application or an observer passes through to whoever called (the event
-    loop, the simulation), after the messages of that input were sent and the alarm was set: it
-    stops no session.
+    An exception in the application, an observer or ``keep_number`` passes through to whoever
+    called (the event loop, the simulation), but only after everything else that was to be done:
+    it stops no session.  While ``keep_number`` fails, nothing is sent.
     """
 
     def __init__(
@@ -90,7 +101,7 @@ class McService:
         self._alarm: tuple[int, Cancel] | None = None
         self._pending: deque[Callable[[], None]] = deque()
         self._busy = False
-        self._open = False
+        self._open = self._closed = False
         self._proposal: Proposal | None = None
         self._before = self.station.state
         application.attach(self)
@@ -110,16 +121,18 @@ class McService:
     # -- what may be done with it
 
     def start(self) -> None:
-        """Open the link and begin to send CAMs."""
+        """Open the link and begin to send CAMs.  Commands given before are carried out now."""
         self._link.open(self.receive)
-        self._open = True
+        self._open, self._closed = True, False
         self._do(lambda: None)
 
     def close(self) -> None:
         """Stop where it is, as a crash would: nothing more is sent, received or due."""
-        self._open = False
+        self._open, self._closed = False, True
+        self._pending.clear()
         if self._alarm is not None:
             self._alarm[1]()
+            self._alarm = None
         self._link.close()
 
     def now(self) -> int:
@@ -138,7 +151,9 @@ class McService:
             nonlocal src
             self.statistics.received_bytes += len(data)
             self.statistics.oversized += len(data) > MAX_BYTES
-            effects = self.station.receive(data, self.now())
+            now = self.now()
+            self._take(self.station.advance(now))  # whatever the application does below
+            effects = self.station.receive(data, now)
             match effects[-1].input:
                 case Heard(message):
                     src = message.src
@@ -157,25 +172,33 @@ class McService:
             self._do(lambda: self._take(self.station.command(command, self.now())))
 
     def restart(self) -> None:
-        """Forget every session, as after a crash (END-8)."""
-        self._do(lambda: self._take(self.station.restart(self.now())))
+        """Forget every session, as after a crash (END-8); the application is to drive alone."""
+
+        def restart() -> None:
+            session = self.state.session
+            self._take(self.station.restart(self.now()))
+            if session is not None:
+                self.application.fallback(session, "restart")
+
+        self._do(restart)
 
     # -- one thing at a time
 
     def _do(self, what: Callable[[], None]) -> None:
         """Do it, and what the application asks for meanwhile; then set the alarm."""
-        if not self._open:
+        if self._closed:
             return
         self._pending.append(what)
-        if self._busy:
+        if self._busy or not self._open:
             return
         self._busy = True
-        try:
-            while self._pending:
-                self._pending.popleft()()
-        finally:
-            self._busy = False
-            self._set_alarm()
+        errors: list[Exception] = []
+        while self._pending:
+            _attempt(self._pending.popleft(), errors)
+        self._busy = False
+        self._set_alarm()
+        if errors:
+            raise errors[0]
 
     def _set_alarm(self) -> None:
         if not self._open:
@@ -198,33 +221,44 @@ class McService:
         now = self.now()
         self._take(self.station.advance(now))
         if now >= self._cam_due:
-            self._send_cam(now)
             self._cam_due = max(self._cam_due + self.parameters.t_cam, now + 1)
+            self._send_cam(now)
 
     def _take(self, effects: list[Effects], tx: str | None = None, raw: bytes = b"") -> None:
         """Send, log, count and pass on what the station did.
 
         The input that ``tx`` and ``raw`` belong to comes last: due timers fire first.
         """
+        errors: list[Exception] = []
         told = []
         last = len(effects) - 1
         for n, effect in enumerate(effects):
             before, self._before = self._before, effect.state
-            if effect.state.number > self._number:
-                self._number = effect.state.number
-                self._keep_number(self._number)
-            txs = [self._send(message) for message in effect.messages]
+            kept = _attempt(partial(self._keep, effect.state.number), errors)
+            messages = effect.messages if kept else ()
+            txs = [self._send(message) for message in messages]
             if self._log is not None:
                 mine = n == last
                 logging.write(
-                    self._log, effect, txs, tx=tx if mine else None, raw=raw if mine else b""
+                    self._log,
+                    effect._replace(messages=messages),
+                    txs,
+                    tx=tx if mine else None,
+                    raw=raw if mine else b"",
                 )
             self.statistics.count(effect, before)
             told.append((before, effect))
         for before, effect in told:
             for observe in self._observers:
-                observe(before, effect)
-            self._tell(effect)
+                _attempt(partial(observe, before, effect), errors)
+            _attempt(partial(self._tell, effect), errors)
+        if errors:
+            raise errors[0]
+
+    def _keep(self, number: int) -> None:
+        if number > self._number:
+            self._keep_number(number)
+            self._number = number
 
     # -- sending
 

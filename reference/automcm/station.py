@@ -122,7 +122,9 @@ class Station:
         return [self._step(Restart(), now)]
 
     def _heard(self, message: Message) -> Heard:
-        plan = self._plan(message) if isinstance(message, Advertisement) else None
+        plan = None
+        if isinstance(message, Advertisement) and not self.state.bound:
+            plan = self._plan(message) if message.src != self.station_id else None
         return Heard(message, plan)
 
     def _due(self, now: int) -> Timer:

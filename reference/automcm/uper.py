@@ -40,7 +40,6 @@ from automcm.messages import (
 
 SCHEMA = Path(__file__).with_name("AutoMCM.asn")
 MAX_POINTS = 16_384
-MAX_MARKS = 255
 
 _BODIES = {type_.lower(): type_ for type_ in (*get_args(MessageType), "CAM")}
 _REASONS = {
@@ -88,9 +87,6 @@ def _malformed(error: Any) -> MessageError:
 
 def _body(message: Message | Cam) -> dict[str, Any]:
     if isinstance(message, Cam):
-        if len(message.marks) > MAX_MARKS:
-            problem = f"{len(message.marks)} sessions, more than {MAX_MARKS}"
-            raise MessageError(f"CAM.marks: {problem}")
         return {
             "src": message.src,
             "generation-ms": _natural(message.generation_ms),

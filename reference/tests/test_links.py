@@ -314,6 +314,75 @@ def test_a_port_in_use_is_named() -> None:
         bind(*taken.getsockname())
 
 
+def test_messages_of_one_id_from_two_addresses_make_it_broadcast() -> None:
+    async def two() -> None:
+        where = ("127.255.255.255", free_port())
+        link = UdpLink(broadcast=where)
+        got: list[int] = []
+        link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
+        with bind("127.0.0.1", 0) as owner, bind("127.0.0.1", 0) as forger:
+            owner.sendto(b"7", where)
+            await until(lambda: len(got) == 1)
+            link.send(b"x", 7, "")
+            await until(lambda: _has(owner))
+            forger.sendto(b"7", where)
+            await until(lambda: len(got) == 2)
+            link.send(b"y", 7, "")
+            owner.sendto(b"7", where)
+            await until(lambda: len(got) == 3)
+            assert not _has(owner) and not _has(forger) and link._addresses[7] is None
+        link.close()
+
+    run(two)
+
+
+def _has(sock: socket.socket) -> bool:
+    try:
+        return bool(sock.recv(100))
+    except BlockingIOError:
+        return False
+
+
+def test_a_relay_without_reordering_keeps_the_order_and_a_seed_decides_what_is_lost() -> None:
+    async def relayed(seed: int, loss: float) -> list[bytes]:
+        relay = Relay(channel=Channel(loss=loss, delay_ms=(5, 5)), seed=seed)
+        with bind("127.0.0.1", 0) as sender, bind("127.0.0.1", 0) as hearer:
+            hearer.sendto(b"", relay.address)
+            await until(lambda: len(relay._stations) == 1)
+            for n in range(200):
+                sender.sendto(b"%03d" % n, relay.address)
+            await until(lambda: relay.radio.delivered + relay.radio.lost == 200)
+            got = []
+            while True:
+                try:
+                    got.append(hearer.recv(10))
+                except BlockingIOError:
+                    break
+        relay.close()
+        return got
+
+    async def compare() -> None:
+        assert await relayed(1, 0.0) == [b"%03d" % n for n in range(200)]
+        some = await relayed(1, 0.5)
+        assert 60 < len(some) < 140
+        assert await relayed(1, 0.5) == some != await relayed(2, 0.5)
+
+    run(compare)
+
+
+@pytest.mark.parametrize(
+    ("host", "broadcast"), [("0.0.0.0", "127.255.255.255"), ("127.0.0.1", "198.51.100.255")]
+)
+def test_a_host_that_does_not_reach_the_others_is_refused(host: str, broadcast: str) -> None:
+    with pytest.raises(LinkError, match=r"host: .* does not reach"):
+        UdpLink(host=host, broadcast=(broadcast, 9), allow_remote=True)
+
+
+def test_a_name_is_no_address() -> None:
+    with pytest.raises(LinkError, match="nowhere: no IPv4 address"):
+        bind("nowhere", 0)
+
+
 @pytest.mark.parametrize("host", ["192.168.1.7", "0.0.0.0"])
 def test_only_loopback_unless_told_otherwise(host: str) -> None:
     with pytest.raises(LinkError, match=f"{host}: not a loopback address"):

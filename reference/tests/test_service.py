@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -14,11 +16,22 @@ from automcm.clock import VirtualClock
 from automcm.codec import MAX_BYTES
 from automcm.interface import Abort, Refuse, Request
 from automcm.links.simulated import Channel, Radio
-from automcm.messages import BROADCAST, Cam, Fin, Intention, Session, Trajectory, decode, encode
+from automcm.messages import (
+    BROADCAST,
+    Advertisement,
+    Cam,
+    Fin,
+    Intention,
+    Session,
+    Trajectory,
+    decode,
+    encode,
+)
 from automcm.parameters import Parameters
 from automcm.service import NEIGHBOURS, McService
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_traces.reader import read
 
 PATH = Trajectory(t0=0, points=((0, 0, 0),))
 
@@ -112,11 +125,18 @@ def test_act_1_the_receiver_drives_what_it_accepted_from_hold_ms_after_accepting
 
 def test_neg_6_the_prescriber_is_told_what_the_receiver_selected_and_until_when() -> None:
     prescriber, receiver, simulation = pair()
-    simulation.run(6000)
+    prescribed: list[int] = []
+    simulation.services[1]._observers = (
+        lambda before, effects: (
+            prescribed.append(effects.now_ms) if effects.rule == "PRE-2" else None
+        ),
+    )
+    simulation.run(9000)
     (mine,), (theirs,) = prescriber.of(Drive), receiver.of(Drive)
     assert mine.role == "prescriber" and mine.selected == theirs.selected
     assert mine.session == theirs.session == (1, 1)
-    assert mine.until_ms <= theirs.until_ms  # ACT-4: the prescriber lets go first
+    assert mine.until_ms == prescribed[0] + prescriber.lease_ms  # ACT-4: from its first sending
+    assert mine.until_ms <= theirs.until_ms
     assert receiver.calls[-1] == ("finished", (1, 1))
 
 
@@ -280,6 +300,144 @@ def test_an_application_that_raises_stops_no_session() -> None:
     assert simulation.services[2].statistics.rules["NEG-3"] == 3  # no verdict in time
 
 
+def advertisement(src: int, number: int = 1) -> bytes:
+    return encode(Advertisement(src=src, session=(src, number), seq=1, scenario="x", details={}))
+
+
+def test_what_was_due_happens_even_if_the_application_raises_when_asked_to_join() -> None:
+    class Faulty(Noted):
+        def concerned(self, advertised: Advertised) -> Trajectory | None:
+            raise RuntimeError("a bug")
+
+    application, clock, wire = Faulty(), Jumpy(), Wire()
+    service = McService(1, application, wire, clock)
+    service.start()
+    service.command(LANE_CHANGE)
+    clock.time = 2100  # the window closes just before the Advertisement is read
+    with pytest.raises(RuntimeError, match="a bug"):
+        wire.receive(advertisement(2), None)
+    assert application.calls == [("fallback", (1, 1), "no_participants")]
+    assert service.statistics.rules["PRE-1"] == 1 and len(clock.alarms) == 1
+
+
+def test_an_exception_keeps_nobody_else_from_being_told() -> None:
+    application = Noted()
+    clock, wire = VirtualClock(), Wire()
+
+    def breaks(before: object, effects: object) -> None:
+        raise RuntimeError("an observer's bug")
+
+    seen: list[str] = []
+    service = McService(
+        1,
+        application,
+        wire,
+        clock,
+        observers=(breaks, lambda before, effects: seen.append(effects.rule)),
+    )
+    service.start()
+    with pytest.raises(RuntimeError, match="an observer's bug"):
+        service.command(Abort(session=(1, 1)))
+    assert (application.calls, seen) == ([("refused", "abort", "CMD-1")], ["CMD-1"])
+
+
+def test_end_8_while_a_number_cannot_be_kept_nothing_goes_on_the_air() -> None:
+    broken = True
+
+    def keep(number: int) -> None:
+        if broken:
+            raise OSError("disk full")
+
+    service, wire, clock = alone(keep_number=keep)
+    with pytest.raises(OSError, match="disk full"):
+        service.command(LANE_CHANGE)
+    for _ in range(5):
+        with pytest.raises(OSError, match="disk full"):
+            clock.run(clock.now() + 100)
+    assert wire.of("Advertisement") == []
+    broken = False
+    clock.run(clock.now() + 1000)
+    assert len(wire.of("Advertisement")) > 5
+
+
+def test_a_position_that_raises_delays_the_next_cam_and_no_more() -> None:
+    class Lost(Noted):
+        asked = 0
+
+        def kinematics(self, now_ms: int) -> Kinematics:
+            self.asked += 1
+            raise RuntimeError("no position")
+
+    application = Lost()
+    _, wire, clock = alone(application)
+    for _ in range(10):
+        with pytest.raises(RuntimeError, match="no position"):
+            clock.run(1000)
+    clock.run(1000)
+    assert application.asked == 10 and wire.of("CAM") == []
+
+
+def test_a_command_given_before_the_start_is_carried_out_then() -> None:
+    clock, wire = VirtualClock(), Wire()
+    service = McService(1, Noted(), wire, clock)
+    service.command(LANE_CHANGE)
+    assert wire.sent == []
+    service.start()
+    assert len(wire.of("Advertisement")) == 1
+
+
+def test_a_service_closed_within_a_callback_sends_nothing_more() -> None:
+    class Quits(Noted):
+        def fallback(self, session: Session, reason: str) -> None:
+            self.service.command(LANE_CHANGE)
+            service.close()
+
+    service, wire, clock = alone(Quits())
+    service.command(LANE_CHANGE)
+    clock.run(9000)
+    assert len(wire.of("Advertisement")) == 21
+    assert {a.session for a in wire.of("Advertisement")} == {(1, 1)}
+
+
+def test_a_service_can_be_started_again() -> None:
+    service, wire, clock = alone()
+    clock.run(500)
+    service.close()
+    clock.run(1000)
+    before = len(wire.of("CAM"))
+    service.start()
+    clock.run(2000)
+    assert len(wire.of("CAM")) - before == pytest.approx(10, abs=1)
+
+
+def test_end_5_the_application_is_not_asked_about_its_own_echo_nor_when_it_is_bound() -> None:
+    application = Noted()
+    _, wire, _ = alone(application)
+    wire.receive(advertisement(1), None)
+    assert application.calls == []
+    for src in (2, 2, 3):
+        wire.receive(advertisement(src), None)
+    assert [call.session for call in application.calls] == [(2, 1)]
+
+
+def test_a_log_holds_cams_raw_bytes_and_the_transmission_of_each_input(tmp_path: Path) -> None:
+    simulation = Simulation(logs=tmp_path)
+    simulation.add(1, Straight())
+    simulation.add(2, Straight())
+    simulation.request(1, 100)
+    simulation.clock.at(300, lambda: simulation.services[2].receive(b"rubbish", "9:9"))
+    simulation.run(3000)
+    events = [event for _, event in read(tmp_path / "2.ndjson").events]
+    sent = [e for e in events if e.ev == "send"]
+    assert Counter(e.message["type"] for e in sent)["CAM"] >= 29
+    (raw,) = [e for e in events if e.ev == "receive" and e.raw]
+    assert base64.b64decode(raw.raw or "") == b"rubbish" and raw.tx == "9:9"
+    received = [e for e in events if e.ev == "receive"]
+    assert all(e.tx for e in received)
+    by_1 = {e.tx: e.message for _, e in read(tmp_path / "1.ndjson").events if e.ev == "send"}
+    assert all(by_1[e.tx] == e.message for e in received if e.message)
+
+
 def test_end_8_the_number_is_kept_before_it_goes_on_the_air() -> None:
     kept: list[tuple[int, int]] = []
     service, wire, clock = alone(
@@ -293,10 +451,11 @@ def test_end_8_the_number_is_kept_before_it_goes_on_the_air() -> None:
 
 
 def test_end_8_a_restart_forgets_the_session_and_joins_none_for_a_while() -> None:
-    prescriber, _, simulation = pair()
+    prescriber, receiver, simulation = pair()
     simulation.restart(2, 3000)
     simulation.run(3000)
     assert simulation.services[2].state.quarantine
+    assert ("fallback", (1, 1), "restart") in receiver.calls
     simulation.run(6000)
     assert ("fallback", (1, 1), "cam_loss") in prescriber.calls
 

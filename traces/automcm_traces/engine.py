@@ -215,8 +215,10 @@ class Engine:
         """A received message in the oracle's ids; a broken one as its kind in the alphabet."""
         t, type_, dst = self.track, m["type"], m.get("dst", 0)
         src = ME if m["src"] == t.me else Y
+        if dst not in (0, t.me):
+            return _template(type_, Y, STRANGER, [Y if type_ == "Advertisement" else ME, 1])
         if self._misdirected(m):
-            to = {0: 0, t.me: ME}.get(dst, STRANGER)
+            to = ME if dst else 0
             if src == ME and type_ != "Advertisement":
                 to = ME
             own = type_ != "Advertisement" or src == ME

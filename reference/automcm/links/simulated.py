@@ -18,7 +18,8 @@ class Channel:
 
     A copy is lost with ``loss``, doubled with ``duplicate``, and takes a delay drawn evenly from
     ``delay_ms``; with ``reorder`` it is held back for another such delay, so that later ones
-    overtake it.  The rules assume a one-way delay below t_resend / 2 (section 3).
+    overtake it.  The rules assume a one-way delay below t_resend / 2 (section 3): with ``reorder``
+    that is twice the longest of ``delay_ms``.
     """
 
     loss: float = 0.0
@@ -65,11 +66,12 @@ class Radio:
         return SimulatedLink(self, station_id)
 
     def cut(self, src: int, dst: int) -> None:
-        """From now on nothing gets from ``src`` to ``dst``; the way back is untouched."""
+        """What ``src`` sends from now on does not get to ``dst``; the way back is untouched."""
         self._cut.add((src, dst))
 
     def partition(self, *groups: Iterable[int]) -> None:
-        """Nothing gets from one group to another; a station in no group is left alone."""
+        """What is sent from now on does not get from one group to another; a station in no group
+        is left alone."""
         sets = [set(group) for group in groups]
         self._cut |= {
             (src, dst) for a in sets for b in sets if a is not b for src in a for dst in b
@@ -101,8 +103,8 @@ class Radio:
 
     def _arrive(self, dst: int, data: bytes, tx: str) -> None:
         self.in_flight -= 1
-        self.delivered += 1
         if (receive := self._receivers.get(dst)) is not None:
+            self.delivered += 1
             receive(data, tx)
 
 
@@ -116,7 +118,8 @@ class SimulatedLink:
         self._radio._receivers[self._station_id] = receive
 
     def send(self, data: bytes, to: int, tx: str) -> None:
-        self._radio._send(self._station_id, data, to, tx)
+        if self._station_id in self._radio._receivers:
+            self._radio._send(self._station_id, data, to, tx)
 
     def close(self) -> None:
         self._radio._receivers.pop(self._station_id, None)

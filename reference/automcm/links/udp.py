@@ -2,9 +2,9 @@
 
 A station has two sockets: one that listens to the broadcast address, shared by all stations on
 the host, and one of its own, from which it sends everything and where it gets what is addressed
-to it.  Where another station is it learns from what that one sends; until then, and if the link
-goes through a relay, everything is broadcast (MSG-1 sorts it out).  There is no authentication:
-who forges a station_id can draw the unicast messages of that station, as on any open radio.
+to it.  Where another station is it learns from what that one sends; until then, once messages of
+one station_id came from two addresses, and if the link goes through a relay, everything is
+broadcast (MSG-1 sorts it out).  There is no authentication, as on any open radio.
 """
 
 from __future__ import annotations
@@ -31,11 +31,15 @@ def address(text: str) -> Address:
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 <= int(port) <= 65_535:
         raise LinkError(f"{text}: an address is HOST:PORT, such as 127.0.0.1:{PORT}")
+    return ip(host), int(port)
+
+
+def ip(host: str) -> str:
+    """An IPv4 address, or localhost.  Raises LinkError for anything else."""
     try:
-        ipaddress.IPv4Address(host := "127.0.0.1" if host == "localhost" else host)
+        return str(ipaddress.IPv4Address("127.0.0.1" if host == "localhost" else host))
     except ValueError:
-        raise LinkError(f"{text}: {host} is no IPv4 address") from None
-    return host, int(port)
+        raise LinkError(f"{host}: no IPv4 address") from None
 
 
 def bind(
@@ -43,7 +47,7 @@ def bind(
 ) -> socket.socket:
     """A datagram socket.  Raises LinkError for a port in use, or, unless ``allow_remote``, for
     an address that other hosts reach."""
-    local_only(host, allow_remote)
+    local_only(host := ip(host), allow_remote)
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setblocking(False)
     try:
@@ -51,9 +55,9 @@ def bind(
         if shared:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind((host, port))
-    except OSError as error:
+    except (OSError, OverflowError) as error:
         sock.close()
-        raise LinkError(f"UDP {host}:{port}: {error.strerror}") from None
+        raise LinkError(f"UDP {host}:{port}: {getattr(error, 'strerror', error)}") from None
     return sock
 
 
@@ -68,6 +72,9 @@ class UdpLink:
 
     ``broadcast`` is where all listen; with ``via`` there is no broadcast, and everything goes to
     the relay at that address.  ``host`` is the address of the interface to send from.
+
+    Raises LinkError for a ``host`` that cannot reach the others: any interface (0.0.0.0), or
+    loopback when they are elsewhere.
     """
 
     def __init__(
@@ -82,9 +89,13 @@ class UdpLink:
         """Datagrams that the system refused to send; to the protocol they are lost."""
         self._all = via or broadcast
         self._via = via
-        self._addresses: OrderedDict[int, Address] = OrderedDict()
+        self._addresses: OrderedDict[int, Address | None] = OrderedDict()
+        """None: messages of this station came from two addresses."""
         self._receive: Receiver = lambda data, tx: None
         local_only(self._all[0], allow_remote)
+        here, there = ipaddress.IPv4Address(ip(host)), ipaddress.IPv4Address(self._all[0])
+        if here.is_unspecified or here.is_loopback != there.is_loopback:
+            raise LinkError(f"host: {here} does not reach {there}; name this host's address there")
         self._own = bind(host, 0, allow_remote=allow_remote)
         self.address: Address = self._own.getsockname()
         self._sockets = [self._own]
@@ -130,7 +141,8 @@ class UdpLink:
             return  # our own broadcast
         src = self._receive(data, None)
         if src is not None:
-            self._addresses[src] = where
+            known = self._addresses.get(src, where)
+            self._addresses[src] = where if known == where else None
             self._addresses.move_to_end(src)
             if len(self._addresses) > ADDRESSES:
                 self._addresses.popitem(last=False)
