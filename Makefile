@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test generate fuzz clean
+.PHONY: verify test test-deep generate fuzz clean
 .DELETE_ON_ERROR:
 
 verify: .venv/ready
@@ -13,6 +13,10 @@ test: .venv/ready
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/pytest -q -n 2 --dist loadgroup --cov --cov-report=term $(ARGS)
+
+# A million steps; --steps, --seed and --processes in ARGS.
+test-deep: .venv/ready
+	@$(BIN)/python reference/tests/stateful.py $(ARGS)
 
 generate: .venv/ready
 	@$(BIN)/automcm generate $(ARGS)

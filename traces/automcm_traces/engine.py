@@ -27,6 +27,8 @@ from automcm_traces.log import (
 from automcm_traces.reader import Log
 from automcm_traces.track import (
     ME,
+    NOBODY,
+    ROUNDS,
     STRANGER,
     CannotTell,
     Expected,
@@ -132,6 +134,9 @@ class Engine:
                 self._timer_changed(at, event)
             case ApplicationIndication():
                 self._told(at, event)
+            case Restart():  # what was due before is lost (END-8)
+                self.finish()
+                self._input(at, event)
             case _:
                 self.finish()
                 self._missed(at, event)
@@ -188,7 +193,8 @@ class Engine:
         t, src = self.track, m["src"]
         what = f"receive {m['type']} from {src}"
         if m["type"] == "CAM":
-            view = View(t, src, next(iter(others(t, src)), 0), t.session)
+            y = NOBODY if src == t.me else src  # an echo is nobody's CAM (ACT-5)
+            view = View(t, y, next(iter(others(t, y)), 0), t.session)
             marked = t.session is not None and list(t.session) in m["marks"]
             newer = t.heard_ms is None or m["generation_ms"] > t.heard_ms
             marks = [view.sessions(t.session)] if marked else []
@@ -251,10 +257,15 @@ class Engine:
     def _command(self, at: int, event: Event, c: dict[str, Json]) -> None:
         t, name = self.track, c["name"]
         session, proposal, target = c.get("session"), c.get("proposal", 0), c.get("target", 0)
+        if target == t.me:
+            target = NOBODY  # whom it has not recorded (PRE-2)
         y = target or t.peer
         view = View(t, y, next(iter(others(t, y)), 0), session, proposal)
         real = view.sessions(session) if name != "request" else [0, 0]
-        k = view.proposals(proposal) if proposal else 0
+        k = view.proposals(proposal)
+        if k > ROUNDS:  # a wrong one, then; the oracle knows commands up to 3 (PRE-5)
+            current = view.proposals(t.proposal)
+            k = current or 2 if name == "prescribe" else current % ROUNDS + 1
         value = ["command", name, real, k, view.ids.get(target, 0)]
         self._start(at, event, view, value, f"command {name}", given=c, content=c)
 

@@ -32,6 +32,9 @@ COMMON = {"v", "type", "src", "dst", "session", "seq"}
 NUMBERED = ("Prescription", "Acceptance")
 OPTIONAL = {"dst", "planned", "reason", "selected"}
 ROUNDS = 3
+BEYOND = ROUNDS + 1
+NOBODY = -1
+"""Stands for a station that nothing is known of."""
 
 
 class CannotTell(Exception):
@@ -158,18 +161,33 @@ class View:
         return [STRANGER, 1]
 
     def proposals(self, k: int) -> int:
-        """A proposal as 1 … 3, in order.  For a prescriber the last allowed one is 3."""
+        """A proposal as 1 … 3, in order; one that is beyond all others in view may be 4."""
         t = self.track
-        of_prescriber = t.role == "prescriber" and t.max_rounds != ROUNDS
+        if k == 0:
+            return 0
+        if t.role == "prescriber":
+            return self._of_prescriber(k)
         ranks = {t.proposal, self._k, k} | {e.k for e in self.entries() if e.type in NUMBERED}
-        if k == 0 or (max(ranks) <= ROUNDS and not of_prescriber):
+        if max(ranks) <= ROUNDS:
             return k
         ordered = sorted(ranks - {0})
-        first = ROUNDS - ordered.index(t.proposal) if t.proposal == t.max_rounds else 1
-        place = ordered.index(k) + (first if of_prescriber else 1)
-        if not 1 <= place <= ROUNDS:
+        place = ordered.index(k) + 1
+        if place > ROUNDS + (k == ordered[-1]):
             raise CannotTell(f"proposals {ordered}: more at once than the oracle knows")
         return place
+
+    def _of_prescriber(self, k: int) -> int:
+        """What counts is which is the current one, the next one (NEG-7), and whether the current
+        one is the last; the oracle's last is 3."""
+        t = self.track
+        if t.proposal == 0:
+            return min(k, ROUNDS)
+        if t.max_rounds == ROUNDS:
+            return min(k, BEYOND)
+        lower = 0 < self._k < t.proposal
+        current = ROUNDS if t.proposal == t.max_rounds else 1 + lower
+        away = max(-2, min(k - t.proposal, 2))
+        return max(1, min(current + away, BEYOND))
 
     def entries(self) -> list[Entry]:
         """The part of the outbox in view."""

@@ -9,13 +9,19 @@ from typing import Any
 
 import pytest
 
-from automcm.interface import Abort
+from automcm import logging
+from automcm.clock import VirtualClock
+from automcm.interface import Abort, Prescribe
 from automcm.links.simulated import Channel, Radio
+from automcm.messages import Cam, encode
 from automcm.parameters import Parameters
+from automcm.service import McService
 from automcm.simulation import Simulation
-from automcm.straight import Straight
+from automcm.station import Station
+from automcm.straight import LANE_CHANGE, Straight
 from automcm_traces.explain import exit_code, explain, explain_files, text
 from automcm_traces.reader import read
+from automcm_traces.writer import LogWriter
 
 STATIONS = (1001, 2002, 3003, 4004)
 
@@ -277,3 +283,74 @@ def test_a_log_without_events_says_nothing(logs: list[Path], tmp_path: Path) -> 
     path.write_text(lines[0] + '{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
     verdict = explain(read(path))
     assert verdict.verdict == "cannot_tell" and "no event" in verdict.event
+
+
+def alone(folder: Path, parameters: Parameters, **commands: Any) -> Path:
+    """The log of a prescriber with one receiver, and what else is done: name to (ms, what)."""
+    simulation = Simulation(logs=folder)
+    simulation.add(1, Straight(think_ms=400), parameters)
+    simulation.add(2, Straight(), parameters)
+    simulation.request(1, at=0)
+    for ms, what in commands.values():
+        simulation.clock.at(ms, lambda what=what: what(simulation.services[1]))
+    simulation.run(6000)
+    return folder / "1.ndjson"
+
+
+def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    path = tmp_path / "1.ndjson"
+    station = Station(1)
+    with LogWriter(
+        path,
+        run="r",
+        station=1,
+        implementation="automcm",
+        version="0",
+        parameters=logging.parameters(station.parameters),
+        complete=logging.COMPLETE,
+    ) as log:
+        for effects in (station.command(LANE_CHANGE, clock.now()), station.restart(5000)):
+            for effect in effects:
+                logging.write(log, effect, [f"1:{n}" for n in range(1, 1 + len(effect.messages))])
+    assert explain(read(path)).verdict == "allowed"
+
+
+@pytest.mark.parametrize("max_rounds", [1, 2, 3, 5])
+@pytest.mark.parametrize("proposal", [2, 4])
+@pytest.mark.parametrize("target", [2, 1, 9])
+def test_pre_5_a_wrong_proposal_or_target_is_refused_whatever_the_rounds(
+    tmp_path: Path, max_rounds: int, proposal: int, target: int
+) -> None:
+    wrong = Prescribe(
+        session=(1, 1),
+        proposal=proposal,
+        target=target,
+        prescribed=Straight().trajectory(),
+        hold_ms=0,
+        lease_ms=1000,
+    )
+    parameters = Parameters(max_rounds=max_rounds)
+    path = alone(tmp_path, parameters, wrong=(2200, lambda service: service.command(wrong)))
+    assert explain(read(path)).verdict == "allowed"
+    text_ = path.read_text()
+    assert '"name":"refused"' in text_
+    path.write_text(text_.replace('"name":"refused"', '"name":"verify"'))  # it did not refuse
+    assert explain(read(path)).verdict == "diverges"
+
+
+def test_act_5_an_own_cam_as_an_echo_is_nobody_s(tmp_path: Path) -> None:
+    def echo(service: McService) -> None:
+        cam = Cam(
+            src=1,
+            generation_ms=3000,
+            x_mm=0,
+            y_mm=0,
+            heading_mrad=0,
+            speed_mm_s=0,
+            marks=((1, 1),),
+        )
+        service.receive(encode(cam))
+
+    path = alone(tmp_path, Parameters(), first=(1000, echo), second=(3000, echo))
+    assert explain(read(path)).verdict == "allowed"

@@ -1,0 +1,225 @@
+"""Bugs to be found: each a small change to the reference, made while a machine runs.
+
+A change of the tables is handed to the stations; what no table holds is patched for the time
+being.  With ``what`` a property only that is looked at (the oracle would be quicker); else it is
+the rule by which the oracle notices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+from unittest import mock
+
+from stateful import ALL, PROPERTIES, Broken, Call, Coordination, profile, run, shortened
+
+from automcm import adapter, ending, station
+from automcm import rules as tables
+from automcm.advertising import answer_closed
+from automcm.messages import Ack, Cancel, Prescription
+from automcm.outcome import Me, Outcome, Row, ack, leave, tell
+from automcm.rules import RULES
+from automcm.state import State, Timer, armed
+
+Rules = dict[str, tuple[Row, ...]]
+Then = Callable[[Me, State, Any], Outcome]
+When = Callable[[Me, State, Any], bool]
+
+
+def changed(kind: str, n: int, *, when: When | None = None, then: Then | None = None) -> Rules:
+    """The rules with another row ``n`` for inputs of this kind."""
+    rows = list(RULES[kind])
+    rows[n] = Row(rows[n].rule, when or rows[n].when, then or rows[n].then)
+    return {**RULES, kind: tuple(rows)}
+
+
+def never(me: Me, st: State, i: Any) -> bool:
+    return False
+
+
+def take_over(me: Me, st: State, i: Any) -> Outcome:
+    m = i.message
+    taken = replace(
+        State(number=st.number, joined=st.joined, outbox=st.outbox),
+        phase="NEGOTIATING",
+        role="receiver",
+        session=m.session,
+        proposal=m.proposal,
+        lease_ms=m.lease_ms,
+    )
+    return Outcome(taken, (ack(me, m),), tell("verify", taken, proposal=m.proposal, prescription=m))
+
+
+def give_up_and_leave(me: Me, st: State, i: Any) -> Outcome:
+    return Outcome(leave(st) if st.phase == "ACTUATING" else replace(st, outbox=()))
+
+
+def instruct_all(me: Me, st: State, i: Any) -> Outcome:
+    """The Prescription goes to every recorded station."""
+    (outcome,) = [row.then(me, st, i) for row in RULES["command prescribe"][4:5]]
+    (proposal,) = [m for m in outcome.messages if isinstance(m, Prescription)]
+    sent = tuple(
+        proposal.model_copy(update={"dst": m.dst, "seq": m.seq}) if isinstance(m, Cancel) else m
+        for m in outcome.messages
+    )
+    return outcome._replace(messages=sent)
+
+
+def lease_anew(me: Me, st: State, i: Any) -> Outcome:
+    outcome = RULES["receive Acceptance"][6].then(me, st, i)
+    return outcome._replace(again=(*outcome.again, Timer("lease")))
+
+
+def any_cam(me: Me, st: State, i: Any) -> bool:
+    newer = st.heard_ms is None or i.generation_ms > st.heard_ms
+    return st.phase == "ACTUATING" and i.src == st.peer and newer
+
+
+def acked_by_anybody(st: State, i: Any) -> Any:
+    m = i.message
+    assert isinstance(m, Ack)
+    named = m.of.type, m.session, m.of.seq
+    return next((e for e in st.outbox if (e.type, e.session, e.seq) == named), None)
+
+
+def always_closed(me: Me, st: State, i: Any) -> Outcome:
+    return answer_closed(me, replace(st, outbox=()), i)
+
+
+def other_content(me: Me, st: State, i: Any) -> Outcome:
+    """A Prescription sent again promises a little more time."""
+    outcome = RULES["expire resend"][1].then(me, st, i)
+    (m,) = outcome.messages
+    if not isinstance(m, Prescription):
+        return outcome
+    return outcome._replace(messages=(m.model_copy(update={"lease_ms": m.lease_ms + 1}),))
+
+
+def closed_anyhow(me: Me, st: State, i: Any) -> Outcome:
+    outcome = always_closed(me, st, i)
+    return outcome._replace(state=st)
+
+
+@contextmanager
+def plain(rules: Rules) -> Iterator[Rules]:
+    yield rules
+
+
+@contextmanager
+def unarmed(name: str) -> Iterator[Rules]:
+    """A timer that is never armed."""
+
+    def some(me: int, st: State) -> list[Timer]:
+        return [timer for timer in armed(me, st) if timer.name != name]
+
+    with mock.patch.object(station, "armed", some):
+        yield RULES
+
+
+@contextmanager
+def patched(of: Any, name: str, by: Any) -> Iterator[Rules]:
+    with mock.patch.object(of, name, by):
+        yield RULES
+
+
+def bound_session(st: State) -> Any:
+    return () if st.session is None else (st.session,)
+
+
+@dataclass(frozen=True, slots=True)
+class Bug:
+    """``what`` must break; the exchange found with ``seed`` and shortened has ``steps`` steps."""
+
+    what: str
+    change: Callable[[], Any]
+    steps: int
+    seed: int
+
+    @contextmanager
+    def made(self) -> Iterator[Rules]:
+        """The rules of a station with the bug.  phases.py, which would stop some, looks away."""
+        with ExitStack() as stack:
+            stack.enter_context(mock.patch.object(tables, "require", lambda *way: None))
+            yield stack.enter_context(self.change())
+
+
+def _rows(kind: str, n: int, **row: Any) -> Callable[[], Any]:
+    return lambda: plain(changed(kind, n, **row))
+
+
+BUGS: dict[str, Bug] = {
+    "no busy refusal: the last instruction counts": Bug(
+        "S-1", _rows("receive Prescription", 3, then=take_over), 3, seed=2
+    ),
+    "a commitment ends with the sending of its Acceptance": Bug(
+        "S-2", _rows("expire giveup", 2, then=give_up_and_leave), 1, seed=1
+    ),
+    "a refusal counts as agreement": Bug(
+        "S-3", _rows("receive Acceptance", 6, when=lambda me, st, i: True), 1, seed=1
+    ),
+    "everybody recorded is instructed": Bug(
+        "S-4", _rows("command prescribe", 4, then=instruct_all), 1, seed=1
+    ),
+    "the prescriber's lease counts from the Acceptance": Bug(
+        "S-5", _rows("receive Acceptance", 6, then=lease_anew), 2, seed=1
+    ),
+    "anybody's Ack counts": Bug(
+        "S-6", lambda: patched(ending, "entry_acked", acked_by_anybody), 3, seed=4
+    ),
+    "any session of the prescriber is the own one": Bug(
+        "S-7", lambda: adapter.without("END-4"), 3, seed=1
+    ),
+    "the hold timer is not armed": Bug("T-1", lambda: unarmed("hold"), 2, seed=1),
+    "any CAM counts": Bug("T-2", _rows("receive CAM", 0, when=any_cam), 4, seed=4),
+    "nothing is given up": Bug("T-3", lambda: unarmed("giveup"), 2, seed=1),
+    "the proposal of an Acceptance is not compared": Bug(
+        "oracle NEG-6",
+        _rows("receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer),
+        1,
+        seed=2,
+    ),
+    "a copy of a Prescription is verified again": Bug(
+        "oracle NEG-1",
+        _rows("receive Prescription", 4, when=lambda me, st, i: i.message.proposal < st.proposal),
+        2,
+        seed=3,
+    ),
+    "no quarantine": Bug("oracle END-8", _rows("receive Advertisement", 3, when=never), 2, seed=2),
+    "no memory of what was joined": Bug(
+        "oracle ADV-8", _rows("receive Advertisement", 4, when=never), 3, seed=1
+    ),
+    "the mark goes before the Fin is acknowledged": Bug(
+        "oracle ACT-5", lambda: patched(State, "marks", property(bound_session)), 3, seed=8
+    ),
+    "closed is answered although a Fin is still being sent": Bug(
+        "oracle NEG-6", _rows("receive Acceptance", 2, then=closed_anyhow), 2, seed=1
+    ),
+    "a Prescription sent again differs": Bug(
+        "oracle REL-1", _rows("expire resend", 1, then=other_content), 2, seed=3
+    ),
+}
+
+
+def hunt(bug: Bug, seed: int) -> tuple[str, list[Call]]:
+    """What broke ("" for nothing), and the exchange without what is not needed for it."""
+    checks = frozenset({bug.what}) if bug.what in PROPERTIES else ALL
+    with bug.made() as rules:
+        machine = type("Seeded", (Coordination,), {"rules_": rules, "checks": checks})
+        try:
+            run(machine, profile(200, 40), seed)
+        except Broken as error:
+            return error.what, shortened(machine, machine.last, error.what)
+    return "", []
+
+
+if __name__ == "__main__":  # to renew the table: the shortest of a few seeds
+    for name, bug in BUGS.items():
+        found = [
+            (len(calls) - 1, seed, what)
+            for seed in range(1, 6)
+            for what, calls in [hunt(bug, seed)]
+            if what
+        ]
+        print(f"{name}: {bug.what}: steps, seed, what broke: {sorted(found)}", flush=True)
