@@ -30,12 +30,15 @@ clean:
 	@find spec reference traces conformance -name __pycache__ -prune -exec rm -rf {} +
 
 # Two stamps, so that a change of pyproject.toml alone installs nothing anew but ourselves.
-.venv/packages: requirements.txt
+.venv/packages: requirements.txt requirements-peers.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "automcm needs Python 3.11 or newer: make PYTHON=/path/to/python3.11" >&2; exit 1; }
 	@echo "Installing into .venv ..."
 	@$(PYTHON) -m venv --clear .venv
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.txt
+	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-deps \
+	  --only-binary :all: -r requirements-peers.txt || \
+	  echo "Not for this machine: the tests against it are skipped, and say so."
 	@touch $@
 
 .venv/ready: .venv/packages pyproject.toml

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_cli import spec
-from automcm_conformance import citations, diagrams
+from automcm_conformance import citations, diagrams, vectors
 from automcm_spec import generate, models, oracle, steps
 from automcm_traces import itf, schema
 
@@ -84,7 +84,7 @@ def _texts() -> dict[Path, str]:
         CITATIONS: citations.table(ROOT),
         MODELS_PAGE: spec.models_page(models.load()),
         DIAGRAMS: diagrams.text(oracle.load(generate.ONE_PEER.path), phases.WAYS),
-    }
+    } | vectors.texts()
     with tempfile.TemporaryDirectory() as folder:
         four_vehicles(Path(folder))
         for path in sorted(Path(folder).iterdir()):

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli import demo_command, spec_commands, station, station_bench
+from automcm_cli import demo_command, simulate, spec_commands, station, station_bench, vectors
 from automcm_cli.common import CODES, Json, progress, write_json
 
 app = typer.Typer(
@@ -22,6 +22,8 @@ trace = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODE
 app.add_typer(trace, name="trace", no_args_is_help=True)
 app.add_typer(spec_commands.spec, name="spec", no_args_is_help=True)
 app.add_typer(station_bench.bench, name="bench", no_args_is_help=True)
+app.add_typer(vectors.app, name="vectors", no_args_is_help=True)
+app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
 app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
 app.command(epilog="Example: automcm drive --uri ws://127.0.0.1:9090.  " + CODES)(station.drive)

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from automcm.bench import POINTS, Report
+from automcm.kernel_bench import Report as KernelReport
 from automcm_cli.common import CODES, Json, progress, write_json
 
 bench = typer.Typer(help="What the reference costs.", epilog=CODES)
@@ -31,6 +32,26 @@ def station(
     if str(json_) != "-":
         console = Console()
         show(report, console if console.is_terminal else Console(width=100))
+
+
+@bench.command(epilog="Example: automcm bench kernels --seconds 60.  " + CODES)
+def kernels(
+    seconds: Annotated[float, typer.Option(help="About how long to measure.", min=1)] = 60,
+    json_: Json = None,
+) -> None:
+    """Each trajectory kernel, single and batched, beside other ways to compute the same.
+
+    Ratios are to the kernel: 2.0 takes twice as long as it.  The floor is copying the bytes that
+    must be read.  There is no verdict.
+    """
+    from automcm import kernel_bench
+
+    with progress() as say:
+        report = kernel_bench.run(seconds, say=say)
+    write_json(json_, report.as_dict())
+    if str(json_) != "-":
+        console = Console()
+        show_kernels(report, console if console.is_terminal else Console(width=110))
 
 
 @bench.callback()
@@ -101,3 +122,23 @@ def show(report: Report, console: Console) -> None:
         table.add_row(name, f"{size:,}", f"{size / m.idle:.2f}")
     table.add_row(f"one trajectory of {POINTS} points", f"{m.trajectory:,}", "")
     console.print(table)
+
+
+def show_kernels(report: KernelReport, console: Console) -> None:
+    """Print one row for each kernel, number of points and number of pairs."""
+    table = _table(
+        "kernel", "points", "pairs", "us a pair", "to floor", "numpy", "python", "shapely", "pycrcc"
+    )
+    for row in report.rows:
+        ratios = (row.numpy_us, row.python_us, row.shapely_us, row.pycrcc_us)
+        table.add_row(
+            row.kernel,
+            str(row.points),
+            f"{row.pairs:,}",
+            f"{row.us:.2f}",
+            f"{row.us / row.floor_us:.1f}",
+            *("" if us is None else f"{us / row.us:.2f}" for us in ratios),
+        )
+    console.print(table)
+    for name in report.missing:
+        console.print(f"not measured: {name}", highlight=False)

@@ -1,0 +1,531 @@
+"""Test vectors for the trajectory kernels (docs/vectors.md): read, write, hold against a kernel.
+
+The inputs in ``conformance/vectors/*.json`` are written by hand.  What is expected is filled in
+by ``texts`` from automcm_conformance.exact, and never by hand.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Generic, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from automcm_conformance import exact
+
+Json = Any
+Inputs = TypeVar("Inputs")
+Outputs = TypeVar("Outputs")
+Call = Callable[[str, Json], Json]
+"""What an implementation offers: the outputs of a kernel for these inputs.  An input without an
+answer gives ``{"error": {"name": ..., "index": ...}}``, the index only where there is one."""
+
+_HERE = Path(__file__).resolve().parent
+_CHECKOUT = _HERE.parent / "vectors"
+FOLDER = _CHECKOUT if _CHECKOUT.is_dir() else _HERE / "_data" / "vectors"
+SCHEMA = "vectors-1.schema.json"
+KERNELS = ("convert", "thin", "collide", "discover", "prescribe", "verify", "success")
+
+
+class VectorError(ValueError):
+    """A file that holds no vectors; the text names the file, the vector and the field."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Text = Annotated[str, Field(min_length=1)]
+Slug = Annotated[str, Field(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
+Station = Annotated[int, Field(ge=1, le=2**32 - 1)]
+
+
+class Drive(_Strict):
+    """A trajectory: straight and even between its samples; ``stopped``: stays where it ends."""
+
+    t: list[Number]
+    xy: list[Place]
+    stopped: bool = False
+
+
+class ConvertInputs(_Strict):
+    xy: list[Place]
+    speed: list[Number]
+    position: Place
+    t0: Number
+    v_eps: Number
+
+
+class Size(_Strict):
+    """Bytes of a message with n points: ``overhead + n * per_point``."""
+
+    overhead: Annotated[int, Field(ge=0)]
+    per_point: Annotated[int, Field(ge=1)]
+
+
+class ThinInputs(Drive):
+    budget: int
+    every: int
+    size: Size
+
+
+class Kept(_Strict):
+    """The indices of the points that stay: the rule says which."""
+
+    kept: list[int]
+
+
+class Fits(_Strict):
+    """The budget binds: at most so many points, these among them; the others are free."""
+
+    includes: list[int]
+    at_most: int
+
+
+class CollideInputs(_Strict):
+    a: Drive
+    b: Drive
+    threshold: Number
+    clock_error: Number
+
+
+class Approach(_Strict):
+    time: Number
+    distance: Number
+    place_a: Place
+    place_b: Place
+
+
+class Since(_Strict):
+    """When the distance first falls below the threshold, and where both are then."""
+
+    time: Number
+    place_a: Place
+    place_b: Place
+
+
+class Collide(_Strict):
+    """``approach`` is null if the two have no time in common."""
+
+    approach: Approach | None
+    collision: Since | None
+
+
+class Candidate(_Strict):
+    station_id: Station
+    xy: Place
+    direction: Place
+
+
+class DiscoverInputs(_Strict):
+    candidates: list[Candidate]
+    zone: list[Place]
+
+
+class Target(_Strict):
+    target: Station | None
+
+
+class PrescribeInputs(_Strict):
+    planned: Drive
+    start: Number
+    hold: Number
+    delta_v: Number
+    gain: Number
+    v_min: Number
+
+
+class Motion(_Strict):
+    """Places over time; where the samples are is free, and so is what comes before and after."""
+
+    t: list[Number]
+    xy: list[Place]
+
+
+class Limits(_Strict):
+    """``acceleration`` and ``deceleration`` bound the mean change of speed over any time of
+    ``reaction``: what is prescribed changes its speed in steps."""
+
+    v_max: Number
+    v_min: Number
+    acceleration: Number
+    deceleration: Number
+    reaction: Number
+    leader_gap: Number
+    follower_gap: Number
+    path: Number
+    start: Number
+    age: Number
+
+
+class VerifyInputs(_Strict):
+    prescribed: Drive
+    planned: Drive
+    now: Number
+    limits: Limits
+    leader: Drive | None
+    follower: Drive | None
+
+
+class Reasons(_Strict):
+    """All of them, sorted; none: it is safe."""
+
+    reasons: list[
+        Literal["acceleration", "expired", "follower_gap", "leader_gap", "path", "speed", "start"]
+    ]
+
+
+class SuccessInputs(_Strict):
+    t_timeout: int
+    t_resend: int
+    loss: Number
+
+
+class Success(_Strict):
+    sendings: int
+    message: Number
+    exchange: Number
+    session: Number
+
+
+class Wrong(_Strict):
+    """Which input is wrong, and the first index that is; ``why`` is for the reader."""
+
+    name: Text
+    index: Annotated[int, Field(ge=0)] | None = None
+    why: Text
+
+
+class Refusal(_Strict):
+    error: Wrong
+
+
+class Vector(_Strict, Generic[Inputs, Outputs]):
+    id: Slug
+    purpose: Text
+    bug: Slug
+    inputs: Inputs
+    expected: Outputs | Refusal
+
+
+class File(_Strict, Generic[Inputs, Outputs]):
+    """All vectors of a kernel.  ``tolerance`` is absolute, for each field of ``expected``; where
+    there is none the values must be equal."""
+
+    schema_: Literal["automcm.vectors/1"] = Field(alias="schema")
+    units: dict[Text, Text]
+    tolerance: dict[Text, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
+    bugs: dict[Slug, Text]
+    vectors: list[Vector[Inputs, Outputs]]
+
+
+class ConvertFile(File[ConvertInputs, Drive]):
+    kernel: Literal["convert"]
+    rule: Literal["KIN-1"]
+
+
+class ThinFile(File[ThinInputs, Kept | Fits]):
+    kernel: Literal["thin"]
+    rule: Literal["KIN-2"]
+
+
+class CollideFile(File[CollideInputs, Collide]):
+    kernel: Literal["collide"]
+    rule: Literal["KIN-3"]
+
+
+class DiscoverFile(File[DiscoverInputs, Target]):
+    kernel: Literal["discover"]
+    rule: Literal["KIN-4"]
+
+
+class PrescribeFile(File[PrescribeInputs, Motion]):
+    kernel: Literal["prescribe"]
+    rule: Literal["KIN-5"]
+
+
+class VerifyFile(File[VerifyInputs, Reasons]):
+    kernel: Literal["verify"]
+    rule: Literal["KIN-6"]
+
+
+class SuccessFile(File[SuccessInputs, Success]):
+    kernel: Literal["success"]
+    rule: Literal["KIN-7"]
+
+
+_FILE: TypeAdapter[Any] = TypeAdapter(
+    Annotated[
+        ConvertFile
+        | ThinFile
+        | CollideFile
+        | DiscoverFile
+        | PrescribeFile
+        | VerifyFile
+        | SuccessFile,
+        Field(discriminator="kernel"),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A vector, with what its file says of all its vectors."""
+
+    id: str
+    kernel: str
+    rule: str
+    purpose: str
+    bug: str
+    inputs: Json
+    expected: Json
+    tolerance: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    case: Case
+    problem: str
+    """The first difference; empty: none."""
+    got: Json = None
+
+    @property
+    def ok(self) -> bool:
+        return not self.problem
+
+
+def paths() -> list[Path]:
+    """The files, one for each kernel, in the order of the rules."""
+    return [FOLDER / f"{kernel}.json" for kernel in KERNELS]
+
+
+def load(path: Path) -> list[Case]:
+    """The vectors of a file.  Raises VectorError."""
+    file = _checked(path, _read(path))
+    return [
+        Case(
+            **{name: vector[name] for name in ("id", "purpose", "inputs", "expected")},
+            bug=file["bugs"][vector["bug"]],
+            **{name: file[name] for name in ("kernel", "rule", "tolerance")},
+        )
+        for vector in file["vectors"]
+    ]
+
+
+def _read(path: Path) -> Json:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise VectorError(f"{path.name}: {error.strerror}") from None
+    except ValueError as error:
+        raise VectorError(f"{path.name}: no JSON: {error}") from None
+
+
+def _checked(path: Path, file: Json) -> Json:
+    """The file itself, if it is one.  Raises VectorError for the first fault."""
+    try:
+        _FILE.validate_python(file)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = [str(part) for part in first["loc"][1:]]
+        if where[:1] == ["vectors"] and len(where) > 1:
+            vector = file["vectors"][int(where[1])]
+            named = vector.get("id") if isinstance(vector, dict) else None
+            where = [str(named or f"vectors.{where[1]}"), ".".join(where[2:])]
+        else:
+            where = [".".join(where)]
+        problem = ": ".join(part for part in (path.name, *where, first["msg"]) if part)
+        raise VectorError(problem) from None
+    if path.stem != file["kernel"]:
+        raise VectorError(f"{path.name}: kernel: holds {file['kernel']}")
+    seen: set[str] = set()
+    for vector in file["vectors"]:
+        place = f"{path.name}: {vector['id']}"
+        if vector["id"] in seen:
+            raise VectorError(f"{place}: id: used twice")
+        if not vector["id"].startswith(file["kernel"] + "-"):
+            raise VectorError(f"{place}: id: does not start with {file['kernel']}-")
+        if vector["bug"] not in file["bugs"]:
+            raise VectorError(f"{place}: bug: {vector['bug']} is not among the bugs of the file")
+        seen.add(vector["id"])
+    for bug in file["bugs"]:
+        if all(vector["bug"] != bug for vector in file["vectors"]):
+            raise VectorError(f"{path.name}: bugs.{bug}: no vector catches it")
+    return file
+
+
+def check(call: Call, cases: Iterable[Case]) -> list[Result]:
+    """Hold an implementation against the vectors.  Whatever it raises is its own fault."""
+    results = []
+    for case in cases:
+        try:
+            got = call(case.kernel, json.loads(json.dumps(case.inputs)))
+            results.append(Result(case, difference(case, got), got))
+        except Exception as error:
+            results.append(Result(case, f"raised {type(error).__name__}: {error}"))
+    return results
+
+
+def difference(case: Case, got: Json) -> str:
+    """The first difference between what is expected and what there is; empty: none."""
+    expected = case.expected
+    if "error" in expected:
+        named = {name: expected["error"].get(name) for name in ("name", "index")}
+        answer = got.get("error") if isinstance(got, dict) else None
+        if not isinstance(answer, dict):
+            return f"error: expected for {_named(named)}, got none"
+        answer = {name: answer.get(name) for name in ("name", "index")}
+        return "" if named == answer else f"error: expected {_named(named)}, got {_named(answer)}"
+    if isinstance(got, dict) and "error" in got:
+        return f"error: expected none, got {got['error']}"
+    if "at_most" in expected:
+        return _fits(expected, got)
+    if case.kernel == "prescribe":
+        return _moves(expected, got, case.tolerance)
+    return _differs("", expected, got, case.tolerance, 0)
+
+
+def _named(error: Json) -> str:
+    return str(error["name"]) + ("" if error["index"] is None else f"[{error['index']}]")
+
+
+def _differs(
+    place: str, expected: Json, got: Json, tolerances: dict[str, float], tolerance: float
+) -> str:
+    if isinstance(expected, dict):
+        if not isinstance(got, dict) or expected.keys() != got.keys():
+            names = sorted(got) if isinstance(got, dict) else got
+            return f"{place or 'outputs'}: expected {sorted(expected)}, got {names}"
+        pairs = [
+            (f"{place}.{name}".lstrip("."), expected[name], got[name], tolerances.get(name, 0))
+            for name in expected
+        ]
+    elif isinstance(expected, list):
+        if not isinstance(got, list) or len(expected) != len(got):
+            size = len(got) if isinstance(got, list) else got
+            return f"{place}: expected {len(expected)} entries, got {size}"
+        pairs = [
+            (f"{place}[{n}]", *both, tolerance)
+            for n, both in enumerate(zip(expected, got, strict=True))
+        ]
+    elif isinstance(expected, float) and type(got) in (int, float):
+        return "" if abs(expected - got) <= tolerance else _unequal(place, expected, got)
+    else:
+        same = type(expected) is type(got) and expected == got
+        return "" if same else _unequal(place, expected, got)
+    return next(filter(None, (_differs(p, e, g, tolerances, t) for p, e, g, t in pairs)), "")
+
+
+def _unequal(place: str, expected: Json, got: Json) -> str:
+    return f"{place}: expected {expected}, got {got}"
+
+
+def _fits(expected: Json, got: Json) -> str:
+    """Which points stay is free, but not how many, and not that some do."""
+    kept = got.get("kept") if isinstance(got, dict) else None
+    if not isinstance(kept, list) or any(type(n) is not int for n in kept):
+        return f"kept: expected indices, got {kept}"
+    if kept != sorted(set(kept)):
+        return f"kept: expected indices that rise, got {kept}"
+    if len(kept) > expected["at_most"]:
+        return f"kept: expected {expected['at_most']} points at most, got {len(kept)}"
+    missing = sorted(set(expected["includes"]) - set(kept))
+    return f"kept: expected also {missing}" if missing else ""
+
+
+def _moves(expected: Json, got: Json, tolerances: dict[str, float]) -> str:
+    """The same places at the same times; where the samples are is free."""
+    try:
+        motion = Motion.model_validate({name: got[name] for name in ("t", "xy")})
+    except (ValidationError, KeyError, TypeError) as error:
+        return f"outputs: no motion: {error}"
+    t, begin, end = motion.t, expected["t"][0], expected["t"][-1]
+    if not t or len(t) != len(motion.xy) or t != sorted(set(t)):
+        return "t: expected times that rise, as many as places"
+    if t[0] > begin + tolerances["t"] or t[-1] < end - tolerances["t"]:
+        return f"t: expected times from {begin} to {end}, got {t[0]} to {t[-1]}"
+    for when in sorted({*expected["t"], *(each for each in t if begin <= each <= end)}):
+        wanted, there = _at(expected["t"], expected["xy"], when), _at(t, motion.xy, when)
+        if any(not abs(w - g) <= tolerances["xy"] for w, g in zip(wanted, there, strict=True)):
+            return f"xy: expected {wanted} at {when} s, got {there}"
+    return ""
+
+
+def _at(t: Sequence[float], xy: Sequence[Sequence[float]], when: float) -> list[float]:
+    n = min(max(bisect_right(t, when) - 1, 0), len(t) - 1)
+    if n == len(t) - 1 or when <= t[n]:
+        return list(xy[n])
+    share = (when - t[n]) / (t[n + 1] - t[n])
+    return [a + share * (b - a) for a, b in zip(xy[n], xy[n + 1], strict=True)]
+
+
+def texts() -> dict[Path, str]:
+    """The files as they must be: what is expected comes from automcm_conformance.exact.
+
+    Raises VectorError for a file whose inputs are none.
+    """
+    made = {FOLDER / SCHEMA: schema()}
+    for path in paths():
+        file = _read(path)
+        with suppress(KeyError, TypeError):  # whatever is missing there, _checked names
+            for vector in file["vectors"]:
+                vector["expected"] = {"error": {"name": "none", "why": "not known yet"}}
+        _checked(path, file)
+        for vector in file["vectors"]:
+            vector["expected"] = exact.call(file["kernel"], vector["inputs"])
+        made[path] = _text(_checked(path, file))
+    return made
+
+
+def _text(file: Json) -> str:
+    """JSON with one field of a vector on each line."""
+
+    def line(value: Json) -> str:
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+    def block(value: dict[str, Json], indent: str) -> str:
+        if not value:
+            return "{}"
+        rows = ",\n".join(f"{indent}  {line(name)}: {line(value[name])}" for name in value)
+        return f"{{\n{rows}\n{indent}}}"
+
+    head = [f"  {line(name)}: {line(file[name])}" for name in ("schema", "kernel", "rule")]
+    head += [f"  {line(name)}: {block(file[name], '  ')}" for name in ("units", "tolerance")]
+    head += [f"  {line('bugs')}: {block(dict(sorted(file['bugs'].items())), '  ')}"]
+    fields = ("id", "purpose", "bug", "inputs", "expected")
+    vectors = ",\n".join(
+        "    " + block({name: vector[name] for name in fields}, "    ")
+        for vector in file["vectors"]
+    )
+    return "{\n" + ",\n".join(head) + f',\n  "vectors": [\n{vectors}\n  ]\n}}\n'
+
+
+def schema() -> str:
+    """The JSON Schema of the files.
+
+    What it cannot say stays with ``load``: that ids are unique, and that bugs are in the table.
+    """
+    made = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": "urn:automcm:vectors:1",
+        "title": "Test vectors for a trajectory kernel of AutoMCM, version 1",
+        **_untitled(_FILE.json_schema()),
+    }
+    return json.dumps(made, indent=2, sort_keys=True) + "\n"
+
+
+def _untitled(value: Json) -> Json:
+    """Without pydantic's titles, and without what is OpenAPI and not JSON Schema."""
+    if isinstance(value, list):
+        return [_untitled(each) for each in value]
+    if not isinstance(value, dict):
+        return value
+    noise = {"discriminator"} | ({"title"} if isinstance(value.get("title"), str) else set())
+    return {name: _untitled(each) for name, each in value.items() if name not in noise}

@@ -1,0 +1,97 @@
+"""``automcm simulate`` and ``automcm bench``: what they print and write."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli import simulate
+from automcm_cli.main import app
+
+PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png", "space-time.svg")
+
+
+def run(*args: str) -> tuple[int, str]:
+    done = CliRunner().invoke(app, list(args))
+    return done.exit_code, done.stdout
+
+
+def test_the_lane_change_is_told_and_drawn(tmp_path: Path) -> None:
+    code, said = run("simulate", "lane-change", "--seconds", "20", "--out", str(tmp_path))
+    assert code == 0
+    for line in (
+        "prescribes 3 to drive 20 km/h slower",
+        "B           accepts",
+        "has changed lanes",
+    ):
+        assert line in said
+    for name in PLOTS:
+        assert (tmp_path / name).stat().st_size > 5000 and name in said
+    assert sorted(path.name for path in tmp_path.glob("*.ndjson"))[0] == "1.ndjson"
+
+
+def test_the_same_seed_gives_the_same_pictures(tmp_path: Path) -> None:
+    for name in "ab":
+        run("simulate", "lane-change", "--seconds", "12", "--out", str(tmp_path / name))
+    for name in PLOTS[1::2]:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_json_holds_the_story_and_the_ends(tmp_path: Path) -> None:
+    args = ["--vehicles", "2", "--speed", "50", "--out", str(tmp_path), "--json", "-"]
+    code, said = run("simulate", "lane-change", *args)
+    report = json.loads(said)
+    assert code == 0 and report["done"] and set(report["vehicles"]) == {"prescriber", "B"}
+    assert report["story"][0]["what"] == "signals for lane 1"
+    assert report["vehicles"]["B"]["slowest_kmh"] < 35
+
+
+def test_without_messages_the_receiver_stops(tmp_path: Path) -> None:
+    args = ["--vehicles", "2", "--uncoordinated", "--out", str(tmp_path), "--json", "-"]
+    code, said = run("simulate", "lane-change", *args)
+    assert code == 0 and json.loads(said)["vehicles"]["B"]["slowest_kmh"] == 0
+
+
+def test_a_lane_change_that_is_not_done_is_exit_code_1(tmp_path: Path) -> None:
+    args = ["--loss", "1", "--seconds", "9", "--out", str(tmp_path)]
+    assert run("simulate", "lane-change", *args)[0] == 1
+
+
+def test_a_folder_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert run("simulate", "lane-change", "--out", str(tmp_path / "file"))[0] == 3
+
+
+def test_without_matplotlib_there_are_no_plots_and_it_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulate, "_plots", lambda drive, out: [])
+    done = CliRunner().invoke(app, ["simulate", "lane-change", "--out", str(tmp_path)])
+    assert done.exit_code == 0 and "install automcm[plot]" in done.output
+
+
+def test_bench_station_has_every_figure_beside_a_baseline() -> None:
+    code, said = run("bench", "station", "--seconds", "0.2", "--json", "-")
+    report = json.loads(said)
+    core = report["core"]
+    assert code == 0 and min(core["core_us"], core["lookup_us"], core["decode_us"]) > 0
+    assert {s["loss"] for s in report["sessions"]} == {0.0, 0.2, 0.6}
+    perfect = [s for s in report["sessions"] if s["loss"] == 0]
+    assert all(s["agreed"] == s["sessions"] for s in perfect)
+    memory = report["memory"]
+    assert memory["stations"] == 1000
+    assert memory["idle"] < memory["waiting"] < memory["acting"] < 100_000
+    assert [c["codec"] for c in report["codings"]] == ["json", "uper"]
+
+
+def test_bench_station_prints_ratios() -> None:
+    code, said = run("bench", "station", "--seconds", "0.2")
+    assert code == 0 and "times that" in said and "bytes a station" in said
+
+
+def test_bench_kernels_prints_ratios() -> None:
+    code, said = run("bench", "kernels", "--seconds", "1")
+    assert code == 0 and "to floor" in said and "pairs" in said

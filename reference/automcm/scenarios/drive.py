@@ -1,0 +1,143 @@
+"""A road with a service in each vehicle, in one virtual time: what ``automcm simulate`` runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Protocol
+
+from automcm.application import Application
+from automcm.links.simulated import Channel
+from automcm.parameters import Parameters
+from automcm.road import STEP_S, Late, Road, Sample, Vehicle
+from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.simulation import Simulation
+from automcm.state import State
+from automcm.station import Effects
+
+STEP_MS = round(STEP_S * 1000)
+NAMES = {1: "prescriber", 2: "A", 3: "B", 4: "C"}
+
+
+class Driver(Application, Protocol):
+    """An application with a control loop of its own."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """What it drives."""
+
+    def tick(self, now_ms: int) -> None:
+        """Called after every step of the road."""
+
+
+class Drive:
+    """The vehicles of these drivers, their services and a radio."""
+
+    def __init__(
+        self,
+        drivers: Sequence[Driver],
+        *,
+        seed: int = 0,
+        channel: Channel | None = None,
+        parameters: Parameters | None = None,
+        logs: Path | None = None,
+    ) -> None:
+        self.drivers = drivers
+        self.road = Road([driver.vehicle for driver in drivers])
+        self.simulation = Simulation(seed=seed, channel=channel, logs=logs)
+        self.sent: list[tuple[int, int, str]] = []
+        """Time in ms, station and type of each message but CAMs."""
+        for driver in drivers:
+            self._add(driver, parameters)
+        self.simulation.clock.at(STEP_MS, self._step)
+
+    def _add(self, driver: Driver, parameters: Parameters | None) -> None:
+        station_id = driver.vehicle.station_id
+
+        def observe(before: State, effects: Effects) -> None:
+            self.sent += [(effects.now_ms, station_id, m.type) for m in effects.messages]
+
+        self.simulation.add(station_id, driver, parameters, observers=(observe,))
+
+    def _step(self) -> None:
+        clock = self.simulation.clock
+        self.road.step()
+        for driver in self.drivers:
+            driver.tick(clock.now())
+        clock.at(clock.now() + STEP_MS, self._step)
+
+    def run(self, until_s: float) -> None:
+        """Run to a time in s.  The logs end here."""
+        self.simulation.run(round(until_s * 1000))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FourVehicles:
+    """The setting of the paper's Fig. 6: a prescriber beside receivers A, B and C.
+
+    ``gap_m`` is from centre to centre in the other lane; B begins ``beside_m`` behind the
+    prescriber.  With ``vehicles`` below 4, C and then A are left out.
+    """
+
+    vehicles: int = 4
+    speed_kmh: float = 30.0
+    gap_m: float = 22.0
+    beside_m: float = 3.0
+    coordinated: bool = True
+    signal_s: float = 1.0
+    until_s: float = 40.0
+    seed: int = 0
+    plan: Plan = field(default_factory=Plan)
+    late: Late = field(default_factory=Late)
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.vehicles <= 4:
+            raise ValueError(f"vehicles: {self.vehicles} is not 2, 3 or 4")
+        if self.speed_kmh <= 0:
+            raise ValueError(f"speed_kmh: {self.speed_kmh} is not positive")
+
+    def run(
+        self,
+        *,
+        channel: Channel | None = None,
+        parameters: Parameters | None = None,
+        logs: Path | None = None,
+    ) -> Drive:
+        """The whole drive."""
+        speed = self.speed_kmh / 3.6
+        places = {1: 0.0, 3: -self.beside_m}
+        if self.vehicles > 2:
+            places[2] = self.gap_m - self.beside_m
+        if self.vehicles > 3:
+            places[4] = -self.gap_m - self.beside_m
+        late = None if self.coordinated else self.late
+        drivers = [
+            LaneChange(
+                Vehicle(n, places[n], min(n, 2) - 1, speed, speed, late=late if n > 1 else None),
+                self.plan,
+            )
+            for n in sorted(places)
+        ]
+        drive = Drive(drivers, seed=self.seed, channel=channel, parameters=parameters, logs=logs)
+        prescriber = drivers[0]
+        clock = drive.simulation.clock
+
+        def signal() -> None:
+            if self.coordinated:
+                prescriber.signal(1)
+            else:
+                prescriber.vehicle.change_lane(1, clock.now() / 1000)
+
+        clock.at(round(self.signal_s * 1000), signal)
+        drive.run(self.until_s)
+        return drive
+
+
+def arrival_s(samples: Sequence[Sample], x: float) -> float | None:
+    """When a vehicle first is at ``x`` m or beyond, s, between samples; None if never."""
+    for before, after in pairwise(samples):
+        if after.x >= x > before.x:
+            return before.t + (after.t - before.t) * (x - before.x) / (after.x - before.x)
+    return None

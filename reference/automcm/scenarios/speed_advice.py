@@ -1,0 +1,90 @@
+"""Speed advice: a scenario without any trajectory calculation.
+
+A receiver that has nothing but adaptive cruise control can be asked to set another speed.  Its
+"trajectory" is where it would be after a second, from 0: no more than its speed.
+"""
+
+from __future__ import annotations
+
+from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
+from automcm.interface import Request
+from automcm.messages import Session, Trajectory
+from automcm.road import Vehicle
+from automcm.scenarios.lane_change import LEASE_MS, kinematics
+
+SCENARIO = "speed_advice"
+
+
+def a_second_at(speed_mm_s: int) -> Trajectory:
+    """A speed as a trajectory."""
+    return Trajectory(t0=0, points=((0, 0, 0), (1000, speed_mm_s, 0)))
+
+
+def speed_in(trajectory: Trajectory) -> int:
+    """The speed in such a trajectory, mm/s."""
+    return trajectory.points[-1][1]
+
+
+class SpeedAdvice:
+    """Advises ``advice_mm_s`` to the fastest for ``advice_ms``, or takes such advice."""
+
+    def __init__(
+        self, vehicle: Vehicle, advice_mm_s: int = 0, advice_ms: int = 5000, least_mm_s: int = 3000
+    ) -> None:
+        self.vehicle = vehicle
+        self.advice_mm_s, self.advice_ms, self.least_mm_s = advice_mm_s, advice_ms, least_mm_s
+        self.ended: list[str] = []
+        self._own = vehicle.desired
+
+    def attach(self, service: Service) -> None:
+        self.service = service
+
+    def kinematics(self, now_ms: int) -> Kinematics:
+        return kinematics(self.vehicle)
+
+    def signal(self) -> None:
+        """Somebody should slow down."""
+        details = {"speed_mm_s": self.advice_mm_s}
+        self.service.command(Request(scenario=SCENARIO, details=dict(details)))
+
+    def concerned(self, advertised: Advertised) -> Trajectory | None:
+        speed = round(self.vehicle.speed * 1000)
+        asked = advertised.details.get("speed_mm_s")
+        fits = advertised.scenario == SCENARIO and isinstance(asked, int) and asked < speed
+        return a_second_at(speed) if fits else None
+
+    def choose(self, choice: Choice) -> None:
+        if choice.proposal == 1:
+            speeds = {station_id: speed_in(t) for station_id, t in choice.planned.items()}
+            self._target = max(speeds, key=lambda s: (speeds[s], -s))
+            self._theirs = speeds[self._target]
+        share = 1 / choice.proposal
+        asked = round(self._theirs - (self._theirs - self.advice_mm_s) * share)
+        advice = a_second_at(asked)
+        self.service.command(choice.prescribe(self._target, advice, hold_ms=0, lease_ms=LEASE_MS))
+
+    def verify(self, proposal: Proposal) -> None:
+        fits = speed_in(proposal.prescribed) >= self.least_mm_s
+        self.service.command(proposal.accept() if fits else proposal.refuse())
+
+    def load(self, drive: Drive) -> None:
+        if drive.role == "receiver":
+            self.vehicle.desired = speed_in(drive.selected) / 1000
+        else:
+            self.service.command(drive.complete(), self.advice_ms)
+
+    def tick(self, now_ms: int) -> None:
+        """Nothing to control: the cruise control does."""
+
+    def fallback(self, session: Session, reason: str) -> None:
+        self._over(reason)
+
+    def finished(self, session: Session) -> None:
+        self._over("finished")
+
+    def refused(self, command: str, rule: str) -> None:
+        self.ended.append(f"{command} {rule}")
+
+    def _over(self, how: str) -> None:
+        self.ended.append(how)
+        self.vehicle.desired = self._own

@@ -1,0 +1,255 @@
+"""The scenarios on the unchanged service: lane change, merge, speed advice."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from automcm.links.simulated import Channel
+from automcm.parameters import Parameters
+from automcm.road import LANE_WIDTH, Sample, Vehicle
+from automcm.scenarios.drive import Drive, FourVehicles, arrival_s
+from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.scenarios.merge import Merge, Ramp
+from automcm.scenarios.speed_advice import SpeedAdvice
+from automcm.trajectory.verify import Limits
+from automcm_traces.explain import explain_files
+
+
+def lane_changers(drive: Drive) -> list[LaneChange]:
+    return [driver for driver in drive.drivers if isinstance(driver, LaneChange)]
+
+
+def said(driver: LaneChange) -> list[str]:
+    return [what for _, what in driver.story]
+
+
+def slowest(drive: Drive, station_id: int) -> Sample:
+    return min(drive.road.of(station_id), key=lambda sample: sample.speed)
+
+
+@pytest.mark.parametrize("speed_kmh", [30, 50])
+@pytest.mark.parametrize("loss", [0.0, 0.3])
+def test_kin_4_the_four_vehicles_of_fig_6(speed_kmh: float, loss: float, tmp_path: Path) -> None:
+    """B is prescribed, not A or C; it slows down before the lane change, and C follows it."""
+    setting = FourVehicles(speed_kmh=speed_kmh)
+    drive = setting.run(channel=Channel(loss=loss), logs=tmp_path)
+    prescriber, a, b, c = lane_changers(drive)
+    assert "prescribes 3 to drive 20 km/h slower" in said(prescriber)
+    assert "has changed lanes" in said(prescriber)
+    assert said(b)[:2] == ["accepts to drive slower", "loads the trajectory"]
+    assert said(b)[-1] == "is done"
+    assert said(a) == said(c) == ["drives alone: not_selected"]
+    begins = next(t for t, what in prescriber.story if what == "moves over") / 1000
+    before = next(s for s in drive.road.of(3) if s.t >= begins - 0.1)
+    assert before.speed < speed_kmh / 3.6 - 5
+    assert slowest(drive, 3).t <= begins + 0.2
+    assert slowest(drive, 3).t < slowest(drive, 4).t and slowest(drive, 4).speed < speed_kmh / 4.5
+    assert slowest(drive, 2).speed == pytest.approx(speed_kmh / 3.6)
+    in_order = sorted(drive.road.vehicles, key=lambda v: -v.x)
+    assert [v.station_id for v in in_order] == [2, 1, 3, 4]
+    assert all(v.y == LANE_WIDTH for v in drive.road.vehicles)
+    assert {v.verdict for v in explain_files(sorted(tmp_path.iterdir()))} == {"allowed"}
+
+
+def test_kin_5_when_it_moves_over_the_gap_has_grown_as_prescribed() -> None:
+    drive = FourVehicles(vehicles=2).run()
+    (prescriber, _) = lane_changers(drive)
+    begins = next(t for t, what in prescriber.story if what == "moves over") / 1000
+
+    def gap(t: float) -> float:
+        x = {n: next(s.x for s in drive.road.of(n) if s.t >= t) for n in (1, 3)}
+        return x[1] - x[3]
+
+    wanted = 3.0 + Plan().gain_m
+    # The control smooths the step, so what it lost at its beginning comes after its end.
+    assert wanted - Plan().delta_v / 1.0 * 1.6 < gap(begins) < wanted
+    assert wanted - 3 < gap(begins + 4)
+
+
+def test_coordination_spares_the_hard_braking() -> None:
+    hard = {
+        coordinated: -min(
+            s.acceleration
+            for s in FourVehicles(vehicles=2, coordinated=coordinated).run().road.of(3)
+        )
+        for coordinated in (True, False)
+    }
+    assert hard[True] < hard[False]
+
+
+def test_pre_3_with_nobody_in_the_way_it_goes_at_once() -> None:
+    drive = FourVehicles(vehicles=2, beside_m=60, until_s=15).run()
+    prescriber, b = lane_changers(drive)
+    assert "nobody is in the way" in said(prescriber) and "has changed lanes" in said(prescriber)
+    assert said(b) == ["drives alone: not_needed"]
+
+
+def test_pre_1_nobody_answers_is_no_free_lane() -> None:
+    vehicle = Vehicle(1, 0, 0, 8, 8)
+    driver = LaneChange(vehicle)
+    drive = Drive([driver])
+    drive.simulation.clock.at(100, lambda: driver.signal(1))
+    drive.run(10)
+    assert said(driver)[-1] == "drives alone: no_participants" and vehicle.lane == 0
+
+
+def two(limits: Limits | None = None, **more: float) -> tuple[Drive, LaneChange, LaneChange]:
+    prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33), Plan(**more))
+    receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33), limits=limits)
+    drive = Drive([prescriber, receiver])
+    drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    return drive, prescriber, receiver
+
+
+def test_neg_7_a_refusal_leads_to_a_gentler_proposal() -> None:
+    drive, prescriber, receiver = two(Limits(acceleration=2.2, deceleration=2.2))
+    drive.run(30)
+    assert [w for w in said(prescriber) if "prescribes" in w] == [
+        "prescribes 3 to drive 20 km/h slower",
+        "prescribes 3 to drive 14 km/h slower",
+    ]
+    assert said(receiver)[:2] == ["refuses: acceleration", "accepts to drive slower"]
+    assert prescriber.vehicle.lane == 1
+
+
+def test_neg_7_three_refusals_and_it_stays() -> None:
+    drive, prescriber, receiver = two(Limits(acceleration=0.1, deceleration=0.1))
+    drive.run(30)
+    assert sum("refuses" in what for what in said(receiver)) == 3
+    assert said(prescriber)[-1] == "drives alone: no_agreement" and prescriber.vehicle.lane == 0
+
+
+def test_act_2_a_target_that_falls_silent_leads_both_to_drive_alone() -> None:
+    drive, prescriber, receiver = two()
+    drive.simulation.clock.at(5000, lambda: drive.simulation.radio.partition([1], [3]))
+    drive.run(30)
+    assert said(prescriber)[-1] == said(receiver)[-1] == "drives alone: cam_loss"
+    assert prescriber.vehicle.lane == 0 and receiver.vehicle.speed == pytest.approx(8.33, abs=0.1)
+
+
+def test_end_1_what_is_begun_is_ended_by_the_planner_on_board() -> None:
+    drive, prescriber, _ = two()
+    drive.simulation.clock.at(9500, lambda: drive.simulation.radio.partition([1], [3]))
+    drive.run(30)
+    assert "moves over" in said(prescriber) and "drives alone: cam_loss" in said(prescriber)
+    assert prescriber.vehicle.lane == 1 and not prescriber.vehicle.changing
+
+
+def test_kin_5_a_trajectory_too_short_to_gain_the_gap_is_given_up() -> None:
+    drive, prescriber, receiver = two(gain_m=5000.0)
+    drive.run(12)
+    assert any(what.startswith("gives up") for what in said(prescriber))
+    assert said(receiver)[-1] == "drives alone: abort"
+
+
+@pytest.mark.parametrize("t_timeout", [0, 1000, 2000])
+def test_the_paper_s_timeouts(t_timeout: int) -> None:
+    drive = FourVehicles(vehicles=2).run(parameters=Parameters(t_timeout=t_timeout))
+    assert drive.road.vehicles[0].lane == 1
+
+
+LANELETS = """<osm version="0.6">
+  <node id="1" lat="49.0" lon="8.9990"/><node id="2" lat="49.0" lon="9.0050"/>
+  <node id="3" lat="49.000031475" lon="8.9990"/><node id="4" lat="49.000031475" lon="9.0050"/>
+  <way id="10"><nd ref="1"/><nd ref="2"/></way>
+  <way id="11"><nd ref="3"/><nd ref="4"/></way>
+  <relation id="1"><member type="way" ref="11" role="left"/>
+    <member type="way" ref="10" role="right"/><tag k="type" v="lanelet"/></relation>
+</osm>
+"""
+
+
+def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
+    pytest.importorskip("lanelet2", reason="extra automcm[map]: not for this machine")
+    from automcm.maps import LaneMap, MapError
+
+    path = tmp_path / "road.osm"
+    path.write_text(LANELETS)
+    # The origin is half a lane above the road's, so that the lanelet is lane 1.
+    lanes = LaneMap(path, (49.0 - 1.75 / 111_194, 9.0))
+    zone = lanes.zone(1)
+    assert zone.shape == (4, 2) and zone[:, 1].min() == pytest.approx(1.75, abs=0.2)
+    assert zone[:, 1].max() == pytest.approx(5.25, abs=0.2)
+    prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33), zone=lanes.zone)
+    receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33))
+    drive = Drive([prescriber, receiver])
+    drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    drive.run(30)
+    assert "prescribes 3 to drive 20 km/h slower" in said(prescriber)
+    with pytest.raises(MapError, match="lane 7"):
+        lanes.zone(7)
+    with pytest.raises(MapError, match="nowhere"):
+        LaneMap(tmp_path / "nowhere", (49.0, 9.0))
+
+
+# -- two other applications on the same service
+
+
+def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
+    ramp = Ramp(joins_m=120)
+    on_ramp = Merge(Vehicle(1, 0, 0, 10, 10), ramp)
+    ahead, abreast = Merge(Vehicle(2, 60, 1, 10, 10), ramp), Merge(Vehicle(3, -5, 1, 10, 10), ramp)
+    drive = Drive([on_ramp, ahead, abreast])
+    drive.simulation.clock.at(100, on_ramp.signal)
+    drive.run(30)
+    assert on_ramp.vehicle.lane == 1 and not on_ramp.vehicle.changing
+    assert (ahead.ended, abreast.ended) == (["not_selected"], ["finished"])
+    assert abreast.delayed is not None and 0.5 < abreast.delayed < 0.95
+    at = {n: arrival_s(drive.road.of(n), ramp.joins_m) for n in (1, 2, 3)}
+    assert at[1] is not None and at[2] is not None and at[3] is not None
+    assert at[2] < at[1] and at[3] - at[1] > ramp.apart_s * 0.75
+    assert abreast.vehicle.speed == pytest.approx(10, abs=1)
+
+
+def test_merge_without_conflict_needs_no_prescription() -> None:
+    ramp = Ramp(joins_m=120)
+    on_ramp, far = Merge(Vehicle(1, 0, 0, 10, 10), ramp), Merge(Vehicle(2, -90, 1, 10, 10), ramp)
+    drive = Drive([on_ramp, far])
+    drive.simulation.clock.at(100, on_ramp.signal)
+    drive.run(25)
+    assert far.ended == ["not_needed"] and on_ramp.vehicle.lane == 1 and far.delayed is None
+
+
+def test_merge_a_delay_that_is_too_long_is_refused() -> None:
+    ramp = Ramp(joins_m=40, slowest=0.99)
+    on_ramp, other = Merge(Vehicle(1, 0, 0, 10, 10), ramp), Merge(Vehicle(2, -1, 1, 10, 10), ramp)
+    drive = Drive([on_ramp, other], parameters=Parameters(t_timeout=500))
+    drive.simulation.clock.at(100, on_ramp.signal)
+    drive.run(15)
+    assert other.ended == ["no_agreement"] and other.delayed is None
+
+
+def test_speed_advice_reaches_the_fastest_and_is_taken_back() -> None:
+    works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=6000)
+    slow, fast = SpeedAdvice(Vehicle(2, 0, 0, 8, 8)), SpeedAdvice(Vehicle(3, 0, 1, 14, 14))
+    drive = Drive([works, slow, fast])
+    drive.simulation.clock.at(100, works.signal)
+    drive.run(7)
+    assert fast.vehicle.speed == pytest.approx(6, abs=0.6) and fast.vehicle.desired == 6
+    drive.run(30)
+    assert (slow.ended, fast.ended) == (["not_selected"], ["finished"])
+    assert fast.vehicle.desired == 14 and slow.vehicle.desired == 8
+
+
+def test_speed_advice_too_slow_is_answered_by_a_milder_one() -> None:
+    works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=1000)
+    other = SpeedAdvice(Vehicle(2, 0, 0, 10, 10))
+    drive = Drive([works, other])
+    drive.simulation.clock.at(100, works.signal)
+    drive.run(4)
+    assert other.vehicle.desired == pytest.approx(5.5, abs=0.01)
+
+
+def test_a_sample_between_two_steps() -> None:
+    samples = [Sample(t, 1, x, 0, 1, 0) for t, x in ((0.0, 0.0), (1.0, 2.0), (2.0, 6.0))]
+    assert arrival_s(samples, 4) == 1.5 and arrival_s(samples, 7) is None
+    assert all(b.t > a.t for a, b in pairwise(samples))
+
+
+@pytest.mark.parametrize(("name", "value"), [("vehicles", 5), ("speed_kmh", 0)])
+def test_a_setting_that_cannot_be_is_refused_by_name(name: str, value: int) -> None:
+    with pytest.raises(ValueError, match=name):
+        FourVehicles(**{name: value})

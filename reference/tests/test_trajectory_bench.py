@@ -1,0 +1,37 @@
+"""The bench runs, and its peers compute what the kernels do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from automcm import kernel_bench
+from automcm.trajectory.collide import closest_approach, closest_approach_pairs
+
+
+def test_report() -> None:
+    report = kernel_bench.run(0.05, points=(40,), pairs=(1, 4))
+    assert {row.kernel for row in report.rows} == {
+        *("convert", "thin", "discover", "prescribe", "verify", "success"),
+        *("closest_approach", "collision", "pairs", "many"),
+    }
+    fields = report.as_dict()
+    assert len(fields["rows"]) == len(report.rows)
+    assert all(row["us"] > 0 and row["floor_us"] > 0 for row in fields["rows"])
+    assert set(fields["missing"]) <= {"shapely", "commonroad_dc.pycrcc"}
+
+
+def test_peers_agree() -> None:
+    a, b = kernel_bench.road(40), kernel_bench.road(40, -20.0, 3.5, 9.0)
+    found = closest_approach(a, b)
+    assert found is not None
+    rows = [
+        [(t, *xy) for t, xy in zip(each.t.tolist(), each.xy.tolist(), strict=True)]
+        for each in (a, b)
+    ]
+    assert kernel_bench._python_approach(*rows) == pytest.approx((found.distance, found.time))
+    assert kernel_bench._cheapest(a, b) == pytest.approx(found.distance)
+    t, one, other = kernel_bench.traffic(40, 30)
+    many = closest_approach_pairs(t, one, other)
+    assert kernel_bench._dense(one, other) == pytest.approx(many.distance, abs=1e-9)
+    assert (np.diff(t) > 0).all()

@@ -1,0 +1,376 @@
+"""KIN-3, against brute force, shapely and pycrcc."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+from shapely import LineString, Point
+from test_trajectory_cases import (
+    BAD,
+    moved,
+    numbers,
+    paths,
+    places,
+    raises,
+    sampled,
+    steps,
+    trajectories,
+)
+
+from automcm.trajectory import collide
+from automcm.trajectory.core import Trajectory
+
+pairs = st.tuples(trajectories(), trajectories())
+Pair = tuple[Trajectory, Trajectory]
+EXACT = 1e-6
+"""Metres: rounding at places of a hundred metres and times of ten seconds."""
+
+
+def fastest(of: Trajectory) -> float:
+    return float(of.speeds().max(initial=0))
+
+
+def clock(pair: Pair) -> np.ndarray | None:
+    """Each millisecond common to both; a stopped one goes on until the other ends, or a second."""
+    a, b = pair
+    end_a, end_b = (each.t[-1] + (1e3 if each.stopped else 0) for each in pair)
+    end = min(end_a, end_b)
+    if a.stopped and b.stopped:
+        end = max(a.t[-1], b.t[-1])
+    begin = max(a.t[0], b.t[0])
+    if begin > end:
+        return None
+    return np.append(np.arange(begin, end, 1e-3), end)
+
+
+@given(pairs)
+def test_never_misses_what_brute_force_finds(pair: Pair) -> None:
+    """And is no closer than what a millisecond of both speeds explains."""
+    a, b = pair
+    times = clock(pair)
+    found = collide.closest_approach(a, b)
+    if times is None:
+        assert found is None
+        return
+    assert found is not None
+    distances = np.hypot(*(sampled(a, times) - sampled(b, times)).T)
+    least = distances.min()
+    assert found.distance <= least + EXACT
+    assert found.distance >= least - (fastest(a) + fastest(b)) * 1e-3 - EXACT
+
+
+@given(pairs)
+def test_time_place_and_distance_agree(pair: Pair) -> None:
+    a, b = pair
+    found = collide.closest_approach(a, b)
+    assume(found is not None)
+    assert found is not None
+    assert math.dist(found.place_a, found.place_b) == pytest.approx(found.distance, abs=EXACT)
+    when = np.array([found.time])
+    assert sampled(a, when)[0] == pytest.approx(found.place_a, abs=EXACT)
+    assert sampled(b, when)[0] == pytest.approx(found.place_b, abs=EXACT)
+
+
+@given(pairs)
+def test_symmetric(pair: Pair) -> None:
+    one, two = collide.closest_approach(*pair), collide.closest_approach(*pair[::-1])
+    if one is None or two is None:
+        assert one is two
+        return
+    assert one.distance == pytest.approx(two.distance, abs=EXACT)
+    assert one.time == pytest.approx(two.time, abs=1e-3)
+    hit, back = (collide.collision(*each, 5.0) for each in (pair, pair[::-1]))
+    assume(abs(one.distance - 5) > EXACT)
+    assert (hit is None) == (back is None)
+    if hit is not None and back is not None:
+        assert hit.place_a == pytest.approx(back.place_b, abs=1e-3)
+
+
+@given(pairs, numbers(-4, 4), places, numbers(-9, 9), numbers(0.2, 5), numbers(0.2, 5))
+def test_turned_shifted_and_scaled(
+    pair: Pair,
+    angle: float,
+    by: tuple[float, float],
+    later: float,
+    space: float,
+    time: float,
+) -> None:
+    """Distances scale with space alone, times with time alone."""
+    one = collide.closest_approach(*pair)
+    two = collide.closest_approach(*(moved(each, angle, by, later, space, time) for each in pair))
+    if one is None or two is None:
+        # Rounding decides whether trajectories that only touch in time have a common one.
+        assert one is two or collide.common_time(*pair) is not None
+        return
+    assert two.distance == pytest.approx(space * one.distance, abs=1e-5)
+
+
+@given(pairs, numbers(0, 30), numbers(0, 10))
+def test_monotone_in_the_threshold(pair: Pair, threshold: float, more: float) -> None:
+    hit, wider = (collide.collision(*pair, each) for each in (threshold, threshold + more))
+    approach = collide.closest_approach(*pair)
+    if hit is not None:
+        assert approach is not None and wider is not None
+        assert wider.time <= hit.time + 1e-9
+        assert hit.time <= approach.time + 1e-9
+        assert hit.approach == approach
+    expected = approach is not None and approach.distance < threshold
+    assert (hit is not None) == expected
+
+
+@given(pairs, numbers(0.5, 30))
+@example(
+    (
+        Trajectory(np.array([0.0, 2]), np.array([(0, 0), (20.0, 0)])),
+        Trajectory(np.array([0.0, 2]), np.array([(20, 0), (0.0, 0)])),
+    ),
+    4.0,
+)
+def test_first_time_below(pair: Pair, threshold: float) -> None:
+    """No millisecond before it is below, the distance then is the threshold unless it begins
+    below, and just after it is below."""
+    a, b = pair
+    hit = collide.collision(a, b, threshold)
+    times = clock(pair)
+    if hit is None:
+        if times is not None:
+            distances = np.hypot(*(sampled(a, times) - sampled(b, times)).T)
+            assert distances.min() >= threshold - EXACT
+        return
+    assert times is not None
+    distance = math.dist(hit.place_a, hit.place_b)
+    before = times[times < hit.time - 1e-9]
+    if len(before):
+        assert distance == pytest.approx(threshold, abs=EXACT)
+        assert np.hypot(*(sampled(a, before) - sampled(b, before)).T).min() >= threshold - EXACT
+    assert distance <= threshold + EXACT
+    assert sampled(a, np.array([hit.time]))[0] == pytest.approx(hit.place_a, abs=EXACT)
+
+
+@given(pairs, numbers(0, 20), numbers(0, 1), st.none() | numbers(0, 40))
+def test_clock_error_inflates(
+    pair: Pair, threshold: float, error: float, speed: float | None
+) -> None:
+    hit = collide.collision(*pair, threshold, clock_error=error, speed=speed)
+    v = fastest(pair[0]) + fastest(pair[1]) if speed is None else speed
+    same = collide.collision(*pair, threshold + v * error)
+    assert hit == same
+    if hit is not None:
+        assert hit.threshold == pytest.approx(threshold + v * error)
+
+
+@given(st.tuples(trajectories(least=2), trajectories(least=2)), numbers(-0.2, 0.2))
+def test_clock_error_covers_a_late_clock(pair: Pair, late: float) -> None:
+    """Whoever's clock is off by ε, within the common time nothing closer is missed."""
+    a, b = pair
+    off = moved(b, later=late)
+    real = collide.closest_approach(a, off)
+    common = collide.common_time(a, b)
+    assume(real is not None and common is not None)
+    assert real is not None and common is not None
+    assume(common[0] <= real.time <= common[1])
+    assert collide.collision(a, b, real.distance + EXACT, clock_error=abs(late)) is not None
+
+
+@given(trajectories(), st.lists(trajectories(), max_size=6))
+def test_many_as_one_by_one(a: Trajectory, others: list[Trajectory]) -> None:
+    found = collide.closest_approach_many(a, others)
+    assert len(found) == len(others)
+    for b, many in zip(others, found, strict=True):
+        one = collide.closest_approach(a, b)
+        if one is None or many is None:
+            assert one is many
+            continue
+        assert many.distance == pytest.approx(one.distance, abs=EXACT)
+        assert math.dist(many.place_a, many.place_b) == pytest.approx(one.distance, abs=EXACT)
+        assert sampled(a, np.array([many.time]))[0] == pytest.approx(many.place_a, abs=EXACT)
+
+
+@given(st.integers(1, 8), st.integers(1, 9), st.data())
+def test_pairs_as_one_by_one(n: int, count: int, data: st.DataObject) -> None:
+    t = np.cumsum(data.draw(st.lists(numbers(0.1, 2), min_size=n, max_size=n)))
+    shape = count * 2
+    xy = np.array([data.draw(paths(n, n)) for _ in range(shape)]).reshape(2, count, n, 2)
+    found = collide.closest_approach_pairs(t, xy[0], xy[1])
+    assert len(found) == count
+    for k in range(count):
+        a, b = Trajectory(t, xy[0, k]), Trajectory(t, xy[1, k])
+        one = collide.closest_approach(a, b)
+        assert one is not None
+        assert found.distance[k] == pytest.approx(one.distance, abs=EXACT)
+        when = found.time[k : k + 1]
+        off = sampled(a, when)[0] - sampled(b, when)[0]
+        assert np.hypot(*off) == pytest.approx(one.distance, abs=EXACT)
+
+
+def test_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many chunks give what one does."""
+    rng = np.random.default_rng(1)
+    t = np.arange(30.0)
+    a, b = np.cumsum(rng.normal(size=(2, 200, 30, 2)), axis=2)
+    one = collide.closest_approach_pairs(t, a, b)
+    others = [Trajectory(t + 0.1 * k, xy) for k, xy in enumerate(b)]
+    each = collide.closest_approach_many(Trajectory(t, a[0]), others)
+    monkeypatch.setattr(collide, "CHUNK_BYTES", 1000)
+    many = collide.closest_approach_pairs(t, a, b)
+    assert (one.distance == many.distance).all() and (one.time == many.time).all()
+    assert collide.closest_approach_many(Trajectory(t, a[0]), others) == each
+
+
+@given(places, steps, places, steps)
+def test_static_segments_against_shapely(
+    a: tuple[float, float], da: tuple[float, float], b: tuple[float, float], db: tuple[float, float]
+) -> None:
+    """A stopped point against a moving one sweeps a segment: shapely's distance of the two."""
+    t = np.array([0.0, 1])
+    mover = Trajectory(t, np.array([a, np.add(a, da)]))
+    stone = Trajectory(t[:1], np.array([b]), True)
+    found = collide.closest_approach(mover, stone)
+    assert found is not None
+    line = LineString(mover.xy) if da != (0, 0) else Point(a)
+    assert found.distance == pytest.approx(line.distance(Point(b)), abs=EXACT)
+    # Two segments in space alone are never further apart than two vehicles on them in time.
+    other = Trajectory(t, np.array([b, np.add(b, db)]))
+    timed = collide.closest_approach(mover, other)
+    apart = LineString(mover.xy).distance(LineString(other.xy))
+    assert timed is not None and timed.distance >= apart - EXACT
+
+
+# -- pycrcc
+
+
+def crcc(a: Trajectory, b: Trajectory, threshold: float, dt: float) -> tuple[bool, float]:
+    """Whether two circles of half the threshold touch at a multiple of ``dt``; and the least
+    distance at these times."""
+    pycrcc = pytest.importorskip(
+        "commonroad_dc.pycrcc", reason="commonroad-drivability-checker is not installed"
+    )
+    common = collide.common_time(a, b)
+    assert common is not None
+    times = np.arange(common[0], common[1], dt)
+    objects, where = [], []
+    for each in (a, b):
+        xy = sampled(each, times)
+        where.append(xy)
+        moving = pycrcc.TimeVariantCollisionObject(0)
+        for x, y in xy:
+            moving.append_obstacle(pycrcc.Circle(threshold / 2, float(x), float(y)))
+        objects.append(moving)
+    least = np.hypot(*(where[0] - where[1]).T).min(initial=np.inf)
+    return bool(objects[0].collide(objects[1])), float(least)
+
+
+DT = 0.1
+
+
+@given(st.tuples(trajectories(least=2), trajectories(least=2)), numbers(0.5, 20))
+@example(
+    (
+        Trajectory(np.array([0.0, 2]), np.array([(-20.5, 0.0), (19.5, 0)])),
+        Trajectory(np.array([0.0, 2]), np.array([(20.5, 0.3), (-19.5, 0.3)])),
+    ),
+    0.5,
+)  # meet between two steps
+def test_against_pycrcc(pair: Pair, threshold: float) -> None:
+    """Circles that touch in pycrcc are a collision here; and one here is one there, except where
+    the distance falls below the threshold only between two of its time steps, or equals it."""
+    pytest.importorskip(
+        "commonroad_dc.pycrcc", reason="commonroad-drivability-checker is not installed"
+    )
+    a, b = pair
+    common = collide.common_time(a, b)
+    assume(common is not None and common[1] > common[0])
+    there, least = crcc(a, b, threshold, DT)
+    approach = collide.closest_approach(a, b)
+    assert approach is not None
+    assume(abs(approach.distance - threshold) > EXACT and abs(least - threshold) > EXACT)
+    here = collide.collision(a, b, threshold) is not None
+    assert here or not there
+    if here and not there:  # tunnels between two steps
+        assert least > threshold > approach.distance
+        assert least <= approach.distance + (fastest(a) + fastest(b)) * DT + EXACT
+
+
+# -- examples
+
+
+def line(*rows: tuple[float, float, float], stopped: bool = False) -> Trajectory:
+    made = np.array(rows)
+    return Trajectory(made[:, 0], made[:, 1:], stopped)
+
+
+def test_meeting_between_samples() -> None:
+    """Head on: at every sample 10 m apart or more, yet they meet."""
+    a, b = line((0, 0, 0), (2, 20, 0)), line((0, 20, 0), (2, 0, 0))
+    hit = collide.collision(a, b, 4.0)
+    assert hit is not None
+    assert hit.time == pytest.approx(0.8)
+    assert hit.place_a == pytest.approx((8, 0))
+    assert hit.approach == collide.Approach(1.0, 0.0, (10.0, 0.0), (10.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        (line((0, 0, 0), (1, 9, 0)), line((2, 0, 0), (3, 9, 0)), None),  # disjoint
+        (line((0, 0, 0), (1, 9, 0)), line((1, 0, 0), (3, 9, 0)), (1, 9)),  # one common instant
+        (line((0, 0, 0), (1, 9, 0), stopped=True), line((2, 0, 0), (3, 9, 0)), (3, 0)),
+        (line((0, 0, 0)), line((0, 3, 4)), (0, 5)),  # one point each
+        (line((0, 0, 0)), line((1, 3, 4)), None),
+        (line((0, 0, 0), stopped=True), line((1, 3, 4), stopped=True), (1, 5)),
+        (line((5, 0, 0), stopped=True), line((0, 3, 4)), None),  # ends before the other begins
+        (line((0, 0, 0), (9, 90, 0)), line((0, 0, 3), (9, 90, 3)), (0, 3)),  # tie: the earliest
+        (line((0, 0, 0), (9, 9, 0)), line((0, 5, 0), (4, 5, 0), (5, 9, 9), (9, 0, 9)), (4, 1)),
+        (line((0, 0, 0), (4, 4, 0), (8, 0, 0)), line((0, 4, 3), (8, 4, 3)), (4, 3)),
+    ],
+)
+def test_edges(a: Trajectory, b: Trajectory, expected: tuple[float, float] | None) -> None:
+    found = collide.closest_approach(a, b)
+    assert (None if found is None else pytest.approx((found.time, found.distance))) == expected
+
+
+def test_tie_despite_rounding() -> None:
+    """A constant distance, at odd angles and since 1970: the first time."""
+    t = 1.8e9 + np.arange(30) * 0.6
+    for angle in np.linspace(0, 6, 20):
+        step = 5 * np.array([np.cos(angle), np.sin(angle)])
+        way = np.cumsum(np.tile(step, (30, 1)), axis=0) + np.array([65500, 32700])
+        a, b = Trajectory(t, way), Trajectory(t, way + np.array([0.3, 7.7]))
+        found = collide.closest_approach(a, b)
+        assert found is not None and found.time == t[0]
+        assert collide.closest_approach_pairs(t, a.xy[None], b.xy[None]).time[0] == t[0]
+
+
+def test_equal_to_the_threshold_is_no_collision() -> None:
+    a, b = line((0, 0, 0), (1, 9, 0)), line((0, 0, 4), (1, 9, 4))
+    assert collide.collision(a, b, 4.0) is None
+    hit = collide.collision(a, b, 4.0 + 1e-9)
+    assert hit is not None and hit.time == 0
+    assert collide.collision(a, a, 0.0) is None
+
+
+def test_refused() -> None:
+    a = line((0, 0, 0), (1, 9, 0))
+    for bad in (*BAD, -1.0):
+        raises("threshold", lambda bad=bad: collide.collision(a, a, bad))
+        raises("clock_error", lambda bad=bad: collide.collision(a, a, 1, clock_error=bad))
+        raises("speed", lambda bad=bad: collide.collision(a, a, 1, speed=bad))
+    t, xy = np.arange(3.0), np.zeros((4, 3, 2))
+    each = collide.closest_approach_pairs
+    raises("xy_a: shape (4, 2, 2)", lambda: each(t, xy[:, :2], xy))
+    raises("xy_b: shape", lambda: each(t, xy, xy[0]))
+    raises("xy_b: 3 pairs", lambda: each(t, xy, xy[:3]))
+    raises("t: ", lambda: each([0, 0, 1], xy, xy))
+    raises("t: ", lambda: each([], np.zeros((4, 0, 2)), np.zeros((4, 0, 2))))
+    for bad in BAD:
+        wrong = xy.copy()
+        wrong[2, 1, 1] = bad
+        raises("xy_a[2, 1, 1]", lambda wrong=wrong: each(t, wrong, xy))
+        raises("xy_b[2, 1, 1]", lambda wrong=wrong: each(t, xy, wrong))
+        raises("t[1]", lambda bad=bad: each([0, bad, 1], xy, xy))
+    assert len(each(t, xy[:0], xy[:0])) == 0
+    assert collide.closest_approach_many(a, []) == []

@@ -1,0 +1,165 @@
+"""KIN-4, the inside of a zone against shapely."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from shapely import Point, Polygon
+from test_trajectory_cases import BAD, numbers, places, raises, turned
+
+from automcm.trajectory import discover
+from automcm.trajectory.core import Floats
+
+LANE = np.array([(-60, -60), (60, -60), (60, 60), (-60, 60.0)])
+"""Holds every place of the strategies."""
+
+
+@st.composite
+def zones(draw: st.DrawFn) -> Floats:
+    """Simple, often concave: corners by angle around a centre, in either sense of rotation."""
+    angles = sorted(draw(st.sets(st.integers(0, 35), min_size=4, max_size=10)))
+    around = np.array(angles) * math.tau / 36
+    far = draw(st.lists(numbers(5, 60), min_size=len(angles), max_size=len(angles)))
+    corners = np.array(far)[:, None] * np.stack([np.cos(around), np.sin(around)], axis=1)
+    assume(np.diff([*angles, angles[0] + 36]).max() < 18)
+    return corners[:: draw(st.sampled_from([1, -1]))]
+
+
+@st.composite
+def candidates(draw: st.DrawFn, one_way: bool = False) -> list[discover.Candidate]:
+    ids = draw(st.lists(st.integers(1, 2**32 - 1), unique=True, max_size=7))
+    grid = st.tuples(st.integers(-3, 3), st.integers(-3, 3)).map(lambda p: (10.0 * p[0], p[1]))
+    towards = st.tuples(numbers(-3, 3), numbers(-3, 3)).filter(lambda d: math.hypot(*d) > 0.01)
+    same = draw(towards)
+    return [
+        discover.Candidate(
+            each,
+            np.array(draw(places | grid)),
+            np.array(same if one_way else draw(towards)),
+        )
+        for each in ids
+    ]
+
+
+@given(zones(), st.lists(places, max_size=20), st.booleans())
+def test_inside_against_shapely(
+    zone: Floats, points: list[tuple[float, float]], closed: bool
+) -> None:
+    polygon = Polygon(zone)
+    corners = np.concatenate([zone, zone[:1]]) if closed else zone
+    middles = (zone + np.roll(zone, -1, axis=0)) / 2
+    found = discover.inside(np.array([*points, *zone, *middles]), corners)
+    for point, here in zip(points, found, strict=False):
+        if polygon.boundary.distance(Point(point)) > 1e-6:  # shapely's boundary has no width
+            assert here == polygon.contains(Point(point))
+    assert found[len(points) :].all()  # corners and middles of edges
+
+
+@given(zones(), st.lists(places, min_size=1, max_size=9), numbers(-3, 3), numbers(0.2, 5), places)
+def test_inside_turned_scaled_and_shifted(
+    zone: Floats,
+    points: list[tuple[float, float]],
+    angle: float,
+    scale: float,
+    by: tuple[float, float],
+) -> None:
+    edge = Polygon(zone).boundary
+    assume(all(edge.distance(Point(each)) > 1e-6 for each in points))
+    one = discover.inside(points, zone)
+    two = discover.inside(
+        turned(scale * np.array(points), angle) + by, turned(scale * zone, angle) + by
+    )
+    assert (one == two).all()
+
+
+@given(candidates(), zones(), st.randoms())
+def test_unique_and_independent_of_order(
+    of: list[discover.Candidate], zone: Floats, random: object
+) -> None:
+    one = discover.discover(of, zone)
+    shuffled = of[:]
+    random.shuffle(shuffled)  # type: ignore[attr-defined]
+    assert discover.discover(shuffled, zone) == one
+    within = [each for each in of if discover.inside(each.xy[None], zone)[0]]
+    assert (one is None) == (not within)
+    assert one is None or one in [each.station_id for each in within]
+
+
+@given(candidates(one_way=True), st.permutations(range(7)))
+def test_the_foremost_and_the_loop_of_the_paper(
+    of: list[discover.Candidate], order: list[int]
+) -> None:
+    """In one direction: greatest n·x; and the paper's loop ends with it, whatever its order."""
+    found = discover.discover(of, LANE)
+    if not of:
+        assert found is None
+        return
+    along = {each.station_id: float(each.xy @ each.direction) for each in of}
+    assert found is not None
+    assert along[found] >= max(along.values()) - 1e-6
+    abreast = [i for i in along if along[i] > max(along.values()) - 1e-12]
+    if len(abreast) == 1 and sorted(along.values())[-2:-1] < [max(along.values()) - 1e-6]:
+        loop = [of[k] for k in order if k < len(of)]
+        leader = loop[0]
+        for each in loop[1:]:
+            if leader.direction @ (each.xy - leader.xy) > 0:
+                leader = each
+        assert found == leader.station_id
+
+
+@given(st.integers(1, 9), st.integers(11, 99), numbers(-3, 3), numbers(0.1, 9))
+def test_abreast_the_lower_id(low: int, high: int, angle: float, apart: float) -> None:
+    """Whatever the heading, and with a slower one behind that has a lower id still."""
+    n = turned(np.array([(1.0, 0)]), angle)[0]
+    beside = np.array([-n[1], n[0]]) * apart
+    here = np.array([3.0, 4.0])
+    of = [
+        discover.Candidate(high, here, n),
+        discover.Candidate(low + 1, here + beside, n),
+        discover.Candidate(low, here - n, n),
+    ]
+    assert discover.discover(of, LANE) == low + 1
+
+
+def test_only_those_in_the_zone() -> None:
+    """A concave lane; the foremost drives beside it, in the notch."""
+    zone = [(0, 0), (30, 0), (30, 3), (20, 3), (20, 1), (10, 1), (10, 3), (0, 3)]
+    of = [
+        discover.Candidate(1, np.array([15.0, 2]), np.array([1.0, 0])),
+        discover.Candidate(2, np.array([5.0, 2]), np.array([1.0, 0])),
+        discover.Candidate(3, np.array([2.0, 2]), np.array([1.0, 0])),
+    ]
+    assert discover.discover(of, zone) == 2
+    assert discover.discover(of[:1], zone) is None
+    assert discover.discover([], zone) is None
+
+
+def test_in_a_ring_each_is_in_front_of_another() -> None:
+    """Facing one another: nobody leads; the lowest id, in any order."""
+    of = [
+        discover.Candidate(7, np.array([0.0, 0]), np.array([1.0, 0])),
+        discover.Candidate(4, np.array([5.0, 0]), np.array([-1.0, 0])),
+    ]
+    assert discover.discover(of, LANE) == discover.discover(of[::-1], LANE) == 4
+
+
+def test_refused() -> None:
+    good = discover.Candidate(1, np.zeros(2), np.array([1.0, 0]))
+    raises("candidates: station_id 1", lambda: discover.discover([good, good], LANE))
+    raises("zone: 2 corners", lambda: discover.discover([good], LANE[:2]))
+    raises("zone: 2 corners", lambda: discover.inside([(0, 0)], [(0, 0), (1, 1), (0, 0)]))
+    raises("zone: shape", lambda: discover.inside([(0, 0)], [(0, 0, 1)] * 3))
+    raises("points: shape", lambda: discover.inside([(0,)], LANE))
+    raises("direction: 0, 0", lambda: discover.Candidate(1, np.zeros(2), np.zeros(2)))
+    raises("station_id: 0", lambda: discover.Candidate(0, np.zeros(2), np.ones(2)))
+    raises("xy: shape (3,)", lambda: discover.Candidate(1, np.zeros(3), np.ones(2)))
+    for bad in BAD:
+        raises("xy[1]", lambda bad=bad: discover.Candidate(1, np.array([0, bad]), np.ones(2)))
+        raises("zone[0, 0]", lambda bad=bad: discover.inside([(0, 0)], [(bad, 0), (1, 1), (2, 0)]))
+    assert discover.inside(np.empty((0, 2)), LANE).shape == (0,)
+    with pytest.raises(ValueError):
+        good.xy[0] = 1

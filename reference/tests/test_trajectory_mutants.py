@@ -1,0 +1,139 @@
+"""The properties bite: each kernel with one thing changed must fail one of its properties.
+
+The change is made to a copy of the source, which the tests then use instead of the module.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from types import ModuleType
+
+import pytest
+from hypothesis import Phase, settings
+
+import automcm.trajectory.convert
+
+QUICK = settings(database=None, phases=[Phase.explicit, Phase.generate], deadline=None)
+
+# kernel, old text, new text, the test file, the properties of which one must fail
+MUTANTS = [
+    ("convert", "/ v[:-1])", "/ v[1:])", "convert", "interpolation"),
+    ("convert", "np.cumsum(np.hypot(steps[:, 0], steps[:, 1])", "np.cumsum(steps[:, 0]", "convert",
+     "increases interpolation"),
+    ("convert", ".min(axis=1)[:, None] + NANOMETRE).argmax", ".max(axis=1)[:, None]).argmax",
+     "convert", "closest"),
+    ("convert", "x[: standing[0] + 1], v[: standing[0] + 1]", "x[: standing[-1] + 1], "
+     "v[: standing[-1] + 1]", "convert", "increases interpolation"),
+    ("thin", "np.union1d(changes(trajectory), [0, last])", "np.array([0, last])", "thin", "every"),
+    ("thin", "[0, last])", "[0])", "thin", "some_of"),
+    ("thin", "argmin(_effects", "argmax(_effects", "thin", "least_effect"),
+    ("thin", "> budget else", "> budget + 1 else", "thin", "some_of"),
+    ("thin", "CHANGE * np.maximum", "9 * CHANGE * np.maximum", "thin", "every"),
+    ("collide", "np.minimum(np.maximum(share, 0), 1)", "share", "collide", "brute"),
+    ("collide", "np.minimum(np.maximum(share, 0), 1)", "0", "collide", "brute"),
+    ("collide", "t = np.concatenate([a.t, b.t])", "t = np.concatenate([a.t, a.t])", "collide",
+     "brute symmetric"),
+    ("collide", "+ number(\"speed\", speed, 0) * clock_error", "", "collide", "clock_error"),
+    ("collide", "if not each.stopped", "", "collide", "brute"),
+    ("collide", "min(c / (", "min(c / -(", "collide", "first_time"),
+    ("collide", "(2 - ROUNDING) * least", "(1 - ROUNDING) * least", "collide", "pairs_as many_as"),
+    ("collide", "bound[:, -1] = np.inf", "pass", "collide", "pairs_as many_as chunks"),
+    ("collide", "square <= limit[:, None]", "square == least[:, None]", "collide", "rounding"),
+    ("collide", "square <= _tie(least)", "square <= least", "collide", "rounding"),
+    ("discover", "> NANOMETRE).sum", "< -NANOMETRE).sum", "discover", "foremost abreast"),
+    ("discover", "> NANOMETRE).sum", "> 0).sum", "discover", "abreast"),
+    ("discover", "return min((", "return max((", "discover", "foremost abreast"),
+    ("discover", "odd | on_edge", "odd", "discover", "inside_against"),
+    ("discover", "np.where(step[:, 1] > 0, ahead, -ahead)", "ahead", "discover", "inside_against"),
+    ("discover", "xy, n = xy[here], n[here]", "here = np.arange(len(ids))", "discover", "unique"),
+    ("prescribe", "times[:-1] >= hold", "times[:-1] >= 0", "prescribe", "gap_at"),
+    ("prescribe", "np.clip(v - v_min, 0, slower)", "slower", "prescribe", "gap_at"),
+    ("prescribe", "np.minimum(gained, gain)", "gained", "prescribe", "gains_what"),
+    ("prescribe", "(gain - gained[k - 1]) / reduced[k - 1]", "0", "prescribe", "gap_at ends_when"),
+    ("prescribe", "np.concatenate([times, np.interp(arcs, ways, times)])", "times", "prescribe",
+     "same_path"),
+    ("verify", "off) <= limit", "off) <= 99", "prescribe", "elsewhere"),
+    ("verify", "limit - spacing / 2).any()", "2 * limit).any()", "prescribe", "off_the_path"),
+    ("verify", "between + limits.reaction, side", "between, side", "prescribe", "mean_dec"),
+    ("verify", "approach.distance >= limit", "approach.distance <= limit", "prescribe", "gaps"),
+    ("verify", "prescribed.since(when), other", "prescribed, other", "prescribe", "from_now"),
+    ("verify", "back <= limit", "back <= 99", "prescribe", "back_and"),
+    ("verify", ">= WINDOW", ">= 0", "prescribe", "tiny"),
+    ("success", "1 + math.floor", "math.floor", "success", "sendings"),
+    ("success", "* (1 + 1e-9)", "", "success", "sendings"),
+    ("success", "q = (1 - _loss(loss)) ** 2", "q = 1 - _loss(loss)", "success", "mpmath counts"),
+    ("success", "EXCHANGES = 3", "EXCHANGES = 2", "success", "mpmath"),
+]  # fmt: skip
+
+
+def mutated(kernel: str, old: str, new: str) -> ModuleType:
+    module = importlib.import_module(f"automcm.trajectory.{kernel}")
+    source = inspect.getsource(module)
+    assert source.count(old) >= 1, f"{kernel}: {old!r} is not there"
+    copy = ModuleType(module.__name__)
+    sys.modules[copy.__name__] = copy  # dataclasses look here
+    exec(compile(source.replace(old, new), f"{kernel} mutated", "exec"), vars(copy))
+    sys.modules[copy.__name__] = module
+    return copy
+
+
+@pytest.fixture(scope="module")
+def quick() -> Iterator[None]:
+    """Imports the tests anew, to fail without looking for a smaller example."""
+    names = [f"test_trajectory_{each}" for each in ("convert", "thin", "collide", "discover",
+                                                     "prescribe", "success")]  # fmt: skip
+    for name in names:
+        sys.modules.pop(name, None)
+    before = settings.get_current_profile_name()
+    settings.register_profile("mutants", QUICK)
+    settings.load_profile("mutants")
+    for name in names:
+        importlib.import_module(name)
+    settings.load_profile(before)
+    yield
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "old", "new", "tests", "parts"),
+    MUTANTS,
+    ids=[f"{kernel}-{n}" for n, (kernel, *_) in enumerate(MUTANTS)],
+)
+def test_is_caught(
+    kernel: str,
+    old: str,
+    new: str,
+    tests: str,
+    parts: str,
+    quick: None,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = sys.modules[f"test_trajectory_{tests}"]
+    names = [
+        name
+        for name in vars(module)
+        if name.startswith("test_") and any(part in name for part in parts.split())
+    ]
+    assert names
+    for name in names:
+        check: Callable[..., None] = getattr(module, name)
+        with monkeypatch.context() as patched:
+            arguments = [patched] if "monkeypatch" in inspect.signature(check).parameters else []
+            patched.setattr(module, kernel, mutated(kernel, old, new))
+            try:
+                check(*arguments)
+            except (AssertionError, ValueError, IndexError, FloatingPointError):
+                return
+            except BaseException as error:
+                if isinstance(error, pytest.fail.Exception | BaseExceptionGroup):
+                    return
+                raise
+    pytest.fail(f"{kernel}: {old!r} for {new!r} passes {', '.join(names)}")
+
+
+def test_the_kernels_are_restored() -> None:
+    assert sys.modules["automcm.trajectory.convert"] is automcm.trajectory.convert
