@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 from unittest import mock
 
-from stateful import ALL, PROPERTIES, Broken, Call, Coordination, profile, run, shortened
+from stateful import Call, Coordination, profile, run, shortened
+from stateful_oracle import ALL, PROPERTIES, Broken
 
 from automcm import adapter, ending, station
 from automcm import rules as tables

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 import stateful
 from seeded_bugs import BUGS, Bug, hunt
-from stateful import PROPERTIES, Coordination, Coverage, profile, repeated, run
+from stateful import Coordination, profile, repeated, run
+from stateful_oracle import PROPERTIES, Coverage
 
 BATCHES = 3
 MOST_BATCHES = 12
