@@ -53,6 +53,8 @@ def lane_change(
     )
     try:
         out.mkdir(parents=True, exist_ok=True)
+        for old in out.glob("[1-4].ndjson"):
+            old.unlink()
         drive = setting.run(channel=Channel(loss=loss), logs=out)
         plots = _plots(drive, out)
     except OSError as error:
@@ -72,6 +74,8 @@ def lane_change(
             typer.echo(f"written {path}")
         if not plots:
             typer.echo("no plots: install automcm[plot]", err=True)
+        if not report["done"]:
+            typer.echo(f"the lane change was not done within {seconds:g} s", err=True)
     raise typer.Exit(0 if report["done"] else 1)
 
 
@@ -92,7 +96,7 @@ def _report(drive: Drive) -> dict[str, Any]:
             "lane": vehicle.lane,
             "x_m": round(vehicle.x, 2),
             "slowest_kmh": round(min(s.speed for s in samples) * 3.6, 2),
-            "hardest_braking": round(-min(s.acceleration for s in samples), 2),
+            "hardest_braking": round(max(0.0, -min(s.acceleration for s in samples)), 2),
         }
     changed = drive.road.vehicles[0]
     return {

@@ -98,9 +98,10 @@ class Proposal:
 class Drive:
     """It is agreed: drive (ACT-1).
 
-    ``selected`` is what the receiver drives, from ``start_ms`` (on the service's clock; a
-    prescriber learns of it later than that counts, so for it this is the time it was told).
-    The commitment ends at ``until_ms`` at the latest (ACT-4).
+    ``selected`` is what the receiver drives, anchored at its acceptance.  Up to ``start_ms`` (on
+    the service's clock; Δt1 after the acceptance) it holds what was planned anyway (KIN-5); a
+    prescriber learns of the acceptance later, and for it this is the time it was told.  The
+    commitment ends at ``until_ms`` at the latest (ACT-4).
     """
 
     session: Session

@@ -39,7 +39,8 @@ class Driving:
 
 @dataclass(frozen=True, kw_only=True)
 class Late:
-    """Without coordination, the paper's behaviour: an explicit model, its values calibrated.
+    """Without coordination, the paper's behaviour: an explicit model.  The paper has no values for
+    it; these are plausible ones, to be calibrated where figures are compared.
 
     A vehicle that moves over is noticed when it is ``notice`` m from its old lane's middle; who
     then has it within ``range_m`` ahead brakes at ``brake`` to a stop, and restarts when the gap
@@ -94,15 +95,17 @@ class Vehicle:
         self._profile = trajectory
 
     def change_lane(self, lane: int, now: float) -> None:
-        """Begin to move over."""
-        if lane != self.target_lane:
+        """Begin to move over; not while it changes already."""
+        if lane != self.target_lane and not self.changing:
             self._moved_from, self.target_lane, self._moving_since = self.lane, lane, now
 
     def profile_speed(self, now: float) -> float | None:
-        """The prescribed speed now; None where nothing is prescribed."""
+        """The prescribed speed now; None where nothing is prescribed.  Stopped is stopped."""
         p = self._profile
-        if p is None or not p.t[0] <= now < p.t[-1]:
+        if p is None or now < p.t[0]:
             return None
+        if now >= p.t[-1]:
+            return 0.0 if p.stopped else None
         return float(p.speeds()[np.searchsorted(p.t, now, side="right") - 1])
 
     def path(self) -> tuple[Floats, Floats]:
@@ -182,8 +185,8 @@ class Road:
         following = idm(gap, v.speed, front.speed if front else 0.0, v.desired, d)
         prescribed = v.profile_speed(self.t)
         if prescribed is not None:
-            following = min(following, d.gain * (prescribed - v.speed))
-            following = max(following, -d.comfortable) if gap > d.standstill else following
+            feedback = d.gain * (prescribed - v.speed)
+            following = min(following, max(feedback, -d.comfortable))
         return max(following, -d.hardest)
 
     def _late(self, v: Vehicle, late: Late) -> float | None:
@@ -199,7 +202,10 @@ class Road:
             if not v._braking:
                 return None
         if v.speed > 0:
-            return -late.brake
+            front = self.ahead(v)
+            ahead = front.speed if front else 0.0
+            following = idm(self.gap(v, front), v.speed, ahead, v.desired, v.driving)
+            return max(min(-late.brake, following), -v.driving.hardest)
         v._stopped_since = self.t if v._stopped_since is None else v._stopped_since
         waited = self.t - v._stopped_since >= late.restart_s
         if waited and self.gap(v, self.ahead(v)) >= late.restart_gap:
@@ -212,12 +218,12 @@ class Road:
         after = v.speed + acceleration * STEP_S
         if after < 0:
             v.x += v.speed**2 / (2 * -acceleration)
-            v.speed, v.acceleration = 0.0, acceleration
+            v.speed, v.acceleration = 0.0, -v.speed / STEP_S
         else:
             v.x += (v.speed + after) / 2 * STEP_S
             v.speed, v.acceleration = after, acceleration
         if v._moving_since is not None:
-            share = (self.t + STEP_S - v._moving_since) / v.driving.lane_change_s
+            share = (self.t + STEP_S - v._moving_since) / v.driving.lane_change_s + 1e-9
             v.y = LANE_WIDTH * (v._moved_from + min(share, 1) * (v.target_lane - v._moved_from))
             if share >= 0.5:
                 v.lane = v.target_lane

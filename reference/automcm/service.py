@@ -298,6 +298,9 @@ class McService:
     # -- the application interface
 
     def _plan(self, advertisement: Advertisement) -> Trajectory | None:
+        """Asked only when it could join (ADV-4)."""
+        if self.state.bound:
+            return None
         a = advertisement
         return self.application.concerned(Advertised(a.session, a.scenario, a.details, a.planned))
 

@@ -123,8 +123,8 @@ class Station:
 
     def _heard(self, message: Message) -> Heard:
         plan = None
-        if isinstance(message, Advertisement) and not self.state.bound:
-            plan = self._plan(message) if message.src != self.station_id else None
+        if isinstance(message, Advertisement) and message.src != self.station_id:
+            plan = self._plan(message)
         return Heard(message, plan)
 
     def _due(self, now: int) -> Timer:

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from automcm import messages
+from automcm.application import Advertised, Proposal
 from automcm.links.simulated import Channel
 from automcm.parameters import Parameters
 from automcm.road import LANE_WIDTH, Sample, Vehicle
 from automcm.scenarios.drive import Drive, FourVehicles, arrival_s
-from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.scenarios.lane_change import LaneChange, Plan, gained_at, read
 from automcm.scenarios.merge import Merge, Ramp
 from automcm.scenarios.speed_advice import SpeedAdvice
+from automcm.trajectory.core import TrajectoryError, from_message
+from automcm.trajectory.prescribe import prescribe
 from automcm.trajectory.verify import Limits
 from automcm_traces.explain import explain_files
 
@@ -151,6 +157,127 @@ def test_the_paper_s_timeouts(t_timeout: int) -> None:
     assert drive.road.vehicles[0].lane == 1
 
 
+class Odd(LaneChange):
+    """A receiver whose Intention is ``sends``."""
+
+    sends: messages.Trajectory
+
+    def concerned(self, advertised: Advertised) -> messages.Trajectory | None:
+        return self.sends
+
+
+def rows(*points: tuple[int, int, int], t0: int = 0) -> messages.Trajectory:
+    return messages.Trajectory(t0=t0, points=points)
+
+
+@pytest.mark.parametrize(
+    "sends",
+    [
+        rows((0, -3000, 3500), t0=1000),
+        rows((0, -3000, 3500), (1000, 5000, 3500)),
+        rows((0, -3000, 3500), (60_000, 500_000, 3500), t0=3_600_000),
+    ],
+    ids=["one point", "a second", "another clock"],
+)
+def test_kin_3_where_nothing_is_known_the_lane_is_not_free(sends: messages.Trajectory) -> None:
+    prescriber, receiver = (
+        LaneChange(Vehicle(1, 0, 0, 8.33, 8.33)),
+        Odd(Vehicle(3, -3, 1, 8.33, 8.33)),
+    )
+    receiver.sends = sends
+    drive = Drive([prescriber, receiver])
+    drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    drive.run(30)
+    assert "moves over" not in said(prescriber) and prescriber.vehicle.lane == 0
+    assert "would come too close to [3]" in said(prescriber)
+
+
+@pytest.mark.parametrize("sends", [rows((0, 0, 3500), (0, 1, 3500)), rows((5, 0, 0), (1, 9, 0))])
+def test_end_5_an_intention_that_is_no_trajectory_crashes_nothing(
+    sends: messages.Trajectory,
+) -> None:
+    prescriber, receiver = LaneChange(Vehicle(1, 0, 0, 8, 8)), Odd(Vehicle(3, -3, 1, 8, 8))
+    receiver.sends = sends
+    drive = Drive([prescriber, receiver])
+    drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    drive.run(8)
+    assert "gives up: Intention of 3" in " ".join(said(prescriber))
+    assert said(receiver)[-1] == "drives alone: abort" and prescriber.wanted is None
+
+
+def test_mem_1_a_trajectory_of_too_many_points_is_not_read() -> None:
+    with pytest.raises(TrajectoryError, match="Intention of 3: more than 500 points"):
+        read("Intention of 3", rows(*((n, n, 0) for n in range(501))))
+
+
+def test_kin_5_it_waits_for_the_gap_however_uneven_the_plan_is() -> None:
+    fast_then_slow = [(0, -3000, 3500), (4000, 45_000, 3500), (60_000, 213_000, 3500)]
+    theirs, plan = from_message(rows(*fast_then_slow, t0=1000)).since(3.1), Plan()
+    wanted = prescribe(
+        theirs, 3.1, hold=plan.hold_s, delta_v=plan.delta_v, gain=plan.gain_m, v_min=plan.v_min
+    )
+    end = gained_at(theirs, wanted, plan.gain_m)
+    behind = np.interp(end, theirs.t, theirs.arc()) - np.interp(end, wanted.t, wanted.arc())
+    assert behind == pytest.approx(plan.gain_m, abs=0.01)
+    assert end > 3.1 + plan.hold_s + plan.gain_m / plan.delta_v + 1
+
+
+def test_adv_1_a_second_signal_changes_nothing() -> None:
+    drive, prescriber, receiver = two()
+    for t, lane in ((3000, 2), (5000, 0), (6000, 1)):
+        drive.simulation.clock.at(t, lambda lane=lane: prescriber.signal(lane))  # type: ignore[misc]
+    drive.run(30)
+    assert prescriber.vehicle.lane == 1 and prescriber.vehicle.y == LANE_WIDTH
+    assert said(receiver)[-1] == "is done"
+    assert said(prescriber).count("moves over") == 1
+
+
+def test_end_7_after_a_refused_request_it_may_ask_again() -> None:
+    driver = LaneChange(Vehicle(1, 0, 0, 8, 8))
+    drive = Drive([driver], parameters=Parameters(t_timeout=0, backoff_min=900, backoff_max=900))
+    for t in (100, 500, 3000):  # the second within the back-off
+        drive.simulation.clock.at(t, lambda: driver.signal(1))
+    drive.run(5)
+    assert [w for w in said(driver) if "refused" in w] == ["request is refused by END-7"]
+    assert said(driver).count("signals for lane 1") == 3
+
+
+def test_act_1_after_a_fallback_nothing_prescribed_is_driven_and_nobody_moves_over() -> None:
+    drive, prescriber, receiver = two()
+    drive.simulation.clock.at(5000, lambda: drive.simulation.radio.partition([1], [3]))
+    drive.run(30)
+    assert receiver.vehicle._profile is None and "moves over" not in said(prescriber)
+
+
+@pytest.mark.parametrize("speed_kmh", [30, 80, 120])
+@pytest.mark.parametrize("seed", range(4))
+def test_neg_2_a_prescription_that_was_long_on_its_way_is_anchored_where_it_is_accepted(
+    speed_kmh: float, seed: int
+) -> None:
+    drive = FourVehicles(vehicles=2, speed_kmh=speed_kmh, seed=seed, until_s=25).run(
+        channel=Channel(loss=0.3)
+    )
+    prescriber, receiver = lane_changers(drive)
+    assert "accepts to drive slower" in said(receiver)
+    assert not any("path" in what for what in said(receiver))
+    assert prescriber.vehicle.lane == 1
+
+
+def test_act_4_the_lease_is_longer_than_a_slow_maneuver() -> None:
+    drive = FourVehicles(vehicles=2, speed_kmh=6, until_s=90).run()
+    prescriber, _ = lane_changers(drive)
+    assert "has changed lanes" in said(prescriber)
+
+
+@pytest.mark.parametrize("lane", [True, 1.0, "1"])
+def test_a_lane_is_an_integer(lane: object) -> None:
+    driver = LaneChange(Vehicle(1, 0, 1, 8, 8))
+    Drive([driver])
+    details: dict[str, Any] = {"lane": lane}
+    assert driver.concerned(Advertised((2, 1), "lane_change", details, None)) is None
+    assert driver.concerned(Advertised((2, 1), "lane_change", {"lane": 1}, None)) is not None
+
+
 LANELETS = """<osm version="0.6">
   <node id="1" lat="49.0" lon="8.9990"/><node id="2" lat="49.0" lon="9.0050"/>
   <node id="3" lat="49.000031475" lon="8.9990"/><node id="4" lat="49.000031475" lon="9.0050"/>
@@ -204,6 +331,64 @@ def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
     assert abreast.vehicle.speed == pytest.approx(10, abs=1)
 
 
+def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
+    for cut_ms in (3000, 50):
+        ramp = Ramp(joins_m=120)
+        on_ramp, other = (
+            Merge(Vehicle(1, 0, 0, 10, 10), ramp),
+            Merge(Vehicle(2, -1, 1, 10, 10), ramp),
+        )
+        drive = Drive([on_ramp, other])
+        drive.simulation.clock.at(100, on_ramp.signal)
+        drive.simulation.clock.at(
+            cut_ms, lambda drive=drive: drive.simulation.radio.partition([1], [2])
+        )
+        drive.run(30)
+        assert on_ramp.vehicle.lane == 0 and not on_ramp.merging and on_ramp._drive is None
+        assert on_ramp.ended in (["cam_loss"], ["no_participants"])
+        assert other.vehicle._profile is None
+
+
+def test_merge_a_later_proposal_asks_for_less_and_never_to_come_earlier() -> None:
+    ramp = Ramp(joins_m=150, slowest=0.999)
+    on_ramp, other = Merge(Vehicle(1, 0, 0, 10, 10), ramp), Merge(Vehicle(2, -22, 1, 10, 10), ramp)
+    drive = Drive([on_ramp, other])
+    asked: list[float] = []
+    drive.simulation.services[2]._observers = (
+        lambda before, effects: asked.extend(
+            mean_speed(told.prescription.prescribed)
+            for told in effects.indications
+            if told.name == "verify" and told.prescription is not None
+        ),
+    )
+    drive.simulation.clock.at(100, on_ramp.signal)
+    drive.run(10)
+    assert len(asked) == 3 and asked == sorted(asked) and asked[-1] < 10
+
+
+def mean_speed(trajectory: messages.Trajectory) -> float:
+    """m/s."""
+    first, last = trajectory.points[0], trajectory.points[-1]
+    return (last[1] - first[1]) / (last[0] - first[0])
+
+
+def test_merge_nonsense_is_refused_and_crashes_nothing() -> None:
+    ramp = Ramp(joins_m=150)
+    other = Merge(Vehicle(2, 0, 1, 10, 10), ramp)
+    drive = Drive([other])
+    answers: list[str] = []
+    other.service.command = lambda command, after_ms=0: answers.append(command.name)  # type: ignore[method-assign]
+    other.concerned(Advertised((1, 1), "merge", {"joins_mm": 150_000}, None))
+    for prescribed in (
+        rows((0, 10**15, 3500), (1000, 2 * 10**15, 3500)),
+        rows((0, 0, 3500), (1000, 300_000_000, 3500)),
+        rows((0, 0, 3500)),
+        rows((5, 0, 3500), (1, 9000, 3500)),
+    ):
+        other.verify(Proposal((1, 1), 1, prescribed, 0, 1000))
+    assert answers == ["refuse"] * 4 and drive.road.vehicles[0]._profile is None
+
+
 def test_merge_without_conflict_needs_no_prescription() -> None:
     ramp = Ramp(joins_m=120)
     on_ramp, far = Merge(Vehicle(1, 0, 0, 10, 10), ramp), Merge(Vehicle(2, -90, 1, 10, 10), ramp)
@@ -241,6 +426,38 @@ def test_speed_advice_too_slow_is_answered_by_a_milder_one() -> None:
     drive.simulation.clock.at(100, works.signal)
     drive.run(4)
     assert other.vehicle.desired == pytest.approx(5.5, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "prescribed",
+    [
+        rows((0, 0, 0), (1000, 10**12, 0)),
+        rows((0, 0, 0), (1000, 9001, 0)),
+        rows((0, 0, 0), (999, 6000, 0)),
+        rows((1000, 6000, 0), (0, 0, 0)),
+        rows((0, 6000, 0)),
+    ],
+)
+def test_speed_advice_nonsense_or_faster_is_refused(prescribed: messages.Trajectory) -> None:
+    driver = SpeedAdvice(Vehicle(2, 0, 0, 9, 9))
+    Drive([driver])
+    answers: list[str] = []
+    driver.service.command = lambda command, after_ms=0: answers.append(command.name)  # type: ignore[method-assign]
+    driver.verify(Proposal((1, 1), 1, prescribed, 0, 1000))
+    driver.verify(Proposal((1, 1), 1, rows((0, 0, 0), (1000, 6000, 0)), 0, 1000))
+    assert answers == ["refuse", "accept"]
+
+
+def test_speed_advice_is_taken_back_by_a_fallback_too() -> None:
+    works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=6000, advice_ms=40_000)
+    other = SpeedAdvice(Vehicle(2, 0, 0, 10, 10))
+    drive = Drive([works, other])
+    drive.simulation.clock.at(100, works.signal)
+    drive.simulation.clock.at(5000, lambda: drive.simulation.radio.partition([1], [2]))
+    drive.run(4.9)
+    assert other.vehicle.desired == 6
+    drive.run(9)
+    assert other.vehicle.desired == 10 and other.ended == ["cam_loss"]
 
 
 def test_a_sample_between_two_steps() -> None:

@@ -14,10 +14,10 @@ import numpy as np
 
 from automcm import messages
 from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
-from automcm.interface import Request
+from automcm.interface import Command, Request
 from automcm.messages import Session
 from automcm.road import LANE_WIDTH, ROAD_M, Vehicle
-from automcm.trajectory.collide import collision
+from automcm.trajectory.collide import collision, common_time
 from automcm.trajectory.convert import convert
 from automcm.trajectory.core import Floats, Trajectory, TrajectoryError, from_message, to_message
 from automcm.trajectory.discover import Candidate, discover
@@ -26,7 +26,14 @@ from automcm.trajectory.thin import thin
 from automcm.trajectory.verify import Limits, Reason, verify
 
 SCENARIO = "lane_change"
-LEASE_MS = 30_000
+MARGIN_S = 10.0
+"""By how much a lease is longer than what it is for should take."""
+MOST_POINTS = 500
+"""Of a trajectory received: more would take longer to thin than there is time to decide."""
+UNKNOWN_S = 0.5
+"""For so long from now on it need not be known where another is: clocks differ."""
+OF_IT = (Reason.EXPIRED, Reason.PATH)
+"""Judged on the trajectory as it was received."""
 LIMITS = Limits(acceleration=3.0, deceleration=3.0, v_max=130 / 3.6)
 """With these a step of Table I's 20 km/h may be driven, down and up again."""
 
@@ -67,9 +74,33 @@ def intention(vehicle: Vehicle, now_ms: int) -> messages.Trajectory:
     return to_message(thin(planned(vehicle, now_ms)))
 
 
-def shifted(trajectory: Trajectory, seconds: float) -> Trajectory:
-    """The same later."""
-    return Trajectory(trajectory.t + seconds, trajectory.xy, trajectory.stopped)
+def read(what: str, trajectory: messages.Trajectory) -> Trajectory:
+    """A trajectory that was received.  Raises TrajectoryError, naming ``what``, if it is none or
+    has more than MOST_POINTS."""
+    if len(trajectory.points) > MOST_POINTS:
+        raise TrajectoryError(f"{what}: more than {MOST_POINTS} points")
+    try:
+        return from_message(trajectory)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{what}: {error}") from None
+
+
+def along(path: Trajectory, prescribed: Trajectory, now: float) -> Trajectory:
+    """The speeds of ``prescribed`` from ``now`` (s) on, along ``path`` from its first place."""
+    ways, whole = prescribed.arc(), path.arc()
+    kept = ways <= whole[-1]
+    xy = np.stack([np.interp(ways[kept], whole, path.xy[:, axis]) for axis in (0, 1)], axis=1)
+    t = prescribed.t[kept] - prescribed.t[0] + now
+    return Trajectory(t, xy, prescribed.stopped and bool(kept.all()))
+
+
+def gained_at(planned: Trajectory, prescribed: Trajectory, gain: float) -> float:
+    """When ``prescribed`` has fallen ``gain`` m behind ``planned``, s."""
+    times = prescribed.t[prescribed.t <= planned.t[-1]]
+    behind = np.interp(times, planned.t, planned.arc()) - np.interp(
+        times, prescribed.t, prescribed.arc()
+    )
+    return float(times[int(np.argmax(behind >= gain - 1e-3))])
 
 
 def lane_zone(lane: int) -> Floats:
@@ -112,7 +143,10 @@ class LaneChange:
     # -- prescriber
 
     def signal(self, lane: int) -> None:
-        """The trigger: the turn signal is set for this lane."""
+        """The trigger: the turn signal is set for this lane.  One lane change at a time."""
+        if self.wanted is not None or self.vehicle.changing or lane == self.vehicle.lane:
+            self._tell(f"does not signal for lane {lane}")
+            return
         self.wanted = lane
         planned_ = intention(self._moved_over(), self.service.now())
         self._tell(f"signals for lane {lane}")
@@ -128,77 +162,75 @@ class LaneChange:
 
     def choose(self, choice: Choice) -> None:
         """Discover whom to ask, if anybody (KIN-3, KIN-4), and for what (KIN-5)."""
+        try:
+            command = self._chosen(choice)
+        except TrajectoryError as error:
+            self._tell(f"gives up: {error}")
+            self._alone()
+            command = choice.abort()
+        self.service.command(command)
+
+    def _chosen(self, choice: Choice) -> Command:
         if choice.proposal == 1:
-            self._others = {s: from_message(t) for s, t in choice.planned.items()}
+            self._others = {s: read(f"Intention of {s}", t) for s, t in choice.planned.items()}
             self._target = self._discover()
         if self._target is None:
             self._tell("nobody is in the way")
-            self.service.command(choice.proceed())
             self._begins_ms = self.service.now()
-            return
-        now = self.service.now()
-        slower = self.plan.delta_v * 0.7 ** (choice.proposal - 1)
-        theirs = self._others[self._target]
-        try:
-            wanted = prescribe(
-                theirs,
-                now / 1000,
-                hold=self.plan.hold_s,
-                delta_v=slower,
-                gain=self.plan.gain_m,
-                v_min=self.plan.v_min,
-            )
-        except TrajectoryError as error:
-            self._tell(f"gives up: {error}")
-            self.service.command(choice.abort())
-            return
+            return choice.proceed()
+        plan, now = self.plan, self.service.now() / 1000
+        slower = plan.delta_v * 0.7 ** (choice.proposal - 1)
+        theirs = self._others[self._target].since(now)
+        asked = prescribe(
+            theirs, now, hold=plan.hold_s, delta_v=slower, gain=plan.gain_m, v_min=plan.v_min
+        )
+        action_s = gained_at(theirs, asked, plan.gain_m) - now
+        lease_s = action_s + self.vehicle.driving.lane_change_s + MARGIN_S
+        prescribed = to_message(thin(asked))
         self._tell(f"prescribes {self._target} to drive {slower * 3.6:.0f} km/h slower")
-        self._action_ms = round(self._action_s(slower, theirs) * 1000)
-        prescribed = to_message(thin(wanted))
-        self.service.command(
-            choice.prescribe(
-                self._target,
-                prescribed,
-                hold_ms=round(self.plan.hold_s * 1000),
-                lease_ms=LEASE_MS,
-            )
+        self._action_ms = round(action_s * 1000)
+        return choice.prescribe(
+            self._target,
+            prescribed,
+            hold_ms=round(plan.hold_s * 1000),
+            lease_ms=round(lease_s * 1000),
         )
 
-    def _action_s(self, slower: float, theirs: Trajectory) -> float:
-        """Δt1 + Δt2 (KIN-5)."""
-        speed = float(theirs.speeds()[0]) if len(theirs) > 1 else 0.0
-        lost = min(slower, max(speed - self.plan.v_min, 1e-9))
-        return self.plan.hold_s + self.plan.gain_m / lost
-
     def _discover(self) -> int | None:
-        """Whom to ask: the leader of those in the lane that would come too close."""
+        """Whom to ask: the leader of those in the lane that would come too close.  One of which it
+        is not known for the time of the lane change counts as too close."""
         assert self.wanted is not None
+        now = self.service.now() / 1000
         mine = planned(self._moved_over(), self.service.now())
-        near = [
-            Candidate(station_id, theirs.xy[0], direction(theirs))
-            for station_id, theirs in self._others.items()
-            if collision(mine, theirs, self.plan.threshold_m, clock_error=self.plan.clock_error_s)
-        ]
+        needed = now + self.vehicle.driving.lane_change_s
+        near = []
+        for station_id, theirs in self._others.items():
+            common = common_time(mine, theirs)
+            known = common is not None and common[0] <= now + UNKNOWN_S and common[1] >= needed
+            risk = collision(
+                mine, theirs, self.plan.threshold_m, clock_error=self.plan.clock_error_s
+            )
+            if risk or not known:
+                here = theirs.since(now) if known and theirs.t[0] <= now else theirs
+                near.append(Candidate(station_id, here.xy[0], direction(here)))
         self._tell(f"would come too close to {[c.station_id for c in near] or 'nobody'}")
         return discover(near, self._zone(self.wanted))
 
     # -- receiver
 
     def concerned(self, advertised: Advertised) -> messages.Trajectory | None:
-        wanted_here = (advertised.scenario, advertised.details.get("lane")) == (
-            SCENARIO,
-            self.vehicle.lane,
-        )
-        return intention(self.vehicle, self.service.now()) if wanted_here else None
+        lane = advertised.details.get("lane")
+        if advertised.scenario != SCENARIO or type(lane) is not int or lane != self.vehicle.lane:
+            return None
+        self._intended = planned(self.vehicle, self.service.now())
+        return to_message(thin(self._intended))
 
     def verify(self, proposal: Proposal) -> None:
-        """Safe?  Anchored at its acceptance, which is now (NEG-2, KIN-6)."""
-        now = self.service.now()
+        """Safe?  Anchored where and when it accepts, which is here and now (NEG-2, KIN-6)."""
         reasons: tuple[str, ...]
         try:
-            prescribed = from_message(proposal.prescribed)
-            anchored = shifted(prescribed, now / 1000 - float(prescribed.t[0]))
-            reasons = self._unsafe(anchored, now)
+            prescribed = read("Prescription", proposal.prescribed)
+            anchored, reasons = self._judged(prescribed)
         except TrajectoryError as error:
             reasons = (str(error),)
         if reasons:
@@ -209,8 +241,19 @@ class LaneChange:
         self._proposal = proposal, anchored
         self.service.command(proposal.accept())
 
-    def _unsafe(self, anchored: Trajectory, now_ms: int) -> tuple[Reason, ...]:
-        return verify(anchored, planned(self.vehicle, now_ms), now_ms / 1000, self.limits)
+    def _judged(self, prescribed: Trajectory) -> tuple[Trajectory, tuple[Reason, ...]]:
+        """It on its own path from here and now, and what is not safe about it.
+
+        Path and age are those of what was received; the path is the one it intended.
+        """
+        now_ms = self.service.now()
+        alone = planned(self.vehicle, now_ms)
+        anchored = along(alone, prescribed, now_ms / 1000)
+        received = verify(prescribed, self._intended, now_ms / 1000, self.limits)
+        own = verify(anchored, alone, now_ms / 1000, self.limits)
+        return anchored, tuple(
+            reason for reason in Reason if reason in (received if reason in OF_IT else own)
+        )
 
     # -- both
 
@@ -233,7 +276,7 @@ class LaneChange:
             self._begins_ms = None
             self._tell("moves over")
             self.vehicle.change_lane(self.wanted, now_ms / 1000)
-        if self.vehicle.lane == self.wanted and not self.vehicle.changing:
+        elif self.vehicle.lane == self.wanted and not self.vehicle.changing:
             self.wanted = None
             self._tell("has changed lanes")
             if self._drive is not None:
@@ -257,6 +300,8 @@ class LaneChange:
 
     def refused(self, command: str, rule: str) -> None:
         self._tell(f"{command} is refused by {rule}")
+        if command == "request":
+            self.wanted = None
 
     def _tell(self, what: str) -> None:
         self.story.append((self.service.now(), what))

@@ -13,12 +13,21 @@ import numpy as np
 
 from automcm import messages
 from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
-from automcm.interface import Request
+from automcm.interface import Command, Request
 from automcm.messages import Session
 from automcm.road import Vehicle
-from automcm.scenarios.lane_change import LEASE_MS, intention, kinematics
-from automcm.trajectory.core import Trajectory, from_message, to_message
+from automcm.scenarios.lane_change import (
+    LIMITS,
+    MARGIN_S,
+    OF_IT,
+    along,
+    kinematics,
+    planned,
+    read,
+)
+from automcm.trajectory.core import Trajectory, TrajectoryError, to_message
 from automcm.trajectory.thin import thin
+from automcm.trajectory.verify import verify
 
 SCENARIO = "merge"
 
@@ -53,11 +62,13 @@ class Merge:
 
     def __init__(self, vehicle: Vehicle, ramp: Ramp) -> None:
         self.vehicle, self.ramp = vehicle, ramp
-        self.merging = False
+        self.merging = self.agreed = False
+        """It wants to join, and it may."""
         self.delayed: float | None = None
         """By which factor it was asked to slow down."""
         self.ended: list[str] = []
         self._drive: Drive | None = None
+        self._asked: Trajectory | None = None
 
     def attach(self, service: Service) -> None:
         self.service = service
@@ -66,74 +77,99 @@ class Merge:
         return kinematics(self.vehicle)
 
     def signal(self) -> None:
-        """It wants to join."""
-        self.merging = True
+        """It wants to join.  One attempt at a time."""
+        if self.merging:
+            return
+        self.merging, self.agreed = True, False
         details: dict[str, messages.Plain] = {"joins_mm": round(self.ramp.joins_m * 1000)}
         self.service.command(Request(scenario=SCENARIO, details=details))
 
     def concerned(self, advertised: Advertised) -> messages.Trajectory | None:
         joins = advertised.details.get("joins_mm")
-        ahead = isinstance(joins, int) and self.vehicle.x * 1000 < joins
+        ahead = type(joins) is int and self.vehicle.x * 1000 < joins
         if advertised.scenario != SCENARIO or self.vehicle.lane != self.ramp.lane or not ahead:
             return None
-        return intention(self.vehicle, self.service.now())
+        self._intended = planned(self.vehicle, self.service.now())
+        return to_message(thin(self._intended))
 
     def choose(self, choice: Choice) -> None:
+        try:
+            command = self._chosen(choice)
+        except TrajectoryError as error:
+            self._over(str(error))
+            command = choice.abort()
+        self.service.command(command)
+
+    def _chosen(self, choice: Choice) -> Command:
         now = self.service.now() / 1000
         mine = now + (self.ramp.joins_m - self.vehicle.x) / max(self.vehicle.speed, 0.1)
         if choice.proposal == 1:
-            self._planned = {s: from_message(t) for s, t in choice.planned.items()}
+            self._planned = {s: read(f"Intention of {s}", t) for s, t in choice.planned.items()}
             there = {s: arrival(t, self.ramp.joins_m) for s, t in self._planned.items()}
-            close = {
-                s: at
-                for s, at in there.items()
-                if at is not None and mine - self.ramp.apart_s / 2 < at < mine + self.ramp.apart_s
-            }
-            self._target = min(close, key=lambda s: (close[s], s), default=None)
+            first, last = mine - self.ramp.apart_s / 2, mine + self.ramp.apart_s
+            close = {s: mine if at is None else at for s, at in there.items()}
+            in_the_way = [s for s, at in close.items() if first < at < last]
+            self._target = min(in_the_way, key=lambda s: (close[s], s), default=None)
         if self._target is None:
-            self.service.command(choice.proceed())
-            return
-        theirs = self._planned[self._target]
+            self.agreed = True
+            return choice.proceed()
+        theirs = self._planned[self._target].since(now)
         at = arrival(theirs, self.ramp.joins_m)
-        assert at is not None
-        later = mine + self.ramp.apart_s / choice.proposal
-        factor = (later - theirs.t[0]) / (at - theirs.t[0])
-        prescribed = to_message(thin(stretched(theirs, factor)))
-        self.service.command(
-            choice.prescribe(self._target, prescribed, hold_ms=0, lease_ms=LEASE_MS)
-        )
+        if at is None:
+            raise TrajectoryError("planned: it is not known when it arrives")
+        later = at + (mine + self.ramp.apart_s - at) / choice.proposal
+        prescribed = to_message(thin(stretched(theirs, (later - now) / (at - now))))
+        lease_s = later - now + self.vehicle.driving.lane_change_s + MARGIN_S
+        return choice.prescribe(self._target, prescribed, hold_ms=0, lease_ms=round(lease_s * 1000))
 
     def verify(self, proposal: Proposal) -> None:
-        asked = from_message(proposal.prescribed)
-        share = float(asked.speeds().min()) / max(self.vehicle.speed, 0.1)
-        self._asked = asked
-        answer = proposal.accept() if share >= self.ramp.slowest else proposal.refuse()
-        self.service.command(answer)
+        self._asked = None
+        try:
+            asked = read("Prescription", proposal.prescribed)
+            now = self.service.now() / 1000
+            alone = planned(self.vehicle, self.service.now())
+            anchored = along(alone, asked, now)
+            reasons = [r for r in verify(asked, self._intended, now, LIMITS) if r in OF_IT]
+            reasons += [r for r in verify(anchored, alone, now, LIMITS) if r not in OF_IT]
+            slowest = anchored.speeds().min(initial=np.inf if len(anchored) > 1 else 0)
+            if not reasons and slowest >= self.ramp.slowest * self.vehicle.speed:
+                self._asked = anchored
+        except TrajectoryError:
+            pass
+        self.service.command(proposal.refuse() if self._asked is None else proposal.accept())
 
     def load(self, drive: Drive) -> None:
         self._drive = drive
-        if drive.role == "receiver":
-            self.delayed = float(self._asked.speeds().min()) / self.vehicle.speed
-            later = drive.start_ms / 1000 - self._asked.t[0]
-            self.vehicle.follow(Trajectory(self._asked.t + later, self._asked.xy))
+        if drive.role == "prescriber":
+            self.agreed = True
+        elif self._asked is not None:
+            self.delayed = float(self._asked.speeds().min()) / max(self.vehicle.speed, 0.1)
+            self.vehicle.follow(self._asked)
 
     def tick(self, now_ms: int) -> None:
-        """The vehicle on the ramp joins where the ramp does."""
-        if self.merging and self.vehicle.x >= self.ramp.joins_m:
+        """The vehicle on the ramp joins where the ramp does, if it may; else it stays on it."""
+        if self.merging and self.agreed and self.vehicle.x >= self.ramp.joins_m:
             self.vehicle.change_lane(self.ramp.lane, now_ms / 1000)
         if self.merging and self.vehicle.lane == self.ramp.lane and not self.vehicle.changing:
-            self.merging = False
+            self.merging = self.agreed = False
             if self._drive is not None:
                 self.service.command(self._drive.complete())
                 self._drive = None
 
     def fallback(self, session: Session, reason: str) -> None:
-        self.ended.append(reason)
-        self.vehicle.follow(None)
+        self._over(reason)
 
     def finished(self, session: Session) -> None:
-        self.ended.append("finished")
-        self.vehicle.follow(None)
+        self._over("finished")
 
     def refused(self, command: str, rule: str) -> None:
         self.ended.append(f"{command} {rule}")
+        if command == "request":
+            self.merging = self.agreed = False
+
+    def _over(self, how: str) -> None:
+        self.ended.append(how)
+        self.vehicle.follow(None)
+        self._drive = self._asked = None
+        if not self.vehicle.changing:
+            self.merging = self.agreed = False

@@ -10,7 +10,7 @@ from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal,
 from automcm.interface import Request
 from automcm.messages import Session, Trajectory
 from automcm.road import Vehicle
-from automcm.scenarios.lane_change import LEASE_MS, kinematics
+from automcm.scenarios.lane_change import MARGIN_S, kinematics
 
 SCENARIO = "speed_advice"
 
@@ -20,9 +20,10 @@ def a_second_at(speed_mm_s: int) -> Trajectory:
     return Trajectory(t0=0, points=((0, 0, 0), (1000, speed_mm_s, 0)))
 
 
-def speed_in(trajectory: Trajectory) -> int:
-    """The speed in such a trajectory, mm/s."""
-    return trajectory.points[-1][1]
+def speed_in(trajectory: Trajectory) -> int | None:
+    """The speed in such a trajectory, mm/s; None if it is of another form."""
+    speed = trajectory.points[-1][1]
+    return speed if trajectory == a_second_at(speed) and speed >= 0 else None
 
 
 class SpeedAdvice:
@@ -50,26 +51,35 @@ class SpeedAdvice:
     def concerned(self, advertised: Advertised) -> Trajectory | None:
         speed = round(self.vehicle.speed * 1000)
         asked = advertised.details.get("speed_mm_s")
-        fits = advertised.scenario == SCENARIO and isinstance(asked, int) and asked < speed
+        fits = advertised.scenario == SCENARIO and type(asked) is int and asked < speed
         return a_second_at(speed) if fits else None
 
     def choose(self, choice: Choice) -> None:
         if choice.proposal == 1:
-            speeds = {station_id: speed_in(t) for station_id, t in choice.planned.items()}
+            read = {station_id: speed_in(t) for station_id, t in choice.planned.items()}
+            speeds = {s: speed for s, speed in read.items() if speed is not None}
+            if not speeds:
+                self.service.command(choice.abort())
+                return
             self._target = max(speeds, key=lambda s: (speeds[s], -s))
             self._theirs = speeds[self._target]
         share = 1 / choice.proposal
         asked = round(self._theirs - (self._theirs - self.advice_mm_s) * share)
         advice = a_second_at(asked)
-        self.service.command(choice.prescribe(self._target, advice, hold_ms=0, lease_ms=LEASE_MS))
+        lease_ms = self.advice_ms + round(MARGIN_S * 1000)
+        self.service.command(choice.prescribe(self._target, advice, hold_ms=0, lease_ms=lease_ms))
 
     def verify(self, proposal: Proposal) -> None:
-        fits = speed_in(proposal.prescribed) >= self.least_mm_s
+        """It may be asked to drive slower, but not to crawl."""
+        speed = speed_in(proposal.prescribed)
+        fits = speed is not None and self.least_mm_s <= speed <= self.vehicle.speed * 1000
         self.service.command(proposal.accept() if fits else proposal.refuse())
 
     def load(self, drive: Drive) -> None:
         if drive.role == "receiver":
-            self.vehicle.desired = speed_in(drive.selected) / 1000
+            speed = speed_in(drive.selected)
+            assert speed is not None
+            self.vehicle.desired = speed / 1000
         else:
             self.service.command(drive.complete(), self.advice_ms)
 
