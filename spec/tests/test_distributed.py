@@ -1,14 +1,24 @@
 """TLC's server with two workers, all on loopback."""
 
+import fcntl
+import tempfile
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
 from automcm_spec import distributed, models, tlc
 
-pytestmark = pytest.mark.xdist_group("the one port of TLC's server")
-
 MODELS = {model.cfg: model for model in models.load()}
+
+
+@pytest.fixture(autouse=True)
+def the_port() -> Iterator[None]:
+    """TLC's server has one port: one test at a time, whatever process it is in."""
+    with (Path(tempfile.gettempdir()) / "automcm-tlc-server.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def shared(name: str) -> tuple[distributed.Shared, list[Future[int]]]:
