@@ -94,6 +94,24 @@ def along(path: Trajectory, prescribed: Trajectory, now: float) -> Trajectory:
     return Trajectory(t, xy, prescribed.stopped and bool(kept.all()))
 
 
+def judged(
+    prescribed: Trajectory, intended: Trajectory, vehicle: Vehicle, now_ms: int, limits: Limits
+) -> tuple[Trajectory, tuple[Reason, ...]]:
+    """What was received, on the vehicle's own path from here and now, and what is not safe about
+    it (NEG-2, KIN-6).
+
+    Path and age are those of what was received; the path is the one it intended.
+    """
+    now = now_ms / 1000
+    alone = planned(vehicle, now_ms)
+    anchored = along(alone, prescribed, now)
+    received = verify(prescribed, intended, now, limits)
+    own = verify(anchored, alone, now, limits)
+    return anchored, tuple(
+        reason for reason in Reason if reason in (received if reason in OF_IT else own)
+    )
+
+
 def gained_at(planned: Trajectory, prescribed: Trajectory, gain: float) -> float:
     """When ``prescribed`` has fallen ``gain`` m behind ``planned``, s."""
     times = prescribed.t[prescribed.t <= planned.t[-1]]
@@ -230,7 +248,10 @@ class LaneChange:
         reasons: tuple[str, ...]
         try:
             prescribed = read("Prescription", proposal.prescribed)
-            anchored, reasons = self._judged(prescribed)
+            now_ms = self.service.now()
+            anchored, reasons = judged(
+                prescribed, self._intended, self.vehicle, now_ms, self.limits
+            )
         except TrajectoryError as error:
             reasons = (str(error),)
         if reasons:
@@ -240,20 +261,6 @@ class LaneChange:
         self._tell("accepts to drive slower")
         self._proposal = proposal, anchored
         self.service.command(proposal.accept())
-
-    def _judged(self, prescribed: Trajectory) -> tuple[Trajectory, tuple[Reason, ...]]:
-        """It on its own path from here and now, and what is not safe about it.
-
-        Path and age are those of what was received; the path is the one it intended.
-        """
-        now_ms = self.service.now()
-        alone = planned(self.vehicle, now_ms)
-        anchored = along(alone, prescribed, now_ms / 1000)
-        received = verify(prescribed, self._intended, now_ms / 1000, self.limits)
-        own = verify(anchored, alone, now_ms / 1000, self.limits)
-        return anchored, tuple(
-            reason for reason in Reason if reason in (received if reason in OF_IT else own)
-        )
 
     # -- both
 

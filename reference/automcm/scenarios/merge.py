@@ -19,15 +19,13 @@ from automcm.road import Vehicle
 from automcm.scenarios.lane_change import (
     LIMITS,
     MARGIN_S,
-    OF_IT,
-    along,
+    judged,
     kinematics,
     planned,
     read,
 )
 from automcm.trajectory.core import Trajectory, TrajectoryError, to_message
 from automcm.trajectory.thin import thin
-from automcm.trajectory.verify import verify
 
 SCENARIO = "merge"
 
@@ -126,11 +124,8 @@ class Merge:
         self._asked = None
         try:
             asked = read("Prescription", proposal.prescribed)
-            now = self.service.now() / 1000
-            alone = planned(self.vehicle, self.service.now())
-            anchored = along(alone, asked, now)
-            reasons = [r for r in verify(asked, self._intended, now, LIMITS) if r in OF_IT]
-            reasons += [r for r in verify(anchored, alone, now, LIMITS) if r not in OF_IT]
+            now_ms = self.service.now()
+            anchored, reasons = judged(asked, self._intended, self.vehicle, now_ms, LIMITS)
             slowest = anchored.speeds().min(initial=np.inf if len(anchored) > 1 else 0)
             if not reasons and slowest >= self.ramp.slowest * self.vehicle.speed:
                 self._asked = anchored
