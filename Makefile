@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test test-deep generate fuzz clean
+.PHONY: verify test test-deep test-foreign generate fuzz clean
 .DELETE_ON_ERROR:
 
 verify: .venv/ready
@@ -17,6 +17,10 @@ test: .venv/ready
 # A million steps; --steps, --seed and --processes in ARGS.
 test-deep: .venv/ready
 	@$(BIN)/python reference/tests/stateful.py $(ARGS)
+
+# The suite against the C++ station and its mutants; what is not on this machine is skipped loudly.
+test-foreign: .venv/ready
+	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
 generate: .venv/ready
 	@$(BIN)/automcm generate $(ARGS)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_cli import spec
-from automcm_conformance import citations, diagrams, vectors
+from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
 from automcm_spec import generate, models, oracle, steps
 from automcm_traces import itf, schema
 
@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
 CORPUS = ROOT / "traces" / "corpus" / "four-vehicles"
 SCHEMA = ROOT / "traces" / "automcm_traces" / "trace-1.schema.json"
+ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
 MODELS_PAGE = ROOT / "docs" / "models.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
 MESSAGES_SCHEMA = ROOT / "reference" / "automcm" / "messages.schema.json"
@@ -79,6 +80,7 @@ def _texts() -> dict[Path, str]:
 
     texts = {
         SCHEMA: schema.text(),
+        ADAPTER_SCHEMA: adapter_schema.schema_text(),
         MESSAGES_SCHEMA: messages_schema.text(),
         MESSAGES_PAGE: sizes.page(MESSAGES_PAGE.read_text()),
         CITATIONS: citations.table(ROOT),
@@ -102,7 +104,18 @@ def drift(profile: str, one_peer: bytes, say: Callable[[str], None]) -> list[str
     for graph, data in fresh.items():
         if not graph.path.exists() or oracle.content(graph.path) != data:
             stale.append(_stale(graph.path))
+    if profile == "quick":
+        if remainder.spec_hash() != generate.spec_hash():
+            stale.append(_stale(remainder.PATH))
+    elif _differs(remainder.PATH, _remainder()):
+        stale.append(_stale(remainder.PATH))
     return stale
+
+
+def _remainder() -> str:
+    """What two peers say beyond one; a minute, from the graphs as they are on disk."""
+    two, one = (oracle.load(graph.path) for graph in (generate.TWO_PEERS, generate.ONE_PEER))
+    return remainder.text(two, one)
 
 
 def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
@@ -117,7 +130,11 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
         if not graph.path.exists() or oracle.content(graph.path) != data:
             oracle.write(graph.path, data)
             changed.append(graph.path)
-    for path, text in {**_counterexamples(verdicts), **_texts()}.items():
+    texts = {**_counterexamples(verdicts), **_texts()}
+    if two_peers:
+        say("remainder")
+        texts[remainder.PATH] = _remainder()
+    for path, text in texts.items():
         if _differs(path, text):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text)

@@ -8,7 +8,16 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli import demo_command, simulate, spec_commands, station, station_bench, vectors
+from automcm_cli import (
+    conform,
+    conform_bench,
+    demo_command,
+    simulate,
+    spec_commands,
+    station,
+    station_bench,
+    vectors,
+)
 from automcm_cli.common import CODES, Json, progress, write_json
 
 app = typer.Typer(
@@ -25,6 +34,9 @@ app.add_typer(station_bench.bench, name="bench", no_args_is_help=True)
 app.add_typer(vectors.app, name="vectors", no_args_is_help=True)
 app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
+station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
+app.add_typer(conform.app, name="conform", no_args_is_help=True)
+app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(conform.adapter)
 app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
 app.command(epilog="Example: automcm drive --uri ws://127.0.0.1:9090.  " + CODES)(station.drive)
 app.command(epilog="Example: automcm station --id 7 --request-after 500.  " + CODES)(

@@ -8,7 +8,7 @@ The rules decide (rules.py); this file keeps the clock of the armed timers.
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -71,6 +71,9 @@ class Station:
         self.state = State(number=number)
         self.timers: dict[Timer, int] = {}
         """Deadline in ms of each armed timer, older before younger."""
+        self.durations: Mapping[str, int] = {}
+        """How long timers of a name last, in ms, instead of what the parameters say.  It counts
+        from the next arming on; for the conformance kit."""
         self._plan = plan
         self._rules = rules
         self._decode = decode
@@ -170,9 +173,11 @@ class Station:
 
     def _duration(self, timer: Timer, now: int) -> int:
         p = self.parameters
+        if timer.name == "lease":
+            return self.state.lease_ms
+        if timer.name in self.durations:
+            return self.durations[timer.name]
         match timer.name:
-            case "lease":
-                return self.state.lease_ms
             case "backoff":
                 return self._random.randint(p.backoff_min, p.backoff_max)
             case "forget":  # ADV-8: t_advertise + t_life after joining, t_life after leaving

@@ -38,10 +38,11 @@ def test_same_seed_same_run() -> None:
 
 @pytest.mark.parametrize("name", BUGS)
 def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
-    """A change of the machine changes what a seed draws, so the next few seeds count as well.
+    """A change of the machine changes what a seed draws, and so do the constants in whatever
+    modules are loaded (hypothesis draws from them), so the next seeds count as well.
     ``python reference/tests/seeded_bugs.py`` tells what to write into the table."""
     bug: Bug = BUGS[name]
-    for seed in range(bug.seed, bug.seed + 4):
+    for seed in range(bug.seed, bug.seed + 12):
         what, calls = hunt(bug, seed)
         if what and len(calls) - 1 <= bug.steps:
             break

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 FORMAT = "automcm.oracle/1"
 STATE_FIELDS = (
@@ -67,8 +67,7 @@ class Effect:
     stop: Json
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """The answer to an input in a state.  ``next`` is ``state`` itself for a refusal."""
 
     state: int
@@ -155,6 +154,14 @@ class Oracle:
             answer = self.answer(state, i)
             assert answer is not None
             yield answer
+
+    def moves(self, state: int) -> dict[int, int]:
+        """The inputs that change something, and where each leads."""
+        return {i: move[0] for i, move in self._moves[state].items()}
+
+    def is_move(self, state: int, i: int) -> bool:
+        """Whether this input changes something."""
+        return i in self._moves[state]
 
     def path(self, state: int) -> list[int]:
         """A shortest sequence of inputs from the initial state to this one."""

@@ -120,6 +120,51 @@ class Engine:
         self.timers: dict[str, int] = {}
         self._step: Step | None = None
 
+    # -- what may follow, for who drives a station and writes its log meanwhile
+
+    @property
+    def step(self) -> Step | None:
+        """The last input and what is still expected to follow it; None after ``finish``."""
+        return self._step
+
+    def takes(self, m: dict[str, Json]) -> bool:
+        """Whether the current step calls for this message to be sent."""
+        step = self._step
+        return step is not None and any(
+            difference(e, m, self.track, step.content, step.fresh) is None for e in step.messages
+        )
+
+    def timers_to_change(self) -> tuple[list[Json], list[tuple[Json, int | None]]]:
+        """The timers that the current step still stops, and those that it arms, each with its
+        duration in ms: None for backoff, forget, and what the header does not tell.
+
+        They are named as in a log, so the messages of the step must have been fed before.
+        """
+        step = self._step
+        if step is None:
+            return [], []
+        armed = [self._named(step, view, value) for view, value in step.arm]
+        return (
+            [self._named(step, view, value) for view, value in step.stop],
+            [(timer, self._duration(step, timer)) for timer in armed],
+        )
+
+    def _named(self, step: Step, view: View, value: Json) -> dict[str, Json]:
+        """A timer of the oracle as a log names it."""
+        if value[0] == "forget":
+            return {"name": value[0], "station": view.real_id(value[1])}
+        if value[0] not in ("resend", "giveup"):
+            return {"name": value[0]}
+        type_, to = value[1][0], view.real_id(value[1][1])
+        waiting = [e for e in self.track.outbox if e.to in view.ids and view.entry(e) == value[1]]
+        messages = [e.message for e in waiting]
+        messages += [m for e, m in step.sent if (e.type, e.dst) == (type_, to)]
+        if type_ == "Advertisement" and self.track.advertisement is not None:
+            messages.append(self.track.advertisement)
+        m = messages[0]
+        about: dict[str, Json] = {"type": type_, "to": to} if to else {"type": type_}
+        return {"name": value[0], "message": about | {"session": m["session"], "seq": m["seq"]}}
+
     # -- events
 
     def feed(self, at: int, event: Event) -> None:
@@ -376,11 +421,7 @@ class Engine:
 
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
-        t = self.track
-        marks = {e.session for e in t.outbox if e.type == "Fin"} | (
-            {t.session} if t.session else set()
-        )
-        wanted = [list(s) for s in sorted(marks)]
+        wanted = self.track.marks
         if sorted(m["marks"]) != wanted:
             raise Diverges(
                 at, f"send CAM: marks {m['marks']}", "ACT-5", [f"marks {wanted}"], RULES["ACT-5"]

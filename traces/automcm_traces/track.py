@@ -86,6 +86,12 @@ class Track:
             return self.session[0]
         return self.target
 
+    @property
+    def marks(self) -> list[list[int]]:
+        """The sessions that its CAM names (ACT-5), in order."""
+        marks = {e.session for e in self.outbox if e.type == "Fin"}
+        return [list(s) for s in sorted(marks | ({self.session} if self.session else set()))]
+
     def entry(self, type_: str, to: int, session: tuple[int, int], k: int) -> Entry | None:
         """The entry in the outbox, if it is there."""
         for e in self.outbox:

@@ -1,0 +1,296 @@
+"""``automcm conform``: anybody's station against the specification; ``automcm adapter``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from automcm_cli.common import CODES, Json, progress, write_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from automcm_conformance.purposes import Purpose
+
+app = typer.Typer(help="A station in any language against the specification.", epilog=CODES)
+COMMAND = "automcm.command"
+Limit = Annotated[float, typer.Option(help="Real seconds an answer may take.", min=0.01)]
+
+
+class WithCommand(TyperCommand):
+    """What stands after ``--`` is the command of the adapter."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if "--" in args:
+            at = args.index("--")
+            args, ctx.meta[COMMAND] = args[:at], args[at + 1 :]
+        return super().parse_args(ctx, args)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        return [*super().collect_usage_pieces(ctx), "-- COMMAND..."]
+
+
+def _command(ctx: typer.Context) -> list[str]:
+    """The command after ``--``."""
+    command: list[str] = ctx.meta.get(COMMAND, [])
+    if not command:
+        raise typer.BadParameter("the command of the adapter is missing; it stands after --")
+    return command
+
+
+def adapter() -> None:
+    """The reference behind the adapter protocol (docs/adapter.md), on standard input and output."""
+    from automcm.kit import serve
+
+    out = sys.stdout.buffer
+    for answer in serve(sys.stdin.buffer):
+        out.write(answer)
+        out.flush()
+
+
+def _purposes(selectors: Sequence[str]) -> list[Purpose]:
+    from automcm_conformance import purposes
+
+    try:
+        return purposes.select(purposes.load(), selectors)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=100)
+
+
+@app.command(
+    cls=WithCommand,
+    epilog="Example: automcm conform run AMCM/RCV -- python3 my_adapter.py.  " + CODES,
+)
+def run(
+    ctx: typer.Context,
+    selectors: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[SELECTOR]...", help="An id or its beginning, a rule, a level."),
+    ] = None,
+    expect: Annotated[
+        Path | None, typer.Option(help="File of known deviations (docs/conformance.md).")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
+    ] = None,
+    limit: Limit = 10.0,
+    seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
+    json_: Json = None,
+) -> None:
+    """Run the suite, or a part of it, against a station."""
+    from automcm_conformance import report as report_
+    from automcm_conformance import show, verdicts
+    from automcm_conformance.process import AdapterError
+    from automcm_conformance.protocol import ProtocolError
+    from automcm_conformance.whole import conform
+    from automcm_spec.oracle import OracleError
+
+    command, chosen = _command(ctx), _purposes(selectors or [])
+    folder = out or _fresh_folder()
+    started, clock = datetime.now(UTC), time.monotonic()
+    try:
+        known = {} if expect is None else verdicts.expectations(expect, _purposes([]))
+        folder.mkdir(parents=True, exist_ok=True)
+        with progress() as say:
+            report = conform(
+                command,
+                chosen,
+                folder,
+                limit_s=limit,
+                seed=seed,
+                say=say,
+                selectors=selectors or [],
+                expected=known,
+            )
+    except (AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError) as error:
+        typer.echo(f"conform: {error}", err=True)
+        for line in getattr(error, "stderr", ()):
+            typer.echo(f"  {line!r}", err=True)
+        raise typer.Exit(3) from None
+    report.started = started.isoformat(timespec="seconds")
+    report.seconds = round(time.monotonic() - clock, 1)
+    report_.write(report, folder)
+    write_json(json_, report.as_dict())
+    if str(json_) != "-":
+        console = _console()
+        show.summary(report, console, folder)
+        for case in report.unexpected[:3]:
+            for failure in case.failures[:1]:
+                show.failure(case, failure, console)
+    raise typer.Exit(report.exit_code)
+
+
+def _fresh_folder() -> Path:
+    """runs/<time>, with a number behind it if it is there."""
+    stem = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
+    for n in range(1, 1000):
+        folder = Path("runs") / (stem if n == 1 else f"{stem}-{n}")
+        if not folder.exists():
+            return folder
+    raise typer.BadParameter("runs: too many folders of this second")
+
+
+@app.command("list", epilog="Example: automcm conform list NEG-4 --json -.  " + CODES)
+def list_(
+    selectors: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[SELECTOR]...", help="An id or its beginning, a rule, a level."),
+    ] = None,
+    explain: Annotated[str | None, typer.Option(help="All about the case of this id.")] = None,
+    json_: Json = None,
+) -> None:
+    """The cases there are."""
+    from rich.table import Table
+
+    chosen = _purposes([explain] if explain else selectors or [])
+    write_json(json_, [_described(purpose) for purpose in chosen])
+    if str(json_) == "-":
+        return
+    console = _console()
+    if explain:
+        for purpose in chosen:
+            for name, text in _described(purpose).items():
+                shown = ", ".join(text) if isinstance(text, list) else text
+                console.print(f"{name:>6}  {shown}", markup=False, highlight=False)
+            console.print()
+        return
+    table = Table(box=None)
+    for column in ("id", "level", "rules", "when"):
+        table.add_column(column, no_wrap=column != "when")
+    for purpose in chosen:
+        table.add_row(purpose.id, purpose.level, ", ".join(purpose.rules), purpose.when)
+    console.print(table)
+
+
+def _described(purpose: Purpose) -> dict[str, Any]:
+    names = ("id", "level", "rules", "given", "when", "then", "bug", "cost")
+    return {name: _plain(getattr(purpose, name)) for name in names}
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+@app.command(
+    cls=WithCommand,
+    epilog="Example: automcm conform replay runs/x/replay/y-1.json -- ./my_adapter.  " + CODES,
+)
+def replay(
+    ctx: typer.Context,
+    file: Annotated[Path, typer.Argument(help="A replay that a run has written.")],
+    limit: Limit = 10.0,
+    json_: Json = None,
+) -> None:
+    """Send exactly the lines of a failure again."""
+    from automcm_conformance import records
+    from automcm_conformance.adapter import Adapter
+    from automcm_conformance.exchange import Mismatch, Step
+    from automcm_conformance.process import AdapterError
+    from automcm_conformance.protocol import ProtocolError
+    from automcm_conformance.words import exchange
+
+    command = _command(ctx)
+    wrong = ""
+    steps: list[Step] = []
+    try:
+        about, steps = records.read_replay(file)
+        station = Adapter(command, limit)
+        try:
+            records.replayed(steps, station)
+        except Mismatch as error:
+            wrong = str(error)
+        finally:
+            station.stop()
+    except (AdapterError, ProtocolError, records.ReplayError, OSError) as error:
+        typer.echo(f"replay: {error}", err=True)
+        raise typer.Exit(3) from None
+    lines = exchange([step for step in steps if step.answer])
+    verdict = {"case": about["case"], "verdict": "FAIL" if wrong else "PASS", "what": wrong}
+    write_json(json_, verdict)
+    if str(json_) != "-":
+        console = _console()
+        for line in lines:
+            console.print(
+                f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
+            )
+        told = f"{about['rule']}: {wrong}" if wrong else "every answer is as expected"
+        console.print(f"{verdict['verdict']} {about['case']}  {told}", markup=False)
+    raise typer.Exit(1 if wrong else 0)
+
+
+@app.command(
+    "check-adapter",
+    cls=WithCommand,
+    epilog="Example: automcm conform check-adapter -- ./my_adapter.  " + CODES,
+)
+def check_adapter(ctx: typer.Context, limit: Limit = 10.0, json_: Json = None) -> None:
+    """Does an adapter speak the protocol?  Each line by the schema, and the usual mistakes."""
+    from dataclasses import asdict
+
+    from automcm_conformance.check import check
+    from automcm_conformance.report import visible
+
+    command = _command(ctx)
+    with progress() as say:
+        findings = check(command, limit, say)
+    write_json(json_, [asdict(finding) for finding in findings])
+    if str(json_) != "-":
+        for finding in findings:
+            typer.echo(f"{finding.level:>7}  {visible(finding.what)}")
+            for name in ("sent", "answered"):
+                if text := getattr(finding, name):
+                    typer.echo(f"{name:>16}  {visible(text, limit=300)}")
+            for line in finding.stderr:
+                typer.echo(f"{'stderr':>16}  {visible(line, limit=300)}")
+    raise typer.Exit(1 if any(finding.level == "error" for finding in findings) else 0)
+
+
+@app.command(epilog="Example: automcm conform new --language cpp my_adapter.  " + CODES)
+def new(
+    folder: Annotated[Path, typer.Argument(help="Where to write it; must be new or empty.")],
+    language: Annotated[str, typer.Option(help="python or cpp.")] = "python",
+) -> None:
+    """Write an adapter that runs at once and holds no station yet."""
+    from automcm_conformance.new import create
+
+    try:
+        written = create(language, folder)
+    except (ValueError, FileExistsError) as error:
+        raise typer.BadParameter(str(error)) from None
+    except OSError as error:
+        typer.echo(f"{folder}: {error.strerror}", err=True)
+        raise typer.Exit(3) from None
+    for path in written:
+        typer.echo(path)
+
+
+@app.command(
+    "report", epilog="Example: automcm conform report a.json b.json --html both.html.  " + CODES
+)
+def report_side_by_side(
+    reports: Annotated[list[Path], typer.Argument(help="report.json of each run.")],
+    html: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
+) -> None:
+    """One page of several runs, side by side."""
+    from automcm_conformance import report as report_
+
+    try:
+        html.write_text(report_.html([report_.load(path) for path in reports]), encoding="utf-8")
+    except (ValueError, OSError) as error:
+        typer.echo(f"report: {error}", err=True)
+        raise typer.Exit(3) from None
+    typer.echo(html)

@@ -1,0 +1,130 @@
+"""``automcm bench conform``: the figures as a table."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from automcm_cli.common import CODES, Json, progress, write_json
+
+if TYPE_CHECKING:
+    from automcm_conformance.bench import Row
+
+CPP = Path(__file__).resolve().parents[1] / "implementations" / "cpp"
+
+
+def conform(
+    selector: Annotated[
+        list[str] | None, typer.Option(help="Cases to drive; may be repeated.")
+    ] = None,
+    cpp: Annotated[
+        Path | None, typer.Option(help="Folder with the built C++ station and echo.")
+    ] = None,
+    must: Annotated[
+        bool, typer.Option(help="Also time all MUST cases on the C++ station (a minute).")
+    ] = False,
+    json_: Json = None,
+) -> None:
+    """Steps a second through an adapter, beside an echo in the same language.
+
+    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    """
+    from automcm_conformance import bench, purposes
+    from automcm_conformance.process import AdapterError
+    from automcm_conformance.protocol import ProtocolError
+    from automcm_spec.generate import ONE_PEER, spec_hash
+    from automcm_spec.oracle import OracleError, load
+
+    try:
+        chosen = purposes.select(purposes.load(), selector or ["AMCM/RCV/NEG", "AMCM/PRE/END"])
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+    rows, notes = [], []
+    try:
+        with progress() as say, tempfile.TemporaryDirectory() as scratch:
+            oracle = load(ONE_PEER.path, spec_hash())
+            python = [sys.executable, "-m", "automcm_cli", "adapter"]
+            echo = [sys.executable, "-m", "automcm_conformance.echo"]
+            rows.append(bench.measure("Python", python, echo, oracle, chosen, say))
+            say("building the C++ station")
+            built = cpp or _build(Path(scratch))
+            if built is None:
+                notes.append("C++ left out: it needs g++, cmake and nlohmann-json3-dev")
+            else:
+                station, floor = [str(built / "station")], [str(built / "echo")]
+                rows.append(bench.measure("C++", station, floor, oracle, chosen, say))
+                if must:
+                    seconds = _all_must(station, Path(scratch))
+                    notes.append(f"all MUST cases on the C++ station: {seconds:.1f} s")
+    except (AdapterError, ProtocolError, OracleError, OSError) as error:
+        typer.echo(f"bench: {error}", err=True)
+        raise typer.Exit(3) from None
+    notes.append(f"memory of the kit: {bench.memory_mb()} MB at most")
+    write_json(json_, {"rows": [row.as_dict() for row in rows], "notes": notes})
+    if str(json_) != "-":
+        _show(rows, notes)
+
+
+EPILOG = "Example: automcm bench conform --must.  " + CODES
+
+
+def _build(folder: Path) -> Path | None:
+    """Build the C++ station; None if the tools are missing."""
+    if not CPP.is_dir() or shutil.which("cmake") is None or shutil.which("g++") is None:
+        return None
+    for command in (
+        ["cmake", "-S", str(CPP), "-B", str(folder)],
+        ["cmake", "--build", str(folder), "-j2"],
+    ):
+        if subprocess.run(command, capture_output=True, check=False).returncode:
+            return None
+    return folder
+
+
+def _all_must(command: list[str], folder: Path) -> float:
+    """Seconds for a run of all MUST cases, loading and reports included."""
+    words = [sys.executable, "-m", "automcm_cli", "conform", "run", "MUST", "--out"]
+    start = perf_counter()
+    subprocess.run([*words, str(folder / "run"), "--", *command], capture_output=True, check=False)
+    return perf_counter() - start
+
+
+def _show(rows: list[Row], notes: list[str]) -> None:
+    console = Console()
+    console = console if console.is_terminal else Console(width=100)
+    table = Table(box=None)
+    for column in (
+        "",
+        "lines",
+        "steps/s",
+        "checked",
+        "/ unchecked",
+        "/ echo",
+        "/ echo singly",
+        "wrong",
+    ):
+        table.add_column(column, justify="right" if column else "left")
+    for row in rows:
+        out = row.as_dict()
+        table.add_row(
+            row.language,
+            f"{row.lines:,}",
+            f"{row.steps_per_s:,.0f}",
+            f"{row.checked_s:.1f} s",
+            f"{out['checked_over_unchecked']:.2f}",
+            f"{out['checked_over_echo']:.2f}",
+            f"{out['checked_over_single']:.2f}",
+            str(row.faults),
+        )
+    console.print(table)
+    for note in notes:
+        console.print(note, highlight=False)

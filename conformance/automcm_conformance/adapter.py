@@ -1,0 +1,54 @@
+"""The adapter under test: a process, started when it is needed, and again after it broke."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from automcm_conformance.process import AdapterError, Process
+from automcm_conformance.protocol import PROTOCOL, HelloAnswer, ProtocolError, read_hello
+
+PATIENCE = 10
+"""Crashes and hangs after which the run is cut short."""
+
+
+class Adapter:
+    """Its ``hello``, and lines to it.  Raises AdapterError or ProtocolError if there is no
+    ``hello``."""
+
+    def __init__(self, command: Sequence[str], limit_s: float) -> None:
+        self.command = list(command)
+        self.broken = 0
+        self.problems: list[str] = []
+        self.limit_s = limit_s
+        self._process: Process | None = None
+        self.hello = self._start()
+
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+        """Raises AdapterError; the next call has a fresh process."""
+        if self._process is None:
+            self._start()
+        assert self._process is not None
+        try:
+            return self._process.exchange(lines)
+        except AdapterError:
+            self._process = None
+            self.broken += 1
+            raise
+
+    def stop(self) -> None:
+        """The end of the run."""
+        if self._process is not None:
+            problem = self._process.stop()
+            if problem is not None:
+                self.problems.append(problem)
+            self._process = None
+
+    def _start(self) -> HelloAnswer:
+        self._process = Process(self.command, limit_s=self.limit_s)
+        try:
+            line = b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL
+            return read_hello(self._process.exchange([line])[0])
+        except (AdapterError, ProtocolError):
+            self._process.kill()
+            self._process = None
+            raise

@@ -1,0 +1,161 @@
+"""Is this the answer that the specification calls for?  If not: what of it is wrong."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic_core import from_json, to_json
+
+from automcm_conformance.protocol import read_answer
+from automcm_conformance.wire import UNKNOWN, Expected
+
+Json = Any
+Problem = tuple[str, str]
+"""The part of an answer that is wrong (``messages``, ``indications``, ``deadline``, ``phase``,
+``cams``), and a sentence."""
+_FIELDS = {"messages", "indications", "deadline", "phase", "cams"}
+
+
+def same(wanted: Json, found: Json) -> bool:
+    """Equal, and of the same types: 1 is neither 1.0 nor true."""
+    if type(wanted) is not type(found):
+        return False
+    if type(wanted) is dict:
+        return wanted.keys() == found.keys() and all(same(v, found[k]) for k, v in wanted.items())
+    if type(wanted) is list:
+        return len(wanted) == len(found) and all(map(same, wanted, found))
+    return bool(wanted == found)
+
+
+def differences(expected: Expected, line: bytes) -> list[Problem]:
+    """What is wrong with an answer, as (part, sentence); nothing if it is as expected.
+
+    Raises ProtocolError for a line that is no answer at all.
+    """
+    try:
+        answer = from_json(line)
+        plain = type(answer) is dict and answer.keys() <= _FIELDS and b"." not in line
+        messages, told = answer["messages"], answer["indications"]
+        deadline = answer["deadline"]
+    except (ValueError, TypeError, KeyError):
+        plain = False
+    if not plain:
+        read_answer(line)
+        answer = from_json(line)
+        messages, told = answer["messages"], answer["indications"]
+        deadline = answer["deadline"]
+    problems: list[Problem] = []
+    if messages or expected.messages:
+        problems += _messages(expected, messages)
+    if told or expected.indications:
+        problems += _told(expected.indications, told)
+    phase = answer.get("phase", expected.phase)
+    if phase != expected.phase:
+        problems.append(("phase", f"phase: {expected.phase} is expected, not {phase}"))
+    if expected.deadline != UNKNOWN and not same(expected.deadline, deadline):
+        problems.append(("deadline", f"deadline: {expected.deadline} is expected, not {deadline}"))
+    for cam in answer.get("cams", ()):
+        problems += _marks(expected, cam)
+    if problems:
+        read_answer(line)
+    return problems
+
+
+def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
+    left = list(found)
+    missing = []
+    problems: list[Problem] = []
+    for message in expected.messages:
+        match = next((m for m in left if _fits(message, m)), None)
+        if match is None:
+            missing.append(message)
+        else:
+            left.remove(match)
+            problems += _settle(message, match, expected)
+    for message, other in zip(missing, left, strict=False):
+        problems.append(("messages", f"{_first_difference(message, other)}"))
+    for message in missing[len(left) :]:
+        problems.append(("messages", f"not sent: {message['type']} {to_json(message).decode()}"))
+    for message in left[len(missing) :]:
+        problems.append(("messages", f"sent for no reason: {to_json(message).decode()}"))
+    return problems
+
+
+def _fits(wanted: dict[str, Json], found: Json) -> bool:
+    if wanted["seq"] is None or wanted["session"][1] is None:
+        if type(found) is not dict or wanted.keys() != found.keys():
+            return False
+        return all(
+            same(value, found[name])
+            or (name == "seq" and value is None and type(found[name]) is int)
+            or (name == "session" and value[1] is None and _own(value, found[name]))
+            for name, value in wanted.items()
+        )
+    return same(wanted, found)
+
+
+def _own(wanted: Json, found: Json) -> bool:
+    return (
+        type(found) is list
+        and len(found) == 2
+        and found[0] == wanted[0]
+        and type(found[1]) is int
+        and found[1] > 0
+    )
+
+
+def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected) -> list[Problem]:
+    """What the station was free to choose is now known; was it free to choose that?"""
+    problems = []
+    if wanted["session"][1] is None:
+        number = found["session"][1]
+        if number <= expected.above:
+            text = f"session: a number above {expected.above} is expected, not {number}"
+            problems.append(("messages", f"{wanted['type']}.{text}"))
+        wanted["session"] = found["session"]
+    if wanted["seq"] is None:
+        if found["seq"] in expected.fresh:
+            expected.fresh.remove(found["seq"])
+        else:
+            text = f"seq: one of {expected.fresh} is expected, not {found['seq']}"
+            problems.append(("messages", f"{wanted['type']}.{text}"))
+        wanted["seq"] = found["seq"]
+    return problems
+
+
+def _first_difference(wanted: dict[str, Json], found: Json) -> str:
+    if type(found) is not dict:
+        return f"a message is an object, not {found!r}"
+    if wanted["type"] != found.get("type"):
+        return f"{wanted['type']} is expected, not {to_json(found).decode()}"
+    for name in [*wanted, *found]:
+        if name not in found:
+            return f"{wanted['type']}.{name}: is missing"
+        if name not in wanted:
+            return f"{wanted['type']}.{name}: does not belong there"
+        free = wanted[name] is None or (name == "session" and wanted[name][1] is None)
+        if not free and not same(wanted[name], found[name]):
+            value, other = (to_json(m[name]).decode() for m in (wanted, found))
+            return f"{wanted['type']}.{name}: {value} is expected, not {other}"
+    return "a message that differs"
+
+
+def _told(wanted: list[dict[str, Json]], found: list[dict[str, Json]]) -> list[Problem]:
+    names = [i["name"] for i in wanted], [i["name"] for i in found]
+    if names[0] != names[1]:
+        text = f"indications: {names[0]} is expected, not {names[1]}"
+        return [("indications", text)]
+    for one, other in zip(wanted, found, strict=True):
+        for name, value in one.items():
+            if name not in other or not same(value, other[name]):
+                is_ = to_json(other.get(name)).decode() if name in other else "missing"
+                text = f"{one['name']}.{name}: {to_json(value).decode()} is expected, it is {is_}"
+                return [("indications", text)]
+    return []
+
+
+def _marks(expected: Expected, cam: dict[str, Json]) -> list[Problem]:
+    marks = sorted(cam.get("marks", []))
+    if marks in expected.marks:
+        return []
+    return [("cams", f"CAM.marks: {expected.marks[0]} is expected, not {marks}")]

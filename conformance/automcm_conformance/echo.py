@@ -1,0 +1,35 @@
+"""The floor of ``automcm bench conform``: reads a line as JSON and answers the same each time."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+HELLO = {
+    "protocol": 1,
+    "name": "echo",
+    "version": "1",
+    "issues": "none: it is no station",
+    "features": ["prescriber", "receiver", "restart", "durations", "cam"],
+    "scenarios": ["lane_change"],
+    "fixed": {},
+}
+ANSWER: dict[str, object] = {
+    "messages": [],
+    "indications": [],
+    "deadline": None,
+    "phase": "STANDALONE",
+}
+
+
+def main() -> None:
+    """Until ``stop``."""
+    for line in sys.stdin.buffer:
+        command = json.loads(line)
+        if command["cmd"] == "stop":
+            return
+        print(json.dumps(HELLO if command["cmd"] == "hello" else ANSWER), flush=True)
+
+
+if __name__ == "__main__":
+    main()

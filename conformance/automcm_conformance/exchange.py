@@ -1,0 +1,399 @@
+"""One exchange with a station: the kit moves time, keeps the clock of the armed timers, and holds
+every answer against the oracle.
+
+Lines are written in bulk and judged when they are read (``flush``); the first that is wrong raises
+``Mismatch``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from pydantic_core import from_json, to_json
+
+from automcm_conformance.answers import Problem, differences
+from automcm_conformance.process import AdapterError
+from automcm_conformance.protocol import ProtocolError
+from automcm_conformance.wire import (
+    IDS,
+    LONG_MS,
+    ME,
+    UNKNOWN,
+    Expected,
+    Key,
+    Wire,
+    encode,
+    entry_key,
+    timer_key,
+)
+from automcm_spec.oracle import Answer, Oracle, canonical
+
+Json = Any
+START_MS = 1_000
+ORDER = ("advertise", "", "decide", "hold", "answer", "cam", "lease", "giveup", "resend")
+LAST = ("quarantine", "forget", "backoff")
+"""Timers due together fire in this order (section 3); "" is the resend of an Advertisement."""
+RANK = {name: n for n, name in enumerate(ORDER + LAST)}
+
+
+class Link(Protocol):
+    """What an exchange needs of a process."""
+
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]: ...
+
+
+@dataclass(slots=True)
+class Step:
+    """One line, what it stands for in the oracle, and what must be answered.
+
+    ``pairs``: (state, input) of each step of the specification.
+    """
+
+    now: int
+    line: bytes
+    expected: Expected
+    place: int = 0
+    """Which input of the tour it is, or belongs to."""
+    pairs: list[tuple[int, int]] = field(default_factory=list)
+    before: int = 0
+    after: int = 0
+    next_timer: Json = None
+    """The timer whose deadline is expected."""
+    answer: bytes = b""
+    expired: list[Json] = field(default_factory=list)
+    """Timers, as a log names them; ``armed`` with their deadlines."""
+    stopped: list[Json] = field(default_factory=list)
+    armed: list[tuple[Json, int]] = field(default_factory=list)
+
+
+class Mismatch(Exception):
+    """An answer that the specification does not allow; the last of ``steps`` got it."""
+
+    def __init__(self, steps: list[Step], problems: list[Problem]) -> None:
+        super().__init__("; ".join(text for _, text in problems))
+        self.steps = steps
+        self.problems = problems
+
+    @property
+    def found_deadline(self) -> int | None:
+        """What the last answer gave as the deadline."""
+        deadline: int | None = from_json(self.steps[-1].answer)["deadline"]
+        return deadline
+
+
+class Broken(Exception):
+    """The station gave no answer to the last of ``steps``, or one of no known form."""
+
+    def __init__(self, steps: list[Step], error: Exception) -> None:
+        super().__init__(str(error))
+        self.steps = steps
+        self.error = error
+
+
+class Unpredicted(Exception):
+    """The station has chosen another number than the next for its session."""
+
+
+class Infeasible(Exception):
+    """Time does not let this timer expire here: another one is due before it."""
+
+
+@dataclass(slots=True)
+class _Running:
+    timer: Json
+    deadline: int
+    rank: int
+    age: int
+
+    @property
+    def turn(self) -> tuple[int, int, int]:
+        return self.deadline, self.rank, self.age
+
+
+class Exchange:
+    """With one station, from ``reset`` on; ``parameters`` are those of ``reset``."""
+
+    def __init__(
+        self,
+        oracle: Oracle,
+        link: Link,
+        parameters: Mapping[str, int],
+        *,
+        scenario: str = "lane_change",
+        seed: int = 1,
+        rich: bool = False,
+        predict: bool = False,
+        logged: bool = True,
+    ) -> None:
+        self.oracle = oracle
+        self.parameters = parameters
+        self.state = 0
+        self.now = START_MS
+        self.wire = Wire(scenario=scenario, rich=rich)
+        self.done: list[Step] = []
+        """Answered as expected."""
+        self.place = 0
+        self.predict = predict
+        """The number of a new session is taken to be the next one, until it turns out otherwise:
+        then Unpredicted is raised, and nothing is judged."""
+        self.logged = logged
+        """Steps keep what a log says of timers."""
+        self.begun = False
+        """Lines have been written."""
+        self.overrides: dict[str, int] = {}
+        self._link = link
+        self._timers: dict[tuple[Json, ...], _Running] = {}
+        self._ages: dict[Key, int] = {}
+        self._joined_at: dict[int, int] = {}
+        self._waiting: list[Step] = []
+        self._first: _Running | None = None
+        self._lease_ms = LONG_MS
+        self._natural = natural(parameters)
+        reset = {"cmd": "reset", "station": IDS[ME], "seed": seed, "parameters": dict(parameters)}
+        self._queue(encode(reset, self.now), [])
+
+    # -- what the kit does
+
+    def durations(self, durations: Mapping[str, int]) -> None:
+        """From now on timers of these names last so long (feature ``durations``)."""
+        self.overrides.update(durations)
+        self._queue(to_json({"cmd": "durations", "durations": dict(durations)}) + b"\n", [])
+
+    def give(self, i: int, *, at: int | None = None, lease_ms: int | None = None) -> None:
+        """An input that is no expiry.  Timers due by then fire first."""
+        if at is not None:
+            self.now = at
+        self._take(encode(self.wire.command(self.oracle.inputs[i], lease_ms), self.now), i)
+
+    def advance(self, to: int) -> list[int]:
+        """Let time pass; timers due by then fire.  Returns their inputs."""
+        self.now = to
+        return self._take(to_json({"cmd": "advance", "now": to}) + b"\n", None)
+
+    def wait(self, until: int) -> None:
+        """Let time pass to ``until``, deadline by deadline."""
+        while (due := self.next_due) is not None and due <= until:
+            self.advance(due)
+        if self.now < until:
+            self.advance(until)
+
+    def malformed(self, message: Json) -> None:
+        """A message that breaks its form: discarded, whatever the phase (END-5)."""
+        line = encode({"cmd": "receive", "message": message}, self.now)
+        told = [{"name": "discarded"}]
+        self._queue(line, [], Step(self.now, line, Expected("END-5", indications=told)))
+
+    def learn(self, timer: Json, deadline: int) -> None:
+        """The deadline of a timer that only the station knew."""
+        self._timers[timer_key(timer)].deadline = deadline
+        self._first = min(self._timers.values(), key=lambda each: each.turn, default=None)
+
+    def expire(self, i: int) -> None:
+        """Advance to the deadline of this timer.  Resends may fire on the way.  Raises Infeasible
+        if something else would, or if a deadline is not known."""
+        wanted = timer_key(self.oracle.inputs[i][1])
+        fired: list[int] = []
+        while i not in fired:
+            due = self.next_due
+            if due is None or wanted not in self._timers:
+                raise Infeasible
+            fired = self.advance(due)
+            if any(j != i and self.oracle.inputs[j][1][0] != "resend" for j in fired):
+                raise Infeasible
+
+    @property
+    def next_due(self) -> int | None:
+        """The next deadline in ms; None if no timer runs or the first is unknown."""
+        first = self._first
+        return None if first is None or first.deadline == UNKNOWN else first.deadline
+
+    @property
+    def first_timer(self) -> Json:
+        """The timer that expires next; None if none runs."""
+        return self._first and self._first.timer
+
+    def deadline(self, timer: Json) -> int | None:
+        """When this timer expires; None if it does not run."""
+        running = self._timers.get(timer_key(timer))
+        return None if running is None else running.deadline
+
+    @property
+    def waiting(self) -> list[bytes]:
+        """The lines that have not been written yet."""
+        return [step.line for step in self._waiting]
+
+    @property
+    def unwritten(self) -> int:
+        """How many lines have not been written yet."""
+        return len(self._waiting)
+
+    def flush(self) -> None:
+        """Write what is waiting, read the answers and judge them.  Raises Mismatch or Broken."""
+        self.begun = True
+        try:
+            answers = self._link.exchange(self.waiting) if self._waiting else []
+        except AdapterError as error:
+            self.answered(error.answers, error)
+        self.answered(answers)
+
+    def answered(self, answers: Sequence[bytes], error: AdapterError | None = None) -> None:
+        """Judge the answers to what was waiting; with ``error`` there is one too few.
+
+        Raises Mismatch or Broken.
+        """
+        steps, self._waiting = self._waiting, []
+        for step, line in zip(steps, answers, strict=False):
+            try:
+                self._judge(step, line)
+            except ProtocolError as unread:
+                raise Broken([*self.done, step], unread) from None
+        if error is not None:
+            raise Broken([*self.done, *steps[len(answers) :][:1]], error) from None
+
+    # -- the clock
+
+    def _due(self) -> _Running | None:
+        first = self._first
+        return first if first is not None and UNKNOWN < first.deadline <= self.now else None
+
+    def _duration(self, timer: Json) -> int:
+        name = timer[0]
+        if name == "lease":
+            return self._lease_ms
+        if name in self.overrides:
+            return self.overrides[name]
+        if name == "forget":  # ADV-8
+            p = self._natural
+            joined = self._joined_at.get(timer[1], self.now)
+            return max(joined + p["advertise"], self.now) + p["life"] - self.now
+        return self._natural[name]
+
+    def _settle(self, answer: Answer) -> None:
+        """Arm and stop timers as the specification says."""
+        value = self.oracle.inputs[answer.input]
+        if value[0] == "expire":
+            del self._timers[timer_key(value[1])]
+        for timer in answer.effect.stop:
+            del self._timers[timer_key(timer)]
+        after = self.oracle.states[answer.next]
+        if after[1] == "receiver" and self.oracle.states[answer.state][1] != "receiver":
+            self._joined_at[after[2][0]] = self.now
+        for timer in answer.effect.arm:
+            self._arm(timer)
+        self.state = answer.next
+        self._first = min(self._timers.values(), key=lambda each: each.turn, default=None)
+
+    def _arm(self, timer: Json) -> None:
+        rank, age = RANK[timer[0]], 0
+        if timer[0] in ("resend", "giveup"):
+            if timer[1][0] == "Advertisement":
+                rank = RANK[""]
+            age = self._ages.setdefault(entry_key(timer[1]), len(self._ages))
+        lasts = self._duration(timer)
+        ends = UNKNOWN if lasts == UNKNOWN else self.now + lasts
+        key = timer_key(timer)
+        self._timers.pop(key, None)
+        self._timers[key] = _Running(timer, ends, rank, age)
+
+    # -- lines and answers
+
+    def _take(self, line: bytes, then: int | None) -> list[int]:
+        """Queue a line: timers that are due fire, and then comes input ``then``."""
+        step = Step(self.now, line, Expected())
+        step.before = self.state
+        fired, given = [], self.wire.given
+        self.wire.given = None
+        while (due := self._due()) is not None:
+            fired.append(self.oracle.input_index[canonical(["expire", due.timer])])
+            self._follow(step, fired[-1])
+        self.wire.given = given
+        if then is not None:
+            self._follow(step, then)
+        self._queue(line, step.pairs, step)
+        opens = any(m["session"][1] is None for m in step.expected.messages)
+        if len(step.expected.fresh) > 1 or (opens and not self.predict):
+            self.flush()  # what comes next depends on what the station chose
+        return fired
+
+    def _follow(self, step: Step, i: int) -> None:
+        """One step of the specification: what it expects is added to ``step``."""
+        answer = self.oracle.answer(self.state, i)
+        value = self.oracle.inputs[i]
+        assert answer is not None, f"not offered: {value}"
+        if answer.changes:
+            if self.wire.given is not None:
+                self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
+            if self.logged:
+                step.stopped += [self.wire.timer(t) for t in answer.effect.stop]
+                if value[0] == "expire":
+                    step.expired.append(self.wire.timer(value[1]))
+        lease = self.deadline(["lease"]) if answer.changes else None
+        step.expected.above = self.wire.last_number
+        messages, indications = self.wire.expect(
+            self.oracle.states[answer.state],
+            value,
+            answer,
+            self.oracle.states[answer.next],
+            (lease or self.now) - self.now,
+        )
+        step.pairs.append((answer.state, i))
+        step.expected.rule = step.expected.rule or answer.effect.rule
+        step.expected.messages += messages
+        step.expected.indications += indications
+        if answer.changes:
+            step.expected.fresh, self.wire.fresh = self.wire.fresh, []
+            self._settle(answer)
+            if self.logged:
+                arm = answer.effect.arm
+                step.armed += [(self.wire.timer(t), self.deadline(t) or 0) for t in arm]
+
+    def _queue(self, line: bytes, pairs: list[tuple[int, int]], step: Step | None = None) -> None:
+        first = self._first
+        step = step or Step(self.now, line, Expected())
+        if not step.pairs:
+            step.before = self.state
+        step.place = self.place
+        step.after, step.next_timer = self.state, first and first.timer
+        step.expected.phase = self.oracle.states[self.state][0]
+        step.expected.deadline = None if first is None else first.deadline
+        if first is not None and any(t.deadline == UNKNOWN for t in self._timers.values()):
+            step.expected.deadline = UNKNOWN
+        self._waiting.append(step)
+
+    def _judge(self, step: Step, line: bytes) -> None:
+        step.answer = line
+        if b'"cams"' in line:
+            step.expected.marks = [self._marks(step.before), self._marks(step.after)]
+        problems = differences(step.expected, line)
+        if problems:
+            raise Mismatch([*self.done, step], problems)
+        for m in step.expected.messages:
+            if m["type"] == "Advertisement" and m["session"][1] not in self.wire.own.values():
+                if self.predict and m["session"][1] != self.wire.last_number + 1:
+                    raise Unpredicted
+                self.wire.opened(self.oracle.states[step.after][9], m["session"][1])
+        self.done.append(step)
+
+    def _marks(self, state: int) -> Json:
+        return sorted(self.wire.session(s) for s in self.oracle.marks[state])
+
+
+def natural(parameters: Mapping[str, int]) -> dict[str, int]:
+    """How long timers last with these parameters (protocol.md, section 3), in ms."""
+    p = parameters
+    giveup = (p["t_timeout"] // p["t_resend"] + 1) * p["t_resend"]
+    known = p["backoff_min"] == p["backoff_max"]
+    return {
+        "advertise": giveup,
+        "resend": p["t_resend"],
+        "decide": p["t_decide"],
+        "hold": giveup + p["t_decide"] + 2 * giveup,
+        "answer": p["t_decide"] + giveup,
+        "cam": p["t_cam_loss"],
+        "giveup": giveup,
+        "quarantine": giveup + 2 * giveup,
+        "life": 2 * giveup,
+        "backoff": p["backoff_min"] if known else UNKNOWN,
+    }

@@ -1,0 +1,112 @@
+"""Plays a tour, and finds the shortest exchange that goes wrong in the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from automcm_conformance.exchange import RANK, START_MS, Broken, Exchange, Infeasible, Mismatch
+from automcm_conformance.tour import Pair, timetable
+from automcm_conformance.wire import LONG_MS
+from automcm_spec.oracle import Oracle
+
+TIMERS = tuple(name for name in RANK if name not in ("", "lease"))
+"""Those of which ``durations`` says how long they last."""
+LEASES = (LONG_MS, 1_000)
+"""Without ``durations``: a lease that no other timer outlives, or one that ends before."""
+RUNS = 120
+"""Exchanges tried in order to shorten one."""
+Wrong = Mismatch | Broken
+
+
+def play(x: Exchange, tour: Sequence[int], timed: bool, lease_ms: int = LONG_MS) -> Pair | None:
+    """Give the inputs of a tour, up to the first that time forbids; that pair is returned.
+
+    ``timed``: the station has ``durations``, so time forbids nothing.  Raises Mismatch, Broken.
+    """
+    if timed:
+        _timed(x, tour)
+        return None
+    for place, i in enumerate(tour):
+        x.place = place
+        here = x.state, i
+        if x.oracle.answer(*here) is None:
+            return here
+        try:
+            if x.oracle.inputs[i][0] == "expire":
+                x.expire(i)
+            else:
+                x.give(i, lease_ms=lease_ms)
+        except Infeasible:
+            return here
+    return None
+
+
+def _timed(x: Exchange, tour: Sequence[int]) -> None:
+    x.durations(dict.fromkeys(TIMERS, LONG_MS))
+    for place, slot in enumerate(timetable(x.oracle, tour, START_MS)):
+        x.place = place
+        new = {k: ms for k, ms in slot.durations.items() if x.overrides[k] != ms}
+        if new:
+            x.durations(new)
+        i = slot.answer.input
+        if x.oracle.inputs[i][0] == "expire":
+            x.expire(i)
+        else:
+            x.give(i, at=slot.at, lease_ms=slot.lease_ms)
+
+
+def offered(oracle: Oracle, inputs: Sequence[int]) -> list[int]:
+    """Those of the inputs that can be given one after the other."""
+    state, kept = 0, []
+    for i in inputs:
+        answer = oracle.answer(state, i)
+        if answer is not None:
+            kept.append(i)
+            state = answer.next
+    return kept
+
+
+def shortened(
+    oracle: Oracle,
+    inputs: Sequence[int],
+    ways: Sequence[list[int] | None],
+    attempt: Callable[[list[int]], Wrong | None],
+    runs: int = RUNS,
+) -> tuple[list[int], Wrong] | None:
+    """A short part of ``inputs`` after which the last answer is still wrong; None if not even
+    all of them lead there again.
+
+    ``ways[k]`` leads to the state before input k; ``attempt`` plays inputs and returns what went
+    wrong.
+    """
+    best: tuple[list[int], Wrong] | None = None
+    length = 1
+    while best is None and runs > 0:
+        start = max(0, len(inputs) - length)
+        way = ways[start]
+        if way is not None or start == 0:
+            best = _run(oracle, [*(way or []), *inputs[start:]], attempt)
+            runs -= 1
+        if start == 0:
+            break
+        length *= 4
+    size = len(best[0]) // 2 if best else 0
+    while best and size > 0:
+        at = 0
+        while at + size < len(best[0]) and runs > 0:
+            shorter = _run(oracle, best[0][:at] + best[0][at + size :], attempt)
+            runs -= 1
+            if shorter is not None and len(shorter[0]) < len(best[0]):
+                best = shorter
+            else:
+                at += size
+        size //= 2
+    return best
+
+
+def _run(
+    oracle: Oracle, inputs: list[int], attempt: Callable[[list[int]], Wrong | None]
+) -> tuple[list[int], Wrong] | None:
+    inputs = offered(oracle, inputs)
+    wrong = attempt(inputs)
+    return None if wrong is None else (inputs[: wrong.steps[-1].place + 1], wrong)

@@ -1,0 +1,484 @@
+"""The lines of the adapter protocol (docs/adapter.md): what each may hold, and what is wrong.
+
+The models say the form of a line.  Whether a message is the right one is compared elsewhere, so
+of a message no more is asked than that it is an object of a known type.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable
+from difflib import get_close_matches
+from typing import Annotated, Any, Final, Literal, NoReturn, TypeVar, get_args
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+)
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+Json = Any
+PROTOCOL: Final = 1
+
+Feature = Literal["prescriber", "receiver", "restart", "durations", "cam"]
+Phase = Literal[
+    "STANDALONE",
+    "ADVERTISING",
+    "CHOOSING",
+    "PRESCRIBING",
+    "INTENDING",
+    "WAITING",
+    "NEGOTIATING",
+    "ACTUATING",
+]
+MessageType = Literal[
+    "Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack"
+]
+Timer = Literal[
+    "advertise",
+    "resend",
+    "decide",
+    "hold",
+    "answer",
+    "cam",
+    "giveup",
+    "quarantine",
+    "forget",
+    "backoff",
+]
+"""Those of which ``durations`` can say how long they last."""
+ParameterName = Literal[
+    "t_timeout",
+    "t_resend",
+    "t_decide",
+    "t_cam_loss",
+    "t_cam",
+    "backoff_min",
+    "backoff_max",
+    "max_rounds",
+    "max_participants",
+    "outbox_limit",
+    "memory_limit",
+]
+
+INDICATIONS: Final[dict[str, tuple[str, ...]]] = {
+    "choose": ("session", "stations"),
+    "no_participants": ("session",),
+    "verify": ("session", "proposal", "prescribed"),
+    "undecided": ("session", "proposal"),
+    "accepted": ("session", "proposal", "selected", "lease_left_ms"),
+    "propose": ("session", "proposal", "reason"),
+    "fallback": ("session", "reason"),
+    "finished": ("session",),
+    "refused": (),
+    "discarded": (),
+}
+"""The fields that are needed and compared, by name."""
+MESSAGE_TYPES: tuple[MessageType, ...] = get_args(MessageType)
+PARAMETERS: tuple[ParameterName, ...] = get_args(ParameterName)
+
+
+class ProtocolError(ValueError):
+    """A line that is none of the protocol; the text is one sentence."""
+
+
+class Refused(ProtocolError):
+    """The adapter answered ``{"error": why}``; ``why`` is its text."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(f"the adapter answered with an error: {why}")
+        self.why = why
+
+
+def _refusal(text: str) -> PydanticCustomError:
+    return PydanticCustomError("refused", "{text}", {"text": text})
+
+
+def _message(value: dict[str, Json]) -> dict[str, Json]:
+    found = value.get("type")
+    if found in MESSAGE_TYPES:
+        return value
+    if found is None:
+        raise _refusal("a message needs a 'type'")
+    if found == "CAM":
+        raise _refusal("a CAM is no message of a session: it belongs into 'cams'")
+    raise _refusal(f"no message has the type {_quoted(found)}{_near(found, MESSAGE_TYPES)}")
+
+
+def _cam(value: dict[str, Json]) -> dict[str, Json]:
+    if value.get("type") != "CAM" or type(value.get("generation_ms")) is not int:
+        raise _refusal("a CAM has the type 'CAM' and an integer 'generation_ms'")
+    return value
+
+
+def _is_integers(value: Json) -> bool:
+    return type(value) is list and all(type(each) is int for each in value)
+
+
+def _is_session(value: Json) -> bool:
+    return _is_integers(value) and len(value) == 2
+
+
+_INTEGERS = {"type": "array", "items": {"type": "integer"}}
+_FIELDS: dict[str, tuple[Callable[[Json], bool], str, dict[str, Json]]] = {
+    "session": (_is_session, "a list of two integers", _INTEGERS | {"minItems": 2, "maxItems": 2}),
+    "stations": (_is_integers, "a list of integers", _INTEGERS),
+    "proposal": (lambda value: type(value) is int, "an integer", {"type": "integer"}),
+    "lease_left_ms": (lambda value: type(value) is int, "an integer", {"type": "integer"}),
+    "prescribed": (lambda value: type(value) is dict, "an object", {"type": "object"}),
+    "selected": (lambda value: type(value) is dict, "an object", {"type": "object"}),
+    "reason": (lambda value: type(value) is str, "a text", {"type": "string"}),
+}
+"""Of the fields of an indication: whether a value is right, what it should be, its schema."""
+
+
+def _indication(value: dict[str, Json]) -> dict[str, Json]:
+    name = value.get("name")
+    if name is None:
+        raise _refusal("an indication needs a 'name'")
+    if type(name) is not str or name not in INDICATIONS:
+        raise _refusal(f"no indication has the name {_quoted(name)}{_near(name, INDICATIONS)}")
+    for field in INDICATIONS[name]:
+        right, what, _ = _FIELDS[field]
+        if field not in value:
+            raise _refusal(f"the indication {name!r} lacks {field!r}")
+        if not right(value[field]):
+            raise _refusal(f"{field!r} of the indication {name!r} should be {what}")
+    return value
+
+
+def _present(value: Json) -> Json:
+    if value is None:
+        raise _refusal("null: leave the field out")
+    return value
+
+
+def _version(value: int) -> int:
+    if value != PROTOCOL:
+        raise _refusal(f"this is version {PROTOCOL}, not {value}")
+    return value
+
+
+_TYPED = {"properties": {"type": {"enum": list(MESSAGE_TYPES)}}, "required": ["type"]}
+_CAM = {
+    "properties": {"type": {"const": "CAM"}, "generation_ms": {"type": "integer"}},
+    "required": ["type", "generation_ms"],
+}
+_NAMED = {
+    "oneOf": [
+        {
+            "properties": {"name": {"const": name}}
+            | {field: _FIELDS[field][2] for field in fields},
+            "required": ["name", *fields],
+        }
+        for name, fields in INDICATIONS.items()
+    ]
+}
+Version = Annotated[int, Field(json_schema_extra={"const": PROTOCOL}), AfterValidator(_version)]
+Station = Annotated[int, Field(ge=1, le=2**32 - 1)]
+Natural = Annotated[int, Field(ge=0, le=2**53 - 1)]
+Time = Natural
+"""Milliseconds on the clock that the kit moves."""
+Duration = Annotated[int, Field(ge=1, le=2**53 - 1)]
+Text = Annotated[str, Field(min_length=1)]
+Session = Annotated[list[int], Field(min_length=2, max_length=2)]
+"""Station id of the prescriber, number."""
+Message = Annotated[dict[str, Json], Field(json_schema_extra=_TYPED), AfterValidator(_message)]
+Cam = Annotated[dict[str, Json], Field(json_schema_extra=_CAM), AfterValidator(_cam)]
+Indication = Annotated[
+    dict[str, Json], Field(json_schema_extra=_NAMED), AfterValidator(_indication)
+]
+Object = dict[str, Json]
+
+
+# What the kit writes.
+
+
+class _Line(BaseModel):
+    model_config = ConfigDict(strict=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class Hello(_Line):
+    """The first command, once."""
+
+    cmd: Literal["hello"]
+    protocol: Version
+
+
+class Parameters(_Line):
+    """All of them, always: ``t_`` and ``backoff_`` in milliseconds, the others counts."""
+
+    t_timeout: Natural
+    t_resend: Natural
+    t_decide: Natural
+    t_cam_loss: Natural
+    t_cam: Natural
+    backoff_min: Natural
+    backoff_max: Natural
+    max_rounds: Natural
+    max_participants: Natural
+    outbox_limit: Natural
+    memory_limit: Natural
+
+
+class Reset(_Line):
+    """A new station."""
+
+    cmd: Literal["reset"]
+    now: Time
+    """Milliseconds; may be less than before."""
+    station: Station
+    seed: Natural
+    parameters: Parameters
+
+
+class Receive(_Line):
+    """A message has arrived."""
+
+    cmd: Literal["receive"]
+    now: Time
+    message: Object
+    """One of the seven or a CAM; may be malformed (END-5)."""
+    planned: Annotated[Object | None, BeforeValidator(_present)] = None
+    """What the application would drive; absent: the Advertisement does not concern it."""
+
+
+class Request(_Line):
+    name: Literal["request"]
+    scenario: Text
+    details: Object
+    planned: Annotated[Object | None, BeforeValidator(_present)] = None
+
+
+class Prescribe(_Line):
+    name: Literal["prescribe"]
+    session: Session
+    proposal: int
+    target: Station
+    prescribed: Object
+    hold_ms: Natural
+    lease_ms: Duration
+
+
+class OfSession(_Line):
+    name: Literal["proceed", "complete", "abort"]
+    session: Session
+
+
+class Accept(_Line):
+    name: Literal["accept"]
+    session: Session
+    proposal: int
+    selected: Object
+
+
+class Refuse(_Line):
+    name: Literal["refuse"]
+    session: Session
+    proposal: int
+
+
+class CommandLine(_Line):
+    """The application wants something."""
+
+    cmd: Literal["command"]
+    now: Time
+    command: Annotated[
+        Request | Prescribe | OfSession | Accept | Refuse, Field(discriminator="name")
+    ]
+
+
+class Advance(_Line):
+    """Time passes."""
+
+    cmd: Literal["advance"]
+    now: Time
+
+
+class Restart(_Line):
+    """Power lost and back (END-8)."""
+
+    cmd: Literal["restart"]
+    now: Time
+
+
+class Durations(_Line):
+    """Timers of these names last so many milliseconds from now on."""
+
+    cmd: Literal["durations"]
+    durations: dict[Timer, Duration]
+
+
+class Stop(_Line):
+    """The end; it has no answer."""
+
+    cmd: Literal["stop"]
+
+
+Command = Annotated[
+    Hello | Reset | Receive | CommandLine | Advance | Restart | Durations | Stop,
+    Field(discriminator="cmd"),
+]
+COMMAND: Final[TypeAdapter[Command]] = TypeAdapter(Command)
+
+
+# What the adapter answers.
+
+
+class HelloAnswer(_Line):
+    """Who the implementation is."""
+
+    protocol: Version
+    name: Text
+    version: Text
+    issues: Text
+    """Where to report a bug in it."""
+    features: list[Feature]
+    scenarios: Annotated[list[Text], Field(min_length=1)]
+    fixed: dict[ParameterName, Natural]
+    """Parameters that it cannot change, with their values."""
+
+
+class Answer(_Line):
+    """What a command brought about."""
+
+    messages: list[Message]
+    indications: list[Indication]
+    deadline: Time | None
+    """The time in ms of the earliest timer that is armed; null if none is."""
+    phase: Annotated[Phase | None, BeforeValidator(_present)] = None
+    cams: list[Cam] = []
+
+
+class ErrorAnswer(_Line):
+    """The adapter does not know the command, or cannot carry it out."""
+
+    error: str
+
+
+Read = TypeVar("Read", HelloAnswer, Answer)
+
+
+def read_answer(line: bytes) -> Answer:
+    """The answer to any command but hello and stop.
+
+    Raises Refused for ``{"error": ...}``, else ProtocolError if the line is none.
+    """
+    return _read(line, Answer)
+
+
+def read_hello(line: bytes) -> HelloAnswer:
+    """The answer to hello.  Raises as read_answer does."""
+    return _read(line, HelloAnswer)
+
+
+def _read(line: bytes, model: type[Read]) -> Read:
+    value = _parse(line)
+    if not isinstance(value, dict):
+        raise ProtocolError(f"{_kind(value)} stands where the answer, an object, is needed")
+    if "error" in value:
+        if set(value) != {"error"} or not isinstance(value["error"], str):
+            raise ProtocolError('an answer with "error" holds a text there and nothing else')
+        raise Refused(value["error"])
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        errors = error.errors(include_url=False)
+    # A misspelt field is unknown and, in its right spelling, missing: the first says more.
+    first = min(errors, key=lambda each: each["type"] != "extra_forbidden")
+    raise ProtocolError(_explained(first, value, model))
+
+
+def _float(text: str) -> NoReturn:
+    raise ProtocolError(f"{text} is no integer: there are no floats in a line")
+
+
+_DECODER = json.JSONDecoder(parse_float=_float, parse_constant=_float)
+
+
+def _parse(line: bytes) -> Json:
+    try:
+        text = line.decode()
+    except UnicodeDecodeError:
+        raise ProtocolError("this line is not UTF-8") from None
+    try:
+        return _DECODER.decode(text)
+    except ProtocolError:
+        raise
+    except (ValueError, RecursionError):
+        pass
+    start = text.strip()
+    if not start:
+        raise ProtocolError("this line is empty: an answer is one line, and nothing else is")
+    if start in ("{", "["):
+        raise ProtocolError("this line is not JSON: the whole answer stands on one line")
+    if start.startswith(("{'", "{messages")):
+        raise ProtocolError("this line is not JSON: names and texts stand in double quotes")
+    if start.startswith("{"):
+        raise ProtocolError("this line is not JSON, though it begins like an object")
+    raise ProtocolError("this line is not JSON: did you mean to write it to standard error?")
+
+
+_NEEDED = {
+    "dict_type": "an object",
+    "int_type": "an integer",
+    "list_type": "a list",
+    "string_type": "a text",
+}
+
+
+def _explained(error: ErrorDetails, value: dict[str, Json], model: type[BaseModel]) -> str:
+    """The first error of pydantic in a sentence that says what to do."""
+    kind, loc, found = error["type"], list(error["loc"]), error["input"]
+    if kind == "extra_forbidden":
+        return f"unknown field {_quoted(loc[-1])}{_near(loc[-1], model.model_fields)}"
+    if kind == "missing":
+        null = ": null says that no timer is armed" if loc == ["deadline"] else ""
+        return f"the field {_quoted(loc[0])} is missing{null}"
+    place = _place(loc)
+    if loc[-1] == "[key]":
+        return f"{_place(loc[:-2])}: unknown name {_quoted(found)}{_near(found, PARAMETERS)}"
+    if kind.endswith("too_short"):
+        return f"{place} is empty"
+    if kind in _NEEDED:
+        null = " or null" if place == "deadline" else ""
+        text = kind == "dict_type" and isinstance(found, str)
+        hint = ", and not a text that holds it" if text else ""
+        return f"{place}: {_kind(found)} stands where {_NEEDED[kind]}{null} is needed{hint}"
+    if kind == "literal_error":
+        names = error["ctx"]["expected"]
+        words = names.replace("'", "").replace(" or ", ", ").split(", ")
+        return f"{place}: {_quoted(found)} is none of {names}{_near(found, words)}"
+    return f"{place}: {error['msg'][:1].lower()}{error['msg'][1:]}"
+
+
+def _place(loc: Iterable[int | str]) -> str:
+    place = ""
+    for part in loc:
+        place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else part
+    return place
+
+
+def _near(word: object, known: Iterable[str]) -> str:
+    lower = {name.lower(): name for name in known}
+    near = get_close_matches(str(word).lower(), lower, n=1)
+    return f': did you mean "{lower[near[0]]}"?' if near else ""
+
+
+def _quoted(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _kind(value: object) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    names = {str: "a text", int: "an integer", list: "a list", dict: "an object"}
+    return names[type(value)]

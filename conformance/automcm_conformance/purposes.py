@@ -1,0 +1,436 @@
+"""Test purposes: what a case is about, in words, and which pairs of the graph belong to it.
+
+``conformance/suite/purposes.toml`` holds them.  A purpose with ``select`` owns the pairs of state
+and input that its selector matches; the first match in the order of the file wins.  A purpose with
+``case`` is about what no graph of one station says (durations, bytes, several stations); the kit
+implements it by that name.  An id says role, group of rules, and kind: BV, valid behaviour; BI,
+invalid or inopportune; TI, timers.
+
+Fields of a selector; all are optional, and all that are given must match:
+
+========  =========================================================================
+rule      the rule that decides
+role      of the state: none, prescriber, receiver
+phase     of the state
+input     see ``input_kind``
+changes   a transition (true), or a refusal (false)
+own       the message or command names the session that the station is bound to
+accepted  of a received Acceptance
+answer    the message received has seq 0
+reason    of a received Acceptance or Cancel; ``as_sent`` is any that no answer has
+of        the type that a received Ack names
+deciding  the prescriber computes its next proposal
+told      what the application is told, such as ``nothing`` or ``fallback``
+sends     what is sent: ``nothing``, or types such as ``Ack + Cancel``; an answer that gives a
+          reason with it, such as ``Cancel(closed)``
+why       what is wrong with the input, or special about it: see ``WHY``
+third     a third station takes part: the pair is of the remainder of ``two-peers``
+========  =========================================================================
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from automcm_conformance.results import Level
+from automcm_spec.oracle import Effect
+from automcm_spec.rules import RULES
+
+Json = Any
+Features = tuple[Any, ...]
+
+_HERE = Path(__file__).resolve().parent
+_CHECKOUT = _HERE.parent / "suite"
+PATH = (_CHECKOUT if _CHECKOUT.is_dir() else _HERE / "_data" / "suite") / "purposes.toml"
+
+LEVELS: tuple[Level, ...] = get_args(Level)
+ID = re.compile(
+    r"AMCM/(PRE|RCV|STA|SYS)/(ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)/(BV|BI|TI)-(0[1-9]|[1-9]\d)"
+)
+
+TYPES = ("Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack")
+INPUTS = (
+    *(f"receive {name}" for name in TYPES),
+    "cam",
+    *(
+        f"command {name}"
+        for name in ("request", "prescribe", "proceed", "accept", "refuse", "complete", "abort")
+    ),
+    *(
+        f"expire {name}"
+        for name in ("advertise", "decide", "hold", "answer", "cam", "lease", "quarantine")
+    ),
+    *("expire forget", "expire backoff"),
+    *(f"expire resend {name}" for name in TYPES[:-1]),
+    *(f"expire giveup {name}" for name in TYPES[1:-1]),
+    "restart",
+)
+PHASES = (
+    *("STANDALONE", "ADVERTISING", "CHOOSING", "PRESCRIBING"),
+    *("INTENDING", "WAITING", "NEGOTIATING", "ACTUATING"),
+)
+WHY = {
+    "END-5": (
+        "echo",  # from the station's own id
+        "addressed",  # an Advertisement
+        "broadcast",  # of another type
+        "not its prescriber",  # who sends an Advertisement or a Prescription
+        "not my session",  # in an Intention or an Acceptance
+        "closed",  # from anybody but the prescriber
+        "not the target",
+        "not sent yet",  # the proposal that is accepted or refused
+        "out of turn",  # a newer proposal
+    ),
+    "END-6": ("seq 0", "sender", "session", "seq", "type", "nothing waits"),
+    "ACT-5": ("phase", "sender", "no mark", "other mark", "older"),
+    "PRE-5": ("session", "proposal"),
+    "ADV-8": ("copy", "older"),
+    "NEG-1": ("copy", "older"),
+    "END-2": ("recorded", "not recorded"),
+    "MEM-1": ("outbox", "memory", "participants"),
+}
+"""Values of ``why``, by rule.  END-6 and ACT-5: what keeps an Ack or a CAM from counting."""
+ROOM = 1
+"""In every graph a session needs an outbox of at most so many entries (MEM-1)."""
+
+_NAMES: dict[str, Iterable[str]] = {
+    "rule": RULES,
+    "role": ("none", "prescriber", "receiver"),
+    "phase": PHASES,
+    "input": INPUTS,
+    "reason": ("none", "as_sent", "busy", "unknown_session", "closed"),
+    "of": TYPES,
+    "told": (
+        *("nothing", "choose", "no_participants", "verify", "undecided", "accepted", "propose"),
+        *("fallback", "finished", "refused", "discarded"),
+    ),
+    "why": {name for names in WHY.values() for name in names},
+}
+"""Fields that take a name or a list of names, with the names there are."""
+_FLAGS = ("changes", "own", "accepted", "answer", "deciding", "third")
+_SENDS = re.compile(r"nothing|[A-Z][a-z]+(\([a-z_]+\))?( \+ [A-Z][a-z]+(\([a-z_]+\))?)*")
+FEATURES = (
+    *("rule", "role", "phase", "input", "changes", "own", "accepted", "answer", "reason"),
+    *("of", "deciding", "told", "sends", "why", "third"),
+)
+_TEXTS = ("given", "when", "then", "bug", "cost")
+
+
+@dataclass(frozen=True)
+class Purpose:
+    """One test purpose.  ``rules[0]`` decides; either ``select`` or ``case`` is there."""
+
+    id: str
+    rules: tuple[str, ...]
+    level: Level
+    given: str
+    when: str
+    then: str
+    bug: str
+    cost: str
+    select: dict[str, frozenset[Any]] | None
+    """For each field the values that match."""
+    case: str
+    """The name of a case that no pair of the graph carries; empty with ``select``."""
+
+    @property
+    def kind(self) -> str:
+        """BV, BI or TI."""
+        return self.id.split("/")[3][:2]
+
+    def matches(self, features: Features) -> bool:
+        """Whether the pair with these features (in the order of ``FEATURES``) is of this case."""
+        return self.select is not None and all(
+            features[FEATURES.index(name)] in values for name, values in self.select.items()
+        )
+
+
+def load(path: Path = PATH) -> list[Purpose]:
+    """The purposes of a file.  Raises ValueError naming the file, the id and the field."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path.name}: {error.strerror}") from None
+    except ValueError as error:
+        raise ValueError(f"{path.name}: no TOML: {error}") from None
+    rows = data.get("purpose")
+    if set(data) != {"purpose"} or not isinstance(rows, list):
+        raise ValueError(f"{path.name}: a list of [[purpose]] is needed, and nothing else")
+    found: dict[str, Purpose] = {}
+    for number, row in enumerate(rows, 1):
+        name = row.get("id", f"purpose {number}") if isinstance(row, dict) else f"purpose {number}"
+        try:
+            purpose = _purpose(row)
+            if purpose.id in found:
+                raise ValueError("id: used twice")
+            if purpose.case and any(purpose.case == other.case for other in found.values()):
+                raise ValueError("case: used twice")
+        except ValueError as error:
+            raise ValueError(f"{path.name}: {name}: {error}") from None
+        found[purpose.id] = purpose
+    return list(found.values())
+
+
+def _purpose(row: Json) -> Purpose:
+    """Raises ValueError naming the field."""
+    if not isinstance(row, dict):
+        raise ValueError("not a table")
+    needed = ("id", "rules", "level", *_TEXTS)
+    for name in row:
+        if name not in (*needed, "select", "case"):
+            raise ValueError(f"{name}: no such field")
+    for name in needed:
+        if name not in row:
+            raise ValueError(f"{name}: missing")
+    for name in ("id", *_TEXTS):
+        if not isinstance(row[name], str) or not row[name].strip():
+            raise ValueError(f"{name}: a text is needed")
+    form = ID.fullmatch(row["id"])
+    if form is None:
+        raise ValueError("id: the form is AMCM/role/group/kind-number")
+    rules = row["rules"]
+    if not isinstance(rules, list) or not rules:
+        raise ValueError("rules: a list of rules is needed")
+    for rule in rules:
+        if rule not in RULES:
+            raise ValueError(f"rules: no rule {rule}")
+    if not rules[0].startswith(form[2]):
+        raise ValueError(f"rules: the first is not of the group {form[2]}")
+    if row["level"] not in LEVELS:
+        raise ValueError(f"level: one of {', '.join(LEVELS)}")
+    if ("select" in row) == ("case" in row):
+        raise ValueError("select: either select or case is needed")
+    case = row.get("case", "")
+    if "case" in row and (not isinstance(case, str) or not case.strip()):
+        raise ValueError("case: a name is needed")
+    return Purpose(
+        **{name: row[name] for name in ("id", "level", *_TEXTS)},
+        rules=tuple(rules),
+        select=_selector(row["select"]) if "select" in row else None,
+        case=case,
+    )
+
+
+def _selector(value: Json) -> dict[str, frozenset[Any]]:
+    """Raises ValueError naming the field."""
+    if not isinstance(value, dict) or not value:
+        raise ValueError("select: a table with at least one field is needed")
+    out: dict[str, frozenset[Any]] = {}
+    for name, wanted in value.items():
+        if name not in FEATURES:
+            raise ValueError(f"select.{name}: no such field")
+        if name in _FLAGS:
+            if not isinstance(wanted, bool):
+                raise ValueError(f"select.{name}: true or false is needed")
+            out[name] = frozenset({wanted})
+            continue
+        names = wanted if isinstance(wanted, list) else [wanted]
+        if not names:
+            raise ValueError(f"select.{name}: empty")
+        for each in names:
+            if not isinstance(each, str) or not _known(name, each):
+                raise ValueError(f"select.{name}: no {each}")
+        out[name] = frozenset(names)
+    return out
+
+
+def _known(name: str, value: str) -> bool:
+    return bool(_SENDS.fullmatch(value)) if name == "sends" else value in _NAMES[name]
+
+
+def input_kind(i: Json) -> str:
+    """What kind of input it is: one of ``INPUTS``.  The timers of a message carry its type."""
+    kind: str = i[0]
+    if kind == "receive":
+        return f"receive {i[1][0]}"
+    if kind == "command":
+        return f"command {i[1]}"
+    if kind == "expire":
+        timer = i[1]
+        if timer[0] in ("resend", "giveup"):
+            return f"expire {timer[0]} {timer[1][0]}"
+        return f"expire {timer[0]}"
+    return kind
+
+
+def features(state: Json, i: Json, effect: Effect, changes: bool, third: bool) -> Features:
+    """All that selectors look at, in the order of ``FEATURES``; None where there is no such."""
+    own = accepted = answer = reason = of = why = None
+    if i[0] == "receive":
+        message = i[1]
+        kind = "receive " + message[0]
+        own = state[2] == message[3]
+        answer = message[4] == 0
+        if message[0] == "Ack":
+            of = message[8][0]
+        elif message[0] in ("Acceptance", "Cancel"):
+            accepted, reason = message[6], message[7]
+    else:
+        kind = input_kind(i)
+        if i[0] == "command":
+            own = state[2] == i[2]
+    if effect.rule in _WHY:
+        why = _WHY[effect.rule](state, i, changes)
+    told = effect.told[0]
+    return (
+        *(effect.rule, state[1], state[0], kind, changes, own, accepted, answer, reason),
+        *(of, state[7], told, _sent(effect.messages) if effect.messages else "nothing"),
+        *(why, third),
+    )
+
+
+def _sent(messages: Json) -> str:
+    """The types sent, each with its reason if it is an answer that has one."""
+    names = [f"{m[0]}({m[7]})" if m[4] == 0 and m[7] != "none" else m[0] for m in messages]
+    return names[0] if len(names) == 1 else " + ".join(sorted(names))
+
+
+def _fault(state: Json, i: Json, changes: bool) -> str:
+    """END-5: the first thing that is wrong with the message."""
+    kind, source, to, session, _, _, _, reason, _ = i[1]
+    if source == 1:
+        return "echo"
+    if (to == 0) != (kind == "Advertisement"):
+        return "broadcast" if to == 0 else "addressed"
+    if kind in ("Advertisement", "Prescription") and source != session[0]:
+        return "not its prescriber"
+    if kind in ("Intention", "Acceptance") and session[0] != 1:
+        return "not my session"
+    if kind == "Cancel" and reason == "closed":
+        return "closed"
+    if kind == "Prescription":
+        return "out of turn"
+    return "not the target" if source != state[5] else "not sent yet"
+
+
+def _ack(state: Json, i: Json, changes: bool) -> str | None:
+    """END-6: what of an Ack is wrong, held against the entry that it comes nearest to."""
+    if changes:
+        return None
+    _, source, _, session, _, _, _, _, (kind, seq) = i[1]
+    if seq == 0:
+        return "seq 0"
+    best = 0
+    for entry in state[11]:
+        same_session = entry[2] == session
+        if entry[1] != source:
+            if same_session and entry[0] == kind and entry[3] == seq:
+                return "sender"
+        elif not same_session:
+            if entry[0] == kind and entry[3] == seq:
+                best = 3
+        else:
+            best = max(best, 2 if entry[0] == kind else 1)
+    return ("nothing waits", "type", "seq", "session")[best]
+
+
+def _cam(state: Json, i: Json, changes: bool) -> str | None:
+    """ACT-5: why a CAM does not count."""
+    if i[0] != "cam" or changes:
+        return None
+    if state[0] != "ACTUATING":
+        return "phase"
+    _, source, marks, _ = i
+    if source != (state[2][0] if state[1] == "receiver" else state[5]):
+        return "sender"
+    if state[2] in marks:
+        return "older"
+    return "other mark" if marks else "no mark"
+
+
+def _stale(state: Json, i: Json, changes: bool) -> str | None:
+    """PRE-5: what the command names wrongly."""
+    if i[0] != "command":
+        return None
+    return "session" if i[2] != state[2] else "proposal"
+
+
+def _joined(state: Json, i: Json, changes: bool) -> str | None:
+    """ADV-8: an Advertisement of the newest session joined, or of an older one."""
+    if i[0] != "receive":
+        return None
+    return "copy" if i[1][3] in state[10] else "older"
+
+
+def _proposal(state: Json, i: Json, changes: bool) -> str | None:
+    """NEG-1: a copy of the newest Prescription, or an older one."""
+    if changes:
+        return None
+    return "copy" if i[1][5] == state[6] else "older"
+
+
+def _withdraws(state: Json, i: Json, changes: bool) -> str | None:
+    """END-2: a Cancel in ADVERTISING from a station that is recorded, or not."""
+    if state[0] != "ADVERTISING":
+        return None
+    return "recorded" if i[1][1] in state[3] else "not recorded"
+
+
+def _full(state: Json, i: Json, changes: bool) -> str:
+    """MEM-1: what is full."""
+    if i[0] == "receive" and i[1][0] == "Intention":
+        return "participants"
+    return "outbox" if len(state[11]) > ROOM else "memory"
+
+
+_WHY: dict[str, Callable[[Json, Json, bool], str | None]] = {
+    "END-5": _fault,
+    "END-6": _ack,
+    "ACT-5": _cam,
+    "PRE-5": _stale,
+    "ADV-8": _joined,
+    "NEG-1": _proposal,
+    "END-2": _withdraws,
+    "MEM-1": _full,
+}
+
+
+class Owners:
+    """Which purpose a pair of state and input belongs to."""
+
+    def __init__(self, purposes: Iterable[Purpose]) -> None:
+        self.purposes = [purpose for purpose in purposes if purpose.select is not None]
+        self._seen: dict[Features, Purpose | None] = {}
+
+    def owner(
+        self, state: Json, i: Json, effect: Effect, changes: bool, third: bool = False
+    ) -> Purpose | None:
+        """The first purpose whose selector matches; None if there is none."""
+        key = features(state, i, effect, changes, third)
+        try:
+            return self._seen[key]
+        except KeyError:
+            found = next((p for p in self.purposes if p.matches(key)), None)
+            self._seen[key] = found
+            return found
+
+
+def select(purposes: Iterable[Purpose], selectors: Iterable[str]) -> list[Purpose]:
+    """Those that one of the selectors names; all without a selector.
+
+    A selector is an id or its beginning (``AMCM/RCV``), a rule (``NEG-4``) or a level (``MUST``).
+    Raises ValueError for one that names nothing, and suggests near ones.
+    """
+    everything, wanted = list(purposes), [each.strip().rstrip("/").upper() for each in selectors]
+    if not wanted:
+        return everything
+    for each in wanted:
+        if not any(_names(each, purpose) for purpose in everything):
+            known = {*RULES, *LEVELS, *(p.id for p in everything)}
+            known |= {p.id[:end] for p in everything for end in (4, 8, 12, 15)}
+            near = difflib.get_close_matches(each, sorted(known), 3)
+            hint = f"; near ones: {', '.join(near)}" if near else ""
+            raise ValueError(f"{each}: no purpose has this id, rule or level{hint}")
+    return [p for p in everything if any(_names(each, p) for each in wanted)]
+
+
+def _names(selector: str, purpose: Purpose) -> bool:
+    return selector in (purpose.id, purpose.level, *purpose.rules) or purpose.id.startswith(
+        (selector + "/", selector + "-")
+    )

@@ -1,0 +1,137 @@
+"""What a run leaves behind: logs in the trace format, and files that replay an exchange."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import from_json
+
+from automcm_conformance.answers import differences
+from automcm_conformance.exchange import Link, Mismatch, Step
+from automcm_conformance.wire import IDS, ME, Expected
+from automcm_traces.writer import LogWriter
+
+Json = Any
+FORMAT = "automcm.replay/1"
+LIMITS = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
+COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
+
+
+class ReplayError(ValueError):
+    """A file that is no replay; the text names the file and the field."""
+
+
+def replay_text(case: str, rule: str, what: str, steps: Sequence[Step]) -> str:
+    """An exchange, line by line, with what is expected."""
+    return (
+        json.dumps(
+            {
+                "format": FORMAT,
+                "case": case,
+                "rule": rule,
+                "what": what,
+                "steps": [
+                    {"now": s.now, "line": from_json(s.line), "expected": asdict(s.expected)}
+                    for s in steps
+                ],
+            },
+            indent=1,
+        )
+        + "\n"
+    )
+
+
+def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
+    """What a replay file is about (``case``, ``rule``, ``what``) and its steps.
+
+    Raises ReplayError and OSError.
+    """
+    try:
+        value = json.loads(path.read_bytes())
+        if value["format"] != FORMAT:
+            raise ReplayError(f"{path}: format: {FORMAT} is needed")
+        about = {name: str(value[name]) for name in ("case", "rule", "what")}
+        steps = [
+            Step(
+                int(s["now"]),
+                json.dumps(s["line"], separators=(",", ":")).encode() + b"\n",
+                Expected(**s["expected"]),
+            )
+            for s in value["steps"]
+        ]
+    except KeyError as error:
+        raise ReplayError(f"{path}: {error.args[0]}: missing") from None
+    except (TypeError, ValueError) as error:
+        if isinstance(error, ReplayError):
+            raise
+        raise ReplayError(f"{path}: no replay: {error}") from None
+    return about, steps
+
+
+def replayed(steps: Sequence[Step], link: Link) -> list[Step]:
+    """Send the lines again, one by one.  Raises Mismatch at the first answer that is wrong, and
+    what the link and the reading of an answer raise."""
+    done: list[Step] = []
+    for step in steps:
+        (step.answer,) = link.exchange([step.line])
+        problems = differences(step.expected, step.answer)
+        done.append(step)
+        if problems:
+            raise Mismatch(done, problems)
+    return done
+
+
+def write_log(
+    path: Path,
+    case: str,
+    steps: Sequence[Step],
+    name: str,
+    version: str,
+) -> None:
+    """The exchange as a log of the station: what it answered, and the timers as the
+    specification has them."""
+    reset = from_json(steps[0].line)
+    limits = {n: reset["parameters"][n] for n in LIMITS}
+    sent = 0
+    with LogWriter(
+        path,
+        run=case,
+        station=IDS[ME],
+        implementation=name,
+        version=version,
+        parameters=limits,
+        complete=COMPLETE,
+    ) as log:
+        for step in steps:
+            if not step.pairs and b'"advance"' not in step.line:
+                continue
+            command = from_json(step.line)
+            answer = from_json(step.answer)
+            more = {"phase": answer["phase"]} if "phase" in answer else {}
+            for m in answer.get("cams", []):  # due before anything else happened
+                sent += 1
+                log.event("send", step.now, tx=f"{IDS[ME]}:{sent}", message=m)
+            for timer in step.expired:
+                log.event("timer", step.now, op="expire", timer=timer, **more)
+            match command["cmd"]:
+                case "receive":
+                    planned = command.get("planned")
+                    m = command["message"]
+                    log.event("receive", step.now, message=m, planned=planned, **more)
+                case "command":
+                    log.event("command", step.now, command=command["command"], **more)
+                case "restart":
+                    log.event("restart", step.now, **more)
+            for m in answer["messages"]:
+                sent += 1
+                log.event("send", step.now, tx=f"{IDS[ME]}:{sent}", message=m)
+            for timer in step.stopped:
+                log.event("timer", step.now, op="stop", timer=timer)
+            for timer, deadline in step.armed:
+                log.event("timer", step.now, op="arm", timer=timer, deadline=deadline)
+            for told in answer["indications"]:
+                log.event("indication", step.now, indication=told)

@@ -1,0 +1,164 @@
+"""What a run of the suite says: verdicts, failures, coverage.  Plain data, JSON and back."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal, get_args
+
+Json = Any
+Verdict = Literal["PASS", "FAIL", "INCONC", "SKIP", "ERROR"]
+"""INCONC: what leads to the test went wrong.  ERROR: the kit or the adapter broke."""
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+Level = Literal["MUST", "SHOULD", "MAY"]
+
+
+@dataclass(slots=True)
+class Line:
+    """One line of an exchange: who said it, when (virtual ms), and what, in words."""
+
+    now: int
+    who: Literal["kit", "station"]
+    text: str
+
+
+@dataclass(slots=True)
+class Failure:
+    """One wrong answer, with the shortest exchange that leads to it."""
+
+    rule: str
+    rule_text: str
+    operator: str
+    """Of Station.tla; empty where the failure is not about a rule of it."""
+    line: int
+    what: str
+    """What is wrong, in one line."""
+    allowed: list[str]
+    """What the specification allows at that point: one of these."""
+    came: list[str]
+    exchange: list[Line]
+    replay: str = ""
+    """File for ``automcm conform replay``, relative to the report."""
+    command: str = ""
+    """The command that replays exactly this."""
+
+
+@dataclass(slots=True)
+class CaseResult:
+    """The verdict on one case."""
+
+    id: str
+    verdict: Verdict
+    rules: list[str]
+    level: Level
+    given: str
+    when: str
+    then: str
+    bug: str
+    cost: str
+    reason: str = ""
+    """Why it is not PASS, or what was left out, in one line."""
+    wanted: Verdict = "PASS"
+    """What the expectations file says; ``because`` is its comment."""
+    because: str = ""
+    reached: int = 0
+    total: int = 0
+    """Pairs of state and input driven, of those that belong to the case."""
+    failures: list[Failure] = field(default_factory=list)
+    log: str = ""
+    """Log of one exchange of this case, relative to the report."""
+
+    @property
+    def expected(self) -> bool:
+        """Only what is not expected counts.  What is skipped counts neither way."""
+        return self.verdict == self.wanted or (self.verdict == "SKIP" and self.wanted == "PASS")
+
+
+@dataclass(slots=True)
+class Implementation:
+    """What ``hello`` told, and how it was started."""
+
+    name: str
+    version: str
+    issues: str
+    features: list[str]
+    scenarios: list[str]
+    fixed: dict[str, int]
+    command: list[str]
+
+
+@dataclass(slots=True)
+class Report:
+    """A run.  ``seconds`` and ``started`` are the only things two equal runs differ in."""
+
+    implementation: Implementation
+    cases: list[CaseResult]
+    coverage: dict[str, list[int]]
+    """``transitions``, ``refusals``, ``rules``: [reached, total]."""
+    graphs: dict[str, dict[str, list[int]]]
+    """The same for each graph: transitions, refusals and what time forbids."""
+    spec_hash: str
+    seed: int
+    selectors: list[str]
+    problems: list[str] = field(default_factory=list)
+    """What is not about one case: a process that ignored ``stop``, a run that was cut short."""
+    started: str = ""
+    seconds: float = 0.0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many cases of each verdict."""
+        found = Counter(case.verdict for case in self.cases)
+        return {verdict: found[verdict] for verdict in VERDICTS}
+
+    @property
+    def unexpected(self) -> list[CaseResult]:
+        return [case for case in self.cases if not case.expected]
+
+    @property
+    def exit_code(self) -> int:
+        """0 as expected; 3 if an unexpected ERROR, 1 if a FAIL or an expected failure that
+        passes, 4 if only INCONC is unexpected."""
+        verdicts = {case.verdict for case in self.unexpected}
+        if verdicts & {"FAIL", "PASS", "SKIP"}:
+            return 1
+        if "ERROR" in verdicts:
+            return 3
+        return 4 if verdicts else 0
+
+    def as_dict(self) -> dict[str, Json]:
+        """For ``report.json``; ``from_dict`` reads it."""
+        out = asdict(self)
+        for case, result in zip(out["cases"], self.cases, strict=True):
+            case["expected"] = result.expected
+        return {
+            "format": FORMAT,
+            "implementation": out.pop("implementation"),
+            "counts": self.counts,
+            "exit_code": self.exit_code,
+            **out,
+        }
+
+
+FORMAT = "automcm.report/1"
+
+
+def from_dict(value: dict[str, Json]) -> Report:
+    """A report from its JSON.  Raises ValueError if it is none."""
+    if not isinstance(value, dict) or value.get("format") != FORMAT:
+        raise ValueError(f"format: {FORMAT} is needed")
+    try:
+        given = {k: v for k, v in value.items() if k not in ("format", "counts", "exit_code")}
+        given["implementation"] = Implementation(**given["implementation"])
+        given["cases"] = [_case(dict(case)) for case in given["cases"]]
+        return Report(**given)
+    except (TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"not a report: {error}") from None
+
+
+def _case(value: dict[str, Json]) -> CaseResult:
+    value.pop("expected", None)
+    failures = [dict(failure) for failure in value.pop("failures", [])]
+    for failure in failures:
+        failure["exchange"] = [Line(**line) for line in failure["exchange"]]
+    return CaseResult(**value, failures=[Failure(**failure) for failure in failures])

@@ -1,0 +1,392 @@
+"""Several stations, their applications and a radio, in virtual time: one play, and its outcome.
+
+Every step of every station is followed on the oracle (followed.py).  That leaves three things to
+look at: hazards between the stations (S-4, S-5), sessions that do not end (L-1), and whether the
+play went where it must.  S-1, S-2 and S-3 are about one station, so a step that breaks them is not
+allowed.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from automcm_conformance.exchange import START_MS, natural
+from automcm_conformance.followed import Followed
+from automcm_conformance.process import AdapterError, Process
+from automcm_conformance.protocol import HelloAnswer, ProtocolError
+from automcm_conformance.radio import Radio, Rule
+from automcm_conformance.results import Line, Verdict
+from automcm_conformance.wire import HOLD_MS
+from automcm_spec.rules import handler, line
+from automcm_traces.engine import Diverges
+from automcm_traces.track import CannotTell, Track
+
+Json = Any
+PARAMETERS = {
+    "t_timeout": 2000,
+    "t_resend": 100,
+    "t_decide": 500,
+    "t_cam_loss": 1500,
+    "t_cam": 100,
+    "backoff_min": 500,
+    "backoff_max": 2000,
+    "max_rounds": 3,
+    "max_participants": 32,
+    "outbox_limit": 64,
+    "memory_limit": 64,
+}
+"""The defaults of section 3."""
+LEASE_MS = 20_000
+SHOWN = 60
+"""Lines of an exchange in an outcome; the logs have all."""
+CALM = 3
+"""Times t_cam for which nothing may happen any more before the end."""
+
+
+@dataclass(frozen=True, slots=True)
+class When:
+    """``after_ms`` after each ``event`` there is the ``action``, ``times`` times at most.
+
+    ``event``: a phase that the station enters, an indication, ``start`` or ``restart``.
+    ``action``: ``request``, ``complete`` or ``abort``, the last two only if the session is still
+    the same, or ``restart``: power fails.
+    """
+
+    event: str
+    after_ms: int
+    action: str
+    times: int = 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class Application:
+    """What the application of one station does.  It never thinks longer than half of t_decide."""
+
+    whens: tuple[When, ...] = ()
+    joins: bool = False
+    """Every Advertisement concerns it."""
+    target: int = 0
+    """Whom it prescribes; 0: the lowest recorded."""
+    refuses: int = 0
+    """It refuses the first so many proposals of a session."""
+    thinks_ms: int = 20
+    """From a question (choose, verify, propose) to its answer."""
+    lease_ms: int = LEASE_MS
+
+
+@dataclass(frozen=True, slots=True)
+class Play:
+    """Stations on a radio; no lease is longer than LEASE_MS.
+
+    ``story`` says of a station what its application must have been told in the end, in order: the
+    name of each indication, of ``fallback`` with or without the reason.
+    """
+
+    stations: Mapping[int, Application]
+    radio: tuple[Rule, ...] = ()
+    story: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    seeds: int = 1
+    """It is played so often, with a seed of its own each time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a scenario came to; from ``rule`` on about the first station that is wrong."""
+
+    verdict: Verdict
+    reason: str = ""
+    """Why it is not PASS, in one line."""
+    rule: str = ""
+    """A rule, or the property that is broken: S-4, S-5, L-1."""
+    what: str = ""
+    allowed: list[str] = field(default_factory=list)
+    came: list[str] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)
+    """The last lines of the play that is not PASS."""
+    log: list[str] = field(default_factory=list)
+    """Logs of all stations, relative to the folder; if a play is not PASS, of that one."""
+    operator: str = ""
+    """Of Station.tla, with its ``line``; empty and 0 where no rule is broken."""
+    line: int = 0
+
+
+def hazard(tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int]]]) -> str:
+    """S-4 or S-5, and what is broken of it at this moment; empty if nothing is.
+
+    ``excused``: for each station the sessions in which it aborted, lost CAMs or restarted.
+    """
+    acting = {station: t for station, t in tracks.items() if t.phase == "ACTUATING"}
+    for me, t in acting.items():
+        if t.role == "prescriber":
+            target = acting.get(t.target)
+            agreed = target is not None and (target.session, target.proposal) == (
+                t.session,
+                t.proposal,
+            )
+            if not agreed and t.session not in excused[t.target]:
+                return f"S-5: {me} acts, and its target {t.target} is not committed to that"
+        for other, o in acting.items():
+            pair = {t.session[0], tracks[t.session[0]].target} if t.session else set()
+            if o.session == t.session and other != me and pair != {me, other}:
+                return f"S-4: {me} and {other} act in one session, and are no pair in it"
+    return ""
+
+
+class Stage:
+    """One play.  The same ``seed`` gives the same bytes.
+
+    Time is a queue of deliveries and of what the applications do; at one time the stations' own
+    deadlines come first.  Logs are written into ``folder``, which is there.
+    """
+
+    def __init__(
+        self,
+        play: Play,
+        processes: Mapping[int, Process],
+        hello: HelloAnswer,
+        folder: Path,
+        seed: int,
+    ) -> None:
+        self._play, self._hello, self._seed = play, hello, seed
+        self._processes = processes
+        self._logs = {station: folder / f"{station}.ndjson" for station in play.stations}
+        self._lines: list[Line] = []
+        self._stations: dict[int, Followed] = {}
+        self._parameters = PARAMETERS | {str(name): ms for name, ms in hello.fixed.items()}
+        self._radio = Radio(play.radio, self._parameters, seed)
+        self._queue: list[tuple[int, int, bool, Callable[[], None]]] = []
+        self._order = 0
+        self._pending = 0
+        """What is in the queue beside CAMs and the beat."""
+        self._calm = 0
+        self._now = START_MS
+        self._done: dict[tuple[int, int], int] = {}
+        self._told: dict[int, list[str]] = {station: [] for station in play.stations}
+        self._at = 0
+        """The station that is spoken to."""
+
+    def outcome(self, folder: Path) -> Outcome:
+        """Play it, and judge.  Logs are named relative to ``folder``.
+
+        Raises OracleError and OSError.
+        """
+        end = "clean"
+        try:
+            self._run()
+        except Diverges as d:
+            return self._not_allowed(folder, d)
+        except _Unsafe as error:
+            what = str(error)
+            return self._out(folder, "FAIL", what, rule=error.rule, what=what)
+        except CannotTell as error:
+            return self._out(folder, "INCONC", f"{self._at}: {error}")
+        except (AdapterError, ProtocolError) as error:
+            end = "crash"
+            came = list(getattr(error, "stderr", ()))
+            return self._out(folder, "ERROR", f"{self._at}: {error}", came=came)
+        finally:
+            for followed in self._stations.values():
+                followed.end(end)
+        for station, story in self._play.story.items():
+            told = self._told[station]
+            if len(told) != len(story) or not all(map(_tells, story, told)):
+                text = f"every step is allowed, but {station} was told {', '.join(told)}: this"
+                text += f" scenario leads to {', '.join(story)}"
+                if self._hello.fixed:
+                    text += " (with the defaults, and not with what the implementation fixes?)"
+                return self._out(folder, "INCONC", text)
+        return self._out(folder, "PASS")
+
+    def _out(self, folder: Path, verdict: Verdict, reason: str = "", **more: Json) -> Outcome:
+        logs = [str(path.relative_to(folder)) for path in self._logs.values() if path.exists()]
+        lines = [] if verdict == "PASS" else self._lines[-SHOWN:]
+        return Outcome(verdict, reason, lines=lines, log=logs, **more)
+
+    def _not_allowed(self, folder: Path, d: Diverges) -> Outcome:
+        what = f"{self._at}: {d.event}"
+        found = self._stations.get(self._at)
+        last = None if found is None else found.last
+        if last is not None and d.rule == last.rule:
+            operator, where = handler(last.input), line(d.rule, last.input)
+        else:
+            operator, where = "", 0
+        return self._out(
+            folder,
+            "FAIL",
+            what,
+            rule=d.rule,
+            what=what,
+            allowed=[w for w in d.wanted if not w.startswith(("arm ", "stop "))],
+            came=[said.text for said in self._lines[-1:] if said.who == "station"],
+            operator=operator,
+            line=where,
+        )
+
+    # -- time
+
+    def _run(self) -> None:
+        for station in self._play.stations:
+            self._at = station
+            self._stations[station] = Followed(
+                station,
+                self._processes[station],
+                self._logs[station],
+                self._lines,
+                self._hello,
+                self._parameters,
+                run=self._logs[station].parent.name,
+                seed=self._seed * 10_000 + station,
+                now=START_MS,
+            )
+            self._happened(station, "start")
+        self._after(0, self._beat, counts=False)
+        lasts = natural(self._parameters)
+        end = START_MS + 3 * (LEASE_MS + lasts["hold"] + lasts["quarantine"] + lasts["cam"])
+        while self._calm < CALM:
+            due = [s.deadline for s in self._stations.values() if s.deadline is not None]
+            self._now = max(self._now, min([self._queue[0][0], *due]))
+            if self._now > end:
+                self._check_ends()
+            for station, followed in self._stations.items():
+                if followed.deadline is not None and followed.deadline <= self._now:
+                    self._give(station, {"cmd": "advance"})
+            while self._queue[0][0] <= self._now:
+                _, _, counts, action = heapq.heappop(self._queue)
+                self._pending -= counts
+                action()
+            self._check_hazards()
+
+    def _after(self, ms: int, action: Callable[[], None], *, counts: bool = True) -> None:
+        self._order += 1
+        self._pending += counts
+        heapq.heappush(self._queue, (self._now + ms, self._order, counts, action))
+
+    def _beat(self) -> None:
+        """CAMs come out in time: nobody sleeps longer than t_cam."""
+        for station in self._stations:
+            self._give(station, {"cmd": "advance"})
+        resting = all(
+            followed.track.phase == "STANDALONE" and not followed.track.outbox
+            for followed in self._stations.values()
+        )
+        self._calm = self._calm + 1 if resting and not self._pending else 0
+        self._after(self._parameters["t_cam"], self._beat, counts=False)
+
+    def _check_hazards(self) -> None:
+        tracks = {station: followed.track for station, followed in self._stations.items()}
+        excused = {station: followed.excused for station, followed in self._stations.items()}
+        found = hazard(tracks, excused)
+        if found:
+            raise _Unsafe(found[:3], found)
+
+    def _check_ends(self) -> None:
+        """The play has lasted longer than its sessions may."""
+        for station, followed in self._stations.items():
+            t = followed.track
+            if t.phase != "STANDALONE":
+                raise _Unsafe("L-1", f"L-1: {station} is still in {t.phase} at {self._now} ms")
+        raise CannotTell(f"messages are still being sent at {self._now} ms")
+
+    # -- stations, radio and applications
+
+    def _give(self, station: int, command: dict[str, Json], tx: str | None = None) -> None:
+        """Say it to a station; what it sends goes on the air, what it tells to its application."""
+        self._at = station
+        followed = self._stations[station]
+        phase = followed.track.phase
+        followed.give(self._now, command, tx)
+        for own, m in followed.sent:
+            self._send(station, own, m)
+        now = followed.track.phase
+        if now != phase:
+            if now == "ACTUATING" and followed.track.role == "prescriber":
+                self._radio.acting_at = self._radio.acting_at or self._now
+            self._happened(station, now)
+        for told in followed.told:
+            name, more = told["name"], [told["reason"]] if told["name"] == "fallback" else []
+            self._told[station].append(" ".join([name, *more]))
+            self._happened(station, name)
+            self._asked(station, told)
+
+    def _send(self, station: int, tx: str, m: dict[str, Json]) -> None:
+        for other, application in self._play.stations.items():
+            if other == station:
+                continue
+            command = {"cmd": "receive", "message": m}
+            if m["type"] == "Advertisement" and application.joins:
+                command["planned"] = _trajectory(other, 0)
+            for at in self._radio.arrivals(m, station, other, self._now):
+                arrives = partial(self._give, other, command, tx)
+                self._after(at - self._now, arrives, counts=m["type"] != "CAM")
+
+    def _asked(self, station: int, told: dict[str, Json]) -> None:
+        """The application of a station answers a question, after thinking."""
+        application, name = self._play.stations[station], told["name"]
+        if name not in ("choose", "verify", "propose"):
+            return
+        session, k = told["session"], told.get("proposal", 1)
+        command: dict[str, Json] = {"name": "prescribe", "session": session, "proposal": k}
+        if name == "verify" and k <= application.refuses:
+            command["name"] = "refuse"
+        elif name == "verify":
+            command |= {"name": "accept", "selected": told["prescribed"]}
+        else:
+            target = self._stations[station].track.target
+            if name == "choose":
+                target = application.target or min(told["stations"], default=0) or station
+            command |= {"target": target, "prescribed": _trajectory(session[1], k)}
+            command |= {"hold_ms": HOLD_MS, "lease_ms": application.lease_ms}
+        thinks = min(application.thinks_ms, self._parameters["t_decide"] // 2)
+        self._after(thinks, partial(self._wants, station, command))
+
+    def _happened(self, station: int, event: str) -> None:
+        """What is due after an event in the life of a station."""
+        session = self._stations[station].track.session
+        for place, when in enumerate(self._play.stations[station].whens):
+            done = self._done.get((station, place), 0)
+            if when.event != event or done == when.times:
+                continue
+            self._done[station, place] = done + 1
+            if when.action == "restart":
+                action = partial(self._restart, station)
+            else:
+                action = partial(self._wants, station, self._command(when.action, session))
+            self._after(when.after_ms, action)
+
+    def _command(self, name: str, session: tuple[int, int] | None) -> dict[str, Json]:
+        if name == "request":
+            scenario = self._hello.scenarios[0]
+            return {"name": name, "scenario": scenario, "details": {"lane": 2}}
+        return {"name": name, "session": list(session or ())}
+
+    def _wants(self, station: int, command: dict[str, Json]) -> None:
+        """A command, unless it is about a session that the application was told the end of."""
+        session = self._stations[station].track.session
+        if command["name"] == "request" or list(session or ()) == command["session"]:
+            self._give(station, {"cmd": "command", "command": command})
+
+    def _restart(self, station: int) -> None:
+        self._give(station, {"cmd": "restart"})
+        self._happened(station, "restart")
+
+
+class _Unsafe(Exception):
+    """A property is broken: ``rule`` names it."""
+
+    def __init__(self, rule: str, text: str) -> None:
+        super().__init__(text)
+        self.rule = rule
+
+
+def _trajectory(a: int, b: int) -> Json:
+    """One that has these two numbers in it."""
+    return {"t0": 0, "points": [[0, 0, 0], [1000, 8000 + b, a]]}
+
+
+def _tells(wanted: str, told: str) -> bool:
+    return told == wanted or told.split()[0] == wanted

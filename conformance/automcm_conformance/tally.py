@@ -1,0 +1,64 @@
+"""What a run finds out: which pairs of which graph were driven, and what was wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from automcm_conformance.exchange import Step
+from automcm_conformance.purposes import Purpose
+from automcm_conformance.results import Verdict
+from automcm_conformance.stage import Outcome
+from automcm_conformance.tour import Pair, Tours
+from automcm_spec.oracle import Oracle
+
+Json = Any
+
+
+@dataclass(slots=True)
+class Part:
+    """Some pairs of one graph."""
+
+    name: str
+    oracle: Oracle
+    third: bool = False
+    totals: Counter[str] = field(default_factory=Counter)
+    """``transitions`` and ``refusals``."""
+    reached: Counter[str] = field(default_factory=Counter)
+    forbidden: int = 0
+    """Pairs that time does not allow with the parameters (without ``durations``)."""
+    tours: Tours | None = None
+
+
+@dataclass(slots=True)
+class Fault:
+    """An exchange whose last answer is wrong, or does not come."""
+
+    verdict: Verdict
+    part: Part
+    steps: list[Step]
+    rule: str
+    input: Json
+    """The input that the rule decides, in the oracle's values."""
+    what: str
+    stderr: list[str] = field(default_factory=list)
+    """What the process said last, if it is gone."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """What is known of one case."""
+
+    purpose: Purpose
+    total: int = 0
+    reached: int = 0
+    forbidden: int = 0
+    skipped: Counter[str] = field(default_factory=Counter)
+    """Why pairs were left out."""
+    faults: list[Fault] = field(default_factory=list)
+    sample: tuple[Part, Pair] | None = None
+    """A pair that was driven."""
+    log: str = ""
+    outcome: Outcome | None = None
+    """Of a scenario."""

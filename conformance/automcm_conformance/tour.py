@@ -1,0 +1,193 @@
+"""Tours: sequences of inputs that together drive chosen pairs of state and input of a graph, and
+the time-table that makes each of them possible."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from automcm_conformance.wire import LONG_MS, STEP_MS, timer_key
+from automcm_spec.oracle import Answer, Oracle
+
+Json = Any
+Pair = tuple[int, int]
+"""(state, input) of a graph."""
+Allowed = Callable[[int, int], bool]
+LONGEST = 600
+"""Inputs in a tour, about: one wrong answer must not hide too much."""
+
+
+@dataclass(slots=True)
+class Tours:
+    """Which pairs are still to be driven, and by which tour next.
+
+    ``allowed(state, input)``: may a tour use this transition?  A pair that was answered wrongly is
+    ``avoid``ed; what can only be reached through it stays in ``left``.
+    """
+
+    oracle: Oracle
+    left: dict[int, dict[int, str]]
+    """For each state the inputs to drive, and the case that each belongs to."""
+    allowed: Allowed
+    planned: set[Pair] = field(default_factory=set)
+    """Pairs of tours that are under way."""
+    avoided: set[Pair] = field(default_factory=set)
+    _moves: dict[int, list[Answer]] = field(default_factory=dict)
+    _parents: dict[int, Pair] | None = None
+
+    @classmethod
+    def over(cls, oracle: Oracle, targets: Iterable[tuple[Answer, str]], allowed: Allowed) -> Tours:
+        """Tours that drive these pairs, each for the case named."""
+        left: dict[int, dict[int, str]] = {}
+        for answer, case in targets:
+            left.setdefault(answer.state, {})[answer.input] = case
+        return cls(oracle, left, allowed)
+
+    def next(self) -> list[int] | None:
+        """The inputs of another tour, from the initial state; None if no more pair is in reach
+        that is not ``planned`` already.
+
+        At each state first everything that stays there, then on by a transition not yet driven,
+        as long as there is one.
+        """
+        parents, planned = self._tree(), self.planned
+        # From far away ways lead back to states where there is still much to do.
+        start = next((s for s in reversed(self.left) if s in parents and self._open(s)), None)
+        if start is None:
+            return None
+        tour, state = self.path(start) or [], start
+        while len(tour) < LONGEST:
+            here = [i for i in self.left.get(state, ()) if (state, i) not in planned]
+            moves = self.oracle.moves(state)
+            still = [i for i in here if i not in moves]
+            still += [i for i in here if moves.get(i) == state]
+            tour += still
+            planned.update((state, i) for i in still)
+            on = next((i for i in here if moves.get(i, state) != state), None)
+            if on is None:
+                break
+            planned.add((state, on))
+            tour.append(on)
+            state = moves[on]
+        return tour
+
+    def _open(self, state: int) -> bool:
+        return any((state, i) not in self.planned for i in self.left[state])
+
+    def done(self, pair: Pair) -> str | None:
+        """This one has been driven.  Returns the case if it was still to be driven."""
+        here = self.left.get(pair[0])
+        if here is None:
+            return None
+        case = here.pop(pair[1], None)
+        if not here:
+            del self.left[pair[0]]
+        return case
+
+    def avoid(self, pair: Pair) -> str | None:
+        """Use this pair no more.  Returns as ``done``."""
+        self.avoided.add(pair)
+        self._moves.pop(pair[0], None)
+        self._parents = None
+        return self.done(pair)
+
+    def usable(self, pairs: Iterable[Pair]) -> None:
+        """These are avoided no more."""
+        self.avoided.difference_update(pairs)
+        self._moves.clear()
+        self._parents = None
+
+    def drop(self, case: str) -> None:
+        """Nothing more is to be driven for this case."""
+        pairs = [(s, i) for s, here in self.left.items() for i, c in here.items() if c == case]
+        for pair in pairs:
+            self.done(pair)
+
+    def path(self, state: int) -> list[int] | None:
+        """A shortest way to a state; None if there is none any more."""
+        parents, inputs = self._tree(), []
+        if state not in parents:
+            return None
+        while state != 0:
+            state, i = parents[state]
+            inputs.append(i)
+        return inputs[::-1]
+
+    def _tree(self) -> dict[int, Pair]:
+        if self._parents is None:
+            self._parents = {0: (0, 0)}
+            queue = deque([0])
+            while queue:
+                state = queue.popleft()
+                for answer in self._from(state):
+                    if answer.next not in self._parents:
+                        self._parents[answer.next] = (state, answer.input)
+                        queue.append(answer.next)
+        return self._parents
+
+    def _from(self, state: int) -> list[Answer]:
+        if state not in self._moves:
+            self._moves[state] = [
+                answer
+                for answer in self.oracle.changes(state)
+                if (state, answer.input) not in self.avoided and self.allowed(state, answer.input)
+            ]
+        return self._moves[state]
+
+
+@dataclass(slots=True)
+class Slot:
+    """When an input of a tour is given, what timers that it arms must last, and the lease that a
+    Prescription carries (None: nothing new)."""
+
+    answer: Answer
+    at: int
+    durations: dict[str, int]
+    lease_ms: int | None = None
+
+
+def timetable(oracle: Oracle, tour: Sequence[int], start: int) -> list[Slot]:
+    """A time for each input of a tour such that each timer that expires in it expires in turn.
+
+    Each transition takes STEP_MS; a timer that does not expire in the tour lasts LONG_MS.
+    """
+    slots: list[Slot] = []
+    running: dict[tuple[Json, ...], int] = {}
+    lease_from = -1
+    state, now = 0, start + STEP_MS // 2
+    for n, i in enumerate(tour):
+        answer = oracle.answer(state, i)
+        if answer is None:
+            raise ValueError(f"not offered: {oracle.inputs[i]}")
+        if answer.changes:
+            now += STEP_MS
+        slot = Slot(answer, now, {})
+        slots.append(slot)
+        if not answer.changes:
+            continue
+        value = oracle.inputs[i]
+        if value[0] == "expire":
+            armed = running.pop(timer_key(value[1]))
+            name = value[1][0]
+            if name == "lease":
+                slots[lease_from].lease_ms = now - slots[armed].at
+            else:
+                slots[armed].durations[name] = now - slots[armed].at
+        if _prescribes(value):
+            lease_from, slot.lease_ms = n, LONG_MS
+        for timer in answer.effect.stop:
+            running.pop(timer_key(timer), None)
+        for timer in answer.effect.arm:
+            running[timer_key(timer)] = n
+            if timer[0] != "lease":
+                slot.durations.setdefault(timer[0], LONG_MS)
+        state = answer.next
+    return slots
+
+
+def _prescribes(value: Json) -> bool:
+    if value[0] == "receive":
+        return str(value[1][0]) == "Prescription"
+    return (value[0], value[1:2]) == ("command", ["prescribe"])

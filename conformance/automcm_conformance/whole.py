@@ -1,0 +1,95 @@
+"""The whole suite against one implementation."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from automcm_conformance import remainder
+from automcm_conformance.adapter import Adapter
+from automcm_conformance.purposes import Owners, Purpose
+from automcm_conformance.purposes import load as load_purposes
+from automcm_conformance.results import Report
+from automcm_conformance.suite import Runner, Say
+from automcm_conformance.tally import Part
+from automcm_conformance.verdicts import Expectations, report
+from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
+from automcm_spec.generate import spec_hash as present_hash
+from automcm_spec.oracle import load
+
+
+def conform(
+    command: Sequence[str],
+    purposes: Sequence[Purpose],
+    folder: Path,
+    *,
+    limit_s: float,
+    seed: int,
+    say: Say,
+    selectors: Sequence[str],
+    expected: Expectations,
+) -> Report:
+    """Run these purposes; replays and logs are written into ``folder``.
+
+    Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
+    """
+    with _uncollected():
+        return _conform(command, purposes, folder, limit_s, seed, say, selectors, expected)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Without the collector of cycles: it would look at the graphs, millions of values that stay,
+    again and again, and take a third of the time."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
+def _conform(
+    command: Sequence[str],
+    purposes: Sequence[Purpose],
+    folder: Path,
+    limit_s: float,
+    seed: int,
+    say: Say,
+    selectors: Sequence[str],
+    expected: Expectations,
+) -> Report:
+    spec = present_hash()
+    one = load(ONE_PEER.path, spec)
+    owners = Owners(load_purposes())
+    adapter = Adapter(command, limit_s)
+    try:
+        runner = Runner(adapter, purposes, seed, say)
+        if any(purpose.select for purpose in purposes):
+            everything = (a for state in range(len(one.states)) for a in one.answers(state))
+            runner.graph(Part("one-peer", one), everything, owners)
+            two = load(TWO_PEERS.path, spec)
+            third = remainder.read(two)
+            runner.graph(Part("two-peers, beyond one-peer", two, True), third, owners)
+            tight = load(TIGHT.path, spec)
+            limits = (
+                answer
+                for state in range(len(tight.states))
+                for answer in tight.answers(state)
+                if answer.effect.rule == "MEM-1"
+            )
+            runner.graph(Part("tight, MEM-1", tight), limits, owners)
+            runner.samples(folder)
+        part = Part("special", one)
+        for purpose in purposes:
+            say(purpose.case)
+            if purpose.case.startswith("scenario "):
+                runner.scenario(purpose, folder)
+            elif purpose.case:
+                runner.special(purpose, part, folder)
+    finally:
+        adapter.stop()
+    return report(runner, folder, spec, selectors, expected)

@@ -1,0 +1,379 @@
+"""Between the oracle's values and the lines of an adapter: one station, one exchange.
+
+The oracle knows no content, no counter behind seq and no ids but 1, 2, 3 and 9.  ``Wire`` chooses
+them, remembers what was said, and turns each input into a line and each answer of the oracle into
+the very answer that is expected (docs/adapter.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from pydantic_core import to_json
+
+from automcm_spec.oracle import Answer
+
+Json = Any
+
+ME, STRANGER = 1, 9
+IDS = {0: 0, ME: 4711, 2: 1702, 3: 80203, STRANGER: 999}
+"""The oracle's ids, and those on the wire."""
+NUMBERS = {2: (0, 5, 8), 3: (0, 2, 40), STRANGER: (0, 17)}
+"""Session numbers of the others, by the oracle's number."""
+HOLD_MS = 2_000
+LONG_MS = 5_000_000
+"""A lease that no exchange outlives."""
+ODD_SEQ = 77
+HEARD_MS = 500
+STEP_MS = 100
+COPY_REASONS = ("unsafe", "undecided")
+
+
+Key = tuple[str, int, int, int, int]
+"""What identifies an entry of the outbox: type, addressee, session, seq; in the oracle's values."""
+
+
+def entry_key(e: Json) -> Key:
+    """Of an entry, or of type, addressee, session and seq."""
+    return e[0], e[1], e[2][0], e[2][1], e[3]
+
+
+def timer_key(t: Json) -> tuple[Json, ...]:
+    """What identifies a timer."""
+    if len(t) == 1 or t[0] == "forget":
+        return tuple(t)
+    return (t[0], *entry_key(t[1]))
+
+
+LARGE = 2**53 - 1
+RICH_DETAILS = {
+    "lane": 2,
+    "text": 'quotes " and \\ and / and \u00e4\u4e2d\U0001f698 and \n',
+    "deep": {"list": [1, [2, {"x": []}], True, False, ""], "large": [LARGE, -LARGE, 0]},
+}
+"""Content that a station must carry without touching it."""
+
+
+UNKNOWN = -1
+"""A time that only the station knows."""
+
+
+@dataclass(slots=True)
+class Expected:
+    """The answer that the specification calls for.
+
+    ``messages`` may come in any order.  What the station is free to choose is None until it is
+    known: ``seq`` where several new messages share the numbers in ``fresh``, and the number of a
+    session that it opens, which must be ``above`` the last.  ``deadline`` may be UNKNOWN.
+    ``marks`` are those of the state before and after: CAMs due in between have one of them.
+    """
+
+    rule: str = ""
+    messages: list[dict[str, Json]] = field(default_factory=list)
+    indications: list[dict[str, Json]] = field(default_factory=list)
+    deadline: int | None = None
+    phase: str = ""
+    marks: list[Json] = field(default_factory=list)
+    fresh: list[int] = field(default_factory=list)
+    above: int = 0
+
+
+@dataclass(slots=True)
+class Wire:
+    """What an exchange has said so far, in real values.
+
+    Give it each input and answer of the oracle in turn: ``line`` before, ``expect`` then, and
+    ``opened`` with the number of a session that the station opened.
+    """
+
+    scenario: str = "lane_change"
+    rich: bool = False
+    """Long and odd content."""
+    last_number: int = 0
+    own: dict[int, int] = field(default_factory=dict)
+    outbox: dict[Key, dict[str, Json]] = field(default_factory=dict)
+    advertisement: dict[str, Json] | None = None
+    seq: int = 0
+    heard_ms: int | None = None
+    given: dict[str, Json] | None = None
+    """The message or command that the last line carried."""
+    fresh: list[int] = field(default_factory=list)
+    """The numbers that several new messages of the last step share."""
+    _cache: dict[int, dict[str, Json]] = field(default_factory=dict)
+    """Messages received, by the identity of the oracle's value (the oracle outlives this)."""
+
+    # -- content and ids
+
+    def trajectory(self, session: Json, k: int, lane: int) -> Json:
+        """A trajectory that no other session, proposal or use has."""
+        points = [[0, 0, 0], [1000, 8000 + lane, session[0]]]
+        if self.rich:
+            points += [[1000 + 40 * n, -n * n, LARGE - n] for n in range(1, 60)]
+        return {"t0": 10 * session[1] + k, "points": points}
+
+    def session(self, s: Json) -> list[int]:
+        """A session in real ids.  One of its own that is not open yet has some later number."""
+        if s[0] == ME:
+            later = self.last_number + s[1] - len(self.own)
+            return [IDS[ME], self.own.get(s[1], later)]
+        return [IDS[s[0]], NUMBERS[s[0]][s[1]]]
+
+    def opened(self, place: int, number: int) -> None:
+        """The station has opened its session ``place`` under this number."""
+        if self.session([ME, place]) != [IDS[ME], number]:
+            self._cache.clear()
+        self.own[place] = self.last_number = number
+
+    # -- inputs
+
+    def command(self, value: Json, lease_ms: int | None = None) -> dict[str, Json]:
+        """The command of the adapter protocol for an input, without ``now``.
+
+        ``lease_ms`` is for a Prescription with new content; else it is the one sent before.
+        """
+        kind = value[0]
+        self.given = None
+        if kind == "receive":
+            message = self.message(value[1], lease_ms)
+            self.given = message
+            out: dict[str, Json] = {"cmd": "receive", "message": message}
+            if message["type"] == "Advertisement" and value[2]:
+                out["planned"] = self.trajectory(message["session"], 0, 1)
+            return out
+        if kind == "cam":
+            self.given = self._cam(value)
+            return {"cmd": "receive", "message": self.given}
+        if kind == "command":
+            self.given = self._command(value, lease_ms or LONG_MS)
+            return {"cmd": "command", "command": self.given}
+        return {"cmd": "restart" if kind == "restart" else "advance"}
+
+    def message(self, m: Json, lease_ms: int | None = None) -> dict[str, Json]:
+        """A received message with content."""
+        if m[0] == "Ack":
+            return self._ack(m)
+        key = id(m)
+        if key not in self._cache or lease_ms is not None:
+            self._cache[key] = self._content(m, lease_ms or LONG_MS)
+        return self._cache[key]
+
+    def _content(self, m: Json, lease_ms: int) -> dict[str, Json]:
+        type_, src, dst, session, seq, k, accepted, reason, _ = m
+        out: dict[str, Json] = {"v": 1, "type": type_, "src": IDS[src]}
+        if dst:
+            out["dst"] = IDS[dst]
+        s = self.session(session)
+        out |= {"session": s, "seq": 0}
+        if seq:
+            first = {"Prescription": 1 + k, "Acceptance": (1 if accepted else 11) + k}
+            out["seq"] = first.get(type_, {"Fin": 30, "Cancel": 40}.get(type_, 1))
+            out["seq"] += 2**40 if self.rich else 0
+        match type_:
+            case "Advertisement":
+                details = RICH_DETAILS if self.rich else {"lane": 2}
+                out |= {"scenario": self.scenario, "details": details}
+            case "Intention":
+                out["planned"] = self.trajectory(s, 0, src)
+            case "Prescription":
+                out |= {"proposal": k, "prescribed": self.trajectory(s, k, 2)}
+                out |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
+            case "Acceptance":
+                out |= {"proposal": k, "accepted": accepted}
+                if accepted:
+                    out["selected"] = self.trajectory(s, k, 3)
+                else:
+                    out["reason"] = COPY_REASONS[k % 2] if reason == "as_sent" else reason
+            case "Cancel":
+                out["reason"] = "abort" if reason == "as_sent" else reason
+        return out
+
+    def _ack(self, m: Json) -> dict[str, Json]:
+        """An Ack.  One that names nothing in the outbox names, to try the check, the seq of an
+        entry with another type, or a seq that is not in use."""
+        src, session, (type_, k) = m[1], m[3], m[8]
+        seq = 0
+        if k:
+            mine = self.outbox.get(entry_key((type_, src, session, k)))
+            if mine is not None:
+                seq = mine["seq"]
+            elif type_ == "Advertisement":
+                seq = 1
+            else:
+                s = self.session(session)
+                seq = next(
+                    (
+                        e["seq"]
+                        for e in self.outbox.values()
+                        if e["dst"] == IDS[src] and e["session"] == s and e["type"] != type_
+                    ),
+                    ODD_SEQ,
+                )
+        out = {"v": 1, "type": "Ack", "src": IDS[src]}
+        if m[2]:
+            out["dst"] = IDS[m[2]]
+        return out | {"session": self.session(session), "seq": 0, "of": {"type": type_, "seq": seq}}
+
+    def _cam(self, value: Json) -> dict[str, Json]:
+        _, src, marks, newer = value
+        last = self.heard_ms or HEARD_MS
+        return {
+            "v": 1,
+            "type": "CAM",
+            "src": IDS[src],
+            "generation_ms": last + STEP_MS if newer else last,
+            "x_mm": 0,
+            "y_mm": 0,
+            "heading_mrad": 0,
+            "speed_mm_s": 8333,
+            "marks": [self.session(s) for s in marks],
+        }
+
+    def _command(self, value: Json, lease_ms: int) -> dict[str, Json]:
+        _, name, session, k, target = value
+        out: dict[str, Json]
+        if name == "request":
+            details = {"lane": 2, "request": len(self.own) + 1} | (
+                RICH_DETAILS if self.rich else {}
+            )
+            out = {"name": name, "scenario": self.scenario, "details": details}
+            return out | ({"planned": self.trajectory([0, 0], 0, 6)} if self.rich else {})
+        s = self.session(session)
+        out = {"name": name, "session": s}
+        if name in ("prescribe", "accept", "refuse"):
+            out["proposal"] = k
+        if name == "prescribe":
+            out |= {"target": IDS[target], "prescribed": self.trajectory(s, k, 4)}
+            out |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
+        if name == "accept":
+            out["selected"] = self.trajectory(s, k, 5)
+        return out
+
+    # -- answers
+
+    def expect(
+        self, before: Json, value: Json, answer: Answer, after: Json, lease_left: int
+    ) -> tuple[list[dict[str, Json]], list[dict[str, Json]]]:
+        """Messages and indications that must follow; what is sent reliably is remembered.
+
+        Several new messages of one step have ``seq`` None; the numbers are in ``fresh``.
+        """
+        effect = answer.effect
+        messages = []
+        new: list[tuple[Key, dict[str, Json]]] = []
+        for m in effect.messages:
+            type_, _, dst, session, k = m[:5]
+            key = entry_key((type_, dst, session, k))
+            if k and key in self.outbox:
+                messages.append(self.outbox[key])
+            elif type_ == "Advertisement" and self.advertisement is not None:
+                messages.append(self.advertisement)
+            else:
+                message = self._sent(m)
+                messages.append(message)
+                if k:
+                    new.append((key, message))
+        if answer.changes:
+            self._remember(before, after, new, value)
+        return messages, self._indications(effect.told, before, after, lease_left)
+
+    def _sent(self, m: Json) -> dict[str, Json]:
+        """A new message, or an answer, of the station."""
+        type_, _, dst, session, seq, k, accepted, reason, _ = m
+        given = self.given or {}
+        out: dict[str, Json] = {"v": 1, "type": type_, "src": IDS[ME]}
+        if dst:
+            out["dst"] = IDS[dst]
+        out |= {"session": self.session(session), "seq": 0}
+        match type_:
+            case "Advertisement":
+                out["session"] = [IDS[ME], None]
+                kept = {"scenario", "details", "planned"} & given.keys()
+                out |= {name: given[name] for name in sorted(kept)}
+            case "Intention":
+                out["planned"] = self.trajectory(out["session"], 0, 1)
+            case "Prescription":
+                names = ("proposal", "prescribed", "hold_ms", "lease_ms")
+                out |= {name: given[name] for name in names}
+            case "Acceptance":
+                out |= {"proposal": k, "accepted": accepted}
+                out |= {"selected": given["selected"]} if accepted else {"reason": reason}
+            case "Cancel":
+                out["reason"] = reason
+            case "Ack":
+                out["of"] = {"type": given["type"], "seq": given["seq"]}
+        if seq:
+            out["seq"] = None
+        return out
+
+    def _remember(
+        self, before: Json, after: Json, new: list[tuple[Key, dict[str, Json]]], value: Json
+    ) -> None:
+        if before[2] != after[2]:
+            if before[2] == [0, 0]:
+                self.seq = 0
+            self.advertisement = self.heard_ms = None
+        if len(new) == 1 and new[0][1]["type"] != "Advertisement":
+            new[0][1]["seq"] = self.seq + 1
+        else:
+            self.fresh = [self.seq + n for n in range(1, len(new) + 1)]
+        self.seq += len(new)
+        for key, message in new:
+            if message["type"] == "Advertisement":
+                self.advertisement = message
+            else:
+                self.outbox[key] = message
+        kept = {entry_key(entry) for entry in after[11]}
+        for key in [key for key in self.outbox if key not in kept]:
+            del self.outbox[key]
+        if after[0] != "ADVERTISING":
+            self.advertisement = None
+        if value[0] == "cam" and self.given is not None:
+            self.heard_ms = self.given["generation_ms"]
+        elif after[0] != "ACTUATING":
+            self.heard_ms = None
+
+    def _indications(
+        self, told: Json, before: Json, after: Json, lease_left: int
+    ) -> list[dict[str, Json]]:
+        name = told[0]
+        if name == "nothing":
+            return []
+        if name in ("refused", "discarded"):
+            return [{"name": name}]
+        given = self.given or {}
+        out: dict[str, Json] = {"name": name, "session": self.session(before[2])}
+        match name:
+            case "choose":
+                out["stations"] = sorted(IDS[p] for p in after[3])
+            case "verify":
+                out |= {"proposal": given["proposal"], "prescribed": given["prescribed"]}
+            case "undecided":
+                out["proposal"] = before[6]
+            case "accepted":
+                out |= {"proposal": before[6], "selected": given["selected"]}
+                out["lease_left_ms"] = lease_left
+            case "propose":
+                out |= {"proposal": before[6] + 1, "reason": given["reason"]}
+            case "fallback":
+                out["reason"] = given["reason"] if told[1] == "as_sent" else told[1]
+        return [out]
+
+    def timer(self, t: Json) -> dict[str, Json]:
+        """A timer as a log names it."""
+        if len(t) == 1:
+            return {"name": t[0]}
+        if t[0] == "forget":
+            return {"name": "forget", "station": IDS[t[1]]}
+        type_, to, session = t[1][:3]
+        about: dict[str, Json] = {"type": type_}
+        if to:
+            about["to"] = IDS[to]
+        entry = self.outbox.get(entry_key(t[1]))
+        seq = 1 if entry is None or entry["seq"] is None else entry["seq"]
+        return {"name": t[0], "message": about | {"session": self.session(session), "seq": seq}}
+
+
+def encode(command: dict[str, Json], now: int) -> bytes:
+    """The line of a command."""
+    return to_json({**command, "now": now}) + b"\n"

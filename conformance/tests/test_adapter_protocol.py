@@ -1,0 +1,243 @@
+"""The lines of the adapter protocol: what is taken, what is refused and how that is explained."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+from pydantic import ValidationError
+
+from automcm_conformance import adapter_schema
+from automcm_conformance.protocol import (
+    COMMAND,
+    INDICATIONS,
+    PARAMETERS,
+    Phase,
+    ProtocolError,
+    Refused,
+    read_answer,
+    read_hello,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+HELLO = {
+    "protocol": 1,
+    "name": "acme",
+    "version": "1.0",
+    "issues": "acme.example/issues",
+    "features": ["prescriber", "cam"],
+    "scenarios": ["lane_change"],
+    "fixed": {"t_resend": 100},
+}
+ANSWER = {"messages": [], "indications": [], "deadline": 1110, "phase": "INTENDING"}
+SESSION = [7, 1]
+PATH = {"t0": 0, "points": [[0, 0, 0]]}
+TOLD: list[dict[str, Any]] = [
+    {"name": "choose", "session": SESSION, "stations": [8, 9]},
+    {"name": "no_participants", "session": SESSION, "rule": "PRE-1"},
+    {"name": "verify", "session": SESSION, "proposal": 1, "prescribed": PATH},
+    {"name": "undecided", "session": SESSION, "proposal": 1},
+    {"name": "accepted", "session": SESSION, "proposal": 1, "selected": PATH, "lease_left_ms": 5},
+    {"name": "propose", "session": SESSION, "proposal": 2, "reason": "unsafe"},
+    {"name": "fallback", "session": SESSION, "reason": "timeout"},
+    {"name": "finished", "session": SESSION, "detail": {"any": [None]}},
+    {"name": "refused", "rule": "CMD-1"},
+    {"name": "discarded"},
+]
+CAM = {"type": "CAM", "generation_ms": 1100}
+COMMANDS: list[dict[str, Any]] = [
+    {"cmd": "hello", "protocol": 1},
+    {
+        "cmd": "reset",
+        "now": 1000,
+        "station": 4711,
+        "seed": 1,
+        "parameters": dict.fromkeys(PARAMETERS, 9),
+    },
+    {"cmd": "receive", "now": 1, "message": {}},
+    {"cmd": "receive", "now": 1, "message": {"type": "Advertisement"}, "planned": PATH},
+    {"cmd": "advance", "now": 1},
+    {"cmd": "restart", "now": 1},
+    {"cmd": "durations", "durations": {"giveup": 500, "hold": 70}},
+    {"cmd": "stop"},
+    *(
+        {"cmd": "command", "now": 1, "command": command}
+        for command in (
+            {"name": "request", "scenario": "a", "details": {}},
+            {"name": "request", "scenario": "a", "details": {}, "planned": PATH},
+            {"name": "abort", "session": SESSION},
+            {"name": "accept", "session": SESSION, "proposal": 1, "selected": PATH},
+            {"name": "refuse", "session": SESSION, "proposal": 1},
+            {
+                "name": "prescribe",
+                "session": SESSION,
+                "proposal": 1,
+                "target": 8,
+                "prescribed": PATH,
+                "hold_ms": 0,
+                "lease_ms": 1,
+            },
+        )
+    ),
+]
+NO_COMMANDS: list[dict[str, Any]] = [
+    {"cmd": "dance"},
+    {"cmd": "stop", "now": 1},
+    {"cmd": "advance", "now": -1},
+    {"cmd": "receive", "now": 1, "message": {}, "planned": None},
+    {"cmd": "durations", "durations": {"lease": 1}},
+    {"cmd": "durations", "durations": {"hold": 0}},
+    {"cmd": "command", "now": 1, "command": {"name": "refuse", "session": SESSION}},
+]
+ANSWERS: list[dict[str, Any]] = [
+    ANSWER,
+    {"messages": [], "indications": [], "deadline": None},
+    {**ANSWER, "messages": [{"type": "Fin", "seq": 1}, {"type": "Ack"}], "cams": [CAM]},
+    {**ANSWER, "indications": TOLD},
+]
+
+
+def without(value: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {key: item for key, item in value.items() if key not in names}
+
+
+NO_ANSWERS: list[tuple[Any, str]] = [
+    ([], "a list stands where the answer, an object, is needed"),
+    (None, "null stands where"),
+    (without(ANSWER, "messages"), 'the field "messages" is missing'),
+    (without(ANSWER, "deadline"), 'the field "deadline" is missing: null says'),
+    (without(ANSWER, "messages") | {"message": []}, 'field "message": did you mean "messages"?'),
+    ({**ANSWER, "colour": 1}, 'unknown field "colour"'),
+    ({**ANSWER, "deadline": "1110"}, "deadline: a text stands where an integer or null is needed"),
+    ({**ANSWER, "deadline": True}, "deadline: true stands where"),
+    ({**ANSWER, "deadline": -1}, "deadline: input should be greater than or equal to 0"),
+    ({**ANSWER, "phase": "Waiting"}, 'did you mean "WAITING"?'),
+    ({**ANSWER, "phase": None}, "phase: null: leave the field out"),
+    ({**ANSWER, "messages": None}, "messages: null stands where a list is needed"),
+    ({**ANSWER, "messages": ["{}"]}, "messages[0]: a text stands where an object is needed, and"),
+    ({**ANSWER, "messages": [{}]}, "messages[0]: a message needs a 'type'"),
+    ({**ANSWER, "messages": [{"type": "fin"}]}, 'the type "fin": did you mean "Fin"?'),
+    ({**ANSWER, "messages": [{"type": ["Fin"]}]}, 'messages[0]: no message has the type ["Fin"]'),
+    ({**ANSWER, "messages": [CAM]}, "it belongs into 'cams'"),
+    ({**ANSWER, "cams": [{"type": "CAM"}]}, "cams[0]: a CAM has the type"),
+    ({**ANSWER, "indications": ["refused"]}, "indications[0]: a text stands where"),
+    ({**ANSWER, "indications": [{}]}, "indications[0]: an indication needs a 'name'"),
+    ({**ANSWER, "indications": [{"name": "refuse"}]}, 'did you mean "refused"?'),
+    ({**ANSWER, "indications": [{"name": "finished"}]}, "'finished' lacks 'session'"),
+    *(
+        ({**ANSWER, "indications": [{**TOLD[0], "session": wrong}]}, "should be a list of two")
+        for wrong in (7, [7], [7, "1"], [7, True], [7, 1, 1], None)
+    ),
+    ({**ANSWER, "indications": [{**TOLD[0], "stations": {}}]}, "should be a list of integers"),
+    ({**ANSWER, "indications": [{**TOLD[5], "reason": None}]}, "should be a text"),
+    ({**ANSWER, "indications": [{**TOLD[2], "prescribed": []}]}, "should be an object"),
+    ({"error": 1}, 'an answer with "error" holds a text there and nothing else'),
+    ({"error": "no", "deadline": None}, 'an answer with "error" holds a text'),
+]
+NO_HELLOS: list[tuple[Any, str]] = [
+    (without(HELLO, "issues"), 'the field "issues" is missing'),
+    ({**HELLO, "protocol": 2}, "protocol: this is version 1, not 2"),
+    ({**HELLO, "protocol": True}, "protocol: true stands where an integer is needed"),
+    ({**HELLO, "features": ["cams"]}, 'features[0]: "cams" is none of'),
+    ({**HELLO, "features": "cam"}, "features: a text stands where a list is needed"),
+    ({**HELLO, "scenarios": []}, "scenarios is empty"),
+    ({**HELLO, "name": ""}, "name is empty"),
+    ({**HELLO, "version": 1}, "version: an integer stands where a text is needed"),
+    ({**HELLO, "fixed": {"t_send": 1}}, 'fixed: unknown name "t_send": did you mean "t_resend"?'),
+]
+NOT_JSON: list[tuple[bytes, str]] = [
+    (b"Hello", "this line is not JSON: did you mean to write it to standard error?"),
+    (b"", "this line is empty"),
+    (b"{", "the whole answer stands on one line"),
+    (b"{'messages': []}", "names and texts stand in double quotes"),
+    (b'{"messages": [}', "though it begins like an object"),
+    (b"\xff", "this line is not UTF-8"),
+    (b'{"deadline": 1110.0}', "1110.0 is no integer: there are no floats in a line"),
+    (b'{"messages": [{"type": "Fin", "x": [{"y": 1e3}]}]}', "1e3 is no integer"),
+    (b'{"deadline": NaN}', "NaN is no integer"),
+    (b"[" * 100_000, "not JSON"),
+    (b'{"deadline": ' + b"9" * 9_000 + b"}", "not JSON"),
+]
+
+
+def line(value: Any) -> bytes:
+    return json.dumps(value).encode()
+
+
+def test_what_is_taken() -> None:
+    for command in COMMANDS:
+        COMMAND.validate_python(command)
+    for answer in ANSWERS:
+        read = read_answer(line(answer))
+        assert read.model_dump(exclude_unset=True) == answer
+    assert read_hello(line(HELLO)).model_dump() == HELLO
+
+
+def test_the_kit_cannot_write_just_anything() -> None:
+    for command in NO_COMMANDS:
+        with pytest.raises(ValidationError):
+            COMMAND.validate_python(command)
+
+
+@pytest.mark.parametrize(("value", "why"), NO_ANSWERS)
+def test_what_is_no_answer(value: Any, why: str) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        read_answer(line(value))
+    assert why in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("value", "why"), NO_HELLOS)
+def test_what_is_no_answer_to_hello(value: Any, why: str) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        read_hello(line(value))
+    assert why in str(caught.value)
+
+
+@pytest.mark.parametrize(("raw", "why"), NOT_JSON)
+def test_what_is_not_even_json(raw: bytes, why: str) -> None:
+    with pytest.raises(ProtocolError) as caught:
+        read_answer(raw)
+    assert why in str(caught.value)
+
+
+def test_an_error_is_an_answer_of_its_own() -> None:
+    with pytest.raises(Refused) as caught:
+        read_answer(b'{"error": "what is restart?"}')
+    assert caught.value.why == "what is restart?"
+
+
+def test_the_page_has_the_same_indications() -> None:
+    page = (ROOT / "docs" / "adapter.md").read_text()
+    rows = [
+        [cell.strip() for cell in row.split("|")[1:3]]
+        for row in page.split("### Indications")[1].split("## ")[0].splitlines()
+        if row.startswith("| `")
+    ][1:]
+    assert {name.strip("`"): fields.count("`") // 2 for name, fields in rows if fields} == {
+        name: len(fields) + (name == "fallback") for name, fields in INDICATIONS.items()
+    }  # the row of fallback names a reason, too
+
+
+def test_the_phases_are_those_of_the_reference() -> None:
+    from automcm import phases
+
+    assert phases.Phase == Phase
+
+
+def test_the_committed_schema_is_the_generated_one() -> None:
+    path = ROOT / "conformance" / "adapter-1.schema.json"
+    assert path.read_text() == adapter_schema.schema_text()
+
+
+def test_the_schema_takes_and_refuses_the_same() -> None:
+    schema = adapter_schema.schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    taken = [*COMMANDS, *ANSWERS, HELLO, {"error": "no"}]
+    refused = [*NO_COMMANDS, *(value for value, _ in [*NO_ANSWERS, *NO_HELLOS])]
+    assert [value for value in taken if not validator.is_valid(value)] == []
+    assert [value for value in refused if validator.is_valid(value)] == []

@@ -1,0 +1,64 @@
+"""The templates: they are written, they run, and they make no mistake in the protocol."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from automcm_conformance.check import check
+from automcm_conformance.new import FILES, FOLDER, create
+
+
+def levels(*command: str) -> list[str]:
+    return [finding.level for finding in check(command, 5, lambda text: None)]
+
+
+HONEST = ["ok", "warning", "warning", "ok", "ok", "ok", "ok"]
+"""No error; no Advertisement and no Intention yet."""
+
+
+def test_the_python_template_runs(tmp_path: Path) -> None:
+    written = create("python", tmp_path / "deep" / "adapter")
+    assert [path.name for path in written] == ["adapter.py", "run"]
+    assert levels(str(written[1])) == HONEST
+
+
+def test_the_cpp_template_runs(tmp_path: Path) -> None:
+    for tool in ("cmake", "c++"):
+        if not shutil.which(tool):
+            pytest.skip(f"{tool} is not installed")
+    create("cpp", tmp_path)
+    header = tmp_path / "header.cpp"
+    header.write_text("#include <nlohmann/json.hpp>\n")
+    if subprocess.run(["c++", "-E", header], capture_output=True, check=False).returncode:
+        pytest.skip("nlohmann/json.hpp is not installed")
+    build = tmp_path / "build"
+    for command in (
+        ["cmake", "-S", str(tmp_path), "-B", str(build), "-DCMAKE_BUILD_TYPE=Debug"],
+        ["cmake", "--build", str(build)],
+    ):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "warning:" not in done.stderr
+    assert levels(str(build / "adapter")) == HONEST
+
+
+def test_every_file_of_a_template_is_written() -> None:
+    for language, names in FILES.items():
+        there = {path.name for path in (FOLDER / language).iterdir() if path.is_file()}
+        assert there == set(names)
+
+
+def test_what_cannot_be_created(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="no template in 'cobol', only in cpp, python"):
+        create("cobol", tmp_path / "a")
+    (tmp_path / "file").write_text("mine")
+    for target in (tmp_path, tmp_path / "file"):
+        with pytest.raises(FileExistsError, match="is not an empty folder"):
+            create("python", target)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    (tmp_path / "empty").mkdir()
+    assert create("python", tmp_path / "empty")

@@ -1,0 +1,322 @@
+"""The child process behind the kit: whatever it does, the kit goes on and nothing is left over."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from automcm_conformance.process import CUT, TAIL, AdapterError, Process
+
+LIMIT = 0.4
+"""For what is to be waited out; all else has time enough on a busy machine."""
+LINE = b'{"cmd": "hello"}\n'
+
+ECHO = """
+import sys
+for line in sys.stdin:
+    print(line, end="", flush=True)
+"""
+FORGETS_TO_FLUSH = "import sys\nout = open(1, 'w')\nfor line in sys.stdin: out.write(line)"
+SLEEPS = "import time\ntime.sleep(60)"
+FORK = """
+import os, sys, time
+if os.fork() == 0:
+    {first}
+    time.sleep(60)
+"""
+
+
+def start(code: str, *, limit_s: float = 5) -> Process:
+    return Process([sys.executable, "-c", code], limit_s=limit_s)
+
+
+def failure(code: str, lines: int = 1, limit_s: float = 5) -> AdapterError:
+    with start(code, limit_s=limit_s) as child, pytest.raises(AdapterError) as caught:
+        child.exchange([LINE] * lines)
+    return caught.value
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs; a zombie that init has not reaped yet does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def gone(pid: int) -> bool:
+    for _ in range(100):
+        if not alive(pid):
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_lines_come_back_in_order_although_both_pipes_are_full() -> None:
+    lines = [b"%d %s\n" % (n, b"x" * 2_000) for n in range(10_000)]
+    with start(ECHO) as child:
+        assert child.exchange(lines) == [line[:-1] for line in lines]
+        assert child.exchange([]) == []
+        assert child.exchange([b"one\n", b"\n"]) == [b"one", b""]
+        assert child.stop() == "it wrote a line that nobody asked for"  # the echo of stop
+
+
+def test_a_line_costs_the_kit_little() -> None:
+    answers_at_once = "import os\nwhile d := os.read(0, 1 << 16): os.write(1, d)"
+    lines = [LINE] * 500
+    with start(answers_at_once) as child:
+        child.exchange(lines)
+        before = time.process_time()
+        for _ in range(100):
+            child.exchange(lines)
+        used = time.process_time() - before
+    assert used / 50_000 < 5e-6  # some 0.1 us on a machine with nothing else to do
+
+
+def test_a_clean_stop_says_nothing() -> None:
+    with start("import sys\nfor line in sys.stdin:\n if 'stop' in line: break") as child:
+        assert child.stop() is None
+        assert child.stop() is None
+        with pytest.raises(AdapterError, match="ended before"):
+            child.exchange([LINE])
+
+
+def test_the_end_of_input_can_stop_too() -> None:
+    with start(ECHO) as child:
+        assert child.stop(b"") is None
+
+
+def test_hang() -> None:
+    code = "for name in 'ab': input(); print(name, flush=True)\n" + SLEEPS
+    with start(code) as child:
+        assert child.exchange([LINE]) == [b"a"]
+        child.limit_s = LIMIT
+        with pytest.raises(AdapterError) as caught:
+            child.exchange([LINE] * 2)
+    error = caught.value
+    assert (error.kind, error.answers, error.exit_code) == ("hang", [b"b"], None)
+    assert "no answer within 0.4 s after 1 of 2" in str(error)
+
+
+def test_an_answer_that_is_not_flushed_is_a_hang_with_a_hint() -> None:
+    assert "flushed" in str(failure(FORGETS_TO_FLUSH, limit_s=LIMIT))
+
+
+def test_the_limit_is_for_each_answer() -> None:
+    slow = "import sys, time\nfor line in sys.stdin: time.sleep(.15); print(1, flush=True)"
+    with start(slow) as child:
+        child.exchange([LINE])
+        child.limit_s = LIMIT
+        assert child.exchange([LINE] * 4) == [b"1"] * 4
+
+
+def test_a_trickle_is_a_hang() -> None:
+    code = "import os, time\nwhile True: os.write(1, b'x'); time.sleep(.05)"
+    assert failure(code, limit_s=LIMIT).kind == "hang"
+
+
+def test_it_reads_nothing() -> None:
+    error = failure(SLEEPS, 100_000, LIMIT)
+    assert (error.kind, error.answers) == ("hang", [])
+
+
+def test_crash_with_exit_code_and_the_end_of_stderr() -> None:
+    code = """
+import sys
+input(); print("a", flush=True); input()
+for n in range(100): print("line", n, file=sys.stderr)
+print("y" * 5_000, file=sys.stderr)
+sys.exit(7)
+"""
+    error = failure(code, 3)
+    assert (error.kind, error.answers, error.exit_code) == ("crash", [b"a"], 7)
+    assert str(error) == "it ended after 1 of 3 answers, with exit code 7"
+    assert error.stderr == [*(f"line {n}" for n in range(71, 100)), "y" * CUT]
+    assert len(error.stderr) == TAIL
+
+
+def test_crash_by_a_signal() -> None:
+    error = failure("import os\nos.abort()")
+    assert (error.kind, error.exit_code) == ("crash", -6)
+    assert "SIGABRT" in str(error)
+
+
+def test_crash_while_the_kit_writes() -> None:
+    error = failure("import sys\nsys.exit(3)", 100_000)
+    assert (error.kind, error.exit_code) == ("crash", 3)
+
+
+def test_crash_between_two_exchanges() -> None:
+    with start("input(); print(1)") as child:
+        assert child.exchange([LINE]) == [b"1"]
+        time.sleep(0.1)
+        with pytest.raises(AdapterError) as caught:
+            child.exchange([LINE])
+    assert (caught.value.kind, caught.value.exit_code) == ("crash", 0)
+
+
+def test_half_a_line_then_exit() -> None:
+    error = failure("import sys\nsys.stdout.write('{\"messages\"')")
+    assert (error.kind, error.exit_code) == ("crash", 0)
+    assert "in the middle of a line" in str(error)
+
+
+def test_it_closes_its_output_but_lives() -> None:
+    error = failure("import os\nos.close(1)\n" + SLEEPS, limit_s=LIMIT)
+    assert (error.kind, error.exit_code) == ("closed", None)
+
+
+def test_it_closes_its_input_but_lives() -> None:
+    error = failure("import os\nos.close(0)\n" + SLEEPS, 100_000, LIMIT)
+    assert error.kind == "closed"
+    assert "standard input" in str(error)
+
+
+def test_a_gigabyte_on_one_line_takes_no_memory() -> None:
+    tracemalloc.start()
+    try:
+        error = failure("import os\nfor _ in range(1 << 14): os.write(1, b'x' * (1 << 16))")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert error.kind == "line"
+    assert peak < 8 << 20
+
+
+def test_endless_output() -> None:
+    error = failure("import os\nwhile True: os.write(1, b'{}\\n' * 1000)", 2)
+    assert (error.kind, error.answers) == ("output", [b"{}", b"{}"])
+
+
+def test_answers_that_are_large_together() -> None:
+    lines = [LINE] * 1_000
+    code = "import os\nwhile True: os.write(1, b'x' * 900 + b'\\n')"
+    child = Process([sys.executable, "-c", code], max_line=1_000)
+    with child, pytest.raises(AdapterError, match="answers have") as caught:
+        child.exchange(lines)
+    assert caught.value.kind == "output"
+
+
+def test_more_answers_than_asked() -> None:
+    twice = "import sys\nfor line in sys.stdin: sys.stdout.write('1\\n2\\n'); sys.stdout.flush()"
+    assert failure(twice, 3).kind == "output"
+
+
+@pytest.mark.parametrize("more", ["2\\n", "2"])
+def test_a_surplus_that_comes_late(more: str) -> None:
+    code = f"""
+import sys, time
+input(); print(1, flush=True); time.sleep(.1)
+sys.stdout.write("{more}"); sys.stdout.flush()
+input()
+"""
+    with start(code) as child:
+        assert child.exchange([LINE]) == [b"1"]
+        time.sleep(0.2)
+        with pytest.raises(AdapterError) as caught:
+            child.exchange([LINE])
+    assert caught.value.kind == "output"
+    with start(code) as child:
+        assert child.exchange([LINE]) == [b"1"]
+        assert child.stop() == "it wrote a line that nobody asked for"
+
+
+def test_its_children_end_with_it() -> None:
+    code = FORK.format(first="print(os.getpid(), flush=True)") + "time.sleep(60)"
+    with start(code) as child:
+        pid = int(child.exchange([LINE])[0])
+        assert alive(pid)
+    assert gone(pid)
+
+
+def test_its_children_end_after_a_clean_stop() -> None:
+    code = FORK.format(first="print(os.getpid(), flush=True)") + "input(); input()"
+    with start(code) as child:
+        pid = int(child.exchange([LINE])[0])
+        assert child.stop() is None
+    assert gone(pid)
+
+
+def test_a_child_that_went_away_and_holds_the_pipes_blocks_nobody() -> None:
+    code = FORK.format(first="os.setsid(); print(os.getpid(), flush=True)")
+    with start(code + "input(); input()") as child:
+        pid = int(child.exchange([LINE])[0])
+        before = time.monotonic()
+        assert child.stop() is None
+        assert time.monotonic() - before < child.limit_s
+    os.kill(pid, 9)
+    error = failure(code + "sys.exit(4)", 2)
+    os.kill(int(error.answers[0]), 9)
+    assert (error.kind, error.exit_code) == ("crash", 4)
+
+
+def test_stop_is_ignored() -> None:
+    code = "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
+    with start(code + "print(1, flush=True)\nwhile True: time.sleep(1)") as child:
+        child.exchange([LINE])
+        child.limit_s = LIMIT
+        assert child.stop() == "it did not end within 0.4 s of stop and was killed"
+
+
+def test_stop_while_it_floods_its_output() -> None:
+    with start("import os\ninput()\nwhile True: os.write(1, b'x' * 999)", limit_s=LIMIT) as child:
+        assert "was killed" in str(child.stop())
+
+
+def test_the_exit_code_after_stop() -> None:
+    with start("import sys\ninput(); sys.exit(2)") as child:
+        assert child.stop() == "it ended with exit code 2 after stop, not with exit code 0"
+
+
+def test_it_had_ended_before_stop() -> None:
+    with start("import os\nos.kill(os.getpid(), 11)") as child:
+        time.sleep(0.2)
+        assert child.stop() == (
+            "it had ended before it was told to stop, killed by signal 11 (SIGSEGV)"
+        )
+
+
+def test_kill_again_and_again() -> None:
+    child = start(SLEEPS)
+    child.kill()
+    child.kill()
+
+
+def test_no_such_command(tmp_path: Path) -> None:
+    (tmp_path / "run").write_text("#!/bin/sh\n")
+    for command, why in (
+        ([str(tmp_path / "walk")], "No such file"),
+        ([str(tmp_path / "run")], "Permission denied"),
+        ([], "an empty command"),
+    ):
+        with pytest.raises(AdapterError, match=why) as caught:
+            Process(command)
+        assert caught.value.kind == "start"
+
+
+def test_a_flood_on_stderr_does_no_harm() -> None:
+    code = """
+import os
+flood = b"z" * 65536 if {long} else b"words\\n" * 10000
+while True:
+    line = os.read(0, 100)
+    if b"stop" in line or not line: break
+    for _ in range(500): os.write(2, flood)
+    os.write(1, b"1\\n")
+"""
+    tracemalloc.start()
+    try:
+        for long in (True, False):
+            with start(code.format(long=long)) as child:
+                assert child.exchange([LINE]) == [b"1"]
+                assert child.stop() is None
+                tail = child.stderr
+            assert tail == (["z" * CUT] if long else ["words"] * TAIL)
+        assert tracemalloc.get_traced_memory()[1] < 8 << 20
+    finally:
+        tracemalloc.stop()

@@ -1,0 +1,334 @@
+"""The reference passes every scenario, and each catches a station that breaks one thing."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm_conformance import purposes, scenarios
+from automcm_conformance.protocol import HelloAnswer
+from automcm_conformance.scenarios import BOTH, NAMES, P, R
+from automcm_conformance.stage import Application, Outcome, Play, hazard
+from automcm_spec.rules import RULES
+from automcm_traces.explain import explain_files
+from automcm_traces.track import Track
+
+COMMAND = [sys.executable, "-m", "automcm_cli", "adapter"]
+HELLO = HelloAnswer(
+    protocol=1,
+    name="automcm reference",
+    version="0",
+    issues="none",
+    features=["prescriber", "receiver", "restart", "durations", "cam"],
+    scenarios=["lane_change"],
+    fixed={},
+)
+FRAME = """
+import sys
+from automcm import kit, rules
+from automcm.negotiating import foreign
+from automcm.outcome import Outcome, Row, always, ignore, leave, tell
+from automcm.rules import RULES, gives_up
+from automcm.state import State
+from automcm.station import Station
+
+rules.require = lambda *arrow: None
+edit = lambda kit, command, answer: answer
+
+class Broken(kit.Kit):
+    def answer(self, command):
+        return edit(self, command, super().answer(command))
+
+def first(key, rule, when, then=ignore):
+    RULES[key] = (Row(rule, when, then), *RULES[key])
+
+def without(key, rule):
+    RULES[key] = tuple(row for row in RULES[key] if row.rule != rule)
+
+%s
+
+kit.Kit = Broken
+for answer in kit.serve(sys.stdin.buffer):
+    sys.stdout.buffer.write(answer)
+    sys.stdout.flush()
+"""
+
+
+def broken(code: str) -> list[str]:
+    """The reference with something changed."""
+    return [sys.executable, "-c", FRAME % code]
+
+
+REFERENCE = broken("")
+"""With nothing changed; it starts faster than the command does."""
+
+
+def run(
+    name: str, command: list[str], folder: Path, hello: HelloAnswer = HELLO, **more: Any
+) -> Outcome:
+    more = {"limit_s": 10.0, "seed": 1} | more
+    return scenarios.run(name, command, hello, folder, **more)
+
+
+def test_the_suite_has_these_cases() -> None:
+    cases = {p.case for p in purposes.load() if p.case.startswith("scenario ")}
+    assert cases == set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_reference_passes(name: str, tmp_path: Path) -> None:
+    outcome = run(name, REFERENCE, tmp_path)
+    assert (outcome.verdict, outcome.reason, outcome.rule) == ("PASS", "", "")
+    logs = [tmp_path / log for log in outcome.log]
+    plays = sum(play.seeds for play in NAMES[name])
+    folders = {log.parent for log in logs}
+    assert len(folders) == plays
+    for folder in folders:
+        verdicts = explain_files([log for log in logs if log.parent == folder])
+        assert {v.verdict for v in verdicts} == {"allowed"}
+
+
+def test_the_command_passes(tmp_path: Path) -> None:
+    assert run("scenario all arrives", COMMAND, tmp_path).verdict == "PASS"
+
+
+@dataclass(frozen=True)
+class Mutant:
+    scenario: str
+    rule: str
+    code: str
+
+
+MUTANTS = {
+    "marks only from ACTUATING on": Mutant(
+        "all arrives",
+        "ACT-5",
+        """
+def edit(kit, command, answer):
+    for cam in answer.get("cams", []):
+        cam["marks"] = cam["marks"] if answer["phase"] == "ACTUATING" else []
+    return answer
+""",
+    ),
+    "sends no CAM": Mutant(
+        "all arrives",
+        "ACT-2",
+        """
+def edit(kit, command, answer):
+    answer.pop("cams", None)
+    return answer
+""",
+    ),
+    "an Acceptance is sent once": Mutant(
+        "one in five lost", "REL-1", "first('expire resend', 'REL-1', gives_up('Acceptance'))"
+    ),
+    "the Fin is sent once": Mutant(
+        "each lost once", "REL-1", "first('expire resend', 'REL-1', gives_up('Fin'))"
+    ),
+    "a copy of a Prescription is out of turn": Mutant(
+        "each twice",
+        "NEG-1",
+        "rows = RULES['receive Prescription']; RULES['receive Prescription'] = rows[:4] + rows[5:]",
+    ),
+    "an Acceptance before the Ack is lost on it": Mutant(
+        "reordered",
+        "NEG-7",
+        "first('receive Acceptance', 'NEG-6', lambda me, st, i: st.phase == 'PRESCRIBING')",
+    ),
+    "a commitment ends with its Acceptance": Mutant(
+        "all Acks lost",
+        "NEG-9",
+        """
+first("expire giveup", "NEG-9", gives_up("Acceptance"), lambda me, st, i: Outcome(leave(st)))
+""",
+    ),
+    "it goes on by its lease alone": Mutant(
+        "CAMs cut",
+        "ACT-2",
+        """
+def edit(kit, command, answer):
+    if command["cmd"] == "reset":
+        kit.answer({"cmd": "durations", "durations": {"cam": 50_000}})
+    return answer
+""",
+    ),
+    "CAM loss sends no Cancel": Mutant(
+        "CAMs cut one way",
+        "ACT-2",
+        """
+then = lambda me, st, i: Outcome(leave(st), told=tell("fallback", st, reason="cam_loss"))
+first("expire cam", "ACT-2", always, then)
+""",
+    ),
+    "busy is not refused": Mutant(
+        "two prescribers", "NEG-4", "first('receive Prescription', 'NEG-4', foreign)"
+    ),
+    "one station in two sessions": Mutant(
+        "two prescribers",
+        "ADV-4",
+        """
+class Broken:  # a station for the sessions of each prescriber, and all that they say is true
+    def __init__(self):
+        self.all = {1001: kit_(), 1002: kit_()}
+    def answer(self, command):
+        self.me = command.get("station") or getattr(self, "me", 0)
+        default = [self.me if command["cmd"] == "command" else 0]
+        session = command.get("message", command.get("command", {})).get("session", default)[0]
+        if session in self.all:
+            now = {"cmd": "advance", "now": command["now"]}
+            each = [k.answer(command if p == session else now) for p, k in self.all.items()]
+        else:
+            each = [k.answer(command) for k in self.all.values()]
+        if command["cmd"] == "hello":
+            return each[0]
+        deadlines = [a["deadline"] for a in each if a["deadline"] is not None]
+        cams = each[0].get("cams", [])
+        for cam, other in zip(cams, each[1].get("cams", [])):
+            cam["marks"] = sorted(cam["marks"] + other["marks"])
+        return {
+            "messages": each[0]["messages"] + each[1]["messages"],
+            "indications": each[0]["indications"] + each[1]["indications"],
+            "deadline": min(deadlines, default=None),
+            "cams": cams,
+        }
+kit_ = kit.Kit
+""",
+    ),
+    "old numbers after a restart": Mutant(
+        "prescriber restarts",
+        "ADV-1",
+        """
+from automcm.state import Timer
+again = Timer("quarantine"),
+RULES["restart"] = Row("END-8", always, lambda *_: Outcome(State(quarantine=True), again=again)),
+""",
+    ),
+    "a Cancel is ignored in ACTUATING": Mutant(
+        "receiver aborts",
+        "END-2",
+        "first('receive Cancel', 'END-3', lambda me, st, i: st.phase == 'ACTUATING')",
+    ),
+    "only one is released": Mutant(
+        "three receivers",
+        "PRE-2",
+        """
+def edit(kit, command, answer):
+    if "messages" in answer:
+        answer["messages"] = [
+            m for m in answer["messages"] if (m["type"], m.get("dst")) != ("Cancel", 4004)
+        ]
+    return answer
+""",
+    ),
+    "an old Acceptance counts": Mutant(
+        "refused twice",
+        "NEG-6",
+        """
+rows = RULES["receive Acceptance"]
+old = Row("NEG-6", lambda me, st, i: not st.awaits_answer, rows[5].then)
+RULES["receive Acceptance"] = (*rows[:5], old, *rows[6:])
+""",
+    ),
+    "the commitment ends by Fin only": Mutant(
+        "Fin lost",
+        "ACT-4",
+        """
+duration = Station._duration
+def lasts(self, timer, now):
+    return 10**8 if timer.name == "lease" else duration(self, timer, now)
+Station._duration = lasts
+""",
+    ),
+    "a late copy opens the session again": Mutant(
+        "late copies", "ADV-8", "without('receive Advertisement', 'ADV-8')"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
+    mutant = MUTANTS[name]
+    outcome = run(f"scenario {mutant.scenario}", broken(mutant.code), tmp_path)
+    assert (outcome.verdict, outcome.rule) == ("FAIL", mutant.rule), outcome
+    assert outcome.rule in RULES and outcome.what and outcome.allowed and outcome.came
+    assert outcome.lines and outcome.log
+    if outcome.operator:
+        assert outcome.line > 0
+
+
+def test_each_scenario_is_seen_to_fail() -> None:
+    assert {f"scenario {mutant.scenario}" for mutant in MUTANTS.values()} == set(NAMES)
+
+
+def test_a_crash_on_the_way_is_an_error(tmp_path: Path) -> None:
+    crash = """
+def edit(kit, command, answer):
+    if command["cmd"] == "receive" and command["message"]["type"] == "Prescription":
+        raise SystemExit("no idea what to do")
+    return answer
+"""
+    outcome = run("scenario all arrives", broken(crash), tmp_path)
+    assert (outcome.verdict, outcome.rule) == ("ERROR", "")
+    assert "2002: it ended after 0 of 1 answers" in outcome.reason
+    assert outcome.came == ["no idea what to do"]
+    assert "receive from 1001: Prescription" in outcome.lines[-1].text
+    outcome = run("scenario all arrives", [sys.executable, "-c", "print('hi')"], tmp_path)
+    assert (outcome.verdict, outcome.log) == ("ERROR", [])
+
+
+def test_what_it_cannot_do_is_skipped(tmp_path: Path) -> None:
+    def skipped(name: str, **change: Any) -> str:
+        outcome = run(name, ["nothing is started"], tmp_path, HELLO.model_copy(update=change))
+        assert outcome.verdict == "SKIP"
+        return outcome.reason
+
+    assert skipped("scenario all arrives", features=["prescriber"]) == "needs receiver, cam"
+    features = ["prescriber", "receiver", "cam"]
+    assert skipped("scenario prescriber restarts", features=features) == "needs restart"
+    assert "MEM-1" in skipped("scenario three receivers", fixed={"max_participants": 1})
+
+
+def test_a_scenario_that_leads_elsewhere_is_inconclusive(tmp_path: Path) -> None:
+    hello = HELLO.model_copy(update={"fixed": {"max_rounds": 1}})
+    outcome = run("scenario refused twice", REFERENCE, tmp_path, hello)
+    assert outcome.verdict == "INCONC"
+    assert (
+        "every step is allowed, but 1001 was told choose, fallback no_agreement" in outcome.reason
+    )
+    assert len(outcome.log) == 2
+
+
+def test_a_session_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for_ever = Application(BOTH[P].whens[:1], lease_ms=10**6)
+    monkeypatch.setitem(NAMES, "scenario all arrives", (Play({**BOTH, P: for_ever}),))
+    outcome = run("scenario all arrives", REFERENCE, tmp_path)
+    assert (outcome.verdict, outcome.rule) == ("FAIL", "L-1")
+    assert "1001 is still in ACTUATING" in outcome.what
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    name = "scenario one in five lost"
+    one, other = (run(name, REFERENCE, tmp_path / n) for n in ("one", "other"))
+    assert one == other
+    for log in one.log:
+        assert (tmp_path / "one" / log).read_bytes() == (tmp_path / "other" / log).read_bytes()
+
+
+def test_hazards() -> None:
+    acts = {"phase": "ACTUATING", "session": (P, 1), "proposal": 2}
+    prescriber = Track(P, role="prescriber", target=R, **acts)  # type: ignore[arg-type]
+    receiver = Track(R, role="receiver", **acts)  # type: ignore[arg-type]
+    tracks, nobody = {P: prescriber, R: receiver}, {P: set[Any](), R: set[Any]()}
+    assert hazard(tracks, nobody) == ""
+    receiver.proposal = 1
+    assert hazard(tracks, nobody).startswith("S-5: 1001 acts")
+    receiver.phase = "STANDALONE"
+    assert hazard(tracks, nobody).startswith("S-5: 1001 acts")
+    assert hazard(tracks, {P: set(), R: {(P, 1)}}) == ""
+    third = Track(3003, role="receiver", **acts)  # type: ignore[arg-type]
+    prescriber.phase, receiver.phase, receiver.proposal = "STANDALONE", "ACTUATING", 2
+    assert hazard({**tracks, 3003: third}, {**nobody, 3003: set()}).startswith("S-4: 2002 and 3003")
