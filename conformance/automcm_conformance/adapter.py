@@ -25,11 +25,30 @@ class Adapter:
 
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
         """Raises AdapterError; the next call has a fresh process."""
-        if self._process is None:
-            self._start()
-        assert self._process is not None
+        used = self._process is not None
         try:
+            return self._exchange(lines)
+        except AdapterError as error:
+            if not used or error.answers or error.kind not in ("output", "crash", "closed"):
+                raise
+        # What it did between two exchanges says nothing about this one.
+        return self._exchange(lines)
+
+    def renew(self) -> None:
+        """It may be out of step: the next exchange has a fresh process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process = None
+
+    def _exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+        try:
+            if self._process is None:
+                self._start()
+            assert self._process is not None
             return self._process.exchange(lines)
+        except ProtocolError as error:
+            self.broken += 1
+            raise AdapterError("start", f"started again: {error}") from None
         except AdapterError:
             self._process = None
             self.broken += 1

@@ -45,6 +45,18 @@ class Link(Protocol):
 
 
 @dataclass(slots=True)
+class Deed:
+    """What one step of the specification did, for a log: the timer that expired, how much was
+    sent and told, the timers stopped and armed."""
+
+    expired: Json
+    messages: int
+    told: int
+    stopped: list[Json]
+    armed: list[tuple[Json, int]]
+
+
+@dataclass(slots=True)
 class Step:
     """One line, what it stands for in the oracle, and what must be answered.
 
@@ -62,10 +74,8 @@ class Step:
     next_timer: Json = None
     """The timer whose deadline is expected."""
     answer: bytes = b""
-    expired: list[Json] = field(default_factory=list)
-    """Timers, as a log names them; ``armed`` with their deadlines."""
-    stopped: list[Json] = field(default_factory=list)
-    armed: list[tuple[Json, int]] = field(default_factory=list)
+    deeds: list[Deed] = field(default_factory=list)
+    """For each of ``pairs``, if the exchange is logged."""
 
 
 class Mismatch(Exception):
@@ -126,6 +136,7 @@ class Exchange:
         rich: bool = False,
         predict: bool = False,
         logged: bool = True,
+        judges_marks: bool = True,
     ) -> None:
         self.oracle = oracle
         self.parameters = parameters
@@ -138,6 +149,8 @@ class Exchange:
         self.predict = predict
         """The number of a new session is taken to be the next one, until it turns out otherwise:
         then Unpredicted is raised, and nothing is judged."""
+        self.judges_marks = judges_marks
+        """Also the marks of CAMs are looked at."""
         self.logged = logged
         """Steps keep what a log says of timers."""
         self.begun = False
@@ -152,6 +165,7 @@ class Exchange:
         self._lease_ms = LONG_MS
         self._natural = natural(parameters)
         reset = {"cmd": "reset", "station": IDS[ME], "seed": seed, "parameters": dict(parameters)}
+        self._reset = reset
         self._queue(encode(reset, self.now), [])
 
     # -- what the kit does
@@ -178,6 +192,11 @@ class Exchange:
             self.advance(due)
         if self.now < until:
             self.advance(until)
+
+    def seal(self) -> None:
+        """The end: a line more, so that what the station does after its last answer shows here."""
+        self.state, self._timers, self._first = 0, {}, None
+        self._queue(encode(self._reset, self.now), [])
 
     def malformed(self, message: Json) -> None:
         """A message that breaks its form: discarded, whatever the phase (END-5)."""
@@ -322,13 +341,12 @@ class Exchange:
         answer = self.oracle.answer(self.state, i)
         value = self.oracle.inputs[i]
         assert answer is not None, f"not offered: {value}"
-        if answer.changes:
-            if self.wire.given is not None:
-                self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
-            if self.logged:
-                step.stopped += [self.wire.timer(t) for t in answer.effect.stop]
-                if value[0] == "expire":
-                    step.expired.append(self.wire.timer(value[1]))
+        if answer.changes and self.wire.given is not None:
+            self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
+        deed = Deed(None, 0, 0, [], []) if self.logged else None
+        if deed is not None:
+            deed.expired = self.wire.timer(value[1]) if value[0] == "expire" else None
+            deed.stopped = [self.wire.timer(t) for t in answer.effect.stop]
         lease = self.deadline(["lease"]) if answer.changes else None
         step.expected.above = self.wire.last_number
         messages, indications = self.wire.expect(
@@ -345,9 +363,11 @@ class Exchange:
         if answer.changes:
             step.expected.fresh, self.wire.fresh = self.wire.fresh, []
             self._settle(answer)
-            if self.logged:
-                arm = answer.effect.arm
-                step.armed += [(self.wire.timer(t), self.deadline(t) or 0) for t in arm]
+        if deed is not None:
+            deed.messages, deed.told = len(messages), len(indications)
+            arm = answer.effect.arm
+            deed.armed = [(self.wire.timer(t), self.deadline(t) or 0) for t in arm]
+            step.deeds.append(deed)
 
     def _queue(self, line: bytes, pairs: list[tuple[int, int]], step: Step | None = None) -> None:
         first = self._first
@@ -364,7 +384,7 @@ class Exchange:
 
     def _judge(self, step: Step, line: bytes) -> None:
         step.answer = line
-        if b'"cams"' in line:
+        if self.judges_marks and b'"cams"' in line:
             step.expected.marks = [self._marks(step.before), self._marks(step.after)]
         problems = differences(step.expected, line)
         if problems:

@@ -23,9 +23,16 @@ def play(x: Exchange, tour: Sequence[int], timed: bool, lease_ms: int = LONG_MS)
 
     ``timed``: the station has ``durations``, so time forbids nothing.  Raises Mismatch, Broken.
     """
+    off: Pair | None = None
     if timed:
         _timed(x, tour)
-        return None
+    else:
+        off = _natural(x, tour, lease_ms)
+    x.seal()
+    return off
+
+
+def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
     for place, i in enumerate(tour):
         x.place = place
         here = x.state, i

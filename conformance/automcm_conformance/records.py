@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -93,10 +96,12 @@ def write_log(
     version: str,
 ) -> None:
     """The exchange as a log of the station: what it answered, and the timers as the
-    specification has them."""
+    specification has them.  Raises ValueError if it cannot be told in a log."""
+    if any(step.pairs and not step.deeds for step in steps):
+        raise ValueError("timers were not kept")
     reset = from_json(steps[0].line)
     limits = {n: reset["parameters"][n] for n in LIMITS}
-    sent = 0
+    count = itertools.count(1)
     with LogWriter(
         path,
         run=case,
@@ -109,29 +114,54 @@ def write_log(
         for step in steps:
             if not step.pairs and b'"advance"' not in step.line:
                 continue
-            command = from_json(step.line)
-            answer = from_json(step.answer)
+            command, answer = from_json(step.line), from_json(step.answer)
             more = {"phase": answer["phase"]} if "phase" in answer else {}
-            for m in answer.get("cams", []):  # due before anything else happened
-                sent += 1
-                log.event("send", step.now, tx=f"{IDS[ME]}:{sent}", message=m)
-            for timer in step.expired:
-                log.event("timer", step.now, op="expire", timer=timer, **more)
-            match command["cmd"]:
-                case "receive":
-                    planned = command.get("planned")
-                    m = command["message"]
-                    log.event("receive", step.now, message=m, planned=planned, **more)
-                case "command":
-                    log.event("command", step.now, command=command["command"], **more)
-                case "restart":
-                    log.event("restart", step.now, **more)
-            for m in answer["messages"]:
-                sent += 1
-                log.event("send", step.now, tx=f"{IDS[ME]}:{sent}", message=m)
-            for timer in step.stopped:
-                log.event("timer", step.now, op="stop", timer=timer)
-            for timer, deadline in step.armed:
-                log.event("timer", step.now, op="arm", timer=timer, deadline=deadline)
-            for told in answer["indications"]:
-                log.event("indication", step.now, indication=told)
+            messages, told = iter(answer["messages"]), iter(answer["indications"])
+            cams = answer.get("cams", [])
+            marks = step.expected.marks[:1]
+            before = [c for c in cams if not marks or sorted(c["marks"]) in marks]
+            send = partial(_send, log, count, step.now)
+            send(before)
+            for deed in step.deeds:
+                if deed.expired is not None:
+                    expired = _timer(deed.expired)
+                    log.event("timer", step.now, op="expire", timer=expired, **more)
+                else:
+                    _input(log, step.now, command, more)
+                send(islice(messages, deed.messages))
+                for timer in deed.stopped:
+                    log.event("timer", step.now, op="stop", timer=_timer(timer))
+                for timer, deadline in deed.armed:
+                    armed = _timer(timer)
+                    log.event("timer", step.now, op="arm", timer=armed, deadline=deadline)
+                for indication in islice(told, deed.told):
+                    log.event("indication", step.now, indication=indication)
+            send(messages)
+            for indication in told:
+                log.event("indication", step.now, indication=indication)
+            send(c for c in cams if c not in before)
+
+
+def _send(log: LogWriter, count: Iterator[int], now: int, messages: Iterable[Json]) -> None:
+    for message in messages:
+        log.event("send", now, tx=f"{IDS[ME]}:{next(count)}", message=message)
+
+
+def _input(log: LogWriter, now: int, command: Json, more: dict[str, Json]) -> None:
+    match command["cmd"]:
+        case "receive":
+            planned = command.get("planned")
+            log.event("receive", now, message=command["message"], planned=planned, **more)
+        case "command":
+            log.event("command", now, command=command["command"], **more)
+        case "restart":
+            log.event("restart", now, **more)
+
+
+def _timer(timer: Json) -> Json:
+    """A timer as a log names it."""
+    if "message" not in timer:
+        return timer
+    m = timer["message"]
+    about = {"type": m["type"]} | ({"to": m["dst"]} if "dst" in m else {})
+    return {"name": timer["name"], "message": about | {"session": m["session"], "seq": m["seq"]}}

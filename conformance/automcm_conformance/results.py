@@ -141,24 +141,3 @@ class Report:
 
 
 FORMAT = "automcm.report/1"
-
-
-def from_dict(value: dict[str, Json]) -> Report:
-    """A report from its JSON.  Raises ValueError if it is none."""
-    if not isinstance(value, dict) or value.get("format") != FORMAT:
-        raise ValueError(f"format: {FORMAT} is needed")
-    try:
-        given = {k: v for k, v in value.items() if k not in ("format", "counts", "exit_code")}
-        given["implementation"] = Implementation(**given["implementation"])
-        given["cases"] = [_case(dict(case)) for case in given["cases"]]
-        return Report(**given)
-    except (TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"not a report: {error}") from None
-
-
-def _case(value: dict[str, Json]) -> CaseResult:
-    value.pop("expected", None)
-    failures = [dict(failure) for failure in value.pop("failures", [])]
-    for failure in failures:
-        failure["exchange"] = [Line(**line) for line in failure["exchange"]]
-    return CaseResult(**value, failures=[Failure(**failure) for failure in failures])

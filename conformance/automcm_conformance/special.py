@@ -14,7 +14,7 @@ from typing import Any
 from pydantic_core import from_json
 
 from automcm_conformance.exchange import Exchange, Infeasible, Mismatch
-from automcm_conformance.wire import LARGE, LONG_MS
+from automcm_conformance.wire import LARGE, LONG_MS, UNKNOWN
 from automcm_spec.oracle import canonical
 
 Json = Any
@@ -173,6 +173,8 @@ MALFORMED: dict[str, tuple[Script, Json]] = {
 
 def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
     """A script; the last expiry is approached to the millisecond.  Raises Infeasible."""
+    if REFUSED in script and x.parameters["max_rounds"] < 2:
+        raise Infeasible  # there is no second round
     for n, value in enumerate(script):
         if value[0] == "wait":
             x.wait(x.now + value[1])
@@ -192,7 +194,7 @@ def _before(x: Exchange, timer: Json) -> None:
     """One millisecond before a timer expires, and nothing happens.  Raises Infeasible if another
     one than a resend ends before it, or at the same time and first."""
     deadline = x.deadline(timer)
-    if deadline is None:
+    if deadline is None or deadline == UNKNOWN:
         raise Infeasible
     while (due := x.next_due) is not None and due < deadline:
         fired = x.advance(due)
@@ -222,7 +224,10 @@ def sendings(fresh: Fresh, t_timeout: int) -> Iterator[Exchange]:
     for name in ("Intention", "Prescription", "Acceptance", "Fin", "Cancel"):
         for script in TIMERS[f"giveup {name}"]:
             x = fresh(DEFAULTS | {"t_timeout": t_timeout})
-            play(x, [*script, ["wait", 1000]])
+            try:
+                play(x, [*script, ["wait", 1000]])
+            except Infeasible:
+                continue
             yield x
 
 
@@ -230,7 +235,10 @@ def same_instant(fresh: Fresh) -> Iterator[Exchange]:
     """``same instant``: the timer comes first, then the input."""
     for script in SAME_INSTANT:
         x = fresh(DEFAULTS)
-        play(x, script, LEASE_MS if ["lease"] in [v[1] for v in script] else LONG_MS)
+        try:
+            play(x, script, LEASE_MS if ["lease"] in [v[1] for v in script] else LONG_MS)
+        except Infeasible:
+            continue
         yield x
 
 
@@ -239,7 +247,10 @@ def content(fresh: Fresh, type_: str) -> Iterator[Exchange]:
     for rich in (False, True):
         for script in CONTENT[type_]:
             x = fresh(DEFAULTS, rich=rich)
-            play(x, script)
+            try:
+                play(x, script)
+            except Infeasible:
+                continue
             yield x
 
 
@@ -342,9 +353,12 @@ def cam_marks(fresh: Fresh) -> Iterator[Exchange]:
     ):
         x = fresh(DEFAULTS)
         x.wait(x.now + 250)
-        for value in script:
-            play(x, [value])
-            x.wait(x.now + 250)
+        try:
+            for value in script:
+                play(x, [value])
+                x.wait(x.now + 250)
+        except Infeasible:
+            continue
         x.flush()
         yield x
 

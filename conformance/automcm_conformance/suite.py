@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from pathlib import Path
 from typing import Any
 
-from automcm_conformance import records, scenarios, special
 from automcm_conformance.adapter import PATIENCE, Adapter
 from automcm_conformance.exchange import Broken, Exchange, Mismatch, Step, Unpredicted
 from automcm_conformance.play import LEASES, RUNS, Wrong, play, shortened
 from automcm_conformance.process import AdapterError
+from automcm_conformance.protocol import ProtocolError, Refused
 from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.results import Verdict
 from automcm_conformance.tally import Fault, Part, Tally
@@ -43,6 +41,8 @@ BULK = 1_000
 """Lines that are written before their answers are read, about."""
 ENOUGH = 3
 """Wrong answers after which a case is decided, and driven no further."""
+STARTS = 20
+"""Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
 ATTEMPTS = 3
 """Tours that may fail to reach a pair because time forbids it."""
 
@@ -75,6 +75,18 @@ class Drive:
         return sum(flight.x.unwritten for flight in self.flights)
 
 
+def fitting(chosen: Mapping[str, int], fixed: Mapping[str, int]) -> dict[str, int]:
+    """The chosen parameters but for those that are fixed, changed where they do not fit these."""
+    p = {**chosen, **fixed}
+    if p["backoff_min"] > p["backoff_max"]:
+        bound = p["backoff_min"] if "backoff_min" in fixed else p["backoff_max"]
+        p["backoff_min"] = p["backoff_max"] = bound
+    if "outbox_limit" not in fixed:
+        room = max(p["max_participants"], p["max_rounds"]) + 1
+        p["outbox_limit"] = max(p["outbox_limit"], room)
+    return p
+
+
 class Runner:
     """One run of chosen purposes against one implementation."""
 
@@ -85,6 +97,9 @@ class Runner:
         self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
         self.elsewhere: list[Fault] = []
         """Wrong answers of cases that are not run."""
+        marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
+        self._cam_marks = next(marks, None)
+        """The case that wrong marks belong to, wherever they are seen."""
         self.parts: list[Part] = []
         self.predict = True
         """The station numbers its sessions one by one, as far as is known."""
@@ -113,7 +128,7 @@ class Runner:
     ) -> Exchange:
         """A fresh station, with the limits of the graph."""
         limits = {name: oracle.constants[constant] for name, constant in LIMITS.items()}
-        given = {**parameters, **limits, **self.fixed}
+        given = fitting({**parameters, **limits}, self.fixed)
         scenario = self.adapter.hello.scenarios[0]
         return Exchange(
             oracle,
@@ -124,7 +139,14 @@ class Runner:
             rich=rich,
             predict=predict,
             logged=logged,
+            judges_marks=not self._marks_decided,
         )
+
+    @property
+    def _marks_decided(self) -> bool:
+        """Enough CAMs have had wrong marks."""
+        tally = self._cam_marks
+        return tally is not None and len(tally.faults) >= ENOUGH
 
     # -- which pairs
 
@@ -169,6 +191,8 @@ class Runner:
             if tour is None or drive.lines >= BULK:
                 self.say(f"{part.name}: {part.reached.total():,} of {drive.planned:,}")
                 self._land(drive)
+        if self.cut_short:
+            return
         tours.usable(drive.attempts)
         for state in [state for state in tours.left if tours.path(state) is not None]:
             for i in list(tours.left[state]):
@@ -211,94 +235,6 @@ class Runner:
         ]
         return f"{other[0]} is fixed" if other else ""
 
-    # -- cases that no graph carries, and one exchange of each case
-
-    def special(self, purpose: Purpose, part: Part, folder: Path) -> None:
-        """Run a case by its name."""
-        tally = self.tallies[purpose.id]
-        tally.total = 1
-        missing = special.needs(purpose.case) - self.features
-        if missing or self.cut_short:
-            tally.skipped.update(sorted(missing)[:1])
-            return
-        fresh = partial(self.exchange, part.oracle)
-        steps: list[Step] = []
-        count = 0
-        try:
-            for x in special.exchanges(purpose.case, fresh):
-                count += 1
-                steps = steps or x.done
-        except (Mismatch, Broken) as error:
-            steps = error.steps
-            tally.faults.append(self._fault(part, steps[-1].pairs, error, str(error), purpose))
-        tally.total = tally.reached = count + len(tally.faults)
-        tally.log = self._log(folder, purpose.id, steps)
-
-    def scenario(self, purpose: Purpose, folder: Path) -> None:
-        """Run a scenario: several stations, each behind a process of its own."""
-        tally = self.tallies[purpose.id]
-        tally.total = 1
-        if self.cut_short:
-            return
-        adapter = self.adapter
-        outcome = tally.outcome = scenarios.run(
-            purpose.case,
-            adapter.command,
-            adapter.hello,
-            folder,
-            limit_s=adapter.limit_s,
-            seed=self.seed,
-        )
-        tally.log = outcome.log[0] if outcome.log else ""
-        tally.reached = 0 if outcome.verdict == "SKIP" else 1
-
-    def samples(self, folder: Path) -> None:
-        """One exchange of each case of a graph, twice: for its log, and because the same lines
-        must bring the same answers."""
-        for name, tally in self.tallies.items():
-            if tally.faults:
-                tally.log = self._log(folder, name, tally.faults[0].steps)
-            elif tally.sample is not None and not self.cut_short:
-                self.say(f"log: {name}")
-                self._sample(tally, *tally.sample, folder)
-
-    def _sample(self, tally: Tally, part: Part, pair: Pair, folder: Path) -> None:
-        way = part.tours.path(pair[0]) if part.tours is not None else None
-        if way is None:
-            return
-        runs = []
-        for _ in range(2):
-            x = self.exchange(part.oracle)
-            try:
-                play(x, [*way, pair[1]], self.timed)
-                x.flush()
-            except (Mismatch, Broken) as error:
-                what = f"{DIFFERENTLY}: {error}"
-                tally.faults.append(self._fault(part, [pair], error, what, tally.purpose, "ERROR"))
-                return
-            runs.append(x.done)
-        tally.log = self._log(folder, tally.purpose.id, runs[0])
-        for one, other in zip(*runs, strict=True):
-            if one.answer != other.answer:
-                what = f"{DIFFERENTLY}: {other.answer[:200]!r}, before {one.answer[:200]!r}"
-                differs = Mismatch(runs[1], [("answer", what)])
-                fault = self._fault(part, [pair], differs, what, tally.purpose, "ERROR")
-                tally.faults.append(fault)
-                return
-
-    def _log(self, folder: Path, case: str, steps: list[Step]) -> str:
-        """Write the log of an exchange; returns its path in the folder, or nothing if an answer
-        of it cannot be told in a log."""
-        path = folder / "logs" / f"{case.replace('/', '-')}.ndjson"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        hello = self.adapter.hello
-        try:
-            records.write_log(path, case, steps, hello.name, hello.version)
-        except (ValueError, TypeError, KeyError):
-            path.unlink(missing_ok=True)
-            return ""
-        return str(path.relative_to(folder))
-
     # -- driving them
 
     def _start(self, drive: Drive, tour: list[int]) -> None:
@@ -334,10 +270,8 @@ class Runner:
                 flight.x.answered(mine, broken if len(mine) < asked else None)
             except (Mismatch, Broken, Unpredicted) as wrong:
                 self._landed(drive, flight, wrong)
-            else:
-                self._landed(drive, flight)
-            if len(mine) < asked:
-                break  # the tours behind it were not played
+                break  # what follows was not played, or may be out of step; it is played again
+            self._landed(drive, flight)
 
     def _landed(
         self, drive: Drive, flight: Flight, error: Wrong | Unpredicted | None = None
@@ -389,6 +323,8 @@ class Runner:
         lease: int,
     ) -> None:
         """Find the shortest exchange that goes wrong so, and the case that it belongs to."""
+        self._in_step(error)
+        before = self.adapter.broken
         place = error.steps[-1].place
         inputs = tour[: place + 1]
         states = _states(part.oracle, inputs)
@@ -401,19 +337,22 @@ class Runner:
             return
 
         def attempt(again: list[int]) -> Wrong | None:
-            if self.cut_short:
-                return None
             x = self.exchange(part.oracle)
             try:
                 play(x, again, self.timed, lease)
                 x.flush()
             except (Mismatch, Broken) as wrong:
-                return wrong
+                self._in_step(wrong)
+                return wrong if len(wrong.steps) > 1 else None  # else not even reset was answered
             return None
 
-        hangs = isinstance(error, Broken) and getattr(error.error, "kind", "") == "hang"
+        kind = getattr(getattr(error, "error", None), "kind", "")
+        hangs = kind == "hang"
         ways = [tours.path(state) for state in states]
-        short = shortened(part.oracle, inputs, ways, attempt, 1 if hangs else RUNS)
+        short = shortened(
+            part.oracle, inputs, ways, attempt, 1 if hangs else STARTS if kind else RUNS
+        )
+        self.adapter.broken = before  # each fault counts once, however often it is tried again
         if short is None:
             case = tours.avoid(seen)
             if hangs:
@@ -426,12 +365,20 @@ class Runner:
             return
         inputs, error = short
         culprit, why = self._culprit(part, inputs, error)
-        if culprit in tours.avoided:
-            culprit = seen  # so that each wrong answer takes away something to do
+        if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
+            tours.avoid(seen)
+            return
         case = tours.avoid(culprit)
         if case is not None:
             self._reached(part, case, culprit)
         self._blame(part, owners, tours, culprit, error, f"{error}{why}")
+
+    def _in_step(self, error: Wrong) -> None:
+        """After a line too many, the next exchange has a fresh process."""
+        last, cause = error.steps[-1], getattr(error, "error", None)
+        sealed = len(error.steps) > 1 and b'"reset"' in last.line
+        if sealed or (isinstance(cause, ProtocolError) and not isinstance(cause, Refused)):
+            self.adapter.renew()
 
     def _culprit(self, part: Part, inputs: list[int], error: Wrong) -> tuple[Pair, str]:
         """The pair to blame for a shortest wrong exchange, and why it if is not the last one."""
@@ -467,10 +414,9 @@ class Runner:
         assert answer is not None
         tally = self._tally(part, owners, answer)
         if isinstance(error, Mismatch) and {p for p, _ in error.problems} == {"cams"}:
-            marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
-            tally = next(marks, tally)
+            tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
-        fault = self._fault(part, [pair], error, what, purpose, verdict)
+        fault = self.fault(part, [pair], error, what, purpose, verdict)
         if tally is None:
             self.elsewhere.append(fault)
             return
@@ -478,7 +424,7 @@ class Runner:
         if len(tally.faults) >= ENOUGH:
             tours.drop(tally.purpose.id)
 
-    def _fault(
+    def fault(
         self,
         part: Part,
         pairs: list[Pair],
@@ -487,13 +433,14 @@ class Runner:
         purpose: Purpose | None,
         verdict: Verdict | None = None,
     ) -> Fault:
-        """A fault; its rule is that of the last pair, or of the case."""
+        """A fault; its rule is that of the last pair, or of a case that has a name."""
         rule = purpose.rules[0] if purpose else ""
         value: Json = None
         if pairs:
-            answer = part.oracle.answer(*pairs[-1])
             value = part.oracle.inputs[pairs[-1][1]]
-            rule = answer.effect.rule if answer else rule
+            answer = part.oracle.answer(*pairs[-1])
+            if answer is not None and not (purpose and purpose.case):
+                rule = answer.effect.rule
         return Fault(
             verdict or ("FAIL" if isinstance(error, Mismatch) else "ERROR"),
             part,

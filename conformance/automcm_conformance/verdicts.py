@@ -90,6 +90,8 @@ def report(
         graphs[part.name] = {
             kind: [part.reached[kind], part.totals[kind]] for kind in ("transitions", "refusals")
         }
+        if part.forbidden:
+            graphs[part.name]["forbidden by time"] = [part.forbidden, part.totals.total()]
     coverage = {kind: [reached[kind], totals[kind]] for kind in ("transitions", "refusals")}
     rules = {rule for case in cases for rule in case.rules}
     seen = {rule for case in cases if case.verdict in ("PASS", "FAIL") for rule in case.rules}

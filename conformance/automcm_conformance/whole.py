@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from automcm_conformance import remainder
+from automcm_conformance import named, remainder
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.purposes import load as load_purposes
@@ -82,14 +82,14 @@ def _conform(
                 if answer.effect.rule == "MEM-1"
             )
             runner.graph(Part("tight, MEM-1", tight), limits, owners)
-            runner.samples(folder)
+            named.samples(runner, folder)
         part = Part("special", one)
         for purpose in purposes:
             say(purpose.case)
             if purpose.case.startswith("scenario "):
-                runner.scenario(purpose, folder)
+                named.scenario(runner, purpose, folder)
             elif purpose.case:
-                runner.special(purpose, part, folder)
+                named.special(runner, purpose, part, folder)
     finally:
         adapter.stop()
     return report(runner, folder, spec, selectors, expected)

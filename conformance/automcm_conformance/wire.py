@@ -66,7 +66,8 @@ class Expected:
     ``messages`` may come in any order.  What the station is free to choose is None until it is
     known: ``seq`` where several new messages share the numbers in ``fresh``, and the number of a
     session that it opens, which must be ``above`` the last.  ``deadline`` may be UNKNOWN.
-    ``marks`` are those of the state before and after: CAMs due in between have one of them.
+    ``marks`` are those of the state before and after: CAMs due in between have one of them; empty
+    if they are not looked at.
     """
 
     rule: str = ""
@@ -360,18 +361,18 @@ class Wire:
         return [out]
 
     def timer(self, t: Json) -> dict[str, Json]:
-        """A timer as a log names it."""
+        """A timer as a log names it, but with all of the message it belongs to: its seq may not
+        be known yet."""
         if len(t) == 1:
             return {"name": t[0]}
         if t[0] == "forget":
             return {"name": "forget", "station": IDS[t[1]]}
         type_, to, session = t[1][:3]
-        about: dict[str, Json] = {"type": type_}
-        if to:
-            about["to"] = IDS[to]
         entry = self.outbox.get(entry_key(t[1]))
-        seq = 1 if entry is None or entry["seq"] is None else entry["seq"]
-        return {"name": t[0], "message": about | {"session": self.session(session), "seq": seq}}
+        if entry is None:
+            entry = {"type": type_, "session": self.session(session), "seq": 1}
+            entry |= {"dst": IDS[to]} if to else {}
+        return {"name": t[0], "message": entry}
 
 
 def encode(command: dict[str, Json], now: int) -> bytes:

@@ -1,0 +1,110 @@
+"""Cases that have a name, and one exchange of each case of a graph: for its log, and because the
+same lines must bring the same answers."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from automcm_conformance import records, scenarios
+from automcm_conformance import special as special_
+from automcm_conformance.exchange import Broken, Mismatch, Step
+from automcm_conformance.play import play
+from automcm_conformance.purposes import Purpose
+from automcm_conformance.suite import DIFFERENTLY, Runner
+from automcm_conformance.tally import Part, Tally
+from automcm_conformance.tour import Pair
+
+
+def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
+    """Run a case by its name."""
+    tally = runner.tallies[purpose.id]
+    tally.total = 1
+    missing = special_.needs(purpose.case) - runner.features
+    if missing or runner.cut_short:
+        tally.skipped.update(sorted(missing)[:1])
+        return
+    fresh = partial(runner.exchange, part.oracle)
+    steps: list[Step] = []
+    count = 0
+    try:
+        for x in special_.exchanges(purpose.case, fresh):
+            count += 1
+            steps = steps or x.done
+    except (Mismatch, Broken) as error:
+        steps = error.steps
+        runner.adapter.renew()
+        tally.faults.append(runner.fault(part, steps[-1].pairs, error, str(error), purpose))
+    tally.total = tally.reached = count + len(tally.faults)
+    tally.log = _log(runner, folder, purpose.id, steps)
+
+
+def scenario(runner: Runner, purpose: Purpose, folder: Path) -> None:
+    """Run a scenario: several stations, each behind a process of its own."""
+    tally = runner.tallies[purpose.id]
+    tally.total = 1
+    if runner.cut_short:
+        return
+    adapter = runner.adapter
+    outcome = tally.outcome = scenarios.run(
+        purpose.case,
+        adapter.command,
+        adapter.hello,
+        folder,
+        limit_s=adapter.limit_s,
+        seed=runner.seed,
+    )
+    tally.log = outcome.log[0] if outcome.log else ""
+    tally.reached = 0 if outcome.verdict == "SKIP" else 1
+
+
+def samples(runner: Runner, folder: Path) -> None:
+    """One exchange of each case of a graph, twice: for its log, and because the same lines
+    must bring the same answers."""
+    for name, tally in runner.tallies.items():
+        if tally.faults:
+            tally.log = _log(runner, folder, name, tally.faults[0].steps)
+        elif tally.sample is not None and not runner.cut_short:
+            runner.say(f"log: {name}")
+            _sample(runner, tally, *tally.sample, folder)
+
+
+def _sample(runner: Runner, tally: Tally, part: Part, pair: Pair, folder: Path) -> None:
+    way = part.tours.path(pair[0]) if part.tours is not None else None
+    if way is None:
+        return
+    runs = []
+    for _ in range(2):
+        x = runner.exchange(part.oracle)
+        try:
+            play(x, [*way, pair[1]], runner.timed)
+            x.flush()
+        except (Mismatch, Broken) as error:
+            what = f"{DIFFERENTLY}: {error}"
+            tally.faults.append(runner.fault(part, [pair], error, what, tally.purpose, "ERROR"))
+            return
+        runs.append(x.done)
+    tally.log = _log(runner, folder, tally.purpose.id, runs[0])
+    for one, other in zip(*runs, strict=True):
+        if one.answer != other.answer:
+            what = f"{DIFFERENTLY}: {other.answer[:200]!r}, before {one.answer[:200]!r}"
+            differs = Mismatch(runs[1], [("answer", what)])
+            fault = runner.fault(part, [pair], differs, what, tally.purpose, "ERROR")
+            tally.faults.append(fault)
+            return
+
+
+def _log(runner: Runner, folder: Path, case: str, steps: list[Step]) -> str:
+    """Write the log of an exchange; returns its path in the folder, or nothing if there
+    is none, or an answer of it cannot be told in a log."""
+    if not steps:
+        return ""
+    path = folder / "logs" / f"{case.replace('/', '-')}.ndjson"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    hello = runner.adapter.hello
+    try:
+        records.write_log(path, case, steps, hello.name, hello.version)
+    except (ValueError, TypeError, KeyError):
+        path.unlink(missing_ok=True)
+        return ""
+    return str(path.relative_to(folder))

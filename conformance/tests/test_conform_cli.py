@@ -1,0 +1,424 @@
+"""``automcm conform`` and ``automcm adapter``: what they print, write and return."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from junitparser import JUnitXml
+from typer.testing import CliRunner
+
+from automcm.kit import HELLO
+from automcm_cli.main import app
+from automcm_conformance import report, whole
+from automcm_conformance.process import Process
+from automcm_conformance.results import CaseResult, Implementation, Report, Verdict
+
+Json = Any
+run = CliRunner()
+AUTOMCM = [sys.executable, "-m", "automcm_cli"]
+REFERENCE = [*AUTOMCM, "adapter"]
+CASE = "AMCM/STA/END/BI-19"
+OTHER = "AMCM/RCV/ADV/TI-03"
+CARELESS = [
+    sys.executable,
+    "-c",
+    """
+import json, sys
+from automcm.kit import Kit
+kit = Kit()
+for line in sys.stdin:
+    command = json.loads(line)
+    if command["cmd"] == "stop":
+        break
+    command.get("message", {}).pop("unknown", None)
+    print(json.dumps(kit.answer(command)), flush=True)
+""",
+]
+"""A station that overlooks an unknown field in a message (END-5)."""
+
+
+@dataclass
+class Done:
+    code: int
+    out: str
+    folder: Path
+
+    @property
+    def report(self) -> Json:
+        return json.loads((self.folder / "report.json").read_text())
+
+
+def conform(folder: Path, *arguments: str, command: list[str] = REFERENCE) -> Done:
+    answer = run.invoke(app, ["conform", "run", *arguments, "--out", str(folder), "--", *command])
+    return Done(answer.exit_code, answer.output, folder)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    return conform(tmp_path_factory.mktemp("good"), CASE, OTHER)
+
+
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    return conform(tmp_path_factory.mktemp("bad"), CASE, OTHER, command=CARELESS)
+
+
+# -- run
+
+
+def test_a_run_that_passes(good: Done) -> None:
+    assert good.code == 0, good.out
+    assert "automcm reference" in good.out and "Every verdict is as expected" in good.out
+    found = good.report
+    assert found["exit_code"] == 0 and found["counts"]["PASS"] == 2
+    assert found["selectors"] == [CASE, OTHER] and found["seed"] == 1
+    assert found["implementation"]["command"] == REFERENCE
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", found["started"])
+    assert report.load(good.folder / "report.json").counts["PASS"] == 2
+    assert {path.name for path in good.folder.iterdir()} == {
+        *("report.json", "report.html", "junit.xml", "logs")
+    }
+
+
+def test_a_run_that_fails(bad: Done) -> None:
+    assert bad.code == 1, bad.out
+    assert re.search(rf"FAIL +{CASE}", bad.out) and "Not as expected: 1 of 2 cases" in bad.out
+    assert "END-5: " in bad.out, "the failure itself is shown"
+    (case,) = [case for case in bad.report["cases"] if case["verdict"] == "FAIL"]
+    (failure,) = case["failures"]
+    assert (bad.folder / failure["replay"]).exists()
+    assert "conform replay" in failure["command"] and failure["replay"] in failure["command"]
+    suites = list(JUnitXml.fromfile(str(bad.folder / "junit.xml")))
+    assert sum(each.tests for each in suites) == 2
+    assert sum(each.failures for each in suites) == 1
+
+
+def test_logs_are_told_by_trace_explain(good: Done) -> None:
+    logs = [str(good.folder / case["log"]) for case in good.report["cases"]]
+    for log in logs:
+        answer = run.invoke(app, ["trace", "explain", log])
+        assert answer.exit_code == 0, answer.output
+
+
+def test_json_on_standard_output_is_all_there_is(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [
+            *AUTOMCM,
+            "conform",
+            "run",
+            CASE,
+            "--json",
+            "-",
+            "--out",
+            str(tmp_path / "r"),
+            "--",
+            *REFERENCE,
+        ],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and done.stderr == ""
+    assert json.loads(done.stdout) == json.loads((tmp_path / "r" / "report.json").read_text())
+
+
+def test_json_into_a_file_and_no_colours_in_a_pipe(tmp_path: Path) -> None:
+    file = tmp_path / "also.json"
+    done = subprocess.run(
+        [
+            *AUTOMCM,
+            "conform",
+            "run",
+            CASE,
+            "--json",
+            file,
+            "--out",
+            tmp_path / "r",
+            "--",
+            *CARELESS,
+        ],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert json.loads(file.read_text()) == json.loads((tmp_path / "r" / "report.json").read_text())
+    assert "\x1b" not in done.stdout + done.stderr and CASE in done.stdout
+    assert max(map(len, done.stdout.splitlines())) < 100 + len(str(tmp_path)) + len(str(CARELESS))
+
+
+def test_json_that_cannot_be_written_is_3_and_the_report_is_there(tmp_path: Path) -> None:
+    done = conform(tmp_path / "r", CASE, "--json", str(tmp_path / "no" / "where.json"))
+    assert done.code == 3 and "where.json" in done.out
+    assert done.report["counts"]["PASS"] == 1
+
+
+def test_a_folder_of_its_own_in_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    answer = run.invoke(app, ["conform", "run", CASE, "--", *REFERENCE])
+    assert answer.exit_code == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert (folder / "report.html").exists() and folder.name in answer.output
+
+
+def test_the_folder_cannot_be_used(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert conform(tmp_path / "file", CASE).code == 3
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["run", CASE], "after --"),
+        (["run", CASE, "--"], "after --"),
+        (["replay", "x.json"], "after --"),
+        (["check-adapter"], "after --"),
+        (["run", "AMCM/RVC", "--", "true"], "AMCM/RCV"),
+        (["run", "NEG-44", "--", "true"], "NEG-4"),
+        (["run", "MOST", "--", "true"], "MUST"),
+        (["list", "AMCM/RCV/NEG/BI-99"], "AMCM/RCV/NEG/BI-0"),
+        (["list", "--explain", "nonsense"], "no purpose has this id"),
+        (["run", "--limit", "0", "--", "true"], "--limit"),
+        (["run", "--limit", "nan", "--", "true"], "--limit"),
+        (["run", "--seed", "x", "--", "true"], "--seed"),
+        (["run", "--seed", "-1", "--", "true"], "--seed"),
+        (["run", "--sed", "1", "--", "true"], "--seed"),
+        (["nonsense"], "nonsense"),
+    ],
+    ids=" ".join,
+)
+def test_usage_errors_are_2(arguments: list[str], says: str) -> None:
+    answer = run.invoke(app, ["conform", *arguments])
+    assert answer.exit_code == 2, answer.output
+    assert says in re.sub(r"[\s│]+", " ", answer.output)
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (["/no/such/adapter"], "/no/such/adapter cannot be started"),
+        ([sys.executable, "-c", "import sys; sys.exit('no station here')"], "exit code 1"),
+        ([sys.executable, "-c", "input(); print('hello')"], "not JSON"),
+        ([sys.executable, "-c", 'input(); print(\'{"error": "version 2"}\')'], "version 2"),
+        ([sys.executable, "-c", "input(); print('{}')"], "is missing"),
+    ],
+)
+def test_no_hello_is_3(tmp_path: Path, command: list[str], says: str) -> None:
+    done = conform(tmp_path, CASE, command=command)
+    assert done.code == 3 and says in done.out
+    assert ("no station here" in done.out) == ("station" in command[-1])
+    assert not (tmp_path / "report.json").exists()
+
+
+def test_an_adapter_that_breaks_is_3_with_a_report(tmp_path: Path) -> None:
+    code = f"input(); print({json.dumps(json.dumps(HELLO))}, flush=True); input(); 1 / 0"
+    done = conform(tmp_path, CASE, command=[sys.executable, "-c", code])
+    assert done.code == 3
+    assert done.report["counts"]["ERROR"] == 1 and "ZeroDivisionError" in done.out
+
+
+def test_what_is_expected_is_no_failure(tmp_path: Path) -> None:
+    file = tmp_path / "known.toml"
+    file.write_text(f'"{CASE}" = {{verdict = "FAIL", because = "ticket 12"}}\n')
+    done = conform(tmp_path / "bad", CASE, "--expect", str(file), command=CARELESS)
+    assert done.code == 0, done.out
+    (case,) = done.report["cases"]
+    assert (case["verdict"], case["expected"], case["because"]) == ("FAIL", True, "ticket 12")
+    done = conform(tmp_path / "good", CASE, "--expect", str(file))
+    assert done.code == 1 and "FAIL was expected" in done.out
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "known.toml"),
+        ('"AMCM/X" = {verdict = "FAIL", because = "x"}', "AMCM/X: there is no such case"),
+        (f'"{CASE}" = {{verdict = "FAIL"}}', f"{CASE}: needs verdict and because"),
+        ("= 1", "known.toml: "),
+    ],
+)
+def test_a_bad_file_of_expectations_is_3(tmp_path: Path, text: str | None, says: str) -> None:
+    file = tmp_path / "known.toml"
+    if text is not None:
+        file.write_text(text)
+    done = conform(tmp_path / "r", CASE, "--expect", str(file))
+    assert done.code == 3 and says in done.out.replace("\n", "")
+    assert not (tmp_path / "r").exists()
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "code"),
+    [
+        (["PASS", "SKIP"], 0),
+        (["PASS", "INCONC"], 4),
+        (["ERROR", "INCONC"], 3),
+        (["FAIL", "ERROR", "INCONC"], 1),
+    ],
+)
+def test_the_exit_code_is_that_of_the_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verdicts: list[Verdict], code: int
+) -> None:
+    text = "text"
+    cases = [
+        CaseResult(
+            f"AMCM/STA/END/BI-0{n}", verdict, ["END-5"], "MUST", text, text, text, text, text
+        )
+        for n, verdict in enumerate(verdicts, 1)
+    ]
+    who = Implementation("x", "1", "", [], ["lane_change"], {}, REFERENCE)
+    made = Report(who, cases, {"rules": [1, 1]}, {}, "0" * 64, 1, [])
+    monkeypatch.setattr(whole, "conform", lambda *_, **__: replace(made))
+    assert conform(tmp_path, CASE).code == code
+
+
+# -- list
+
+
+def test_list_names_the_cases() -> None:
+    listed = json.loads(run.invoke(app, ["conform", "list", "--json", "-"]).output)
+    assert len(listed) > 200
+    assert set(listed[0]) == {"id", "level", "rules", "given", "when", "then", "bug", "cost"}
+    some = run.invoke(app, ["conform", "list", "NEG-4"])
+    assert some.exit_code == 0 and "AMCM/RCV/NEG/BI-04" in some.output
+    assert CASE not in some.output and "\x1b" not in some.output
+
+
+def test_explain_says_all_of_one_case() -> None:
+    answer = run.invoke(app, ["conform", "list", "--explain", "AMCM/RCV/NEG/BI-04"])
+    assert answer.exit_code == 0
+    (case,) = json.loads(
+        run.invoke(
+            app, ["conform", "list", "--explain", "AMCM/RCV/NEG/BI-04", "--json", "-"]
+        ).output
+    )
+    for name in ("given", "when", "then", "bug", "cost"):
+        assert f"{name:>6}  " in answer.output
+        assert case[name].split()[-1] in answer.output
+    assert "NEG-4, END-4" in answer.output
+
+
+# -- replay
+
+
+def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done) -> None:
+    (file,) = (bad.folder / "replay").iterdir()
+    again = run.invoke(app, ["conform", "replay", str(file), "--", *CARELESS])
+    assert again.exit_code == 1 and f"FAIL {CASE}" in again.output and "END-5" in again.output
+    right = run.invoke(app, ["conform", "replay", str(file), "--json", "-", "--", *REFERENCE])
+    assert right.exit_code == 0
+    assert json.loads(right.output) == {"case": CASE, "verdict": "PASS", "what": ""}
+
+
+REPLAY = {"format": "automcm.replay/1", "case": "x", "rule": "END-5", "what": "w", "steps": []}
+STEP = {"now": 1, "line": {"cmd": "stop"}, "expected": {}}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "No such file"),
+        ("[", "no replay"),
+        ("[]", "no replay"),
+        ('{"format": "automcm.replay/2"}', "format: automcm.replay/1 is needed"),
+        (json.dumps(REPLAY | {"steps": [{"now": 1}]}), "line: missing"),
+        (json.dumps({k: v for k, v in REPLAY.items() if k != "rule"}), "rule: missing"),
+        (json.dumps(REPLAY | {"steps": 7}), "no replay"),
+        (json.dumps(REPLAY | {"steps": [STEP | {"expected": {"other": 1}}]}), "no replay"),
+    ],
+)
+def test_a_file_that_is_no_replay_is_3(tmp_path: Path, text: str | None, says: str) -> None:
+    file = tmp_path / "replay.json"
+    if text is not None:
+        file.write_text(text)
+    answer = run.invoke(app, ["conform", "replay", str(file), "--", *REFERENCE])
+    assert answer.exit_code == 3, answer.output
+    assert says in answer.output
+
+
+# -- adapter
+
+
+def test_the_adapter_answers_hello_and_stops() -> None:
+    lines = b'{"cmd": "hello", "protocol": 1}\n{"cmd": "stop"}\n{"cmd": "hello", "protocol": 1}\n'
+    done = subprocess.run(REFERENCE, input=lines, capture_output=True)
+    assert done.returncode == 0 and done.stderr == b""
+    (answer,) = done.stdout.splitlines()
+    assert json.loads(answer) == HELLO
+
+
+def test_the_adapter_answers_before_it_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    with Process(REFERENCE) as adapter:
+        (answer,) = adapter.exchange([b'{"cmd": "hello", "protocol": 1}\n'])
+        assert json.loads(answer) == HELLO and adapter.stop() is None
+
+
+def test_the_adapter_ends_with_its_input() -> None:
+    done = subprocess.run(REFERENCE, input=b"{}\n", capture_output=True)
+    assert done.returncode == 0 and set(json.loads(done.stdout)) == {"error"}
+
+
+# -- check-adapter, new, report
+
+
+def test_check_adapter() -> None:
+    answer = run.invoke(app, ["conform", "check-adapter", "--", *REFERENCE])
+    assert answer.exit_code == 0, answer.output
+    wrong = [sys.executable, "-c", "input(); print('{}', flush=True); input()"]
+    answer = run.invoke(
+        app, ["conform", "check-adapter", "--limit", "5", "--json", "-", "--", *wrong]
+    )
+    assert answer.exit_code == 1
+    assert "error" in {finding["level"] for finding in json.loads(answer.output)}
+
+
+def test_a_new_adapter_speaks_the_protocol_but_is_no_station(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    answer = run.invoke(app, ["conform", "new", "--language", "python", str(folder)])
+    assert answer.exit_code == 0 and str(folder / "run") in answer.output
+    assert run.invoke(app, ["conform", "check-adapter", "--", str(folder / "run")]).exit_code == 0
+    done = conform(tmp_path / "r", CASE, command=[str(folder / "run")])
+    assert done.code != 0 and done.report["counts"]["PASS"] == 0
+    again = run.invoke(app, ["conform", "new", str(folder)])
+    assert again.exit_code == 2 and "not an empty folder" in re.sub(r"[\s│]+", " ", again.output)
+    assert (
+        run.invoke(app, ["conform", "new", "--language", "ada", str(tmp_path / "a")]).exit_code == 2
+    )
+    assert (
+        run.invoke(app, ["conform", "new", "--language", "cpp", str(tmp_path / "c")]).exit_code == 0
+    )
+    assert (tmp_path / "c" / "CMakeLists.txt").exists()
+
+
+def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
+    page = tmp_path / "both.html"
+    files = [str(done.folder / "report.json") for done in (good, bad)]
+    answer = run.invoke(app, ["conform", "report", *files, "--html", str(page)])
+    assert answer.exit_code == 0 and str(page) in answer.output.replace("\n", "")
+    assert page.read_text().count("automcm reference") >= 2
+    (tmp_path / "x.json").write_text("{}")
+    for arguments in (
+        [str(tmp_path / "none.json"), "--html", str(page)],
+        [str(tmp_path / "x.json"), "--html", str(page)],
+        [*files, "--html", str(tmp_path / "no" / "where.html")],
+    ):
+        answer = run.invoke(app, ["conform", "report", *arguments])
+        assert answer.exit_code == 3 and "report: " in answer.output
+    assert run.invoke(app, ["conform", "report"]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "command", [[], ["run"], ["list"], ["replay"], ["check-adapter"], ["new"], ["report"]]
+)
+def test_help_has_the_exit_codes(command: list[str]) -> None:
+    answer = run.invoke(app, ["conform", *command, "--help"])
+    text = re.sub(r"[\s│]+", " ", answer.output)
+    assert answer.exit_code == 0 and "Exit codes" in text
+    assert not command or "Example" in text
+    assert ("COMMAND..." in text) == (command in (["run"], ["replay"], ["check-adapter"]))
