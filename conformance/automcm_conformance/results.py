@@ -10,6 +10,8 @@ Json = Any
 Verdict = Literal["PASS", "FAIL", "INCONC", "SKIP", "ERROR"]
 """INCONC: what leads to the test went wrong.  ERROR: the kit or the adapter broke."""
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+BROKE = "the kit broke"
+"""How a problem begins that is a fault of the kit."""
 Level = Literal["MUST", "SHOULD", "MAY"]
 
 
@@ -117,17 +119,17 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """0 as expected; 3 if an unexpected ERROR, 1 if a FAIL or an expected failure that
-        passes, 4 if only INCONC is unexpected."""
+        """0 as expected; 1 if a FAIL, or an expected deviation that did not come, is unexpected;
+        else 3 if an ERROR is, or the kit broke; else 4: only INCONC."""
         verdicts = {case.verdict for case in self.unexpected}
         if verdicts & {"FAIL", "PASS", "SKIP"}:
             return 1
-        if "ERROR" in verdicts:
+        if "ERROR" in verdicts or any(text.startswith(BROKE) for text in self.problems):
             return 3
         return 4 if verdicts else 0
 
     def as_dict(self) -> dict[str, Json]:
-        """For ``report.json``; ``from_dict`` reads it."""
+        """For ``report.json``."""
         out = asdict(self)
         for case, result in zip(out["cases"], self.cases, strict=True):
             case["expected"] = result.expected

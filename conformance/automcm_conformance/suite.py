@@ -101,6 +101,8 @@ class Runner:
         self._cam_marks = next(marks, None)
         """The case that wrong marks belong to, wherever they are seen."""
         self.parts: list[Part] = []
+        self.ended = ""
+        """Why the run was ended from outside, or by a fault of the kit."""
         self.predict = True
         """The station numbers its sessions one by one, as far as is known."""
         self.features = frozenset[str](adapter.hello.features)
@@ -112,9 +114,11 @@ class Runner:
         return "durations" in self.features
 
     @property
-    def cut_short(self) -> bool:
-        """It crashes or hangs all the time."""
-        return self.adapter.broken >= PATIENCE
+    def cut_short(self) -> str:
+        """Why nothing more is driven; empty if the run goes on."""
+        if self.adapter.broken >= PATIENCE:
+            return f"cut short after {self.adapter.broken} crashes or hangs"
+        return self.ended
 
     def exchange(
         self,

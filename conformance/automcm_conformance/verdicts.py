@@ -98,7 +98,7 @@ def report(
     coverage["rules"] = [len(seen), len(rules)]
     problems = list(runner.adapter.problems)
     if runner.cut_short:
-        problems.append(f"cut short after {runner.adapter.broken} crashes or hangs")
+        problems.append(runner.cut_short)
     return Report(
         implementation(runner),
         cases,
@@ -157,6 +157,8 @@ def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
         verdict: Verdict = "FAIL" if "FAIL" in verdicts else "ERROR"
         return verdict, tally.faults[verdicts.index(verdict)].what
     skipped, forbidden = tally.skipped.total(), tally.forbidden
+    if runner.cut_short and tally.reached + skipped + forbidden < max(tally.total, 1):
+        return "INCONC", f"{tally.reached:,} of {tally.total:,} driven: {runner.cut_short}"
     out = [f"{n:,} need {why}" for why, n in tally.skipped.most_common()]
     out += [f"{forbidden:,} are forbidden by time with these parameters"] if forbidden else []
     if tally.reached + skipped + forbidden < tally.total:

@@ -1205,3 +1205,27 @@ def test_what_foreign_takes_for_a_pass(foreign: Any) -> None:
     failed = {"id": "y", "verdict": "FAIL", "failures": [{"rule": "NEG-1"}, {"rule": "END-3"}]}
     assert foreign.fitting({"cases": [case, failed]}, ("END-3",)) == ("y", "END-3")
     assert foreign.fitting({"cases": [case, failed]}, ("END-4",)) == ("", "")
+
+
+# -- a run that ends early
+
+
+@pytest.mark.parametrize(
+    ("error", "problem", "exit_code"),
+    [
+        (KeyboardInterrupt(), "interrupted", 4),
+        (RuntimeError("a slip"), "the kit broke: RuntimeError: a slip", 3),
+    ],
+)
+def test_what_was_found_is_not_lost(
+    conform: Suite, error: BaseException, problem: str, exit_code: int
+) -> None:
+    def special(*_: object) -> None:
+        raise error
+
+    conform.patch.setattr(whole.named, "special", special)
+    found = conform(station(""), ACCEPTS, "AMCM/RCV/ADV/TI-03", states=60)
+    assert found.problems == [problem] and found.exit_code == exit_code
+    assert of(found, ACCEPTS).verdict == "PASS"
+    assert of(found, "AMCM/RCV/ADV/TI-03").verdict == "INCONC"
+    assert problem in of(found, "AMCM/RCV/ADV/TI-03").reason
