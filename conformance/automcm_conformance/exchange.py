@@ -166,14 +166,14 @@ class Exchange:
         self._natural = natural(parameters)
         reset = {"cmd": "reset", "station": IDS[ME], "seed": seed, "parameters": dict(parameters)}
         self._reset = reset
-        self._queue(encode(reset, self.now), [])
+        self._queue(encode(reset, self.now))
 
     # -- what the kit does
 
     def durations(self, durations: Mapping[str, int]) -> None:
         """From now on timers of these names last so long (feature ``durations``)."""
         self.overrides.update(durations)
-        self._queue(to_json({"cmd": "durations", "durations": dict(durations)}) + b"\n", [])
+        self._queue(to_json({"cmd": "durations", "durations": dict(durations)}) + b"\n")
 
     def give(self, i: int, *, at: int | None = None, lease_ms: int | None = None) -> None:
         """An input that is no expiry.  Timers due by then fire first."""
@@ -196,13 +196,12 @@ class Exchange:
     def seal(self) -> None:
         """The end: a line more, so that what the station does after its last answer shows here."""
         self.state, self._timers, self._first = 0, {}, None
-        self._queue(encode(self._reset, self.now), [])
+        self._queue(encode(self._reset, self.now))
 
     def malformed(self, message: Json) -> None:
         """A message that breaks its form: discarded, whatever the phase (END-5)."""
         line = encode({"cmd": "receive", "message": message}, self.now)
-        told = [{"name": "discarded"}]
-        self._queue(line, [], Step(self.now, line, Expected("END-5", indications=told)))
+        self._queue(line, Expected("END-5", indications=[{"name": "discarded"}]))
 
     def learn(self, timer: Json, deadline: int) -> None:
         """The deadline of a timer that only the station knew."""
@@ -330,7 +329,7 @@ class Exchange:
         self.wire.given = given
         if then is not None:
             self._follow(step, then)
-        self._queue(line, step.pairs, step)
+        self._expect(step)
         opens = any(m["session"][1] is None for m in step.expected.messages)
         if len(step.expected.fresh) > 1 or (opens and not self.predict):
             self.flush()  # what comes next depends on what the station chose
@@ -369,11 +368,15 @@ class Exchange:
             deed.armed = [(self.wire.timer(t), self.deadline(t) or 0) for t in arm]
             step.deeds.append(deed)
 
-    def _queue(self, line: bytes, pairs: list[tuple[int, int]], step: Step | None = None) -> None:
+    def _queue(self, line: bytes, expected: Expected | None = None) -> None:
+        """A line at which the station stays what it is."""
+        step = Step(self.now, line, expected or Expected())
+        step.before = self.state
+        self._expect(step)
+
+    def _expect(self, step: Step) -> None:
+        """What an answer says of the state after it; the step waits to be written."""
         first = self._first
-        step = step or Step(self.now, line, Expected())
-        if not step.pairs:
-            step.before = self.state
         step.place = self.place
         step.after, step.next_timer = self.state, first and first.timer
         step.expected.phase = self.oracle.states[self.state][0]

@@ -36,8 +36,25 @@ def conform(
 
     Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
     """
+    spec = present_hash()
     with _uncollected():
-        return _conform(command, purposes, folder, limit_s, seed, say, selectors, expected)
+        one = load(ONE_PEER.path, spec)
+    owners = Owners(load_purposes())
+    adapter = Adapter(command, limit_s)
+    runner = Runner(adapter, purposes, seed, say)
+    try:
+        with _uncollected():
+            _drive(runner, one, owners, purposes, folder)
+    except KeyboardInterrupt:
+        runner.ended = "interrupted"
+    except (OSError, OracleError):
+        raise
+    except Exception as error:  # a fault of ours must not cost what was found so far
+        traceback.print_exc()
+        runner.ended = f"{BROKE}: {type(error).__name__}: {error}"
+    finally:
+        adapter.stop()
+    return report(runner, folder, spec, selectors, expected)
 
 
 @contextmanager
@@ -51,35 +68,6 @@ def _uncollected() -> Iterator[None]:
     finally:
         if was:
             gc.enable()
-
-
-def _conform(
-    command: Sequence[str],
-    purposes: Sequence[Purpose],
-    folder: Path,
-    limit_s: float,
-    seed: int,
-    say: Say,
-    selectors: Sequence[str],
-    expected: Expectations,
-) -> Report:
-    spec = present_hash()
-    one = load(ONE_PEER.path, spec)
-    owners = Owners(load_purposes())
-    adapter = Adapter(command, limit_s)
-    runner = Runner(adapter, purposes, seed, say)
-    try:
-        _drive(runner, one, owners, purposes, folder)
-    except KeyboardInterrupt:
-        runner.ended = "interrupted"
-    except (OSError, OracleError):
-        raise
-    except Exception as error:  # a fault of ours must not cost what was found so far
-        traceback.print_exc()
-        runner.ended = f"{BROKE}: {type(error).__name__}: {error}"
-    finally:
-        adapter.stop()
-    return report(runner, folder, spec, selectors, expected)
 
 
 def _drive(
