@@ -11,6 +11,7 @@ from automcm_conformance import special as special_
 from automcm_conformance.exchange import Broken, Mismatch, Step
 from automcm_conformance.play import play
 from automcm_conformance.purposes import Purpose
+from automcm_conformance.results import Verdict
 from automcm_conformance.suite import DIFFERENTLY, Runner
 from automcm_conformance.tally import Part, Tally
 from automcm_conformance.tour import Pair
@@ -73,17 +74,22 @@ def _sample(runner: Runner, tally: Tally, part: Part, pair: Pair, folder: Path) 
     way = part.tours.path(pair[0]) if part.tours is not None else None
     if way is None:
         return
-    runs = []
+    runs: list[list[Step]] = []
+    wrong: list[Mismatch | Broken] = []
     for _ in range(2):
         x = runner.exchange(part.oracle)
         try:
             play(x, [*way, pair[1]], runner.timed)
             x.flush()
         except (Mismatch, Broken) as error:
-            what = f"{DIFFERENTLY}: {error}"
-            tally.faults.append(runner.fault(part, [pair], error, what, tally.purpose, "ERROR"))
-            return
-        runs.append(x.done)
+            runner.adapter.renew()
+            wrong.append(error)
+        runs.append(wrong[-1].steps if wrong else x.done)
+    if wrong:
+        what = str(wrong[0]) if len(wrong) == 2 else f"{DIFFERENTLY}: {wrong[0]}"
+        verdict: Verdict | None = None if len(wrong) == 2 else "ERROR"
+        tally.faults.append(runner.fault(part, [pair], wrong[0], what, tally.purpose, verdict))
+        return
     tally.log = _log(runner, folder, tally.purpose.id, runs[0])
     for one, other in zip(*runs, strict=True):
         if one.answer != other.answer:

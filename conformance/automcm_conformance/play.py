@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from automcm_conformance.exchange import RANK, START_MS, Broken, Exchange, Infeasible, Mismatch
+from automcm_conformance.exchange import START_MS, Broken, Exchange, Infeasible, Mismatch
 from automcm_conformance.tour import Pair, timetable
-from automcm_conformance.wire import LONG_MS
+from automcm_conformance.wire import LONG, LONG_MS
 from automcm_spec.oracle import Oracle
 
-TIMERS = tuple(name for name in RANK if name not in ("", "lease"))
-"""Those of which ``durations`` says how long they last."""
 LEASES = (LONG_MS, 1_000)
 """Without ``durations``: a lease that no other timer outlives, or one that ends before."""
 RUNS = 120
@@ -49,7 +47,7 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
 
 
 def _timed(x: Exchange, tour: Sequence[int]) -> None:
-    x.durations(dict.fromkeys(TIMERS, LONG_MS))
+    x.durations(LONG)
     for place, slot in enumerate(timetable(x.oracle, tour, START_MS)):
         x.place = place
         new = {k: ms for k, ms in slot.durations.items() if x.overrides[k] != ms}

@@ -77,6 +77,18 @@ ACCEPTED, REFUSED = _from("Acceptance", MINE, accepted=True), _from("Acceptance"
 HEARD_TARGET = ["cam", Y, [MINE], True]
 COMPLETE, ABORT = _command("complete", MINE), _command("abort", MINE)
 
+NEXT = [2, 2]
+AGAIN = [
+    _from("Advertisement", NEXT),
+    _from("Ack", NEXT, of=["Intention", 1]),
+    _from("Prescription", NEXT),
+    _command("accept", NEXT, 1),
+    _from("Ack", NEXT, of=["Acceptance", 1]),
+    ["wait", 400],
+    ["cam", Y, [NEXT], True],
+]
+"""Another session of the same prescriber, in which a CAM has been heard."""
+
 WAITING = [ADVERTISED, INTENTION_ACKED]
 VERIFYING = [*WAITING, INSTRUCTED]
 COMMITTED = [*VERIFYING, ACCEPT]
@@ -111,6 +123,7 @@ TIMERS: dict[str, list[Script]] = {
     "cam receiver": [
         [*COMMITTED, ACCEPTANCE_ACKED, ["expire", ["cam"]]],
         [*COMMITTED, ACCEPTANCE_ACKED, ["wait", 400], HEARD_THEM, ["expire", ["cam"]]],
+        [*COMMITTED, ACCEPTANCE_ACKED, HEARD_THEM, FINISHED, *AGAIN, ["expire", ["cam"]]],
     ],
     "lease prescriber": [[*ACTING, ["expire", ["lease"]]]],
     "lease receiver": [[*COMMITTED, ACCEPTANCE_ACKED, ["expire", ["lease"]]]],

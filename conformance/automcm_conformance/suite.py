@@ -176,7 +176,20 @@ class Runner:
                 tally.skipped[why] += 1
             else:
                 targets.append((answer, tally.purpose.id))
-        tours = part.tours = Tours.over(oracle, targets, lambda s, i: not left_out[i])
+        limited = bool(self._limited_by(oracle))
+
+        def allowed(state: int, i: int) -> bool:
+            if left_out[i]:
+                return False
+            answer = oracle.answer(state, i) if limited else None
+            return answer is None or answer.effect.rule != "MEM-1"
+
+        def disturbs(state: int, i: int) -> bool:
+            answer = oracle.answer(state, i)
+            known = answer is not None and self._tally(part, owners, answer) is not None
+            return known and allowed(state, i)
+
+        tours = part.tours = Tours.over(oracle, targets, allowed, disturbs, self.seed)
         for state in [state for state in tours.left if tours.path(state) is None]:
             for i in list(tours.left[state]):
                 self.tallies[tours.left[state][i]].skipped["a feature that leads there"] += 1
@@ -234,10 +247,14 @@ class Runner:
         """MEM-1 can be seen only with the limits of the graph."""
         if answer.effect.rule != "MEM-1":
             return ""
-        other = [
+        other = self._limited_by(oracle)
+        return f"{other[0]} is fixed" if other else ""
+
+    def _limited_by(self, oracle: Oracle) -> list[str]:
+        """Limits that are fixed at another value than the graph's."""
+        return [
             n for n, c in LIMITS.items() if self.fixed.get(n, 0) not in (0, oracle.constants[c])
         ]
-        return f"{other[0]} is fixed" if other else ""
 
     # -- driving them
 
@@ -356,6 +373,11 @@ class Runner:
         short = shortened(
             part.oracle, inputs, ways, attempt, 1 if hangs else STARTS if kind else RUNS
         )
+        least = short is not None
+        if short is None and not hangs:  # less than the whole tour has another time-table
+            whole = attempt(tour)
+            if whole is not None and whole.steps[-1].place == place:
+                short = inputs, whole
         self.adapter.broken = before  # each fault counts once, however often it is tried again
         if short is None:
             case = tours.avoid(seen)
@@ -368,7 +390,7 @@ class Runner:
                 self._reached(part, case, seen)
             return
         inputs, error = short
-        culprit, why = self._culprit(part, inputs, error)
+        culprit, why = self._culprit(part, inputs, error, least)
         if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
             tours.avoid(seen)
             return
@@ -384,15 +406,18 @@ class Runner:
         if sealed or (isinstance(cause, ProtocolError) and not isinstance(cause, Refused)):
             self.adapter.renew()
 
-    def _culprit(self, part: Part, inputs: list[int], error: Wrong) -> tuple[Pair, str]:
-        """The pair to blame for a shortest wrong exchange, and why it if is not the last one."""
+    def _culprit(
+        self, part: Part, inputs: list[int], error: Wrong, least: bool
+    ) -> tuple[Pair, str]:
+        """The pair to blame for a wrong exchange, and why if it is not the last one.  ``least``:
+        nothing of it can be left out."""
         oracle, step = part.oracle, error.steps[-1]
         states = _states(oracle, inputs)
         last = states[-1], inputs[-1]
         for state, i in zip(reversed(states[:-1]), reversed(inputs[:-1]), strict=True):
             answer = oracle.answer(state, i)
             assert answer is not None
-            if not answer.changes:
+            if least and not answer.changes:
                 return (state, i), "; an input before it, which must change nothing, changed that"
         if isinstance(error, Mismatch) and {part for part, _ in error.problems} == {"deadline"}:
             found = error.found_deadline

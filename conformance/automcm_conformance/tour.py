@@ -3,18 +3,22 @@ the time-table that makes each of them possible."""
 
 from __future__ import annotations
 
+import random
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm_conformance.wire import LONG_MS, STEP_MS, timer_key
+from automcm_conformance.wire import LONG, LONG_MS, STEP_MS, timer_key
 from automcm_spec.oracle import Answer, Oracle
 
 Json = Any
 Pair = tuple[int, int]
 """(state, input) of a graph."""
 Allowed = Callable[[int, int], bool]
+LATER_MS = 30
+TRIES = 4
+"""Inputs tried in search of one that changes nothing."""
 LONGEST = 600
 """Inputs in a tour, about: one wrong answer must not hide too much."""
 
@@ -23,7 +27,8 @@ LONGEST = 600
 class Tours:
     """Which pairs are still to be driven, and by which tour next.
 
-    ``allowed(state, input)``: may a tour use this transition?  A pair that was answered wrongly is
+    ``allowed(state, input)``: may a tour use this transition?  ``disturbs``: may it be given on
+    the way, if it must change nothing?  A pair that was answered wrongly is
     ``avoid``ed; what can only be reached through it stays in ``left``.
     """
 
@@ -31,33 +36,43 @@ class Tours:
     left: dict[int, dict[int, str]]
     """For each state the inputs to drive, and the case that each belongs to."""
     allowed: Allowed
+    disturbs: Allowed
     planned: set[Pair] = field(default_factory=set)
     """Pairs of tours that are under way."""
     avoided: set[Pair] = field(default_factory=set)
     _moves: dict[int, list[Answer]] = field(default_factory=dict)
     _parents: dict[int, Pair] | None = None
+    _random: random.Random = field(default_factory=random.Random)
 
     @classmethod
-    def over(cls, oracle: Oracle, targets: Iterable[tuple[Answer, str]], allowed: Allowed) -> Tours:
-        """Tours that drive these pairs, each for the case named."""
+    def over(
+        cls,
+        oracle: Oracle,
+        targets: Iterable[tuple[Answer, str]],
+        allowed: Allowed,
+        disturbs: Allowed | None = None,
+        seed: int = 1,
+    ) -> Tours:
+        """Tours that drive these pairs, each for the case named.  ``seed`` chooses what else."""
         left: dict[int, dict[int, str]] = {}
         for answer, case in targets:
             left.setdefault(answer.state, {})[answer.input] = case
-        return cls(oracle, left, allowed)
+        return cls(oracle, left, allowed, disturbs or allowed, _random=random.Random(seed))
 
     def next(self) -> list[int] | None:
         """The inputs of another tour, from the initial state; None if no more pair is in reach
         that is not ``planned`` already.
 
         At each state first everything that stays there, then on by a transition not yet driven,
-        as long as there is one.
+        as long as there is one.  On the way to the first of these states, at each one something
+        that must change nothing: what it secretly changes may show later.
         """
         parents, planned = self._tree(), self.planned
         # From far away ways lead back to states where there is still much to do.
         start = next((s for s in reversed(self.left) if s in parents and self._open(s)), None)
         if start is None:
             return None
-        tour, state = self.path(start) or [], start
+        tour, state = self._disturbed(self.path(start) or []), start
         while len(tour) < LONGEST:
             here = [i for i in self.left.get(state, ()) if (state, i) not in planned]
             moves = self.oracle.moves(state)
@@ -71,6 +86,21 @@ class Tours:
             planned.add((state, on))
             tour.append(on)
             state = moves[on]
+        return tour
+
+    def _disturbed(self, way: list[int]) -> list[int]:
+        """A way, with an input before each step that must change nothing."""
+        tour, state = [], 0
+        for i in way:
+            for _ in range(TRIES):
+                other = self._random.randrange(len(self.oracle.inputs))
+                answer = self.oracle.answer(state, other)
+                quiet = answer is not None and not answer.changes
+                if quiet and (state, other) not in self.avoided and self.disturbs(state, other):
+                    tour.append(other)
+                    break
+            tour.append(i)
+            state = self.oracle.moves(state)[i]
         return tour
 
     def _open(self, state: int) -> bool:
@@ -102,6 +132,7 @@ class Tours:
     def drop(self, case: str) -> None:
         """Nothing more is to be driven for this case."""
         pairs = [(s, i) for s, here in self.left.items() for i, c in here.items() if c == case]
+        self.avoided.update(pairs)
         for pair in pairs:
             self.done(pair)
 
@@ -151,7 +182,8 @@ class Slot:
 def timetable(oracle: Oracle, tour: Sequence[int], start: int) -> list[Slot]:
     """A time for each input of a tour such that each timer that expires in it expires in turn.
 
-    Each transition takes STEP_MS; a timer that does not expire in the tour lasts LONG_MS.
+    Each transition takes STEP_MS; a timer that does not expire in the tour lasts LONG.  What must
+    change nothing comes LATER_MS after a transition, so that a timer armed anew by it shows.
     """
     slots: list[Slot] = []
     running: dict[tuple[Json, ...], int] = {}
@@ -163,7 +195,7 @@ def timetable(oracle: Oracle, tour: Sequence[int], start: int) -> list[Slot]:
             raise ValueError(f"not offered: {oracle.inputs[i]}")
         if answer.changes:
             now += STEP_MS
-        slot = Slot(answer, now, {})
+        slot = Slot(answer, now if answer.changes else now + LATER_MS, {})
         slots.append(slot)
         if not answer.changes:
             continue
@@ -182,7 +214,7 @@ def timetable(oracle: Oracle, tour: Sequence[int], start: int) -> list[Slot]:
         for timer in answer.effect.arm:
             running[timer_key(timer)] = n
             if timer[0] != "lease":
-                slot.durations.setdefault(timer[0], LONG_MS)
+                slot.durations.setdefault(timer[0], LONG[timer[0]])
         state = answer.next
     return slots
 

@@ -24,6 +24,20 @@ NUMBERS = {2: (0, 5, 8), 3: (0, 2, 40), STRANGER: (0, 17)}
 HOLD_MS = 2_000
 LONG_MS = 5_000_000
 """A lease that no exchange outlives."""
+LONG = {
+    "cam": 1_000_000,
+    "hold": 2_000_000,
+    "decide": 2_100_000,
+    "answer": 2_200_000,
+    "advertise": 2_300_000,
+    "resend": 3_000_000,
+    "giveup": 3_100_000,
+    "quarantine": 4_000_000,
+    "forget": 4_100_000,
+    "backoff": 4_200_000,
+}
+"""Durations of timers that need not expire.  The earliest deadline is announced: one that is armed
+anew for no reason should be that."""
 ODD_SEQ = 77
 HEARD_MS = 500
 STEP_MS = 100
@@ -146,7 +160,7 @@ class Wire:
             self.given = self._cam(value)
             return {"cmd": "receive", "message": self.given}
         if kind == "command":
-            self.given = self._command(value, lease_ms or LONG_MS)
+            self.given = self._command(value, lease_ms or LONG_MS + value[3])
             return {"cmd": "command", "command": self.given}
         return {"cmd": "restart" if kind == "restart" else "advance"}
 
@@ -156,7 +170,7 @@ class Wire:
             return self._ack(m)
         key = id(m)
         if key not in self._cache or lease_ms is not None:
-            self._cache[key] = self._content(m, lease_ms or LONG_MS)
+            self._cache[key] = self._content(m, lease_ms or LONG_MS + m[5])
         return self._cache[key]
 
     def _content(self, m: Json, lease_ms: int) -> dict[str, Json]:
@@ -178,7 +192,7 @@ class Wire:
                 out["planned"] = self.trajectory(s, 0, src)
             case "Prescription":
                 out |= {"proposal": k, "prescribed": self.trajectory(s, k, 2)}
-                out |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
+                out |= {"hold_ms": HOLD_MS + k, "lease_ms": lease_ms}
             case "Acceptance":
                 out |= {"proposal": k, "accepted": accepted}
                 if accepted:
@@ -190,8 +204,7 @@ class Wire:
         return out
 
     def _ack(self, m: Json) -> dict[str, Json]:
-        """An Ack.  One that names nothing in the outbox names, to try the check, the seq of an
-        entry with another type, or a seq that is not in use."""
+        """An Ack.  One that names nothing in the outbox names a seq that tries the check."""
         src, session, (type_, k) = m[1], m[3], m[8]
         seq = 0
         if k:
@@ -201,19 +214,19 @@ class Wire:
             elif type_ == "Advertisement":
                 seq = 1
             else:
-                s = self.session(session)
-                seq = next(
-                    (
-                        e["seq"]
-                        for e in self.outbox.values()
-                        if e["dst"] == IDS[src] and e["session"] == s and e["type"] != type_
-                    ),
-                    ODD_SEQ,
-                )
+                seq = self._near_miss(IDS[src], self.session(session), type_)
         out = {"v": 1, "type": "Ack", "src": IDS[src]}
         if m[2]:
             out["dst"] = IDS[m[2]]
         return out | {"session": self.session(session), "seq": 0, "of": {"type": type_, "seq": seq}}
+
+    def _near_miss(self, src: int, session: list[int], type_: str) -> int:
+        """A seq that an Ack of ``src`` for a message of this type must not end anything with: of an
+        entry to somebody else that is just so, of one to ``src`` of another type, or of none."""
+        mine = [e for e in self.outbox.values() if e["session"] == session]
+        foreign = (e["seq"] for e in mine if e["dst"] != src and e["type"] == type_)
+        other = (e["seq"] for e in mine if e["dst"] == src and e["type"] != type_)
+        return next(foreign, next(other, ODD_SEQ))
 
     def _cam(self, value: Json) -> dict[str, Json]:
         _, src, marks, newer = value

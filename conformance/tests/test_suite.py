@@ -36,7 +36,7 @@ from automcm_conformance.play import offered
 from automcm_conformance.process import Process
 from automcm_conformance.results import CaseResult, Report
 from automcm_conformance.tally import Part
-from automcm_conformance.tour import LONGEST, Tours, timetable
+from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
 from automcm_conformance.wire import STEP_MS
 from automcm_spec import oracle as oracle_
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
@@ -959,8 +959,9 @@ def test_tours_drive_each_pair_and_come_to_an_end(tight: Oracle) -> None:
         assert len(tour) < LONGEST + len(tight.inputs)
     assert set(driven) == {(a.state, a.input) for a, _ in everything} and not tours.left
     refused = {(a.state, a.input) for a, _ in everything if not a.changes}
-    assert {driven[pair] for pair in refused} == {1}, "what changes nothing is driven once"
-    assert driven.total() < 1.2 * len(everything)
+    more = sum(driven[pair] - 1 for pair in refused)
+    assert 0 < more < 0.2 * len(refused), "what changes nothing is driven once, and on some ways"
+    assert driven.total() < 1.3 * len(everything)
     assert count < len(tight.states) * 10
 
 
@@ -1068,11 +1069,12 @@ def test_the_timetable_makes_each_expiry_due_in_turn(tight: Oracle) -> None:
         assert all(deadline >= now + STEP_MS for deadline in deadlines.values())
 
 
-def test_what_changes_nothing_takes_no_time(tight: Oracle) -> None:
+def test_what_changes_nothing_comes_a_little_later(tight: Oracle) -> None:
     refused = next(a.input for a in tight.answers(0) if not a.changes)
     moves = next(a.input for a in tight.changes(0))
     slots = timetable(tight, [refused, refused, moves], 0)
-    assert [slot.at for slot in slots] == [STEP_MS // 2, STEP_MS // 2, STEP_MS // 2 + STEP_MS]
+    now = STEP_MS // 2
+    assert [slot.at for slot in slots] == [now + LATER_MS, now + LATER_MS, now + STEP_MS]
 
 
 def test_a_timetable_of_what_is_not_offered(tight: Oracle) -> None:
