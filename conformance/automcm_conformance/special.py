@@ -160,6 +160,14 @@ SAME_INSTANT: list[Script] = [
 ]
 """An input at the very time at which a timer expires: the timer comes first."""
 
+TIES: list[tuple[Script, int]] = [
+    ([*COMMITTED, ACCEPTANCE_ACKED, ["wait", 2000]], DEFAULTS["t_cam_loss"]),
+    ([*PRESCRIBING, PRESCRIPTION_ACKED, ["wait", 3000]], DEFAULTS["t_decide"] + 2100),
+    ([*PRESCRIBING, ["wait", 2500]], 2100),
+]
+"""Two timers at the same instant, with the lease that makes it so: cam, answer and giveup beside
+lease.  They fire in the order of section 3."""
+
 CONTENT: dict[str, list[Script]] = {
     "Advertisement": [[REQUEST, ["wait", 200]]],
     "Intention": [[ADVERTISED, ["wait", 200], INTENTION_ACKED]],
@@ -250,6 +258,13 @@ def same_instant(fresh: Fresh) -> Iterator[Exchange]:
         x = fresh(DEFAULTS)
         try:
             play(x, script, LEASE_MS if ["lease"] in [v[1] for v in script] else LONG_MS)
+        except Infeasible:
+            continue
+        yield x
+    for script, lease in TIES:
+        x = fresh(DEFAULTS)
+        try:
+            play(x, script, lease)
         except Infeasible:
             continue
         yield x

@@ -226,6 +226,12 @@ class Runner:
         rounds = oracle.constants["MaxRounds"]
         if self.fixed.get("max_rounds", rounds) != rounds:
             return f"max_rounds is fixed; the graph has {rounds}"
+        peers = len(oracle.constants["Peers"])
+        least = {"memory_limit": peers, "max_participants": peers}
+        least["outbox_limit"] = oracle.constants["OutboxLimit"]
+        for name, needed in least.items():
+            if self.fixed.get(name, needed) < needed:
+                return f"{name} of at least {needed}"
         return ""
 
     def _left_out(self, value: Json) -> str:
