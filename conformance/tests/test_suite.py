@@ -37,7 +37,7 @@ from automcm_conformance.process import Process
 from automcm_conformance.results import CaseResult, Report
 from automcm_conformance.tally import Part
 from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
-from automcm_conformance.wire import STEP_MS
+from automcm_conformance.wire import STEP_MS, Wire
 from automcm_spec import oracle as oracle_
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, canonical, content
@@ -1231,3 +1231,33 @@ def test_what_was_found_is_not_lost(
     assert of(found, ACCEPTS).verdict == "PASS"
     assert of(found, "AMCM/RCV/ADV/TI-03").verdict == "INCONC"
     assert problem in of(found, "AMCM/RCV/ADV/TI-03").reason
+
+
+# -- what changes something in secret
+
+
+def test_a_cam_that_does_not_count_shows_at_once(conform: Suite) -> None:
+    """ACT-5: the cam timer is the earliest while they arrive, so one armed anew is seen."""
+    code = (
+        "n = 0\n"
+        "def answer(c):\n"
+        "    global n\n"
+        "    if received(c, 'CAM'):\n"
+        "        n += 1\n"
+        "        c['message']['generation_ms'] = 10_000 + n\n"
+        "    return right(c)"
+    )
+    found = conform(station(code), "AMCM/STA/ACT/BI-02", states=600)
+    wrong = [case for case in found.cases if case.verdict == "FAIL"]
+    assert wrong and all("deadline" in case.reason for case in wrong)
+    assert not any(case.verdict == "ERROR" for case in found.cases), "and it is no chance"
+
+
+def test_an_ack_of_a_stranger_names_what_is_in_use() -> None:
+    """END-6: the sender alone must keep it from counting."""
+    wire = Wire()
+    intention = {"type": "Intention", "dst": 1702, "session": [1702, 5], "seq": 7}
+    wire.outbox[("Intention", 2, 2, 1, 1)] = intention
+    ack = ["Ack", 3, 1, [2, 1], 0, 0, False, "none", ["Intention", 1]]
+    assert wire.message(ack)["of"] == {"type": "Intention", "seq": 7}
+    assert wire.message(ack)["src"] != intention["dst"]
