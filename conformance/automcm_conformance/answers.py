@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic_core import from_json, to_json
 
-from automcm_conformance.protocol import read_answer
+from automcm_conformance.protocol import ProtocolError, read_answer
 from automcm_conformance.wire import UNKNOWN, Expected
 
 Json = Any
@@ -34,30 +34,34 @@ def differences(expected: Expected, line: bytes) -> list[Problem]:
     """
     try:
         answer = from_json(line)
-        plain = type(answer) is dict and answer.keys() <= _FIELDS and b"." not in line
-        messages, told = answer["messages"], answer["indications"]
-        deadline = answer["deadline"]
-    except (ValueError, TypeError, KeyError):
-        plain = False
-    if not plain:
+        if b"." in line or not answer.keys() <= _FIELDS:
+            read_answer(line)
+        problems = _problems(expected, answer)
+    except ProtocolError:
+        raise
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        read_answer(line)  # says what is wrong with the form, if it can
+        raise ProtocolError(f"this line is no answer: {type(error).__name__}: {error}") from None
+    if problems:
         read_answer(line)
-        answer = from_json(line)
-        messages, told = answer["messages"], answer["indications"]
-        deadline = answer["deadline"]
+    return problems
+
+
+def _problems(expected: Expected, answer: Json) -> list[Problem]:
+    messages, told, deadline = answer["messages"], answer["indications"], answer["deadline"]
     problems: list[Problem] = []
-    if messages or expected.messages:
+    if messages or expected.messages or type(messages) is not list:
         problems += _messages(expected, messages)
-    if told or expected.indications:
+    if told or expected.indications or type(told) is not list:
         problems += _told(expected.indications, told)
     phase = answer.get("phase", expected.phase)
     if phase != expected.phase:
         problems.append(("phase", f"phase: {expected.phase} is expected, not {phase}"))
     if expected.deadline != UNKNOWN and not same(expected.deadline, deadline):
         problems.append(("deadline", f"deadline: {expected.deadline} is expected, not {deadline}"))
-    for cam in answer.get("cams", ()) if expected.marks else ():
+    cams = answer.get("cams", ())
+    for cam in cams if expected.marks or type(cams) is not list else ():
         problems += _marks(expected, cam)
-    if problems:
-        read_answer(line)
     return problems
 
 

@@ -206,7 +206,7 @@ class Exchange:
     def learn(self, timer: Json, deadline: int) -> None:
         """The deadline of a timer that only the station knew."""
         self._timers[timer_key(timer)].deadline = deadline
-        self._first = min(self._timers.values(), key=lambda each: each.turn, default=None)
+        self._find_first()
 
     def expire(self, i: int) -> None:
         """Advance to the deadline of this timer.  Resends may fire on the way.  Raises Infeasible
@@ -223,9 +223,9 @@ class Exchange:
 
     @property
     def next_due(self) -> int | None:
-        """The next deadline in ms; None if no timer runs or the first is unknown."""
+        """The next deadline in ms; None if no timer runs, or not all deadlines are known."""
         first = self._first
-        return None if first is None or first.deadline == UNKNOWN else first.deadline
+        return first.deadline if first is not None and self._all_known else None
 
     @property
     def first_timer(self) -> Json:
@@ -274,7 +274,7 @@ class Exchange:
 
     def _due(self) -> _Running | None:
         first = self._first
-        return first if first is not None and UNKNOWN < first.deadline <= self.now else None
+        return first if first is not None and first.deadline <= self.now else None
 
     def _duration(self, timer: Json) -> int:
         name = timer[0]
@@ -301,7 +301,16 @@ class Exchange:
         for timer in answer.effect.arm:
             self._arm(timer)
         self.state = answer.next
-        self._first = min(self._timers.values(), key=lambda each: each.turn, default=None)
+        self._find_first()
+
+    def _find_first(self) -> None:
+        """Of the timers whose deadline is known, the one that expires next."""
+        known = (each for each in self._timers.values() if each.deadline != UNKNOWN)
+        self._first = min(known, key=lambda each: each.turn, default=None)
+
+    @property
+    def _all_known(self) -> bool:
+        return all(each.deadline != UNKNOWN for each in self._timers.values())
 
     def _arm(self, timer: Json) -> None:
         rank, age = RANK[timer[0]], 0
@@ -381,7 +390,7 @@ class Exchange:
         step.after, step.next_timer = self.state, first and first.timer
         step.expected.phase = self.oracle.states[self.state][0]
         step.expected.deadline = None if first is None else first.deadline
-        if first is not None and any(t.deadline == UNKNOWN for t in self._timers.values()):
+        if not self._all_known:
             step.expected.deadline = UNKNOWN
         self._waiting.append(step)
 

@@ -143,7 +143,7 @@ class Runner:
             rich=rich,
             predict=predict,
             logged=logged,
-            judges_marks=not self._marks_decided,
+            judges_marks="cam" in self.features and not self._marks_decided,
         )
 
     @property

@@ -31,13 +31,15 @@ from automcm_conformance import (
     whole,
 )
 from automcm_conformance.adapter import PATIENCE, Adapter
+from automcm_conformance.answers import differences
 from automcm_conformance.exchange import Mismatch
 from automcm_conformance.play import offered
 from automcm_conformance.process import Process
+from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.results import CaseResult, Report
 from automcm_conformance.tally import Part
 from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
-from automcm_conformance.wire import STEP_MS, Wire
+from automcm_conformance.wire import STEP_MS, Expected, Wire
 from automcm_spec import oracle as oracle_
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, canonical, content
@@ -1261,3 +1263,21 @@ def test_an_ack_of_a_stranger_names_what_is_in_use() -> None:
     ack = ["Ack", 3, 1, [2, 1], 0, 0, False, "none", ["Intention", 1]]
     assert wire.message(ack)["of"] == {"type": "Intention", "seq": 7}
     assert wire.message(ack)["src"] != intention["dst"]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        '"messages":0,"indications":[]',
+        '"messages":[],"indications":"x"',
+        '"messages":[],"indications":[{}]',
+        '"messages":[],"indications":[],"cams":[7]',
+        '"messages":[],"indications":[],"cams":0',
+        '"messages":["\\ud800"],"indications":[]',
+    ],
+)
+def test_an_answer_of_no_form_is_the_fault_of_the_adapter(part: str) -> None:
+    expected = Expected(phase="WAITING", marks=[[], []])
+    line = f'{{{part},"deadline":null,"phase":"WAITING"}}'.encode()
+    with pytest.raises(ProtocolError):
+        differences(expected, line)

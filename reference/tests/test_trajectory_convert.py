@@ -67,7 +67,7 @@ def test_interpolation_gives_the_speeds_back(
     made = convert.convert(xy, speed, here, t0, v_eps=V_EPS)
     k = int(convert.feet(xy, np.array([here])).segment[0])
     time, place, n = t0, made.xy[0], 0
-    resolution = np.spacing(t0 if t0 else 1.0) * 4
+    resolution = np.spacing(abs(t0) or 1.0) * 4
     while True:
         if speed[k] < V_EPS:
             assert made.stopped
