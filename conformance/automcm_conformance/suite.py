@@ -362,6 +362,12 @@ class Runner:
         if decided is not None and len(decided.faults) >= ENOUGH:
             tours.avoid(seen)
             return
+        if decided is not None:
+            decided.hits += 1
+            if decided.hits > 2 * ENOUGH:  # whatever is to blame: nothing more is found out here
+                tours.avoid(seen)
+                tours.drop(decided.purpose.id)
+                return
 
         def attempt(again: list[int]) -> Wrong | None:
             x = self.exchange(part.oracle)
@@ -425,7 +431,13 @@ class Runner:
             assert answer is not None
             if least and not answer.changes:
                 return (state, i), "; an input before it, which must change nothing, changed that"
-        if isinstance(error, Mismatch) and {part for part, _ in error.problems} == {"deadline"}:
+        ended = oracle.answer(*last)
+        changes = ended is not None and ended.changes  # else it has armed a timer anew itself
+        if (
+            changes
+            and isinstance(error, Mismatch)
+            and {part for part, _ in error.problems} == {"deadline"}
+        ):
             found = error.found_deadline
             wanted = step.expected.deadline
             timer = oracle.input_index.get(canonical(["expire", step.next_timer]))
@@ -455,7 +467,8 @@ class Runner:
         if tally is None:
             self.elsewhere.append(fault)
             return
-        tally.faults.append(fault)
+        if len(tally.faults) < ENOUGH:
+            tally.faults.append(fault)
         if len(tally.faults) >= ENOUGH:
             tours.drop(tally.purpose.id)
 

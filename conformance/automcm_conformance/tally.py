@@ -54,6 +54,8 @@ class Tally:
     total: int = 0
     reached: int = 0
     forbidden: int = 0
+    hits: int = 0
+    """Wrong answers at its pairs, whatever was to blame."""
     skipped: Counter[str] = field(default_factory=Counter)
     """Why pairs were left out."""
     faults: list[Fault] = field(default_factory=list)
