@@ -6,8 +6,9 @@ from typing import Any
 
 from pydantic_core import from_json, to_json
 
+from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.protocol import ProtocolError, read_answer
-from automcm_conformance.wire import UNKNOWN, Expected
+from automcm_conformance.wire import Expected
 
 Json = Any
 Problem = tuple[str, str]

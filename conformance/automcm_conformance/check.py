@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from automcm_conformance.process import AdapterError, Process
 from automcm_conformance.protocol import (
+    DEFAULTS,
     INDICATIONS,
     PROTOCOL,
     Answer,
@@ -30,19 +31,7 @@ STATION = 4711
 PEER = 77
 START = 1_000_000
 """Times of the script lie from half of this on, so that no duration looks like a time."""
-PARAMETERS = {
-    "t_timeout": 200,
-    "t_resend": 100,
-    "t_decide": 500,
-    "t_cam_loss": 1500,
-    "t_cam": 100,
-    "backoff_min": 500,
-    "backoff_max": 500,
-    "max_rounds": 3,
-    "max_participants": 32,
-    "outbox_limit": 64,
-    "memory_limit": 64,
-}
+SHORT = DEFAULTS | {"t_timeout": 200, "backoff_max": DEFAULTS["backoff_min"]}
 DURATIONS = {"advertise": 40, "resend": 70, "giveup": 50}
 PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
 HELLO = {"cmd": "hello", "protocol": PROTOCOL}
@@ -207,7 +196,7 @@ class _Check:
             self._durations(process)
 
     def _reset(self, now: int) -> Json:
-        parameters = PARAMETERS | self._fixed
+        parameters = SHORT | self._fixed
         reset = {"cmd": "reset", "now": now, "station": STATION, "seed": 1}
         return {**reset, "parameters": parameters}
 

@@ -14,13 +14,13 @@ from typing import Any, Protocol
 from pydantic_core import from_json, to_json
 
 from automcm_conformance.answers import Problem, differences
+from automcm_conformance.clock import UNKNOWN, Running, forgotten_at, natural, rank
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.wire import (
     IDS,
     LONG_MS,
     ME,
-    UNKNOWN,
     Expected,
     Key,
     Wire,
@@ -32,10 +32,6 @@ from automcm_spec.oracle import Answer, Oracle, canonical
 
 Json = Any
 START_MS = 1_000
-ORDER = ("advertise", "", "decide", "hold", "answer", "cam", "lease", "giveup", "resend")
-LAST = ("quarantine", "forget", "backoff")
-"""Timers due together fire in this order (section 3); "" is the resend of an Advertisement."""
-RANK = {name: n for n, name in enumerate(ORDER + LAST)}
 
 
 class Link(Protocol):
@@ -101,6 +97,16 @@ class Broken(Exception):
         self.steps = steps
         self.error = error
 
+    @property
+    def kind(self) -> str:
+        """Of AdapterError; empty for a line of no known form."""
+        return self.error.kind if isinstance(self.error, AdapterError) else ""
+
+    @property
+    def stderr(self) -> list[str]:
+        """What the process said last, if it is gone."""
+        return self.error.stderr if isinstance(self.error, AdapterError) else []
+
 
 class Unpredicted(Exception):
     """The station has chosen another number than the next for its session."""
@@ -108,18 +114,6 @@ class Unpredicted(Exception):
 
 class Infeasible(Exception):
     """Time does not let this timer expire here: another one is due before it."""
-
-
-@dataclass(slots=True)
-class _Running:
-    timer: Json
-    deadline: int
-    rank: int
-    age: int
-
-    @property
-    def turn(self) -> tuple[int, int, int]:
-        return self.deadline, self.rank, self.age
 
 
 class Exchange:
@@ -157,16 +151,16 @@ class Exchange:
         """Lines have been written."""
         self.overrides: dict[str, int] = {}
         self._link = link
-        self._timers: dict[tuple[Json, ...], _Running] = {}
+        self._timers: dict[tuple[Json, ...], Running] = {}
         self._ages: dict[Key, int] = {}
         self._joined_at: dict[int, int] = {}
         self._waiting: list[Step] = []
-        self._first: _Running | None = None
+        self._first: Running | None = None
         self._lease_ms = LONG_MS
         self._natural = natural(parameters)
-        reset = {"cmd": "reset", "station": IDS[ME], "seed": seed, "parameters": dict(parameters)}
-        self._reset = reset
-        self._queue(encode(reset, self.now))
+        self._reset: dict[str, Json] = {"cmd": "reset", "station": IDS[ME], "seed": seed}
+        self._reset["parameters"] = dict(parameters)
+        self._queue(encode(self._reset, self.now))
 
     # -- what the kit does
 
@@ -272,7 +266,7 @@ class Exchange:
 
     # -- the clock
 
-    def _due(self) -> _Running | None:
+    def _due(self) -> Running | None:
         first = self._first
         return first if first is not None and first.deadline <= self.now else None
 
@@ -283,9 +277,8 @@ class Exchange:
         if name in self.overrides:
             return self.overrides[name]
         if name == "forget":  # ADV-8
-            p = self._natural
             joined = self._joined_at.get(timer[1], self.now)
-            return max(joined + p["advertise"], self.now) + p["life"] - self.now
+            return forgotten_at(self._natural, joined, self.now) - self.now
         return self._natural[name]
 
     def _settle(self, answer: Answer) -> None:
@@ -313,16 +306,15 @@ class Exchange:
         return all(each.deadline != UNKNOWN for each in self._timers.values())
 
     def _arm(self, timer: Json) -> None:
-        rank, age = RANK[timer[0]], 0
+        age, advertises = 0, False
         if timer[0] in ("resend", "giveup"):
-            if timer[1][0] == "Advertisement":
-                rank = RANK[""]
+            advertises = timer[1][0] == "Advertisement"
             age = self._ages.setdefault(entry_key(timer[1]), len(self._ages))
         lasts = self._duration(timer)
         ends = UNKNOWN if lasts == UNKNOWN else self.now + lasts
         key = timer_key(timer)
         self._timers.pop(key, None)
-        self._timers[key] = _Running(timer, ends, rank, age)
+        self._timers[key] = Running(timer, ends, rank(timer[0], advertises), age)
 
     # -- lines and answers
 
@@ -410,22 +402,3 @@ class Exchange:
 
     def _marks(self, state: int) -> Json:
         return sorted(self.wire.session(s) for s in self.oracle.marks[state])
-
-
-def natural(parameters: Mapping[str, int]) -> dict[str, int]:
-    """How long timers last with these parameters (protocol.md, section 3), in ms."""
-    p = parameters
-    giveup = (p["t_timeout"] // p["t_resend"] + 1) * p["t_resend"]
-    known = p["backoff_min"] == p["backoff_max"]
-    return {
-        "advertise": giveup,
-        "resend": p["t_resend"],
-        "decide": p["t_decide"],
-        "hold": giveup + p["t_decide"] + 2 * giveup,
-        "answer": p["t_decide"] + giveup,
-        "cam": p["t_cam_loss"],
-        "giveup": giveup,
-        "quarantine": giveup + 2 * giveup,
-        "life": 2 * giveup,
-        "backoff": p["backoff_min"] if known else UNKNOWN,
-    }

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 from automcm_conformance import words
-from automcm_conformance.exchange import RANK, natural
+from automcm_conformance.clock import Running, forgotten_at, natural, rank
 from automcm_conformance.process import Process
 from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.records import COMPLETE
@@ -31,19 +30,6 @@ from automcm_traces.writer import LogWriter
 Json = Any
 SILENT_MS = 1_000
 """The longest legal interval of CAMs (protocol.md, section 3, t_cam_loss)."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Running:
-    timer: Json
-    deadline: int
-    age: int
-
-    @property
-    def turn(self) -> tuple[int, int, int]:
-        about = self.timer.get("message")
-        advertises = about is not None and about["type"] == "Advertisement"
-        return self.deadline, RANK["" if advertises else self.timer["name"]], self.age
 
 
 class Followed:
@@ -91,7 +77,7 @@ class Followed:
             complete=COMPLETE,
         )
         self._engine = Engine(read(path), late_ms=0)
-        self._timers: dict[str, _Running] = {}
+        self._timers: dict[str, Running] = {}
         self._ages: dict[str, int] = {}
         self._joined_at: dict[int, int] = {}
         self._transmissions = 0
@@ -197,17 +183,19 @@ class Followed:
             self._event(now, "indication", indication=told)
 
     def _arm(self, now: int, timer: Json, duration: int | None) -> None:
-        about = canonical(timer.get("message"))
+        message = timer.get("message")
+        advertises = message is not None and message["type"] == "Advertisement"
+        about = canonical(message)
         deadline = now + duration if duration is not None else self._unsettled(now, timer)
         key, age = canonical(timer), self._ages.setdefault(about, len(self._ages))
-        self._timers[key] = _Running(timer, deadline, age)
+        self._timers[key] = Running(timer, deadline, rank(timer["name"], advertises), age)
         self._event(now, "timer", op="arm", timer=timer, deadline=deadline)
 
     def _unsettled(self, now: int, timer: Json) -> int:
         """When a timer expires whose duration is in no parameter: forget (ADV-8), back-off."""
         if timer["name"] == "forget":
             joined = self._joined_at[timer["station"]]
-            return max(joined + self._natural["advertise"], now) + self._natural["life"]
+            return forgotten_at(self._natural, joined, now)
         low, high = (now + ms for ms in self._backoff)
         others = min((each.deadline for each in self._timers.values()), default=high + 1)
         if low == high:
@@ -273,7 +261,7 @@ class Followed:
             text = f"no CAM since {self._cam_ms} ms"
             raise self._diverges(text, ["a CAM every t_cam"], "ACT-2")
 
-    def _expiry(self, running: _Running) -> Step | None:
+    def _expiry(self, running: Running) -> Step | None:
         """The step that this timer would bring about: it is missing, or lasts too long."""
         engine, event = deepcopy(self._engine), {"ev": "timer", "op": "expire"}
         record = {"rec": "event", "seq": self._at, "t_ms": running.deadline, **event}

@@ -81,6 +81,20 @@ INDICATIONS: Final[dict[str, tuple[str, ...]]] = {
 """The fields that are needed and compared, by name."""
 MESSAGE_TYPES: tuple[MessageType, ...] = get_args(MessageType)
 PARAMETERS: tuple[ParameterName, ...] = get_args(ParameterName)
+DEFAULTS: Final[dict[str, int]] = {
+    "t_timeout": 2000,
+    "t_resend": 100,
+    "t_decide": 500,
+    "t_cam_loss": 1500,
+    "t_cam": 100,
+    "backoff_min": 500,
+    "backoff_max": 2000,
+    "max_rounds": 3,
+    "max_participants": 32,
+    "outbox_limit": 64,
+    "memory_limit": 64,
+}
+"""Section 3 of protocol.md."""
 
 
 class ProtocolError(ValueError):

@@ -38,6 +38,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+from automcm_conformance.paths import SUITE
+from automcm_conformance.protocol import INDICATIONS, MESSAGE_TYPES, Phase
 from automcm_conformance.results import Level
 from automcm_spec.oracle import Effect
 from automcm_spec.rules import RULES
@@ -45,18 +47,15 @@ from automcm_spec.rules import RULES
 Json = Any
 Features = tuple[Any, ...]
 
-_HERE = Path(__file__).resolve().parent
-_CHECKOUT = _HERE.parent / "suite"
-PATH = (_CHECKOUT if _CHECKOUT.is_dir() else _HERE / "_data" / "suite") / "purposes.toml"
+PATH = SUITE / "purposes.toml"
 
 LEVELS: tuple[Level, ...] = get_args(Level)
 ID = re.compile(
     r"AMCM/(PRE|RCV|STA|SYS)/(ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)/(BV|BI|TI)-(0[1-9]|[1-9]\d)"
 )
 
-TYPES = ("Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack")
 INPUTS = (
-    *(f"receive {name}" for name in TYPES),
+    *(f"receive {name}" for name in MESSAGE_TYPES),
     "cam",
     *(
         f"command {name}"
@@ -67,13 +66,9 @@ INPUTS = (
         for name in ("advertise", "decide", "hold", "answer", "cam", "lease", "quarantine")
     ),
     *("expire forget", "expire backoff"),
-    *(f"expire resend {name}" for name in TYPES[:-1]),
-    *(f"expire giveup {name}" for name in TYPES[1:-1]),
+    *(f"expire resend {name}" for name in MESSAGE_TYPES[:-1]),
+    *(f"expire giveup {name}" for name in MESSAGE_TYPES[1:-1]),
     "restart",
-)
-PHASES = (
-    *("STANDALONE", "ADVERTISING", "CHOOSING", "PRESCRIBING"),
-    *("INTENDING", "WAITING", "NEGOTIATING", "ACTUATING"),
 )
 WHY = {
     "END-5": (
@@ -102,14 +97,11 @@ ROOM = 1
 _NAMES: dict[str, Iterable[str]] = {
     "rule": RULES,
     "role": ("none", "prescriber", "receiver"),
-    "phase": PHASES,
+    "phase": get_args(Phase),
     "input": INPUTS,
     "reason": ("none", "as_sent", "busy", "unknown_session", "closed"),
-    "of": TYPES,
-    "told": (
-        *("nothing", "choose", "no_participants", "verify", "undecided", "accepted", "propose"),
-        *("fallback", "finished", "refused", "discarded"),
-    ),
+    "of": MESSAGE_TYPES,
+    "told": ("nothing", *INDICATIONS),
     "why": {name for names in WHY.values() for name in names},
 }
 """Fields that take a name or a list of names, with the names there are."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Literal
 
-from automcm_conformance.exchange import natural
+from automcm_conformance.clock import natural
 from automcm_conformance.protocol import MESSAGE_TYPES
 from automcm_spec.oracle import canonical
 

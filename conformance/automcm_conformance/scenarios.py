@@ -12,6 +12,7 @@ from pathlib import Path
 
 from automcm_conformance.process import AdapterError, Process
 from automcm_conformance.protocol import (
+    DEFAULTS,
     MESSAGE_TYPES,
     PROTOCOL,
     HelloAnswer,
@@ -19,7 +20,7 @@ from automcm_conformance.protocol import (
     read_hello,
 )
 from automcm_conformance.radio import Rule
-from automcm_conformance.stage import LEASE_MS, PARAMETERS, Application, Outcome, Play, Stage, When
+from automcm_conformance.stage import LEASE_MS, Application, Outcome, Play, Stage, When
 
 P, Q, R = 1001, 1002, 2002
 STATIONS, ENTRIES = 4, 8
@@ -177,7 +178,7 @@ def run(
     missing = [need for need in needs(plays) if need not in hello.features]
     if missing:
         return Outcome("SKIP", f"needs {', '.join(missing)}")
-    if _cramped(PARAMETERS | {str(n): value for n, value in hello.fixed.items()}):
+    if _cramped(DEFAULTS | {str(n): value for n, value in hello.fixed.items()}):
         return Outcome("SKIP", "a limit is fixed so low that MEM-1 would decide")
     stations = sorted({station for play in plays for station in play.stations})
     place = folder / "scenarios" / name.removeprefix("scenario ").replace(" ", "-")

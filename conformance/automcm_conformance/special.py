@@ -13,23 +13,17 @@ from typing import Any
 
 from pydantic_core import from_json
 
+from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.exchange import Exchange, Infeasible, Mismatch
-from automcm_conformance.wire import LARGE, LONG_MS, UNKNOWN
+from automcm_conformance.protocol import DEFAULTS
+from automcm_conformance.wire import LARGE, LONG_MS
 from automcm_spec.oracle import canonical
 
 Json = Any
 Script = list[Json]
 Fresh = Callable[..., Exchange]
 """A fresh exchange: ``fresh(parameters)``, ``fresh(parameters, rich=True)``."""
-DEFAULTS = {
-    "t_timeout": 2000,
-    "t_resend": 100,
-    "t_decide": 500,
-    "t_cam_loss": 1500,
-    "t_cam": 100,
-    "backoff_min": 750,
-    "backoff_max": 750,
-}
+USUAL = DEFAULTS | {"backoff_min": 750, "backoff_max": 750}
 SETS: tuple[dict[str, int], ...] = (
     {},
     {"t_timeout": 1000, "t_decide": 170},
@@ -161,8 +155,8 @@ SAME_INSTANT: list[Script] = [
 """An input at the very time at which a timer expires: the timer comes first."""
 
 TIES: list[tuple[Script, int]] = [
-    ([*COMMITTED, ACCEPTANCE_ACKED, ["wait", 2000]], DEFAULTS["t_cam_loss"]),
-    ([*PRESCRIBING, PRESCRIPTION_ACKED, ["wait", 3000]], DEFAULTS["t_decide"] + 2100),
+    ([*COMMITTED, ACCEPTANCE_ACKED, ["wait", 2000]], USUAL["t_cam_loss"]),
+    ([*PRESCRIBING, PRESCRIPTION_ACKED, ["wait", 3000]], USUAL["t_decide"] + 2100),
     ([*PRESCRIBING, ["wait", 2500]], 2100),
 ]
 """Two timers at the same instant, with the lease that makes it so: cam, answer and giveup beside
@@ -232,7 +226,7 @@ def timer(fresh: Fresh, name: str) -> Iterator[Exchange]:
     lease = LEASE_MS if name.startswith("lease") else LONG_MS
     for changed in SETS:
         for script in TIMERS[name]:
-            x = fresh(DEFAULTS | changed)
+            x = fresh(USUAL | changed)
             try:
                 play(x, script, lease)
             except Infeasible:
@@ -244,7 +238,7 @@ def sendings(fresh: Fresh, t_timeout: int) -> Iterator[Exchange]:
     """``sendings N``: every message is sent as often as section 3 says, and no more."""
     for name in ("Intention", "Prescription", "Acceptance", "Fin", "Cancel"):
         for script in TIMERS[f"giveup {name}"]:
-            x = fresh(DEFAULTS | {"t_timeout": t_timeout})
+            x = fresh(USUAL | {"t_timeout": t_timeout})
             try:
                 play(x, [*script, ["wait", 1000]])
             except Infeasible:
@@ -255,14 +249,14 @@ def sendings(fresh: Fresh, t_timeout: int) -> Iterator[Exchange]:
 def same_instant(fresh: Fresh) -> Iterator[Exchange]:
     """``same instant``: the timer comes first, then the input."""
     for script in SAME_INSTANT:
-        x = fresh(DEFAULTS)
+        x = fresh(USUAL)
         try:
             play(x, script, LEASE_MS if ["lease"] in [v[1] for v in script] else LONG_MS)
         except Infeasible:
             continue
         yield x
     for script, lease in TIES:
-        x = fresh(DEFAULTS)
+        x = fresh(USUAL)
         try:
             play(x, script, lease)
         except Infeasible:
@@ -274,7 +268,7 @@ def content(fresh: Fresh, type_: str) -> Iterator[Exchange]:
     """``content TYPE``: what the application gave arrives untouched, in every copy."""
     for rich in (False, True):
         for script in CONTENT[type_]:
-            x = fresh(DEFAULTS, rich=rich)
+            x = fresh(USUAL, rich=rich)
             try:
                 play(x, script)
             except Infeasible:
@@ -288,7 +282,7 @@ def content(fresh: Fresh, type_: str) -> Iterator[Exchange]:
 def malformed(fresh: Fresh, type_: str) -> Iterator[Exchange]:
     """``malformed TYPE``: each is discarded and changes nothing; then the good one counts."""
     script, good = MALFORMED[type_]
-    x = fresh(DEFAULTS)
+    x = fresh(USUAL)
     play(x, script)
     command = x.wire.command(good)
     for message in bent(command["message"]):
@@ -379,7 +373,7 @@ def cam_marks(fresh: Fresh) -> Iterator[Exchange]:
         [*ACTING, COMPLETE, _from("Ack", MINE, of=["Fin", 1])],
         [*ACTING, ABORT],
     ):
-        x = fresh(DEFAULTS)
+        x = fresh(USUAL)
         x.wait(x.now + 250)
         try:
             for value in script:
@@ -395,7 +389,7 @@ def cam_rate(fresh: Fresh) -> Iterator[Exchange]:
     """``cam rate``: one every ``t_cam`` (half as much more or less), whatever the phase."""
     for t_cam in (100, 400):
         for script in ([], WAITING):
-            x = fresh(DEFAULTS | {"t_cam": t_cam})
+            x = fresh(USUAL | {"t_cam": t_cam})
             play(x, script)
             x.wait(x.now + 12 * x.parameters["t_cam"])
             x.flush()
@@ -414,7 +408,7 @@ def cam_rate(fresh: Fresh) -> Iterator[Exchange]:
 
 def back_off(fresh: Fresh) -> Iterator[Exchange]:
     """``back-off``: within its bounds, the same for the same seed, not always the same."""
-    parameters = DEFAULTS | {"backoff_min": 500, "backoff_max": 2000}
+    parameters = USUAL | {"backoff_min": 500, "backoff_max": 2000}
     found: dict[int, int] = {}
     for seed in [*range(1, SEEDS + 1), *range(1, SEEDS + 1)]:
         x = fresh(parameters, seed=seed)

@@ -15,10 +15,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from automcm_conformance.exchange import START_MS, natural
+from automcm_conformance.clock import natural
+from automcm_conformance.exchange import START_MS
 from automcm_conformance.followed import Followed
 from automcm_conformance.process import AdapterError, Process
-from automcm_conformance.protocol import HelloAnswer, ProtocolError
+from automcm_conformance.protocol import DEFAULTS, HelloAnswer, ProtocolError
 from automcm_conformance.radio import Radio, Rule
 from automcm_conformance.results import Line, Verdict
 from automcm_conformance.wire import HOLD_MS
@@ -27,20 +28,6 @@ from automcm_traces.engine import Diverges
 from automcm_traces.track import CannotTell, Track
 
 Json = Any
-PARAMETERS = {
-    "t_timeout": 2000,
-    "t_resend": 100,
-    "t_decide": 500,
-    "t_cam_loss": 1500,
-    "t_cam": 100,
-    "backoff_min": 500,
-    "backoff_max": 2000,
-    "max_rounds": 3,
-    "max_participants": 32,
-    "outbox_limit": 64,
-    "memory_limit": 64,
-}
-"""The defaults of section 3."""
 LEASE_MS = 20_000
 SHOWN = 60
 """Lines of an exchange in an outcome; the logs have all."""
@@ -157,7 +144,7 @@ class Stage:
         self._logs = {station: folder / f"{station}.ndjson" for station in play.stations}
         self._lines: list[Line] = []
         self._stations: dict[int, Followed] = {}
-        self._parameters = PARAMETERS | {str(name): ms for name, ms in hello.fixed.items()}
+        self._parameters = DEFAULTS | {str(name): ms for name, ms in hello.fixed.items()}
         self._radio = Radio(play.radio, self._parameters, seed)
         self._queue: list[tuple[int, int, bool, Callable[[], None]]] = []
         self._order = 0

@@ -11,24 +11,16 @@ from automcm_conformance.adapter import PATIENCE, Adapter
 from automcm_conformance.exchange import Broken, Exchange, Mismatch, Step, Unpredicted
 from automcm_conformance.play import LEASES, RUNS, Wrong, play, shortened
 from automcm_conformance.process import AdapterError
-from automcm_conformance.protocol import ProtocolError, Refused
+from automcm_conformance.protocol import DEFAULTS, ProtocolError, Refused
 from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.results import Verdict
-from automcm_conformance.tally import Fault, Part, Tally
+from automcm_conformance.tally import ENOUGH, Fault, Part, Tally
 from automcm_conformance.tour import Pair, Tours
 from automcm_spec.oracle import Answer, Oracle, canonical
 
 Json = Any
 Say = Callable[[str], None]
-PARAMETERS = {
-    "t_timeout": 300,
-    "t_resend": 100,
-    "t_decide": 500,
-    "t_cam_loss": 1500,
-    "t_cam": 100,
-    "backoff_min": 500,
-    "backoff_max": 500,
-}
+PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
 """What the graphs are driven with; the limits are those of the graph."""
 LIMITS = {
     "max_rounds": "MaxRounds",
@@ -39,8 +31,6 @@ LIMITS = {
 DIFFERENTLY = "nondeterministic: answered differently when the same was sent again"
 BULK = 1_000
 """Lines that are written before their answers are read, about."""
-ENOUGH = 3
-"""Wrong answers after which a case is decided, and driven no further."""
 STARTS = 20
 """Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
 ATTEMPTS = 3
@@ -95,8 +85,8 @@ class Runner:
         self.seed = seed
         self.say = say
         self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
-        self.elsewhere: list[Fault] = []
-        """Wrong answers of cases that are not run."""
+        self.elsewhere = ""
+        """The first wrong answer of a case that is not run."""
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
         self._cam_marks = next(marks, None)
         """The case that wrong marks belong to, wherever they are seen."""
@@ -150,7 +140,7 @@ class Runner:
     def _marks_decided(self) -> bool:
         """Enough CAMs have had wrong marks."""
         tally = self._cam_marks
-        return tally is not None and len(tally.faults) >= ENOUGH
+        return tally is not None and tally.decided
 
     # -- which pairs
 
@@ -312,7 +302,7 @@ class Runner:
         if isinstance(error, Unpredicted):
             self.predict = False
         elif error is not None:
-            self._wrong(drive.part, drive.owners, tours, flight.tour, error, flight.lease)
+            self._wrong(drive, flight.tour, error, flight.lease)
         elif flight.off is not None:
             drive.attempts[flight.off] += 1
             if drive.attempts[flight.off] >= ATTEMPTS:
@@ -340,16 +330,9 @@ class Runner:
 
     # -- wrong answers
 
-    def _wrong(
-        self,
-        part: Part,
-        owners: Owners,
-        tours: Tours,
-        tour: list[int],
-        error: Wrong,
-        lease: int,
-    ) -> None:
+    def _wrong(self, drive: Drive, tour: list[int], error: Wrong, lease: int) -> None:
         """Find the shortest exchange that goes wrong so, and the case that it belongs to."""
+        part, tours = drive.part, drive.tours
         self._in_step(error)
         before = self.adapter.broken
         place = error.steps[-1].place
@@ -358,15 +341,12 @@ class Runner:
         seen: Pair = (states[place], tour[place])
         answer = part.oracle.answer(*seen)
         assert answer is not None
-        decided = self._tally(part, owners, answer)
-        if decided is not None and len(decided.faults) >= ENOUGH:
-            tours.avoid(seen)
-            return
-        if decided is not None:
-            decided.hits += 1
-            if decided.hits > 2 * ENOUGH:  # whatever is to blame: nothing more is found out here
+        tally = self._tally(part, drive.owners, answer)
+        if tally is not None:
+            tally.hits += 1
+            if tally.decided:
                 tours.avoid(seen)
-                tours.drop(decided.purpose.id)
+                tours.drop(tally.purpose.id)
                 return
 
         def attempt(again: list[int]) -> Wrong | None:
@@ -379,7 +359,7 @@ class Runner:
                 return wrong if len(wrong.steps) > 1 else None  # else not even reset was answered
             return None
 
-        kind = getattr(getattr(error, "error", None), "kind", "")
+        kind = error.kind if isinstance(error, Broken) else ""
         hangs = kind == "hang"
         ways = [tours.path(state) for state in states]
         short = shortened(
@@ -394,10 +374,10 @@ class Runner:
         if short is None:
             case = tours.avoid(seen)
             if hangs:
-                self._blame(part, owners, tours, seen, error, str(error))
+                self._blame(drive, seen, error, str(error))
             else:
                 what = f"{DIFFERENTLY}: {error}"
-                self._blame(part, owners, tours, seen, error, what, "ERROR")
+                self._blame(drive, seen, error, what, "ERROR")
             if case is not None:
                 self._reached(part, case, seen)
             return
@@ -409,12 +389,12 @@ class Runner:
         case = tours.avoid(culprit)
         if case is not None:
             self._reached(part, case, culprit)
-        self._blame(part, owners, tours, culprit, error, f"{error}{why}")
+        self._blame(drive, culprit, error, f"{error}{why}")
 
     def _in_step(self, error: Wrong) -> None:
         """After a line too many, the next exchange has a fresh process."""
-        last, cause = error.steps[-1], getattr(error, "error", None)
-        sealed = len(error.steps) > 1 and b'"reset"' in last.line
+        cause = error.error if isinstance(error, Broken) else None
+        sealed = len(error.steps) > 1 and b'"reset"' in error.steps[-1].line
         if sealed or (isinstance(cause, ProtocolError) and not isinstance(cause, Refused)):
             self.adapter.renew()
 
@@ -449,28 +429,27 @@ class Runner:
 
     def _blame(
         self,
-        part: Part,
-        owners: Owners,
-        tours: Tours,
+        drive: Drive,
         pair: Pair,
         error: Wrong,
         what: str,
         verdict: Verdict | None = None,
     ) -> None:
+        part = drive.part
         answer = part.oracle.answer(*pair)
         assert answer is not None
-        tally = self._tally(part, owners, answer)
+        tally = self._tally(part, drive.owners, answer)
         if isinstance(error, Mismatch) and {p for p, _ in error.problems} == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
         fault = self.fault(part, [pair], error, what, purpose, verdict)
         if tally is None:
-            self.elsewhere.append(fault)
+            self.elsewhere = self.elsewhere or fault.what
             return
         if len(tally.faults) < ENOUGH:
             tally.faults.append(fault)
-        if len(tally.faults) >= ENOUGH:
-            tours.drop(tally.purpose.id)
+        if tally.decided:
+            drive.tours.drop(tally.purpose.id)
 
     def fault(
         self,
@@ -491,12 +470,11 @@ class Runner:
                 rule = answer.effect.rule
         return Fault(
             verdict or ("FAIL" if isinstance(error, Mismatch) else "ERROR"),
-            part,
             error.steps,
             rule,
             value,
             what,
-            list(getattr(getattr(error, "error", None), "stderr", ())),
+            list(error.stderr) if isinstance(error, Broken) else [],
         )
 
 

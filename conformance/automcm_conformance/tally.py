@@ -16,6 +16,10 @@ from automcm_spec.oracle import Oracle
 Json = Any
 
 
+ENOUGH = 3
+"""Wrong answers after which a case is decided, and driven no further."""
+
+
 @dataclass(slots=True)
 class Part:
     """Some pairs of one graph."""
@@ -36,7 +40,6 @@ class Fault:
     """An exchange whose last answer is wrong, or does not come."""
 
     verdict: Verdict
-    part: Part
     steps: list[Step]
     rule: str
     input: Json
@@ -64,3 +67,8 @@ class Tally:
     log: str = ""
     outcome: Outcome | None = None
     """Of a scenario."""
+
+    @property
+    def decided(self) -> bool:
+        """Nothing more is found out, whatever is to blame for what goes wrong at its pairs."""
+        return len(self.faults) >= ENOUGH or self.hits > 2 * ENOUGH

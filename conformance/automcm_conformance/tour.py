@@ -132,7 +132,7 @@ class Tours:
     def drop(self, case: str) -> None:
         """Nothing more is to be driven for this case."""
         pairs = [(s, i) for s, here in self.left.items() for i, c in here.items() if c == case]
-        self.avoided.update(pairs)
+        self.avoided.update(pair for pair in pairs if not self.oracle.is_move(*pair))
         for pair in pairs:
             self.done(pair)
 
@@ -208,7 +208,8 @@ def timetable(oracle: Oracle, tour: Sequence[int], start: int) -> list[Slot]:
             else:
                 slots[armed].durations[name] = now - slots[armed].at
         if _prescribes(value):
-            lease_from, slot.lease_ms = n, LONG_MS
+            proposal = value[1][5] if value[0] == "receive" else value[3]
+            lease_from, slot.lease_ms = n, LONG_MS + proposal
         for timer in answer.effect.stop:
             running.pop(timer_key(timer), None)
         for timer in answer.effect.arm:

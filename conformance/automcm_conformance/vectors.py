@@ -17,6 +17,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from automcm_conformance import exact
+from automcm_conformance.paths import data
 
 Json = Any
 Inputs = TypeVar("Inputs")
@@ -25,9 +26,7 @@ Call = Callable[[str, Json], Json]
 """What an implementation offers: the outputs of a kernel for these inputs.  An input without an
 answer gives ``{"error": {"name": ..., "index": ...}}``, the index only where there is one."""
 
-_HERE = Path(__file__).resolve().parent
-_CHECKOUT = _HERE.parent / "vectors"
-FOLDER = _CHECKOUT if _CHECKOUT.is_dir() else _HERE / "_data" / "vectors"
+FOLDER = data("vectors")
 SCHEMA = "vectors-1.schema.json"
 KERNELS = ("convert", "thin", "collide", "discover", "prescribe", "verify", "success")
 

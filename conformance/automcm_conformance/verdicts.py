@@ -162,10 +162,9 @@ def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
     out = [f"{n:,} need {why}" for why, n in tally.skipped.most_common()]
     out += [f"{forbidden:,} are forbidden by time with these parameters"] if forbidden else []
     if tally.reached + skipped + forbidden < tally.total:
-        first = next(iter(runner.elsewhere), None)
-        others = [f for t in runner.tallies.values() for f in t.faults]
-        cause = first or next(iter(others), None)
-        why = f": {cause.what}" if cause else ""
+        others = (fault.what for t in runner.tallies.values() for fault in t.faults)
+        cause = runner.elsewhere or next(others, "")
+        why = f": {cause}" if cause else ""
         left = tally.total - tally.reached - skipped - forbidden
         return "INCONC", f"{left:,} of {tally.total:,} not driven, the way there went wrong{why}"
     if tally.reached == 0:

@@ -69,10 +69,6 @@ RICH_DETAILS = {
 """Content that a station must carry without touching it."""
 
 
-UNKNOWN = -1
-"""A time that only the station knows."""
-
-
 @dataclass(slots=True)
 class Expected:
     """The answer that the specification calls for.

@@ -6,9 +6,10 @@ from typing import Any
 
 from pydantic_core import from_json, to_json
 
+from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.exchange import Step
 from automcm_conformance.results import Line
-from automcm_conformance.wire import UNKNOWN, Expected
+from automcm_conformance.wire import Expected
 
 Json = Any
 

@@ -67,7 +67,6 @@ def test_interpolation_gives_the_speeds_back(
     made = convert.convert(xy, speed, here, t0, v_eps=V_EPS)
     k = int(convert.feet(xy, np.array([here])).segment[0])
     time, place, n = t0, made.xy[0], 0
-    resolution = np.spacing(abs(t0) or 1.0) * 4
     while True:
         if speed[k] < V_EPS:
             assert made.stopped
@@ -80,7 +79,8 @@ def test_interpolation_gives_the_speeds_back(
         if length == 0:
             continue
         n += 1
-        assert made.t[n] == pytest.approx(time, abs=resolution * (n + 1))
+        rounding = 4 * (n + 1) * np.spacing(max(abs(t0), time, 1.0))
+        assert made.t[n] == pytest.approx(time, rel=0, abs=rounding)
         assert made.xy[n] == pytest.approx(place)
         middle = (made.t[n - 1] + made.t[n]) / 2
         quarter = (made.t[n] - made.t[n - 1]) / 4
