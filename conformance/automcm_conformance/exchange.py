@@ -18,11 +18,12 @@ from automcm_conformance.clock import UNKNOWN, Running, forgotten_at, natural, r
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.wire import (
-    IDS,
     LONG_MS,
     ME,
+    PLAIN,
     Expected,
     Key,
+    Values,
     Wire,
     encode,
     entry_key,
@@ -31,7 +32,6 @@ from automcm_conformance.wire import (
 from automcm_spec.oracle import Answer, Oracle, canonical
 
 Json = Any
-START_MS = 1_000
 
 
 class Link(Protocol):
@@ -128,6 +128,7 @@ class Exchange:
         scenario: str = "lane_change",
         seed: int = 1,
         rich: bool = False,
+        values: Values = PLAIN,
         predict: bool = False,
         logged: bool = True,
         judges_marks: bool = True,
@@ -135,8 +136,8 @@ class Exchange:
         self.oracle = oracle
         self.parameters = parameters
         self.state = 0
-        self.now = START_MS
-        self.wire = Wire(scenario=scenario, rich=rich)
+        self.now = values.start_ms
+        self.wire = Wire(scenario=scenario, rich=rich, values=values)
         self.done: list[Step] = []
         """Answered as expected."""
         self.place = 0
@@ -158,7 +159,7 @@ class Exchange:
         self._first: Running | None = None
         self._lease_ms = LONG_MS
         self._natural = natural(parameters)
-        self._reset: dict[str, Json] = {"cmd": "reset", "station": IDS[ME], "seed": seed}
+        self._reset: dict[str, Json] = {"cmd": "reset", "station": values.ids[ME], "seed": seed}
         self._reset["parameters"] = dict(parameters)
         self._queue(encode(self._reset, self.now))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from automcm_conformance.exchange import START_MS, Broken, Exchange, Infeasible, Mismatch
+from automcm_conformance.exchange import Broken, Exchange, Infeasible, Mismatch
 from automcm_conformance.tour import Pair, timetable
 from automcm_conformance.wire import LONG, LONG_MS
 from automcm_spec.oracle import Oracle
@@ -48,7 +48,7 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
 
 def _timed(x: Exchange, tour: Sequence[int]) -> None:
     x.durations(LONG)
-    for place, slot in enumerate(timetable(x.oracle, tour, START_MS)):
+    for place, slot in enumerate(timetable(x.oracle, tour, x.now)):
         x.place = place
         new = {k: ms for k, ms in slot.durations.items() if x.overrides[k] != ms}
         if new:

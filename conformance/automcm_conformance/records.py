@@ -15,7 +15,7 @@ from pydantic_core import from_json
 
 from automcm_conformance.answers import differences
 from automcm_conformance.exchange import Link, Mismatch, Step
-from automcm_conformance.wire import IDS, ME, Expected
+from automcm_conformance.wire import Expected
 from automcm_traces.writer import LogWriter
 
 Json = Any
@@ -105,7 +105,7 @@ def write_log(
     with LogWriter(
         path,
         run=case,
-        station=IDS[ME],
+        station=reset["station"],
         implementation=name,
         version=version,
         parameters=limits,
@@ -120,7 +120,7 @@ def write_log(
             cams = answer.get("cams", [])
             marks = step.expected.marks[:1]
             before = [c for c in cams if not marks or sorted(c["marks"]) in marks]
-            send = partial(_send, log, count, step.now)
+            send = partial(_send, log, reset["station"], count, step.now)
             send(before)
             for deed in step.deeds:
                 if deed.expired is not None:
@@ -142,9 +142,11 @@ def write_log(
             send(c for c in cams if c not in before)
 
 
-def _send(log: LogWriter, count: Iterator[int], now: int, messages: Iterable[Json]) -> None:
+def _send(
+    log: LogWriter, station: int, count: Iterator[int], now: int, messages: Iterable[Json]
+) -> None:
     for message in messages:
-        log.event("send", now, tx=f"{IDS[ME]}:{next(count)}", message=message)
+        log.event("send", now, tx=f"{station}:{next(count)}", message=message)
 
 
 def _input(log: LogWriter, now: int, command: Json, more: dict[str, Json]) -> None:

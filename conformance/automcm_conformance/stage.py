@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from automcm_conformance.clock import natural
-from automcm_conformance.exchange import START_MS
 from automcm_conformance.followed import Followed
 from automcm_conformance.process import AdapterError, Process
 from automcm_conformance.protocol import DEFAULTS, HelloAnswer, ProtocolError
@@ -28,6 +27,7 @@ from automcm_traces.engine import Diverges
 from automcm_traces.track import CannotTell, Track
 
 Json = Any
+START_MS = 1_000
 LEASE_MS = 20_000
 SHOWN = 60
 """Lines of an exchange in an outcome; the logs have all."""

@@ -16,6 +16,7 @@ from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.results import Verdict
 from automcm_conformance.tally import ENOUGH, Fault, Part, Tally
 from automcm_conformance.tour import Pair, Tours
+from automcm_conformance.wire import PLAIN, VALUES, Values
 from automcm_spec.oracle import Answer, Oracle, canonical
 
 Json = Any
@@ -44,6 +45,7 @@ class Flight:
     x: Exchange
     tour: list[int]
     lease: int
+    values: Values
     off: Pair | None = None
     """What time forbids; the tour ends there."""
 
@@ -56,6 +58,7 @@ class Drive:
     owners: Owners
     tours: Tours
     planned: int
+    started: int = 0
     flights: list[Flight] = field(default_factory=list)
     attempts: Counter[Pair] = field(default_factory=Counter)
 
@@ -116,6 +119,7 @@ class Runner:
         parameters: Mapping[str, int] = PARAMETERS,
         *,
         rich: bool = False,
+        values: Values = PLAIN,
         seed: int | None = None,
         predict: bool = False,
         logged: bool = True,
@@ -131,6 +135,7 @@ class Runner:
             scenario=scenario,
             seed=self.seed if seed is None else seed,
             rich=rich,
+            values=values,
             predict=predict,
             logged=logged,
             judges_marks="cam" in self.features and not self._marks_decided,
@@ -257,8 +262,10 @@ class Runner:
     def _start(self, drive: Drive, tour: list[int]) -> None:
         """Another tour.  Its lines are written with those of others, if they need no answer."""
         lease = LEASES[drive.attempts.total() % len(LEASES)]
-        x = self.exchange(drive.part.oracle, predict=self.predict, logged=False)
-        flight = Flight(x, tour, lease)
+        values = VALUES[drive.started % len(VALUES)]
+        drive.started += 1
+        x = self.exchange(drive.part.oracle, values=values, predict=self.predict, logged=False)
+        flight = Flight(x, tour, lease, values)
         try:
             flight.off = play(x, tour, self.timed, lease)
             if x.begun:
@@ -302,7 +309,7 @@ class Runner:
         if isinstance(error, Unpredicted):
             self.predict = False
         elif error is not None:
-            self._wrong(drive, flight.tour, error, flight.lease)
+            self._wrong(drive, flight, error)
         elif flight.off is not None:
             drive.attempts[flight.off] += 1
             if drive.attempts[flight.off] >= ATTEMPTS:
@@ -330,9 +337,9 @@ class Runner:
 
     # -- wrong answers
 
-    def _wrong(self, drive: Drive, tour: list[int], error: Wrong, lease: int) -> None:
+    def _wrong(self, drive: Drive, flight: Flight, error: Wrong) -> None:
         """Find the shortest exchange that goes wrong so, and the case that it belongs to."""
-        part, tours = drive.part, drive.tours
+        part, tours, tour = drive.part, drive.tours, flight.tour
         self._in_step(error)
         before = self.adapter.broken
         place = error.steps[-1].place
@@ -350,9 +357,9 @@ class Runner:
                 return
 
         def attempt(again: list[int]) -> Wrong | None:
-            x = self.exchange(part.oracle)
+            x = self.exchange(part.oracle, values=flight.values)
             try:
-                play(x, again, self.timed, lease)
+                play(x, again, self.timed, flight.lease)
                 x.flush()
             except (Mismatch, Broken) as wrong:
                 self._in_step(wrong)

@@ -7,6 +7,7 @@ the very answer that is expected (docs/adapter.md).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,10 +18,6 @@ from automcm_spec.oracle import Answer
 Json = Any
 
 ME, STRANGER = 1, 9
-IDS = {0: 0, ME: 4711, 2: 1702, 3: 80203, STRANGER: 999}
-"""The oracle's ids, and those on the wire."""
-NUMBERS = {2: (0, 5, 8), 3: (0, 2, 40), STRANGER: (0, 17)}
-"""Session numbers of the others, by the oracle's number."""
 HOLD_MS = 2_000
 LONG_MS = 5_000_000
 """A lease that no exchange outlives."""
@@ -39,7 +36,8 @@ LONG = {
 """Durations of timers that need not expire.  The earliest deadline is announced: one that is armed
 anew for no reason should be that."""
 ODD_SEQ = 77
-HEARD_MS = 500
+BEFORE_MS = 500
+"""The first CAM is so much older than the exchange."""
 STEP_MS = 100
 COPY_REASONS = ("unsafe", "undecided")
 
@@ -61,6 +59,37 @@ def timer_key(t: Json) -> tuple[Json, ...]:
 
 
 LARGE = 2**53 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """What stands for the oracle's values on the wire.
+
+    ``ids``: of each station.  ``numbers``: session numbers of the others, by the oracle's number.
+    ``start_ms``: when the exchange begins.
+    """
+
+    ids: Mapping[int, int]
+    numbers: Mapping[int, tuple[int, ...]]
+    start_ms: int = 1_000
+
+
+PLAIN = Values(
+    {0: 0, ME: 4711, 2: 1702, 3: 80203, STRANGER: 999},
+    {2: (0, 5, 8), 3: (0, 2, 40), STRANGER: (0, 17)},
+)
+ALIKE = Values(
+    {0: 0, ME: 10, 2: 9, 3: 100, STRANGER: 1},
+    {2: (0, 1, 2), 3: (0, 1, 2), STRANGER: (0, 1)},
+)
+"""Numbers that stations share, also with the station under test; ids that texts sort otherwise."""
+WIDE = Values(
+    {0: 0, ME: 2**32 - 1, 2: 2**16 + 9, 3: 2**32 - 2**16 - 1, STRANGER: 2**31 + 9},
+    {2: (0, 5, 2**32 + 5), 3: (0, 2**49 + 1, 2**49 + 2), STRANGER: (0, 2**32 + 5)},
+    start_ms=2**41,
+)
+"""Values that 16 or 32 bits, or a float of single precision, do not hold or tell apart."""
+VALUES = (PLAIN, ALIKE, WIDE)
 RICH_DETAILS = {
     "lane": 2,
     "text": 'quotes " and \\ and / and \u00e4\u4e2d\U0001f698 and \n',
@@ -101,6 +130,7 @@ class Wire:
     scenario: str = "lane_change"
     rich: bool = False
     """Long and odd content."""
+    values: Values = PLAIN
     last_number: int = 0
     own: dict[int, int] = field(default_factory=dict)
     outbox: dict[Key, dict[str, Json]] = field(default_factory=dict)
@@ -127,12 +157,12 @@ class Wire:
         """A session in real ids.  One of its own that is not open yet has some later number."""
         if s[0] == ME:
             later = self.last_number + s[1] - len(self.own)
-            return [IDS[ME], self.own.get(s[1], later)]
-        return [IDS[s[0]], NUMBERS[s[0]][s[1]]]
+            return [self.values.ids[ME], self.own.get(s[1], later)]
+        return [self.values.ids[s[0]], self.values.numbers[s[0]][s[1]]]
 
     def opened(self, place: int, number: int) -> None:
         """The station has opened its session ``place`` under this number."""
-        if self.session([ME, place]) != [IDS[ME], number]:
+        if self.session([ME, place]) != [self.values.ids[ME], number]:
             self._cache.clear()
         self.own[place] = self.last_number = number
 
@@ -171,9 +201,9 @@ class Wire:
 
     def _content(self, m: Json, lease_ms: int) -> dict[str, Json]:
         type_, src, dst, session, seq, k, accepted, reason, _ = m
-        out: dict[str, Json] = {"v": 1, "type": type_, "src": IDS[src]}
+        out: dict[str, Json] = {"v": 1, "type": type_, "src": self.values.ids[src]}
         if dst:
-            out["dst"] = IDS[dst]
+            out["dst"] = self.values.ids[dst]
         s = self.session(session)
         out |= {"session": s, "seq": 0}
         if seq:
@@ -210,10 +240,10 @@ class Wire:
             elif type_ == "Advertisement":
                 seq = 1
             else:
-                seq = self._near_miss(IDS[src], self.session(session), type_)
-        out = {"v": 1, "type": "Ack", "src": IDS[src]}
+                seq = self._near_miss(self.values.ids[src], self.session(session), type_)
+        out = {"v": 1, "type": "Ack", "src": self.values.ids[src]}
         if m[2]:
-            out["dst"] = IDS[m[2]]
+            out["dst"] = self.values.ids[m[2]]
         return out | {"session": self.session(session), "seq": 0, "of": {"type": type_, "seq": seq}}
 
     def _near_miss(self, src: int, session: list[int], type_: str) -> int:
@@ -226,11 +256,11 @@ class Wire:
 
     def _cam(self, value: Json) -> dict[str, Json]:
         _, src, marks, newer = value
-        last = self.heard_ms or HEARD_MS
+        last = self.heard_ms or self.values.start_ms - BEFORE_MS
         return {
             "v": 1,
             "type": "CAM",
-            "src": IDS[src],
+            "src": self.values.ids[src],
             "generation_ms": last + STEP_MS if newer else last,
             "x_mm": 0,
             "y_mm": 0,
@@ -253,7 +283,7 @@ class Wire:
         if name in ("prescribe", "accept", "refuse"):
             out["proposal"] = k
         if name == "prescribe":
-            out |= {"target": IDS[target], "prescribed": self.trajectory(s, k, 4)}
+            out |= {"target": self.values.ids[target], "prescribed": self.trajectory(s, k, 4)}
             out |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
         if name == "accept":
             out["selected"] = self.trajectory(s, k, 5)
@@ -291,13 +321,13 @@ class Wire:
         """A new message, or an answer, of the station."""
         type_, _, dst, session, seq, k, accepted, reason, _ = m
         given = self.given or {}
-        out: dict[str, Json] = {"v": 1, "type": type_, "src": IDS[ME]}
+        out: dict[str, Json] = {"v": 1, "type": type_, "src": self.values.ids[ME]}
         if dst:
-            out["dst"] = IDS[dst]
+            out["dst"] = self.values.ids[dst]
         out |= {"session": self.session(session), "seq": 0}
         match type_:
             case "Advertisement":
-                out["session"] = [IDS[ME], None]
+                out["session"] = [self.values.ids[ME], None]
                 kept = {"scenario", "details", "planned"} & given.keys()
                 out |= {name: given[name] for name in sorted(kept)}
             case "Intention":
@@ -355,7 +385,7 @@ class Wire:
         out: dict[str, Json] = {"name": name, "session": self.session(before[2])}
         match name:
             case "choose":
-                out["stations"] = sorted(IDS[p] for p in after[3])
+                out["stations"] = sorted(self.values.ids[p] for p in after[3])
             case "verify":
                 out |= {"proposal": given["proposal"], "prescribed": given["prescribed"]}
             case "undecided":
@@ -375,12 +405,12 @@ class Wire:
         if len(t) == 1:
             return {"name": t[0]}
         if t[0] == "forget":
-            return {"name": "forget", "station": IDS[t[1]]}
+            return {"name": "forget", "station": self.values.ids[t[1]]}
         type_, to, session = t[1][:3]
         entry = self.outbox.get(entry_key(t[1]))
         if entry is None:
             entry = {"type": type_, "session": self.session(session), "seq": 1}
-            entry |= {"dst": IDS[to]} if to else {}
+            entry |= {"dst": self.values.ids[to]} if to else {}
         return {"name": t[0], "message": entry}
 
 
