@@ -37,7 +37,7 @@ class WithCommand(TyperCommand):
         return [*super().collect_usage_pieces(ctx), "-- COMMAND..."]
 
 
-def _command(ctx: typer.Context) -> list[str]:
+def command_of(ctx: typer.Context) -> list[str]:
     """The command after ``--``."""
     command: list[str] = ctx.meta.get(COMMAND, [])
     if not command:
@@ -64,7 +64,7 @@ def _purposes(selectors: Sequence[str]) -> list[Purpose]:
         raise typer.BadParameter(str(error)) from None
 
 
-def _console() -> Console:
+def console_of() -> Console:
     from rich.console import Console
 
     console = Console()
@@ -99,8 +99,8 @@ def run(
     from automcm_conformance.whole import conform
     from automcm_spec.oracle import OracleError
 
-    command, chosen = _command(ctx), _purposes(selectors or [])
-    folder = out or _fresh_folder()
+    command, chosen = command_of(ctx), _purposes(selectors or [])
+    folder = out or fresh_folder()
     started, clock = datetime.now(UTC), time.monotonic()
     try:
         known = {} if expect is None else verdicts.expectations(expect, _purposes([]))
@@ -126,7 +126,7 @@ def run(
     report_.write(report, folder)
     write_json(json_, report.as_dict())
     if str(json_) != "-":
-        console = _console()
+        console = console_of()
         show.summary(report, console, folder)
         for case in report.unexpected[:3]:
             for failure in case.failures[:1]:
@@ -134,7 +134,7 @@ def run(
     raise typer.Exit(report.exit_code)
 
 
-def _fresh_folder() -> Path:
+def fresh_folder() -> Path:
     """runs/<time>, with a number behind it if it is there."""
     stem = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
     for n in range(1, 1000):
@@ -160,7 +160,7 @@ def list_(
     write_json(json_, [_described(purpose) for purpose in chosen])
     if str(json_) == "-":
         return
-    console = _console()
+    console = console_of()
     if explain:
         for purpose in chosen:
             for name, text in _described(purpose).items():
@@ -203,7 +203,7 @@ def replay(
     from automcm_conformance.protocol import ProtocolError
     from automcm_conformance.words import exchange
 
-    command = _command(ctx)
+    command = command_of(ctx)
     wrong = ""
     steps: list[Step] = []
     try:
@@ -222,7 +222,7 @@ def replay(
     verdict = {"case": about["case"], "verdict": "FAIL" if wrong else "PASS", "what": wrong}
     write_json(json_, verdict)
     if str(json_) != "-":
-        console = _console()
+        console = console_of()
         for line in lines:
             console.print(
                 f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
@@ -244,7 +244,7 @@ def check_adapter(ctx: typer.Context, limit: Limit = 10.0, json_: Json = None) -
     from automcm_conformance.check import check
     from automcm_conformance.report import visible
 
-    command = _command(ctx)
+    command = command_of(ctx)
     with progress() as say:
         findings = check(command, limit, say)
     write_json(json_, [asdict(finding) for finding in findings])

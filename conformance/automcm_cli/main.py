@@ -11,6 +11,7 @@ import typer
 from automcm_cli import (
     conform,
     conform_bench,
+    conform_explore,
     demo_command,
     simulate,
     spec_commands,
@@ -35,6 +36,7 @@ app.add_typer(vectors.app, name="vectors", no_args_is_help=True)
 app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
 station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
+conform.app.command(cls=conform.WithCommand, epilog=conform_explore.EPILOG)(conform_explore.explore)
 app.add_typer(conform.app, name="conform", no_args_is_help=True)
 app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(conform.adapter)
 app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)

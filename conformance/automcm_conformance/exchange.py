@@ -223,6 +223,26 @@ class Exchange:
         return first.deadline if first is not None and self._all_known else None
 
     @property
+    def sure(self) -> bool:
+        """The deadlines of all timers are known."""
+        return self._all_known
+
+    def offers(self, i: int, at: int) -> bool:
+        """This input can be given at this time, with no more than one timer before it."""
+        due = [each for each in self._timers.values() if each.deadline <= at]
+        value = self.oracle.inputs[i]
+        if value[0] == "restart":
+            return True
+        if len(due) > 1 or (due and value[0] == "receive" and value[1][0] == "Ack"):
+            return False  # what is sent at that moment has no seq yet that an Ack could name
+        state = self.state
+        for running in due:
+            expiry = self.oracle.answer(state, self._expiry(running.timer))
+            assert expiry is not None, f"not offered: {running.timer}"
+            state = expiry.next
+        return self.oracle.answer(state, i) is not None
+
+    @property
     def first_timer(self) -> Json:
         """The timer that expires next; None if none runs."""
         return self._first and self._first.timer
@@ -236,6 +256,11 @@ class Exchange:
     def waiting(self) -> list[bytes]:
         """The lines that have not been written yet."""
         return [step.line for step in self._waiting]
+
+    @property
+    def queued(self) -> Sequence[Step]:
+        """What has not been written yet."""
+        return self._waiting
 
     @property
     def unwritten(self) -> int:
@@ -266,6 +291,9 @@ class Exchange:
             raise Broken([*self.done, *steps[len(answers) :][:1]], error) from None
 
     # -- the clock
+
+    def _expiry(self, timer: Json) -> int:
+        return self.oracle.input_index[canonical(["expire", timer])]
 
     def _due(self) -> Running | None:
         first = self._first
@@ -325,8 +353,11 @@ class Exchange:
         step.before = self.state
         fired, given = [], self.wire.given
         self.wire.given = None
-        while (due := self._due()) is not None:
-            fired.append(self.oracle.input_index[canonical(["expire", due.timer])])
+        lost = (
+            then is not None and self.oracle.inputs[then][0] == "restart"
+        )  # END-8: and what is due
+        while not lost and (due := self._due()) is not None:
+            fired.append(self._expiry(due.timer))
             self._follow(step, fired[-1])
         self.wire.given = given
         if then is not None:
@@ -390,7 +421,9 @@ class Exchange:
     def _judge(self, step: Step, line: bytes) -> None:
         step.answer = line
         if self.judges_marks and b'"cams"' in line:
-            step.expected.marks = [self._marks(step.before), self._marks(step.after)]
+            passed = (self.oracle.answer(*pair) for pair in step.pairs)
+            states = [step.before, *(answer.next for answer in passed if answer), step.after]
+            step.expected.marks = [self._marks(state) for state in dict.fromkeys(states)]
         problems = differences(step.expected, line)
         if problems:
             raise Mismatch([*self.done, step], problems)

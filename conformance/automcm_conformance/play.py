@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from automcm_conformance.exchange import Broken, Exchange, Infeasible, Mismatch
 from automcm_conformance.tour import Pair, timetable
-from automcm_conformance.wire import LONG, LONG_MS
+from automcm_conformance.wire import LONG_MS, long
 from automcm_spec.oracle import Oracle
 
 LEASES = (LONG_MS, 1_000)
@@ -16,14 +16,17 @@ RUNS = 120
 Wrong = Mismatch | Broken
 
 
-def play(x: Exchange, tour: Sequence[int], timed: bool, lease_ms: int = LONG_MS) -> Pair | None:
+def play(
+    x: Exchange, tour: Sequence[int], timed: bool, lease_ms: int = LONG_MS, soonest: str = ""
+) -> Pair | None:
     """Give the inputs of a tour, up to the first that time forbids; that pair is returned.
 
-    ``timed``: the station has ``durations``, so time forbids nothing.  Raises Mismatch, Broken.
+    ``timed``: the station has ``durations``, so time forbids nothing; ``soonest``: the timer that
+    would expire first of those that need not.  Raises Mismatch, Broken.
     """
     off: Pair | None = None
     if timed:
-        _timed(x, tour)
+        _timed(x, tour, soonest)
     else:
         off = _natural(x, tour, lease_ms)
     x.seal()
@@ -46,9 +49,10 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
     return None
 
 
-def _timed(x: Exchange, tour: Sequence[int]) -> None:
-    x.durations(LONG)
-    for place, slot in enumerate(timetable(x.oracle, tour, x.now)):
+def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> None:
+    lasting = long(soonest)
+    x.durations({name: ms for name, ms in lasting.items() if name != "lease"})
+    for place, slot in enumerate(timetable(x.oracle, tour, x.now, lasting)):
         x.place = place
         new = {k: ms for k, ms in slot.durations.items() if x.overrides[k] != ms}
         if new:

@@ -16,7 +16,7 @@ from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.results import Verdict
 from automcm_conformance.tally import ENOUGH, Fault, Part, Tally
 from automcm_conformance.tour import Pair, Tours
-from automcm_conformance.wire import PLAIN, VALUES, Values
+from automcm_conformance.wire import LONG, PLAIN, VALUES, Values
 from automcm_spec.oracle import Answer, Oracle, canonical
 
 Json = Any
@@ -46,6 +46,7 @@ class Flight:
     tour: list[int]
     lease: int
     values: Values
+    soonest: str
     off: Pair | None = None
     """What time forbids; the tour ends there."""
 
@@ -157,8 +158,8 @@ class Runner:
         """Which of these pairs are to be driven; the others are counted as skipped."""
         self.parts.append(part)
         oracle = part.oracle
-        unfit = self._unfit(oracle)
-        left_out = [self._left_out(value) for value in oracle.inputs]
+        unfit = self.unfit(oracle)
+        left_out = [self.left_out(value) for value in oracle.inputs]
         targets = []
         for answer in answers:
             tally = self._tally(part, owners, answer)
@@ -171,7 +172,7 @@ class Runner:
                 tally.skipped[why] += 1
             else:
                 targets.append((answer, tally.purpose.id))
-        limited = bool(self._limited_by(oracle))
+        limited = bool(self.limited_by(oracle))
 
         def allowed(state: int, i: int) -> bool:
             if left_out[i]:
@@ -216,7 +217,7 @@ class Runner:
         owner = owners.owner(state, i, answer.effect, answer.changes, part.third)
         return None if owner is None else self.tallies.get(owner.id)
 
-    def _unfit(self, oracle: Oracle) -> str:
+    def unfit(self, oracle: Oracle) -> str:
         """Why this graph says nothing about the implementation; empty if it does."""
         rounds = oracle.constants["MaxRounds"]
         if self.fixed.get("max_rounds", rounds) != rounds:
@@ -229,7 +230,7 @@ class Runner:
                 return f"{name} of at least {needed}"
         return ""
 
-    def _left_out(self, value: Json) -> str:
+    def left_out(self, value: Json) -> str:
         """The feature that an input needs and the implementation does not have."""
         match value[0]:
             case "restart":
@@ -248,10 +249,10 @@ class Runner:
         """MEM-1 can be seen only with the limits of the graph."""
         if answer.effect.rule != "MEM-1":
             return ""
-        other = self._limited_by(oracle)
+        other = self.limited_by(oracle)
         return f"{other[0]} is fixed" if other else ""
 
-    def _limited_by(self, oracle: Oracle) -> list[str]:
+    def limited_by(self, oracle: Oracle) -> list[str]:
         """Limits that are fixed at another value than the graph's."""
         return [
             n for n, c in LIMITS.items() if self.fixed.get(n, 0) not in (0, oracle.constants[c])
@@ -263,11 +264,12 @@ class Runner:
         """Another tour.  Its lines are written with those of others, if they need no answer."""
         lease = LEASES[drive.attempts.total() % len(LEASES)]
         values = VALUES[drive.started % len(VALUES)]
+        soonest = tuple(LONG)[drive.started % len(LONG)]
         drive.started += 1
         x = self.exchange(drive.part.oracle, values=values, predict=self.predict, logged=False)
-        flight = Flight(x, tour, lease, values)
+        flight = Flight(x, tour, lease, values, soonest)
         try:
-            flight.off = play(x, tour, self.timed, lease)
+            flight.off = play(x, tour, self.timed, lease, soonest)
             if x.begun:
                 x.flush()
         except (Mismatch, Broken, Unpredicted) as error:
@@ -340,7 +342,7 @@ class Runner:
     def _wrong(self, drive: Drive, flight: Flight, error: Wrong) -> None:
         """Find the shortest exchange that goes wrong so, and the case that it belongs to."""
         part, tours, tour = drive.part, drive.tours, flight.tour
-        self._in_step(error)
+        self.in_step(error)
         before = self.adapter.broken
         place = error.steps[-1].place
         inputs = tour[: place + 1]
@@ -359,10 +361,10 @@ class Runner:
         def attempt(again: list[int]) -> Wrong | None:
             x = self.exchange(part.oracle, values=flight.values)
             try:
-                play(x, again, self.timed, flight.lease)
+                play(x, again, self.timed, flight.lease, flight.soonest)
                 x.flush()
             except (Mismatch, Broken) as wrong:
-                self._in_step(wrong)
+                self.in_step(wrong)
                 return wrong if len(wrong.steps) > 1 else None  # else not even reset was answered
             return None
 
@@ -398,7 +400,7 @@ class Runner:
             self._reached(part, case, culprit)
         self._blame(drive, culprit, error, f"{error}{why}")
 
-    def _in_step(self, error: Wrong) -> None:
+    def in_step(self, error: Wrong) -> None:
         """After a line too many, the next exchange has a fresh process."""
         cause = error.error if isinstance(error, Broken) else None
         sealed = len(error.steps) > 1 and b'"reset"' in error.steps[-1].line

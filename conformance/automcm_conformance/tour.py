@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm_conformance.wire import LONG, LONG_MS, STEP_MS, timer_key
+from automcm_conformance.wire import LONG, STEP_MS, timer_key
 from automcm_spec.oracle import Answer, Oracle
 
 Json = Any
@@ -179,11 +179,13 @@ class Slot:
     lease_ms: int | None = None
 
 
-def timetable(oracle: Oracle, tour: Sequence[int], start: int) -> list[Slot]:
+def timetable(
+    oracle: Oracle, tour: Sequence[int], start: int, long: Mapping[str, int] = LONG
+) -> list[Slot]:
     """A time for each input of a tour such that each timer that expires in it expires in turn.
 
-    Each transition takes STEP_MS; a timer that does not expire in the tour lasts LONG.  What must
-    change nothing comes LATER_MS after a transition, so that a timer armed anew by it shows.
+    Each transition takes STEP_MS; a timer that does not expire in the tour lasts ``long``.  What
+    must change nothing comes LATER_MS after a transition, so that a timer armed anew by it shows.
     """
     slots: list[Slot] = []
     running: dict[tuple[Json, ...], int] = {}
@@ -209,13 +211,13 @@ def timetable(oracle: Oracle, tour: Sequence[int], start: int) -> list[Slot]:
                 slots[armed].durations[name] = now - slots[armed].at
         if _prescribes(value):
             proposal = value[1][5] if value[0] == "receive" else value[3]
-            lease_from, slot.lease_ms = n, LONG_MS + proposal
+            lease_from, slot.lease_ms = n, long["lease"] + proposal
         for timer in answer.effect.stop:
             running.pop(timer_key(timer), None)
         for timer in answer.effect.arm:
             running[timer_key(timer)] = n
             if timer[0] != "lease":
-                slot.durations.setdefault(timer[0], LONG[timer[0]])
+                slot.durations.setdefault(timer[0], long[timer[0]])
         state = answer.next
     return slots
 

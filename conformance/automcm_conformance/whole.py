@@ -37,13 +37,13 @@ def conform(
     Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
     """
     spec = present_hash()
-    with _uncollected():
+    with uncollected():
         one = load(ONE_PEER.path, spec)
     owners = Owners(load_purposes())
     adapter = Adapter(command, limit_s)
     runner = Runner(adapter, purposes, seed, say)
     try:
-        with _uncollected():
+        with uncollected():
             _drive(runner, one, owners, purposes, folder)
     except KeyboardInterrupt:
         runner.ended = "interrupted"
@@ -58,7 +58,7 @@ def conform(
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
+def uncollected() -> Iterator[None]:
     """Without the collector of cycles: it would look at the graphs, millions of values that stay,
     again and again, and take a third of the time."""
     was = gc.isenabled()

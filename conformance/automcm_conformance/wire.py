@@ -32,9 +32,18 @@ LONG = {
     "quarantine": 4_000_000,
     "forget": 4_100_000,
     "backoff": 4_200_000,
+    "lease": LONG_MS,
 }
 """Durations of timers that need not expire.  The earliest deadline is announced: one that is armed
 anew for no reason should be that."""
+SOON_MS = 900_000
+
+
+def long(soonest: str = "") -> dict[str, int]:
+    """LONG, but timers of this name would expire before all others."""
+    return {**LONG, soonest: SOON_MS} if soonest else LONG
+
+
 ODD_SEQ = 77
 BEFORE_MS = 500
 """The first CAM is so much older than the exchange."""

@@ -1,0 +1,92 @@
+"""``automcm conform explore``: walks where the suite does not go."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.conform import Limit, command_of, console_of, fresh_folder
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from automcm_conformance.explore import Exploration
+
+EPILOG = "Example: automcm conform explore 60 --seed 7 -- ./my_adapter.  " + CODES
+
+
+def explore(
+    ctx: typer.Context,
+    seconds: Annotated[float, typer.Argument(help="Real seconds to walk.", min=0.0)],
+    seed: Annotated[int, typer.Option(help="Of the walks, and of the station.", min=0)] = 1,
+    walks: Annotated[
+        int | None, typer.Option(help="End after so many walks, whatever the time.", min=1)
+    ] = None,
+    enough: Annotated[int, typer.Option(help="End after so many different failures.", min=1)] = 3,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
+    ] = None,
+    limit: Limit = 10.0,
+    json_: Json = None,
+) -> None:
+    """Walk through the specification's graphs against a station until time is up.
+
+    The walks go where none has been, with peers that answer and a radio that repeats, delays and
+    loses.  What goes wrong is shortened on the station itself, and can be replayed.
+    """
+    from automcm_conformance.explore import explore as explore_
+    from automcm_conformance.process import AdapterError
+    from automcm_conformance.protocol import ProtocolError
+    from automcm_spec.oracle import OracleError
+
+    command = command_of(ctx)
+    folder = out or fresh_folder()
+    started, clock = datetime.now(UTC), time.monotonic()
+
+    def more(number: int) -> bool:
+        return number < walks if walks is not None else time.monotonic() - clock < seconds
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with progress() as say:
+            found = explore_(
+                command, folder, limit_s=limit, seed=seed, enough=enough, say=say, more=more
+            )
+        found.started = started.isoformat(timespec="seconds")
+        found.seconds = round(time.monotonic() - clock, 1)
+        write_json(folder / "exploration.json", found.as_dict())
+    except (AdapterError, ProtocolError, OracleError, OSError) as error:
+        typer.echo(f"explore: {error}", err=True)
+        for line in getattr(error, "stderr", ()):
+            typer.echo(f"  {line!r}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, found.as_dict())
+    if str(json_) != "-":
+        _show(found, folder, console_of())
+    raise typer.Exit(found.exit_code)
+
+
+def _show(found: Exploration, folder: Path, console: Console) -> None:
+    from automcm_conformance import show
+
+    who = found.implementation
+    console.print(f"{who.name} {who.version}", markup=False)
+    console.print(f"{found.walks:,} walks, {found.lines:,} lines, seed {found.seed}")
+    for name, counts in found.coverage.items():
+        shares = (f"{kind} {reached:,} of {total:,}" for kind, (reached, total) in counts.items())
+        console.print(f"{name:<10} {', '.join(shares)}", highlight=False)
+    for problem in found.problems:
+        console.print(f"Problem: {problem}", markup=False)
+    for case in found.cases:
+        console.print()
+        show.failure(case, case.failures[0], console)
+    if not found.cases:
+        console.print("Every answer is as the specification says.")
+    elif found.again:
+        console.print(f"{found.again:,} more walks went wrong as one of these did.")
+    console.print(f"Report: {folder / 'exploration.json'}", markup=False, soft_wrap=True)

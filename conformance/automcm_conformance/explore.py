@@ -1,0 +1,428 @@
+"""Exploration: walks over the graphs against one implementation, with the oracle as judge, until
+time is up; what goes wrong is shortened on the implementation itself.
+
+Walks steer to what has not been given yet.  All of a walk follows from the seed and its number:
+only how many walks there are depends on the time.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from automcm_conformance import records, words
+from automcm_conformance.adapter import Adapter
+from automcm_conformance.exchange import Broken, Exchange, Mismatch, Step, Unpredicted
+from automcm_conformance.play import Wrong
+from automcm_conformance.process import AdapterError
+from automcm_conformance.results import BROKE, CaseResult, Implementation, Verdict
+from automcm_conformance.shrink import Short, Shrinker, pair_of, rule_of
+from automcm_conformance.suite import DIFFERENTLY, Runner, Say
+from automcm_conformance.suite import PARAMETERS as USUAL
+from automcm_conformance.tally import Fault
+from automcm_conformance.verdicts import failure, implementation
+from automcm_conformance.walk import (
+    JUDGED,
+    Act,
+    Faults,
+    Ground,
+    Setting,
+    Walker,
+    walk,
+)
+from automcm_conformance.whole import uncollected
+from automcm_conformance.wire import LONG, LONG_MS, VALUES
+from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
+from automcm_spec.generate import spec_hash as present_hash
+from automcm_spec.oracle import Oracle, load
+
+Json = Any
+FORMAT = "automcm.exploration/1"
+GRAPHS = (ONE_PEER, TWO_PEERS, TIGHT)
+BULK = 1_500
+"""Lines that are written before their answers are read, about."""
+LENGTHS = (20, 60, 120)
+"""Acts in a walk."""
+WEIGHTS = {"one-peer": 3, "two-peers": 5, "tight": 1}
+PARAMETERS: tuple[tuple[tuple[str, int], ...], ...] = (
+    (),
+    (("t_timeout", 0), ("t_cam_loss", 1001)),
+    (("t_timeout", 1000), ("t_decide", 170)),
+    (("t_timeout", 250), ("t_resend", 60), ("t_decide", 2500), ("t_cam_loss", 3000)),
+)
+"""Parameters of walks in natural time, besides those of the suite."""
+LEASES_MS = (300, 1_700, 9_000, LONG_MS)
+
+
+@dataclass(slots=True)
+class Walk:
+    """One of them; ``x`` is its exchange, if it waits to be judged."""
+
+    number: int
+    ground: Ground
+    faults: Faults
+    setting: Setting
+    acts: list[Act]
+    x: Exchange | None = None
+
+    def id(self, seed: int) -> str:
+        """The case: seed and number make the walk, the rest says what it is."""
+        times = "durations" if self.setting.timed else "natural"
+        return f"EXPLORE/{seed}/{self.number}/{self.ground.name}/{times}/{self.faults}"
+
+
+@dataclass(slots=True)
+class Exploration:
+    """What was found.  ``seconds`` and ``started`` are times; ``walks``, ``lines`` and
+    ``coverage`` follow from them, unless the number of walks was given."""
+
+    implementation: Implementation
+    seed: int
+    spec_hash: str
+    cases: list[CaseResult] = field(default_factory=list)
+    acts: dict[str, int] = field(default_factory=dict)
+    """How many acts the shortened walk of a case has."""
+    again: int = 0
+    """Walks that went wrong as one did before."""
+    problems: list[str] = field(default_factory=list)
+    walks: int = 0
+    lines: int = 0
+    coverage: dict[str, dict[str, list[int]]] = field(default_factory=dict)
+    started: str = ""
+    seconds: float = 0.0
+
+    @property
+    def exit_code(self) -> int:
+        """0 if nothing is wrong; 1 if a rule is broken; else 3."""
+        verdicts = {case.verdict for case in self.cases}
+        return 1 if "FAIL" in verdicts else 3 if verdicts or self.problems else 0
+
+    def as_dict(self) -> dict[str, Json]:
+        """For ``exploration.json``."""
+        return {"format": FORMAT, "exit_code": self.exit_code, **asdict(self)}
+
+
+class Explorer:
+    """Walks against the adapter of a runner; replays and logs are written into ``folder``.
+
+    ``enough``: different failures after which it ends.
+    """
+
+    def __init__(
+        self, runner: Runner, oracles: dict[str, Oracle], folder: Path, seed: int, enough: int
+    ) -> None:
+        self.runner = runner
+        self.seed = seed
+        self._folder = folder
+        self._enough = enough
+        self.grounds = [_ground(runner, name, o) for name, o in oracles.items()]
+        self.grounds = [g for g in self.grounds if not runner.unfit(g.oracle)]
+        spec_hash = next(iter(oracles.values())).spec_hash
+        self.found = Exploration(implementation(runner), seed, spec_hash)
+        self._known: set[tuple[str, ...]] = set()
+        self._last: list[Step] = []
+        """What was said in the last walk that went well."""
+
+    def run(self, more: Callable[[int], bool]) -> Exploration:
+        """Walk as long as ``more`` says so of the number of walks."""
+        waiting: list[Walk] = []
+        lines, number = 0, 0
+        while self._goes_on and more(number):
+            number += 1
+            new = self._walk(number)
+            if new is not None:
+                waiting.append(new)
+                lines += new.x.unwritten if new.x is not None else 0
+            if lines >= BULK or new is None:
+                self._land(waiting)
+                waiting, lines = [], 0
+                self.runner.say(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
+        self._land(waiting)
+        self.found.coverage = {g.name: g.coverage() for g in self.grounds}
+        self.found.problems += [p for p in (self.runner.cut_short,) if p]
+        return self.found
+
+    @property
+    def _goes_on(self) -> bool:
+        return (
+            bool(self.grounds)
+            and not self.runner.cut_short
+            and (len(self.found.cases) < self._enough)
+        )
+
+    # -- walks
+
+    def _walk(self, number: int) -> Walk | None:
+        """Another one.  None if it has been judged already, because it could not wait."""
+        random = Random(f"{self.seed}/{number}")
+        weights = [WEIGHTS[ground.name] for ground in self.grounds]
+        ground = random.choices(self.grounds, weights)[0]
+        faults = Faults(
+            random.choice((0, 5, 20)),
+            random.choice((0, 5, 20)),
+            random.choice((10, 40, 70)),
+            random.choice((5, 20, 50)),
+        )
+        timed = self.runner.timed and random.randrange(3) > 0
+        setting = Setting(
+            timed,
+            () if timed else random.choice(PARAMETERS),
+            random.choice(VALUES),
+            random.randrange(8) == 0,
+            LONG_MS if timed else random.choice(LEASES_MS),
+            random.choice(tuple(LONG)) if timed else "",
+        )
+        walker, length = Walker(ground, random, faults), random.choice(LENGTHS)
+        new = Walk(number, ground, faults, setting, [])
+        x = new.x = self._exchange(new.ground, setting)
+        try:
+            if timed:
+                new.acts = walker.timed(length)
+                walk(x, new.acts, setting)
+            else:
+                walker.natural(x, setting, length, new.acts)
+                x.seal()
+            if not x.begun:
+                return new
+            x.flush()
+        except (Mismatch, Broken, Unpredicted) as error:
+            self._landed(new, x, error)
+        else:
+            self._landed(new, x, None)
+        return None
+
+    def _exchange(self, ground: Ground, setting: Setting, predict: bool | None = None) -> Exchange:
+        return self.runner.exchange(
+            ground.oracle,
+            {**USUAL, **dict(setting.parameters)},
+            rich=setting.rich,
+            values=setting.values,
+            predict=self.runner.predict if predict is None else predict,
+        )
+
+    def _land(self, walks: Sequence[Walk]) -> None:
+        """Judge what is waiting.  After a wrong answer the rest is played again: it may be out of
+        step."""
+        left = list(walks)
+        while left and self._goes_on:
+            exchanges = [each.x or self._played(each) for each in left]
+            done, error = self._together(exchanges)
+            for each, x in zip(left[:done], exchanges, strict=False):
+                self._landed(each, x, None)
+            if error is not None:
+                self._landed(left[done], exchanges[done], error)
+                done += 1
+            left = left[done:]
+            for each in left:
+                each.x = None
+
+    def _played(self, each: Walk) -> Exchange:
+        x = self._exchange(each.ground, each.setting)
+        walk(x, each.acts, each.setting)
+        return x
+
+    def _together(self, exchanges: Sequence[Exchange]) -> tuple[int, Wrong | Unpredicted | None]:
+        """Write what waits in all of them and judge: how many were right, and what was wrong."""
+        broken: AdapterError | None = None
+        try:
+            answers = self.runner.adapter.exchange([line for x in exchanges for line in x.waiting])
+        except AdapterError as error:
+            answers, broken = error.answers, error
+        for n, x in enumerate(exchanges):
+            asked = x.unwritten
+            mine, answers = answers[:asked], answers[asked:]
+            try:
+                x.answered(mine, broken if len(mine) < asked else None)
+            except (Mismatch, Broken, Unpredicted) as error:
+                return n, error
+        return len(exchanges), None
+
+    # -- what came of them
+
+    def _landed(self, each: Walk, x: Exchange, error: Wrong | Unpredicted | None) -> None:
+        steps = x.done if error is None or isinstance(error, Unpredicted) else error.steps
+        self.found.walks += 1
+        self.found.lines += len(steps)
+        for step in x.done:
+            for pair in step.pairs:
+                each.ground.mark(pair, JUDGED)
+        if isinstance(error, Unpredicted):
+            self.runner.predict = False
+        elif error is not None:
+            self._wrong(each, error)
+
+    def _wrong(self, each: Walk, error: Wrong) -> None:
+        """Shorten it, unless it is known."""
+        ground, runner = each.ground, self.runner
+        runner.in_step(error)
+        mark = _mark(ground.oracle, error)
+        if mark in self._known:
+            self.found.again += 1
+            return
+        self._known.add(mark)
+        broken = runner.adapter.broken
+        again = self._attempt(each, each.setting, each.acts, "")
+        if again is None:
+            self._flaky(each, error, None)
+            return
+        mark = _mark(ground.oracle, again)
+        self._known.add(mark)
+        rule = rule_of(ground.oracle, again)
+        shrinker = Shrinker(
+            ground,
+            lambda setting, acts: self._attempt(each, setting, acts, rule),
+            lambda setting, walks: self._first(each, setting, walks, rule),
+            runner.timed,
+        )
+        short = shrinker.shrink(Short(each.setting, each.acts, again))
+        sure = self._attempt(each, short.setting, short.acts, rule)
+        runner.adapter.broken = broken  # it counts once, however often it is tried again
+        if sure is None:
+            self._flaky(each, short.error, short)
+            return
+        self._known.add(_mark(ground.oracle, sure))
+        pair = pair_of(sure)
+        if pair is not None:
+            ground.avoided.add(pair)
+        self._report(each, sure, str(sure), None, short.sent)
+
+    def _attempt(
+        self, each: Walk, setting: Setting, acts: Sequence[Act], rule: str
+    ) -> Wrong | None:
+        """Play a walk alone; what went wrong, if it breaks this rule (or any, if it is empty)."""
+        x = self._exchange(each.ground, setting, predict=False)
+        try:
+            walk(x, acts, setting)
+            x.flush()
+        except (Mismatch, Broken) as error:
+            self.runner.in_step(error)
+            wrong = rule_of(each.ground.oracle, error)
+            return error if len(error.steps) > 1 and rule in ("", wrong) else None
+        self._last = x.done
+        return None
+
+    def _first(
+        self, each: Walk, setting: Setting, walks: Sequence[Sequence[Act]], rule: str
+    ) -> int | None:
+        """The first of some walks that breaks this rule, as far as they can be played together."""
+        if not self.runner.predict:
+            wrong = (n for n, acts in enumerate(walks) if self._attempt(each, setting, acts, rule))
+            return next(wrong, None)
+        exchanges = []
+        for acts in walks:
+            x = self._exchange(each.ground, setting)
+            walk(x, acts, setting)
+            exchanges.append(x)
+        n, error = self._together(exchanges)
+        if error is None or isinstance(error, Unpredicted):
+            return None
+        self.runner.in_step(error)
+        if rule_of(each.ground.oracle, error) == rule:
+            return n
+        rest = self._first(each, setting, walks[n + 1 :], rule)
+        return None if rest is None else n + 1 + rest
+
+    # -- reports
+
+    def _flaky(self, each: Walk, error: Wrong, short: Short | None) -> None:
+        """It went wrong, and did not when the same was sent again: both logs are kept."""
+        sent = len(each.acts) if short is None else short.sent
+        what = f"{DIFFERENTLY}: {error}"
+        case = self._report(each, error, what, "ERROR", sent)
+        number = len(self.found.cases)
+        for name, steps in (("first", error.steps), ("again", self._last)):
+            log = self._log(f"{number}-{name}", case.id, steps)
+            case.reason += f"; {name}: {log}"
+
+    def _log(self, name: str, case: str, steps: Sequence[Step]) -> str:
+        """Write an exchange as a log; as lines of text where it cannot be told in one."""
+        folder = self._folder / "logs"
+        folder.mkdir(parents=True, exist_ok=True)
+        path = folder / f"{name}.ndjson"
+        hello = self.runner.adapter.hello
+        try:
+            records.write_log(path, case, list(steps), hello.name, hello.version)
+        except (ValueError, TypeError, KeyError):
+            path.unlink(missing_ok=True)
+            path = folder / f"{name}.txt"
+            lines = (
+                f"{line.now} {line.who}: {line.text}\n" for line in words.exchange(list(steps))
+            )
+            path.write_text("".join(lines))
+        return str(path.relative_to(self._folder))
+
+    def _report(
+        self, each: Walk, error: Wrong, what: str, verdict: Verdict | None, acts: int
+    ) -> CaseResult:
+        pair = pair_of(error)
+        oracle = each.ground.oracle
+        fault = Fault(
+            verdict or ("FAIL" if isinstance(error, Mismatch) else "ERROR"),
+            error.steps,
+            rule_of(oracle, error),
+            None if pair is None else oracle.inputs[pair[1]],
+            what,
+            list(error.stderr) if isinstance(error, Broken) else [],
+        )
+        case = each.id(self.seed)
+        told = failure(self.runner, case, 1, fault, self._folder)
+        rules = [fault.rule] if fault.rule else []
+        given = f"a walk over {each.ground.name} with {each.faults}"
+        result = CaseResult(case, fault.verdict, rules, "MUST", given, "", "", "", "", what)
+        result.failures = [told]
+        self.found.cases.append(result)
+        self.found.acts[case] = acts
+        return result
+
+
+def _ground(runner: Runner, name: str, oracle: Oracle) -> Ground:
+    offered = [not runner.left_out(value) for value in oracle.inputs]
+    return Ground(name, oracle, offered, bool(runner.limited_by(oracle)))
+
+
+def _mark(oracle: Oracle, error: Wrong) -> tuple[str, ...]:
+    """By what failures are told apart: rule, kind of input, what of the answer is wrong."""
+    pair = pair_of(error)
+    value = ["nothing"] if pair is None else oracle.inputs[pair[1]]
+    about = value[1][0] if value[0] in ("receive", "expire") else str(value[1:2])
+    parts = {part for part, _ in error.problems} if isinstance(error, Mismatch) else {error.kind}
+    return rule_of(oracle, error), str(value[0]), str(about), *sorted(parts)
+
+
+def explore(
+    command: Sequence[str],
+    folder: Path,
+    *,
+    limit_s: float,
+    seed: int,
+    enough: int,
+    say: Say,
+    more: Callable[[int], bool],
+) -> Exploration:
+    """Walk against the adapter that ``command`` starts, as long as ``more`` says so.
+
+    Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
+    What was found before a fault of the kit or an interruption is returned.
+    """
+    spec = present_hash()
+    with uncollected():
+        oracles = {o.name: o for o in (load(graph.path, spec) for graph in GRAPHS)}
+        adapter = Adapter(command, limit_s)
+        explorer = Explorer(Runner(adapter, (), seed, say), oracles, folder, seed, enough)
+        try:
+            explorer.run(more)
+        except KeyboardInterrupt:
+            explorer.found.problems.append("interrupted")
+        except OSError:
+            raise
+        except Exception as error:  # a fault of ours must not cost what was found so far
+            traceback.print_exc()
+            explorer.found.problems.append(f"{BROKE}: {type(error).__name__}: {error}")
+        finally:
+            adapter.stop()
+        explorer.found.problems += adapter.problems
+    return explorer.found
