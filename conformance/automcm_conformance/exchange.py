@@ -380,7 +380,6 @@ class Exchange:
             deed.expired = self.wire.timer(value[1]) if value[0] == "expire" else None
             deed.stopped = [self.wire.timer(t) for t in answer.effect.stop]
         lease = self.deadline(["lease"]) if answer.changes else None
-        step.expected.above = self.wire.last_number
         messages, indications = self.wire.expect(
             self.oracle.states[answer.state],
             value,
@@ -424,6 +423,9 @@ class Exchange:
             passed = (self.oracle.answer(*pair) for pair in step.pairs)
             states = [step.before, *(answer.next for answer in passed if answer), step.after]
             step.expected.marks = [self._marks(state) for state in dict.fromkeys(states)]
+        step.expected.above = (
+            self.wire.last_number
+        )  # of those judged; what was queued only predicts
         problems = differences(step.expected, line)
         if problems:
             raise Mismatch([*self.done, step], problems)

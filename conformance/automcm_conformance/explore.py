@@ -318,7 +318,10 @@ class Explorer:
             walk(x, acts, setting)
             exchanges.append(x)
         n, error = self._together(exchanges)
-        if error is None or isinstance(error, Unpredicted):
+        if isinstance(error, Unpredicted):
+            self.runner.predict = False
+            return self._first(each, setting, walks, rule)
+        if error is None:
             return None
         self.runner.in_step(error)
         if rule_of(each.ground.oracle, error) == rule:

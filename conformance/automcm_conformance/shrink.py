@@ -14,7 +14,7 @@ from automcm_conformance.walk import Act, Ground, Setting
 from automcm_spec.oracle import Oracle
 
 Json = Any
-NEAREST = 2_000
+NEAREST = 600
 """Pairs of the broken rule that are tried, nearest to the initial state first."""
 TOGETHER = 50
 """So many of them at a time."""
@@ -81,15 +81,13 @@ class Shrinker:
         if kind == "hang":
             return found
         self.runs = STARTS if kind else RUNS
-        best = self._in_any_time(found) if self.timed else found
+        best = self._from_afar(self._in_any_time(found) if self.timed else found)
         if best.setting.timed and not kind:
-            near = self._nearest(best)
-            if near is not None:
-                return near
+            best = self._nearest(best)
         length = best.sent + 1
         while best.sent < length:
             length = best.sent
-            best = self._fewer(self._from_afar(best))
+            best = self._from_afar(self._fewer(best))
         return self._simpler(best)
 
     def _try(self, setting: Setting, acts: Sequence[Act]) -> Short | None:
@@ -118,25 +116,37 @@ class Shrinker:
                 return short
         return found
 
-    def _nearest(self, found: Short) -> Short | None:
+    def _nearest(self, found: Short) -> Short:
         """The shortest way to break the rule by the graph alone, if it is shorter: with the same
         input where phase, role and proposal are the same, with the same input, with any."""
         pair = pair_of(found.error)
         assert pair is not None
         state, i = pair
-        here = _kind(self.ground.oracle.states[state])
+        oracle = self.ground.oracle
+        here = _kind(oracle.states[state])
         kinds: list[Callable[[int, int], bool]] = [
-            lambda s, j: j == i and _kind(self.ground.oracle.states[s]) == here,
+            lambda s, j: j == i and _kind(oracle.states[s]) == here,
             lambda s, j: j == i,
             lambda s, j: True,
         ]
-        for kind in kinds:
-            walks = islice(self._by_distance(pair, found.sent, kind), NEAREST)
-            while some := list(islice(walks, TOGETHER)):
-                n = self.first(found.setting, some)
-                short = None if n is None else self._try(found.setting, some[n])
-                if short is not None:
-                    return short
+        timer = found.error.steps[-1].next_timer
+        shown = Setting(True, soonest=timer[0] if timer else "")
+        for setting in (found.setting, shown):
+            for kind in kinds:
+                found = (
+                    self._nearest_of(self._by_distance(pair, found.sent, kind), setting) or found
+                )
+        return found
+
+    def _nearest_of(self, walks: Iterator[list[Act]], setting: Setting) -> Short | None:
+        """The first of some walks that breaks the rule."""
+        some = list(islice(walks, NEAREST))
+        for at in range(0, len(some), TOGETHER):
+            together = some[at : at + TOGETHER]
+            n = self.first(setting, together)
+            short = None if n is None else self._try(setting, together[n])
+            if short is not None:
+                return short
         return None
 
     def _by_distance(
