@@ -17,8 +17,8 @@ from automcm_spec.oracle import Answer
 Json = Any
 
 ME, STRANGER = 1, 9
-IDS = {0: 0, ME: 4711, 2: 1702, 3: 80203, STRANGER: 999}
-"""The oracle's ids, and those on the wire."""
+IDS = {0: 0, ME: 4711, 2: 1702, 3: 10203, STRANGER: 999}
+"""The oracle's ids, and those on the wire.  As texts, 2 and 3 would stand the other way round."""
 NUMBERS = {2: (0, 5, 8), 3: (0, 2, 40), STRANGER: (0, 17)}
 """Session numbers of the others, by the oracle's number."""
 HOLD_MS = 2_000
@@ -76,8 +76,8 @@ class Expected:
     ``messages`` may come in any order.  What the station is free to choose is None until it is
     known: ``seq`` where several new messages share the numbers in ``fresh``, and the number of a
     session that it opens, which must be ``above`` the last.  ``deadline`` may be UNKNOWN.
-    ``marks`` are those of the state before and after: CAMs due in between have one of them; empty
-    if they are not looked at.
+    ``marks`` are those of the states before, between and after: CAMs due meanwhile have one of
+    them; empty if they are not looked at.
     """
 
     rule: str = ""
