@@ -241,7 +241,7 @@ RECEIVED: dict[str, tuple[Script, Json, Script]] = {
     "Fin": (COMMITTED, FINISHED, [FINISHED]),
     "Cancel": (COMMITTED, received("Cancel", THEIRS), [received("Cancel", THEIRS)]),
     "Ack": ([ADVERTISED], INTENTION_ACKED, [INSTRUCTED]),
-    "CAM": ([*COMMITTED, ACCEPTANCE_ACKED], HEARD_THEM, [["wait", 700]]),
+    "CAM": ([*COMMITTED, ACCEPTANCE_ACKED, PAUSE], HEARD_THEM, [["wait", 700]]),
 }
 """Where a message of the type would have an effect, that message, and what may follow."""
 
