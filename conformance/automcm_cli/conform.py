@@ -265,7 +265,7 @@ def new(
     language: Annotated[str, typer.Option(help="python or cpp.")] = "python",
 ) -> None:
     """Write an adapter that runs at once and holds no station yet."""
-    from automcm_conformance.new import create
+    from automcm_conformance.new import create, next_commands
 
     try:
         written = create(language, folder)
@@ -276,6 +276,9 @@ def new(
         raise typer.Exit(3) from None
     for path in written:
         typer.echo(path)
+    typer.echo("\nNext:")
+    for command in next_commands(language, folder):
+        typer.echo(f"    {command}")
 
 
 @app.command(

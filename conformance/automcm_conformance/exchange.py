@@ -170,11 +170,25 @@ class Exchange:
         self.overrides.update(durations)
         self._queue(to_json({"cmd": "durations", "durations": dict(durations)}) + b"\n")
 
-    def give(self, i: int, *, at: int | None = None, lease_ms: int | None = None) -> None:
-        """An input that is no expiry.  Timers due by then fire first."""
+    def give(
+        self,
+        i: int,
+        *,
+        at: int | None = None,
+        lease_ms: int | None = None,
+        fields: Mapping[str, Json] | None = None,
+    ) -> None:
+        """An input that is no expiry.  Timers due by then fire first, but for a restart.
+
+        ``fields`` of the message or command have these values, not those that the kit chooses.
+        """
         if at is not None:
             self.now = at
-        self._take(encode(self.wire.command(self.oracle.inputs[i], lease_ms), self.now), i)
+        said = self.wire.command(self.oracle.inputs[i], lease_ms)
+        if fields and self.wire.given is not None:
+            self.wire.given = {**self.wire.given, **fields}
+            said["message" if said["cmd"] == "receive" else "command"] = self.wire.given
+        self._take(encode(said, self.now), i)
 
     def advance(self, to: int) -> list[int]:
         """Let time pass; timers due by then fire.  Returns their inputs."""
@@ -348,14 +362,13 @@ class Exchange:
     # -- lines and answers
 
     def _take(self, line: bytes, then: int | None) -> list[int]:
-        """Queue a line: timers that are due fire, and then comes input ``then``."""
+        """Queue a line: timers that are due fire, unless power fails (END-8), and then comes input
+        ``then``."""
         step = Step(self.now, line, Expected())
         step.before = self.state
         fired, given = [], self.wire.given
         self.wire.given = None
-        lost = (
-            then is not None and self.oracle.inputs[then][0] == "restart"
-        )  # END-8: and what is due
+        lost = then is not None and self.oracle.inputs[then] == ["restart"]  # what is due as well
         while not lost and (due := self._due()) is not None:
             fired.append(self._expiry(due.timer))
             self._follow(step, fired[-1])
@@ -420,12 +433,10 @@ class Exchange:
     def _judge(self, step: Step, line: bytes) -> None:
         step.answer = line
         if self.judges_marks and b'"cams"' in line:
-            passed = (self.oracle.answer(*pair) for pair in step.pairs)
-            states = [step.before, *(answer.next for answer in passed if answer), step.after]
-            step.expected.marks = [self._marks(state) for state in dict.fromkeys(states)]
-        step.expected.above = (
-            self.wire.last_number
-        )  # of those judged; what was queued only predicts
+            states = [step.before, *(state for state, _ in step.pairs[1:]), step.after]
+            step.expected.marks = [self._marks(state) for state in states]
+        # Of the numbers judged: what is queued only predicts them.
+        step.expected.above = self.wire.last_number
         problems = differences(step.expected, line)
         if problems:
             raise Mismatch([*self.done, step], problems)

@@ -16,7 +16,7 @@ from automcm_conformance import words
 from automcm_conformance.clock import Running, forgotten_at, natural, rank
 from automcm_conformance.process import Process
 from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
-from automcm_conformance.records import COMPLETE
+from automcm_conformance.records import COMPLETE, bare
 from automcm_conformance.results import Line
 from automcm_conformance.wire import encode
 from automcm_spec.oracle import canonical
@@ -104,6 +104,7 @@ class Followed:
         raw = self._process.exchange([line])[0]
         self._lines.append(Line(now, "station", f"{self.id}: {words.answered(raw)}"))
         answer = self._answer = read_answer(raw)
+        answer.indications = [bare(told) for told in answer.indications]
         self.sent, self.told = [], list(answer.indications)
         self.deadline = answer.deadline
         session = self.track.session

@@ -25,18 +25,22 @@ def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
     if missing or runner.cut_short:
         tally.skipped.update(sorted(missing)[:1])
         return
+    part = Part(part.name, special_.graph(purpose.case, part.oracle))
     fresh = partial(runner.exchange, part.oracle)
     steps: list[Step] = []
-    count = 0
+    count = left_out = 0
     try:
         for x in special_.exchanges(purpose.case, fresh):
-            count += 1
-            steps = steps or x.done
+            count += x is not None
+            left_out += x is None
+            steps = steps or (x.done if x is not None else [])
     except (Mismatch, Broken) as error:
         steps = error.steps
         runner.adapter.renew()
         tally.faults.append(runner.fault(part, steps[-1].pairs, error, str(error), purpose))
-    tally.total = tally.reached = count + len(tally.faults)
+    tally.reached = count + len(tally.faults)
+    tally.forbidden = left_out if runner.fixed else 0  # with the usual parameters it is meant so
+    tally.total = tally.reached + tally.forbidden
     tally.log = _log(runner, folder, purpose.id, steps)
 
 

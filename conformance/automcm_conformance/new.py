@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent / "templates"
 FILES = {
     "python": ("adapter.py", "run"),
-    "cpp": ("CMakeLists.txt", "README.md", "adapter.cpp"),
+    "cpp": ("CMakeLists.txt", "README.md", "adapter.cpp", "run"),
 }
 """By language.  Each begins with an adapter that speaks the protocol and fails the suite."""
 
@@ -31,3 +32,15 @@ def create(language: str, target: Path) -> list[Path]:
             path.chmod(0o755)  # an installed package may have lost it
         written.append(path)
     return written
+
+
+def next_commands(language: str, target: Path) -> list[str]:
+    """What to type when the template is written."""
+    at = shlex.quote(str(target))
+    build = [f"cmake -S {at} -B {at}/build && cmake --build {at}/build"]
+    run = shlex.quote(str(target / "run"))
+    return [
+        *(build if language == "cpp" else []),
+        f"automcm conform check-adapter -- {run}",
+        f"automcm conform run -- {run}",
+    ]

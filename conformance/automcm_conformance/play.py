@@ -24,11 +24,7 @@ def play(
     ``timed``: the station has ``durations``, so time forbids nothing; ``soonest``: the timer that
     would expire first of those that need not.  Raises Mismatch, Broken.
     """
-    off: Pair | None = None
-    if timed:
-        _timed(x, tour, soonest)
-    else:
-        off = _natural(x, tour, lease_ms)
+    off = _timed(x, tour, soonest) if timed else _natural(x, tour, lease_ms)
     x.seal()
     return off
 
@@ -49,7 +45,9 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
     return None
 
 
-def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> None:
+def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
+    """Two timers of one name that are armed at once last equally long: time forbids that only the
+    second expires."""
     lasting = long(soonest)
     x.durations({name: ms for name, ms in lasting.items() if name != "lease"})
     for place, slot in enumerate(timetable(x.oracle, tour, x.now, lasting)):
@@ -59,9 +57,13 @@ def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> None:
             x.durations(new)
         i = slot.answer.input
         if x.oracle.inputs[i][0] == "expire":
-            x.expire(i)
+            try:
+                x.expire(i)
+            except Infeasible:
+                return slot.answer.state, i
         else:
             x.give(i, at=slot.at, lease_ms=slot.lease_ms)
+    return None
 
 
 def offered(oracle: Oracle, inputs: Sequence[int]) -> list[int]:

@@ -15,6 +15,7 @@ from pydantic_core import from_json
 
 from automcm_conformance.answers import differences
 from automcm_conformance.exchange import Link, Mismatch, Step
+from automcm_conformance.protocol import INDICATIONS
 from automcm_conformance.wire import Expected
 from automcm_traces.writer import LogWriter
 
@@ -116,7 +117,7 @@ def write_log(
                 continue
             command, answer = from_json(step.line), from_json(step.answer)
             more = {"phase": answer["phase"]} if "phase" in answer else {}
-            messages, told = iter(answer["messages"]), iter(answer["indications"])
+            messages, told = iter(answer["messages"]), map(bare, answer["indications"])
             cams = answer.get("cams", [])
             marks = step.expected.marks[:1]
             before = [c for c in cams if not marks or sorted(c["marks"]) in marks]
@@ -140,6 +141,11 @@ def write_log(
             for indication in told:
                 log.event("indication", step.now, indication=indication)
             send(c for c in cams if c not in before)
+
+
+def bare(told: Json) -> Json:
+    """An indication without what may stand there besides; a log need not be able to hold that."""
+    return {name: told[name] for name in ("name", *INDICATIONS[told["name"]])}
 
 
 def _send(

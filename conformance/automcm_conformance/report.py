@@ -165,7 +165,7 @@ def conformance(report: Report) -> tuple[bool | None, str]:
     elif not judged:
         verdict, text = None, "Cannot tell: no MUST case was run"
     else:
-        verdict, text = True, f"Conforms: {judged} of {judged} MUST cases pass"
+        verdict, text = True, f"Conforms {_roles(report)}: {judged} of {judged} MUST cases pass"
     if found["SKIP"]:
         notes.append(f"{found['SKIP']} skipped")
     if report.selectors:
@@ -173,6 +173,12 @@ def conformance(report: Report) -> tuple[bool | None, str]:
     if report.problems:
         notes.append(f"{_count(len(report.problems), 'problem')} in the run")
     return verdict, "; ".join([text, *notes])
+
+
+def _roles(report: Report) -> str:
+    """In which roles the implementation was tested: those that it claims."""
+    roles = [role for role in ("prescriber", "receiver") if role in report.implementation.features]
+    return f"as {' and '.join(roles)}" if roles else "in neither role"
 
 
 def group(case: CaseResult) -> str:

@@ -12,7 +12,7 @@ from automcm_conformance.exchange import Broken, Exchange, Mismatch, Step, Unpre
 from automcm_conformance.play import LEASES, RUNS, Wrong, play, shortened
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import DEFAULTS, ProtocolError, Refused
-from automcm_conformance.purposes import Owners, Purpose
+from automcm_conformance.purposes import ROOM, Owners, Purpose
 from automcm_conformance.results import Verdict
 from automcm_conformance.tally import ENOUGH, Fault, Part, Tally
 from automcm_conformance.tour import Pair, Tours
@@ -76,8 +76,8 @@ def fitting(chosen: Mapping[str, int], fixed: Mapping[str, int]) -> dict[str, in
         bound = p["backoff_min"] if "backoff_min" in fixed else p["backoff_max"]
         p["backoff_min"] = p["backoff_max"] = bound
     if "outbox_limit" not in fixed:
-        room = max(p["max_participants"], p["max_rounds"]) + 1
-        p["outbox_limit"] = max(p["outbox_limit"], room)
+        needed = ROOM + 1 + max(p["max_participants"], p["max_rounds"])
+        p["outbox_limit"] = max(p["outbox_limit"], needed)
     return p
 
 
@@ -124,9 +124,10 @@ class Runner:
         seed: int | None = None,
         predict: bool = False,
         logged: bool = True,
+        limits: Mapping[str, int] | None = None,
     ) -> Exchange:
-        """A fresh station, with the limits of the graph."""
-        limits = {name: oracle.constants[constant] for name, constant in LIMITS.items()}
+        """A fresh station, with the limits of the graph if none are given."""
+        limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
         given = fitting({**parameters, **limits}, self.fixed)
         scenario = self.adapter.hello.scenarios[0]
         return Exchange(

@@ -84,7 +84,7 @@ class Values:
 
 
 PLAIN = Values(
-    {0: 0, ME: 4711, 2: 1702, 3: 80203, STRANGER: 999},
+    {0: 0, ME: 4711, 2: 1702, 3: 10203, STRANGER: 999},
     {2: (0, 5, 8), 3: (0, 2, 40), STRANGER: (0, 17)},
 )
 ALIKE = Values(
@@ -114,8 +114,8 @@ class Expected:
     ``messages`` may come in any order.  What the station is free to choose is None until it is
     known: ``seq`` where several new messages share the numbers in ``fresh``, and the number of a
     session that it opens, which must be ``above`` the last.  ``deadline`` may be UNKNOWN.
-    ``marks`` are those of the state before and after: CAMs due in between have one of them; empty
-    if they are not looked at.
+    ``marks`` are those of the states before, between and after: CAMs due meanwhile have one of
+    them; empty if they are not looked at.
     """
 
     rule: str = ""

@@ -382,6 +382,7 @@ def test_a_new_adapter_speaks_the_protocol_but_is_no_station(tmp_path: Path) -> 
     folder = tmp_path / "mine"
     answer = run.invoke(app, ["conform", "new", "--language", "python", str(folder)])
     assert answer.exit_code == 0 and str(folder / "run") in answer.output
+    assert f"automcm conform run -- {folder / 'run'}" in answer.output
     assert run.invoke(app, ["conform", "check-adapter", "--", str(folder / "run")]).exit_code == 0
     done = conform(tmp_path / "r", CASE, command=[str(folder / "run")])
     assert done.code != 0 and done.report["counts"]["PASS"] == 0

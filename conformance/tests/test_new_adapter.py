@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from automcm_conformance.check import check
-from automcm_conformance.new import FILES, FOLDER, create
+from automcm_conformance.new import FILES, FOLDER, create, next_commands
 
 
 def levels(*command: str) -> list[str]:
@@ -43,7 +43,12 @@ def test_the_cpp_template_runs(tmp_path: Path) -> None:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
         assert "warning:" not in done.stderr
-    assert levels(str(build / "adapter")) == HONEST
+    assert levels(str(tmp_path / "run")) == HONEST
+
+
+def test_what_to_type_next() -> None:
+    assert next_commands("python", Path("a b"))[-1] == "automcm conform run -- 'a b/run'"
+    assert next_commands("cpp", Path("mine"))[0].startswith("cmake -S mine")
 
 
 def test_every_file_of_a_template_is_written() -> None:

@@ -286,7 +286,7 @@ def test_implementations_stand_side_by_side() -> None:
     two = run(case(verdict="FAIL", failures=[failure()]), case("AMCM/STA/NEW/BI-01"), text="Beta")
     two.graphs = {}
     tags = Tags(report.html([one, two]))
-    for part in ("Alpha 1.0", "Beta 1.0", "Conforms: 2 of 2", "Does not conform: 1", "not run"):
+    for part in ("Alpha 1.0", "Beta 1.0", "Conforms as", "Does not conform: 1", "not run"):
         assert part in tags.text
     assert tags.count["th colspan"] == 4
     assert [report.group(c) for c in one.cases + two.cases] == ["NEG", "REL", "NEG", "NEW"]
@@ -298,8 +298,8 @@ def test_implementations_stand_side_by_side() -> None:
 @pytest.mark.parametrize(
     ("verdicts", "more", "wanted"),
     [
-        ("PASS PASS", {}, (True, "Conforms: 2 of 2 MUST cases pass")),
-        ("PASS SKIP", {}, (True, "Conforms: 1 of 1 MUST cases pass; 1 skipped")),
+        ("PASS PASS", {}, (True, "Conforms as receiver: 2 of 2 MUST cases pass")),
+        ("PASS SKIP", {}, (True, "Conforms as receiver: 1 of 1 MUST cases pass; 1 skipped")),
         ("FAIL ERROR", {}, (False, "Does not conform: 1 MUST case fails; 1 could not be judged")),
         ("FAIL FAIL", {}, (False, "Does not conform: 2 MUST cases fail")),
         ("PASS INCONC", {}, (None, "Cannot tell: 1 MUST case could not be judged")),
@@ -310,7 +310,7 @@ def test_implementations_stand_side_by_side() -> None:
             {"selectors": ["NEG"], "problems": ["late"]},
             (
                 True,
-                "Conforms: 1 of 1 MUST cases pass; only a part of the suite was run; "
+                "Conforms as receiver: 1 of 1 MUST cases pass; only a part of the suite was run; "
                 "1 problem in the run",
             ),
         ),

@@ -292,14 +292,30 @@ def test_what_it_cannot_do_is_skipped(tmp_path: Path) -> None:
     assert "MEM-1" in skipped("scenario three receivers", fixed={"max_participants": 1})
 
 
-def test_a_scenario_that_leads_elsewhere_is_inconclusive(tmp_path: Path) -> None:
+def test_a_scenario_that_fixed_parameters_lead_elsewhere_is_skipped(tmp_path: Path) -> None:
     hello = HELLO.model_copy(update={"fixed": {"max_rounds": 1}})
     outcome = run("scenario refused twice", REFERENCE, tmp_path, hello)
-    assert outcome.verdict == "INCONC"
+    assert outcome.verdict == "SKIP" and "max_rounds 1" in outcome.reason
     assert (
         "every step is allowed, but 1001 was told choose, fallback no_agreement" in outcome.reason
     )
     assert len(outcome.log) == 2
+
+
+def test_one_play_of_two_is_left_out(tmp_path: Path) -> None:
+    hello = HELLO.model_copy(update={"fixed": {"t_timeout": 0}})
+    outcome = run("scenario Fin lost", REFERENCE, tmp_path, hello)
+    assert outcome.verdict == "PASS" and "left out, 1 of 2 plays: t_timeout 0" in outcome.reason
+
+
+def test_what_stands_beside_the_fields_of_an_indication_is_not_looked_at(tmp_path: Path) -> None:
+    more = """
+def edit(kit, command, answer):
+    for told in answer.get("indications", []):
+        told |= {"detail": None, "gaps": [None, 2**70]}
+    return answer
+"""
+    assert run("scenario all arrives", broken(more), tmp_path).verdict == "PASS"
 
 
 def test_a_session_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

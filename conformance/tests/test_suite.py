@@ -575,6 +575,17 @@ def answer(c):
     assert found.counts["PASS"] >= 2
 
 
+def test_what_fixed_times_forbid_is_counted(conform: Suite) -> None:
+    code = """
+def answer(c):
+    return right(c) | ({"fixed": {"t_timeout": 0}} if c["cmd"] == "hello" else {})
+"""
+    found = conform(station(code), "AMCM/PRE/NEG/TI-02", "AMCM/STA/ACT/TI-01")
+    case = of(found, "AMCM/STA/ACT/TI-01")
+    assert case.verdict == "PASS" and "are forbidden by time" in case.reason
+    assert case.reached < case.total
+
+
 # -- wrong answers
 
 IGNORES = "def bad(c, out): return out | {'messages': []}" + FOREIGN
@@ -694,6 +705,23 @@ def other(self, t, now):
     return {ms} if t.name == {name!r} else ms
 station_.Station._duration = other
 """
+OTHER_CAM = """
+def answer(c):
+    m = c.get("message", {})
+    if received(c, "CAM") and state().heard_ms not in (None, m["generation_ms"]):
+        m["generation_ms"] = max(m["generation_ms"], state().heard_ms + 1)
+    return right(c)
+"""
+CAME = """
+step = station_.Station._step
+station_.Station.came = 0
+def noted(self, i, now):
+    if type(getattr(i, "message", None)).__name__ == "Prescription":
+        if self.state.phase in ("INTENDING", "WAITING"):
+            self.came = now
+    return step(self, i, now)
+station_.Station._step = noted
+"""
 WRONG: dict[str, tuple[str, str, str, str]] = {
     "timer": ("AMCM/RCV/ADV/TI-03", LASTS.format(name="hold", ms="ms + 1"), "", "deadline"),
     "timer, early": (
@@ -749,6 +777,144 @@ station_.Station.receive = receive
         "def answer(c):\n    m = c.get('message', {})\n"
         "    if m.get('v') in (0, 2): m['v'] = 1\n    return right(c)",
         "discarded",
+    ),
+    "malformed, a bad second point": (
+        "AMCM/STA/END/BI-19",
+        "",
+        "def answer(c):\n    p = c.get('message', {}).get('planned')\n"
+        "    if isinstance(p, dict) and isinstance(p.get('points'), list): p['points'][1:] = []\n"
+        "    return right(c)",
+        "planned {'t0': 0, 'points': [[0, 0, 0], [0, 0]",
+    ),
+    "malformed, a busy refusal with a seq": (
+        "AMCM/STA/END/BI-21",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if m.get('reason') == 'busy': m['seq'] = 0\n    return right(c)",
+        "accepted False, selected left out, reason 'busy': ",
+    ),
+    "bounds, a text in bytes": (
+        "AMCM/STA/END/BV-06",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if len(str(m.get('scenario')).encode()) > 65507: m['v'] = 0\n    return right(c)",
+        "scenario",
+    ),
+    "bounds, 32 bits": (
+        "AMCM/STA/END/BV-10",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if type(m.get('seq')) is int: m['seq'] %= 2**32\n    return right(c)",
+        "seq 9007199254740991: Ack.of",
+    ),
+    "bounds, a lease of a second at least": (
+        "AMCM/STA/END/BV-08",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if 'lease_ms' in m: m['lease_ms'] = max(1000, m['lease_ms'])\n    return right(c)",
+        "lease_ms 1: ",
+    ),
+    "bounds, an Ack of an Ack": (
+        "AMCM/STA/END/BV-12",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if m.get('of', {}).get('type') == 'Ack': m['v'] = 0\n    return right(c)",
+        "discarded",
+    ),
+    "bounds, 64 marks": (
+        "AMCM/STA/END/BV-13",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if m.get('type') == 'CAM': m['marks'] = m['marks'][:64]\n    return right(c)",
+        "marks",
+    ),
+    "reasons": (
+        "AMCM/RCV/END/BV-08",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if m.get('reason') == 'not_needed': m['reason'] = 'abort'\n    return right(c)",
+        'fallback.reason: "not_needed" is expected',
+    ),
+    "reasons of a refusal": (
+        "AMCM/PRE/NEG/BV-08",
+        "",
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if m.get('reason') == 'undecided': m['reason'] = 'unsafe'\n    return right(c)",
+        'propose.reason: "undecided" is expected',
+    ),
+    "cam older": ("AMCM/RCV/ACT/BI-03", "", OTHER_CAM, "deadline"),
+    "cam older, prescriber": ("AMCM/PRE/ACT/BI-03", "", OTHER_CAM, "deadline"),
+    "restart at a deadline": (
+        "AMCM/STA/END/TI-06",
+        "",
+        "def answer(c):\n    if c['cmd'] != 'restart': return right(c)\n"
+        "    before, after = right(c | {'cmd': 'advance'}), right(c)\n"
+        "    return after | {n: before[n] + after[n] for n in ('messages', 'indications')}",
+        "sent for no reason",
+    ),
+    "a lease from when the proposal came": (
+        "AMCM/RCV/ACT/TI-04",
+        LASTS.format(name="lease", ms="ms - (now - self.came if self.came else 0)") + CAME,
+        "",
+        "deadline",
+    ),
+    "a session after another, what was heard in quarantine": (
+        "AMCM/STA/END/BV-16",
+        "",
+        "early = set()\n"
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if c['cmd'] == 'reset': early.clear()\n"
+        "    if received(c, 'Advertisement') and 'planned' in c:\n"
+        "        if state().quarantine: early.add(str(m['session']))\n"
+        "        if str(m['session']) in early: del c['planned']\n"
+        "    return right(c)",
+        "not sent: Intention",
+    ),
+    "a session after another, who has withdrawn": (
+        "AMCM/PRE/END/BV-12",
+        "",
+        "gone = set()\n"
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if c['cmd'] == 'reset': gone.clear()\n"
+        "    if received(c, 'Cancel') and state().phase == 'ADVERTISING': gone.add(m['src'])\n"
+        "    if received(c, 'Intention') and m['src'] in gone - state().withdrawn and "
+        "tuple(m['session']) == state().session:\n"
+        "        return right({'cmd': 'advance', 'now': c['now']})\n"
+        "    return right(c)",
+        "not sent: Ack",
+    ),
+    "a session after another, the first lease": (
+        "AMCM/RCV/END/BV-09",
+        "",
+        "lease = []\n"
+        "def answer(c):\n    m = c.get('message', {})\n"
+        "    if c['cmd'] == 'reset': lease.clear()\n"
+        "    if received(c, 'Prescription') and m['seq']:\n"
+        "        if state().session == tuple(m['session']): lease.append(m['lease_ms'])\n"
+        "        if lease: m['lease_ms'] = lease[0]\n"
+        "    return right(c)",
+        "deadline",
+    ),
+    "two receivers, one Ack for both": (
+        "AMCM/PRE/PRE/BV-08",
+        "",
+        "def answer(c):\n    out = right(c)\n    m = c.get('message', {})\n"
+        "    if received(c, 'Ack') and m['of']['type'] == 'Cancel':\n"
+        "        for e in state().outbox:\n"
+        "            if e.type == 'Cancel':\n"
+        "                m |= {'src': e.dst, 'of': {'type': 'Cancel', 'seq': e.seq}}\n"
+        "                right(c | {'message': m})\n"
+        "        out['deadline'] = station._station.next_deadline()\n"
+        "    return out",
+        "deadline",
+    ),
+    "room": (
+        "AMCM/STA/MEM/BI-04",
+        "",
+        "def answer(c):\n"
+        "    if c['cmd'] == 'reset': c['parameters']['max_participants'] = 1\n"
+        "    return right(c)",
+        "Advertisement",
     ),
     "content, another order": (
         "AMCM/PRE/ADV/BV-02",
