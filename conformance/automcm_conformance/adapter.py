@@ -25,7 +25,7 @@ class Adapter:
 
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
         """Raises AdapterError; the next call has a fresh process."""
-        used = self._process is not None
+        used = self._process is not None and b'"cmd":"reset"' in lines[0]
         try:
             return self._exchange(lines)
         except AdapterError as error:

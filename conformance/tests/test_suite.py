@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from wrong_station import station
 
 from automcm.kit import HELLO
 from automcm_conformance import (
@@ -50,48 +51,6 @@ SHORT = 1.0
 """For what is to be waited out."""
 STATES = 200
 """Of a graph that is cut down: the first of them, in which every phase occurs."""
-
-STATION = """
-import json, os, sys, time
-{first}
-from automcm import kit
-from automcm.kit import Kit
-station = Kit()
-
-def answer(command):
-    try:
-        return station.answer(command)
-    except (KeyError, TypeError, ValueError) as error:
-        return {{"error": str(error)}}
-
-def state():
-    return station._station.state
-
-def received(command, type_):
-    return command["cmd"] == "receive" and command["message"].get("type") == type_
-
-def foreign(command):
-    "A Prescription of a session that the station is not bound to, while it is bound to one."
-    return received(command, "Prescription") and state().bound and (
-        tuple(command["message"]["session"]) != state().session)
-
-right = answer
-{code}
-for line in sys.stdin.buffer:
-    command = json.loads(line)
-    if command["cmd"] == "stop":
-        break
-    out = answer(command)
-    out = out if isinstance(out, bytes) else json.dumps(out).encode() + b"\\n"
-    sys.stdout.buffer.write(out)
-    sys.stdout.buffer.flush()
-"""
-"""The reference; ``code`` may replace ``answer``."""
-
-
-def station(code: str = "", first: str = "") -> list[str]:
-    return [sys.executable, "-c", STATION.format(first=first, code=code)]
-
 
 # -- graphs that are loaded once, and cut down
 

@@ -1,0 +1,221 @@
+"""Exploration: what it finds, how short it makes it, and that it repeats itself."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from wrong_station import station
+
+from automcm_conformance import explore, records
+from automcm_conformance.adapter import Adapter
+from automcm_conformance.exchange import Mismatch
+from automcm_conformance.explore import Exploration
+from automcm_conformance.walk import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
+from automcm_spec.generate import ONE_PEER
+from automcm_spec.oracle import load
+
+Json = Any
+LIMIT_S = 20.0
+
+SECOND_SESSION = """
+sessions = set()
+def answer(command):
+    out = right(command)
+    if command["cmd"] == "reset":
+        sessions.clear()
+    if received(command, "Advertisement") and state().phase == "INTENDING":
+        sessions.add(state().session)
+    if received(command, "Fin") and len(sessions) > 1 and state().phase == "STANDALONE":
+        out["messages"] = []
+    return out
+"""
+"""From the second session it has joined on, it does not ack a Fin (END-3; ACT-3 decides)."""
+
+LATE_LEASE = """
+def answer(command):
+    if received(command, "Prescription"):
+        command["message"]["lease_ms"] += 1
+    return right(command)
+"""
+"""A lease lasts a millisecond too long (ACT-4)."""
+
+FLAKY = """
+count = 0
+def answer(command):
+    global count
+    out = right(command)
+    if received(command, "Fin"):
+        count += 1
+        if count == 3:
+            out["messages"] = []
+    return out
+"""
+"""One Fin of all is not acked."""
+
+CRASHES = """
+def answer(command):
+    out = right(command)
+    if command["cmd"] == "restart" and state().number:
+        print("out of luck", file=sys.stderr, flush=True)
+        os._exit(3)
+    return out
+"""
+
+HANGS = """
+def answer(command):
+    out = right(command)
+    if command["cmd"] == "restart":
+        time.sleep(60)
+    return out
+"""
+
+
+def explored(
+    code: str, folder: Path, walks: int, *, seed: int = 1, enough: int = 1, limit_s: float = LIMIT_S
+) -> Exploration:
+    return explore.explore(
+        station(code),
+        folder,
+        limit_s=limit_s,
+        seed=seed,
+        enough=enough,
+        say=lambda text: None,
+        more=lambda number: number < walks,
+    )
+
+
+def test_a_right_station_passes_and_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    one, other = (explored("", tmp_path, 40).as_dict() for _ in range(2))
+    assert json.dumps(one) == json.dumps(other)
+    assert one["exit_code"] == 0
+    assert one["walks"] == 40
+    assert one["cases"] == [] and one["problems"] == []
+    assert {name for name, c in one["coverage"].items() if c["refusals"][0]} >= {"two-peers"}
+    assert explored("", tmp_path, 40, seed=2).as_dict()["coverage"] != one["coverage"]
+
+
+def test_a_station_that_numbers_its_sessions_freely_passes(tmp_path: Path) -> None:
+    code = """
+def answer(command):
+    if command["cmd"] == "command" and command["command"]["name"] == "request":
+        from dataclasses import replace
+        station._station.state = replace(state(), number=state().number + 4)
+    return right(command)
+"""
+    found = explored(code, tmp_path, 15)
+    assert found.cases == [] and found.problems == []
+
+
+def test_a_station_without_durations_is_walked_in_natural_time(tmp_path: Path) -> None:
+    without = 'kit.HELLO["features"].remove("durations")\nkit.HELLO["features"].remove("restart")\n'
+    found = explored(without, tmp_path, 25)
+    assert found.cases == [] and found.problems == []
+    assert found.coverage["two-peers"]["transitions"][0] > 100
+
+
+def replays(found: Exploration, folder: Path, code: str) -> None:
+    """The replay of the first failure goes wrong at its last line."""
+    (failure,) = found.cases[0].failures
+    about, steps = records.read_replay(folder / failure.replay)
+    assert about["case"] == found.cases[0].id
+    again = Adapter(station(code), LIMIT_S)
+    try:
+        with pytest.raises(Mismatch) as wrong:
+            records.replayed(steps, again)
+    finally:
+        again.stop()
+    assert len(wrong.value.steps) == len(steps)
+
+
+def test_a_fault_of_the_second_session_is_found_and_shortened(tmp_path: Path) -> None:
+    found = explored(SECOND_SESSION, tmp_path, 400)
+    (case,) = found.cases
+    assert (case.verdict, case.rules) == ("FAIL", ["ACT-3"])
+    assert found.exit_code == 1
+    # Join, be told that it is over, join again, be told again.
+    assert found.acts[case.id] <= 5
+    replays(found, tmp_path, SECOND_SESSION)
+
+
+def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> None:
+    found = explored(LATE_LEASE, tmp_path, 100)
+    (case,) = found.cases
+    assert case.verdict == "FAIL"
+    assert "deadline" in case.reason or "lease_ms" in case.reason
+    replays(found, tmp_path, LATE_LEASE)
+
+
+def test_a_station_that_stops_failing_is_nondeterministic_with_both_logs(tmp_path: Path) -> None:
+    found = explored(FLAKY, tmp_path, 200)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and case.reason.startswith("nondeterministic")
+    assert found.exit_code == 3
+    for name in ("first", "again"):
+        (log,) = (tmp_path / "logs").glob(f"1-{name}.*")
+        assert log.name in case.reason and log.stat().st_size > 0
+
+
+def test_a_crash_is_shortened_and_its_last_words_are_kept(tmp_path: Path) -> None:
+    found = explored(CRASHES, tmp_path, 200)
+    (case,) = found.cases
+    assert case.verdict == "ERROR"
+    assert found.acts[case.id] <= 3
+    assert any("out of luck" in line for line in case.failures[0].came)
+
+
+def test_a_station_that_hangs_ends_in_a_report(tmp_path: Path) -> None:
+    found = explored(HANGS, tmp_path, 60, limit_s=1.0)
+    assert found.cases[0].verdict == "ERROR"
+    assert found.exit_code == 3
+
+
+def test_walks_go_where_none_has_been() -> None:
+    from random import Random
+
+    oracle = load(ONE_PEER.path)
+    ground = Ground("one-peer", oracle, [True] * len(oracle.inputs), False)
+    (first,) = itertools.islice(oracle.moves(0), 1)
+    assert ground.news(0)
+    for i in oracle.moves(0):
+        ground.mark((0, i), PLANNED)
+    assert not ground.news(0)
+    way = ground.way(0, expiries=None)
+    state = 0
+    for i in way:
+        state = oracle.moves(state)[i]
+    assert way and ground.news(state)
+    ground.mark((0, first), JUDGED)
+    assert ground.coverage()["transitions"] == [1, oracle.transitions]
+    ground.avoided.update((0, i) for i in oracle.moves(0))
+    assert ground.way(0, expiries=None) == []
+    walker = Walker(ground, Random(1), Faults())
+    assert walker.timed(10) == []
+
+
+def test_a_case_says_what_it_was_played_with() -> None:
+    oracle = load(ONE_PEER.path)
+    ground = Ground("one-peer", oracle, [True] * len(oracle.inputs), False)
+    walk = explore.Walk(12, ground, Faults(5, 0, 40, 20), Setting(False), [Act(0, 1)])
+    assert walk.id(7) == "EXPLORE/7/12/one-peer/natural/again5-late0-odd40-silent20"
+
+
+def test_the_command_line(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from automcm_cli.main import app
+
+    command = ["--", *station(SECOND_SESSION)]
+    out = ["--out", str(tmp_path)]
+    result = CliRunner().invoke(app, ["conform", "explore", "60", "--enough", "1", *out, *command])
+    assert result.exit_code == 1
+    assert "ACT-3" in result.output and "automcm conform replay" in result.output
+    report = json.loads((tmp_path / "exploration.json").read_text())
+    assert report["format"] == explore.FORMAT and len(report["cases"]) == 1
+    missing = CliRunner().invoke(app, ["conform", "explore", "1", *out, "--", "no-such-thing"])
+    assert missing.exit_code == 3
+    no_command = CliRunner().invoke(app, ["conform", "explore", "1", *out])
+    assert no_command.exit_code == 2
