@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from automcm_cli import (
+    certify,
     conform,
     conform_bench,
     demo_command,
@@ -36,6 +37,7 @@ app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
 station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
 app.add_typer(conform.app, name="conform", no_args_is_help=True)
+conform.app.command(epilog=certify.EPILOG)(certify.certify)
 app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(conform.adapter)
 app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
 app.command(epilog="Example: automcm drive --uri ws://127.0.0.1:9090.  " + CODES)(station.drive)
