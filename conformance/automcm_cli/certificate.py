@@ -15,11 +15,13 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from multiprocessing.pool import Pool
 from pathlib import Path
+from subprocess import SubprocessError
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
-from automcm_cli import equivalence
+from automcm_cli import cpp, equivalence
 from automcm_cli.equivalence import UNCARRIED, WALKS, Difference, WalkError
 from automcm_cli.mutated import NO_IMPORT
 from automcm_cli.source_mutants import FOLDER, Generated, Mutant
@@ -163,11 +165,24 @@ def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
             if job.how == "suite":
                 command = [sys.executable, "-m", "automcm_cli.mutated", mutant.module, str(source)]
                 return mutant.id, killed(command, _Worker.graphs, asked, Path(name)), ""
-            walks = asked.walks[:1] if job.how == "first look" else asked.walks
-            found = equivalence.difference(mutant, source, asked.folder, walks)
+            if job.how == "first look":
+                same = equivalence.differs(mutant, source, asked.folder, asked.walks[0]) is None
+                return mutant.id, None, "same" if same else ""
+            found = equivalence.difference(mutant, source, asked.folder, asked.walks)
             return mutant.id, found, ""
         except (WalkError, OSError) as error:
             return mutant.id, None, str(error)
+
+
+def _work_cpp(job: tuple[cpp.Mutant, Asked]) -> tuple[str, Kills | None, str]:
+    """The same for a mutant of the C++ station."""
+    mutant, asked = job
+    with TemporaryDirectory(prefix="automcm-certify-") as name:
+        try:
+            station = cpp.build_mutant(mutant, Path(name))
+            return mutant.name, killed([str(station)], _Worker.graphs, asked, Path(name)), ""
+        except (SubprocessError, OSError) as error:
+            return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
 
 
 def killed(command: Sequence[str], graphs: Graphs, asked: Asked, folder: Path) -> Kills:
@@ -213,9 +228,10 @@ def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], l
 def of(
     asked: Asked,
     made: Generated,
-    chosen: Sequence[Mutant],
+    chosen: int,
     rows: list[Row],
     problems: list[str],
+    notes: Sequence[str] = (),
 ) -> Certificate:
     """The certificate of a run."""
     return Certificate(
@@ -224,11 +240,36 @@ def of(
         list(asked.selectors),
         spec_hash(),
         len(made.mutants),
-        len(chosen),
+        chosen,
         made.broken,
         rows,
-        problems=problems,
+        list(notes),
+        problems,
     )
+
+
+def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
+    """Judge the mutants of the C++ station: as ``run``.  Raises ValueError for a bad file."""
+    mutants = cpp.mutants()
+    rows: dict[str, Row] = {}
+    problems: list[str] = []
+    header = (cpp.SOURCE / "station.hpp").read_text(encoding="utf-8")
+    for m in mutants:
+        line = header[: header.index(m.old)].count("\n") + 1
+        file = "conformance/implementations/cpp/station.hpp"
+        row = Row(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
+        rows[m.name] = row
+    try:
+        with _processes(asked) as pool:
+            jobs = [(m, asked) for m in mutants]
+            for n, (name, kills, error) in enumerate(pool.imap_unordered(_work_cpp, jobs)):
+                say(f"the C++ station: {n + 1} of {len(jobs)}")
+                if kills is not None:
+                    _told(rows[name], kills)
+                rows[name].why = rows[name].why or error
+    except KeyboardInterrupt:
+        problems.append("interrupted")
+    return list(rows.values()), problems
 
 
 Work = Callable[[list[_Job]], Iterator[tuple[str, Kills | Difference | None, str]]]
@@ -236,9 +277,15 @@ Work = Callable[[list[_Job]], Iterator[tuple[str, Kills | Difference | None, str
 
 @contextmanager
 def _pool(asked: Asked) -> Iterator[Work]:
+    with _processes(asked) as pool:
+        yield lambda jobs: pool.imap_unordered(_work, jobs)
+
+
+@contextmanager
+def _processes(asked: Asked) -> Iterator[Pool]:
     pool = multiprocessing.get_context("spawn").Pool(asked.jobs, _Worker.start)
     try:
-        yield lambda jobs: pool.imap_unordered(_work, jobs)
+        yield pool
     finally:
         pool.terminate()
         pool.join()
@@ -260,9 +307,9 @@ def _judge(
             equivalence.digests(asked.folder, walk)
     # Those that may be equivalent come last: the suite needs minutes to find nothing.
     last = set()
-    for n, (id_, found, _) in enumerate(work([_Job(m, asked, "first look") for m in carried])):
+    for n, (id_, _, same) in enumerate(work([_Job(m, asked, "first look") for m in carried])):
         say(f"a first look: {n + 1} of {len(carried)}")
-        if found is None:
+        if same:
             last.add(id_)
     order = sorted(mutants, key=lambda mutant: mutant.id in last)
     open_: list[Mutant] = []

@@ -45,7 +45,7 @@ def certify(
     json_: Json = None,
 ) -> None:
     """A certificate of the kit: the suite is held against stations that are wrong on purpose."""
-    from automcm_cli import certificate, certificate_page
+    from automcm_cli import certificate, certificate_page, cpp
     from automcm_cli.certificate import Asked
     from automcm_cli.equivalence import WalkError
     from automcm_conformance import purposes
@@ -67,12 +67,22 @@ def certify(
                 typer.echo(f"{each.id}  {each.file}:{each.line}  {each.rule}")
                 typer.echo(f"    {each.old}  =>  {each.new}")
             raise typer.Exit(0)
+        count, notes = len(chosen), []
+        rows: list[certificate.Row] = []
+        problems: list[str] = []
         with progress() as say:
-            rows, problems = certificate.run(chosen, asked, say)
-    except (OracleError, WalkError, OSError, SyntaxError) as error:
+            if chosen:
+                rows, problems = certificate.run(chosen, asked, say)
+            if station != "reference" and not problems:
+                if lacking := cpp.missing():
+                    notes.append(f"the C++ station and its mutants: {lacking} is not installed")
+                else:
+                    others, problems = certificate.run_cpp(asked, say)
+                    rows, count = rows + others, count + len(others)
+    except (OracleError, WalkError, OSError, SyntaxError, ValueError) as error:
         typer.echo(f"certify: {error}", err=True)
         raise typer.Exit(3) from None
-    found = certificate.of(asked, made, chosen, rows, problems)
+    found = certificate.of(asked, made, count, rows, problems, notes)
     write_json(json_, found.as_dict())
     if page:
         certificate_page.write(found)

@@ -65,21 +65,32 @@ def difference(
 ) -> Difference | None:
     """The first difference on these graphs; None if there is none.  ``source`` is the file of the
     mutated module, ``folder`` holds the digests.  Raises WalkError."""
-    kinds = sorted(kinds_of(mutant))
-    for graph, variant in walks:
-        known = digests(folder, (graph, variant))
-        walk = (mutant.module, str(source), "compare", graph, str(variant))
-        found = _child(*walk, str(known), *kinds).strip()
-        if found:
-            show = ("show", graph, str(variant), found)
-            right = json.loads(_child("state", "-", *show))
-            wrong = dict(json.loads(_child(mutant.module, str(source), *show)))
-            state = load(GRAPHS[graph].path).states[int(found)]
-            for given, answer in right:
-                if wrong.get(given, "") != answer:
-                    return Difference(graph, state, given, answer, wrong.get(given, ""))
-            raise WalkError(f"{mutant.id}: {graph} {found}: the difference does not come again")
+    for walk in walks:
+        found = differs(mutant, source, folder, walk)
+        if found is not None:
+            return _shown(mutant, source, walk, found)
     return None
+
+
+def differs(mutant: Mutant, source: Path, folder: Path, walk: tuple[str, int]) -> int | None:
+    """The first state of a graph at which something differs.  Raises as ``difference``."""
+    graph, variant = walk
+    known, kinds = str(digests(folder, walk)), sorted(kinds_of(mutant))
+    task = ("compare", graph, str(variant), known, *kinds)
+    found = _child(mutant.module, str(source), *task).strip()
+    return int(found) if found else None
+
+
+def _shown(mutant: Mutant, source: Path, walk: tuple[str, int], n: int) -> Difference:
+    graph, variant = walk
+    show = ("show", graph, str(variant), str(n))
+    right = json.loads(_child("state", "-", *show))
+    wrong = dict(json.loads(_child(mutant.module, str(source), *show)))
+    state = load(GRAPHS[graph].path).states[n]
+    for given, answer in right:
+        if wrong.get(given, "") != answer:
+            return Difference(graph, state, given, answer, wrong.get(given, ""))
+    raise WalkError(f"{mutant.id}: {graph} {n}: the difference does not come again")
 
 
 @cache

@@ -111,19 +111,20 @@ def _mutants(folder: Path, module: str, found: Generated) -> None:
     path = folder / f"{module}.py"
     source = path.read_text(encoding="utf-8")
     tree = ast.parse(source)
-    same = {ast.dump(tree)}
+    same: set[tuple[int, str]] = {(node.lineno, ast.dump(node)) for node in tree.body}
     starts = _starts(source)
     numbers: dict[tuple[str, str], int] = defaultdict(int)
     for place, edit, statement in _all(tree, module == "messages"):
         start, end = _span(source, starts, edit.node)
         mutated = source[:start] + edit.new + source[end:]
+        first, last = _span(source, starts, statement)
         try:
-            changed = ast.parse(mutated)
-            dumped = ast.dump(changed)
+            changed = ast.parse(mutated[first : last + len(mutated) - len(source)])
             compile(changed, path.name, "exec")
         except SyntaxError:
             found.broken += 1
             continue
+        dumped = statement.lineno, ast.dump(changed.body[0]) if changed.body else ""
         if dumped in same:
             continue
         same.add(dumped)
@@ -142,7 +143,7 @@ def _mutants(folder: Path, module: str, found: Generated) -> None:
         )
 
 
-def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, Edit, ast.AST]]:
+def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, Edit, ast.stmt]]:
     """The name of the function or table, the edit, and the statement at the top it is in."""
     for statement in tree.body:
         targets: list[ast.expr] = []
@@ -181,11 +182,10 @@ def _span(source: str, starts: Sequence[int], node: ast.AST) -> tuple[int, int]:
     return first, at(node.end_lineno, node.end_col_offset)  # type: ignore[attr-defined]
 
 
-def _rule(source: str, statement: ast.AST, line: int) -> str:
+def _rule(source: str, statement: ast.stmt, line: int) -> str:
     """The rule cited nearest to a line, in its own statement if there is one."""
     lines: list[str] = source.split("\n")
-    first: int = statement.lineno  # type: ignore[attr-defined]
-    last: int = statement.end_lineno  # type: ignore[attr-defined]
+    first, last = statement.lineno, statement.end_lineno or statement.lineno
     name = getattr(statement, "name", "")
     named = [n for n, text in enumerate(lines, 1) if name and f" {name}" in text and "Row(" in text]
     for numbers in (range(first, last + 1), named, range(1, len(lines) + 1)):

@@ -45,10 +45,10 @@ def changed(module: str, old: str, new: str) -> Mutant:
 
 
 def test_the_same_mutants_come_each_time(made: Generated) -> None:
-    again = generate()
-    assert [m.as_dict() for m in again.mutants] == [m.as_dict() for m in made.mutants]
+    again = generate(modules=["state", "ending"])
+    assert again.mutants == [m for m in made.mutants if m.module in ("state", "ending")]
     chosen = sample(made.mutants, SHARE, 1)
-    assert chosen == sample(again.mutants, SHARE, 1)
+    assert chosen == sample(list(made.mutants), SHARE, 1)
     assert {m.id for m in chosen} != {m.id for m in sample(made.mutants, SHARE, 2)}
     assert sample(made.mutants, 0, 1) == made.mutants
 
@@ -65,7 +65,7 @@ def test_there_are_enough_of_each_class(made: Generated) -> None:
 
 
 SCRIPTS = {
-    "table": ("actuating", 'Row("ACT-3", from_own_prescriber, finished), ', ""),
+    "table": ("actuating", '"ACT-3", from_own_prescriber, finished', '"ACT-3", foreign, finished'),
     "guard": (
         "advertising",
         'st.bound, refuse),\n    Row("END-7"',
@@ -94,6 +94,7 @@ LINES = [
     {"cmd": "receive", "now": 1, "message": FIN | {"src": 0}},
     {"cmd": "command", "now": 2, "command": REQUEST},
     {"cmd": "command", "now": 3, "command": REQUEST},
+    {"cmd": "advance", "now": 399},
     {"cmd": "advance", "now": 1000},
     {"cmd": "command", "now": 2000, "command": REQUEST},
     {"cmd": "stop"},
@@ -151,11 +152,8 @@ def test_only_what_may_call_the_change_is_walked(made: Generated) -> None:
     assert kinds["ending/drop"] == {"expire giveup", "receive Ack"}
 
 
-def test_survivors_count_and_are_shown(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
     """A suite that cannot see a mutant, and one that can."""
-    monkeypatch.setattr(certificate, "WALKS", TIGHT)
     mutant = changed(*SCRIPTS["table"])
     for known in folder.glob("*.digests"):
         (tmp_path / known.name).write_bytes(known.read_bytes())
@@ -164,7 +162,7 @@ def test_survivors_count_and_are_shown(
         rows, problems = certificate.run([mutant], blind, lambda text: None)
         (row,) = rows
         assert row.verdict == "survived" and row.difference is not None and problems == []
-    found = certificate.of(blind, Generated([mutant]), [mutant], rows, problems)
+    found = certificate.of(blind, Generated([mutant]), 1, rows, problems)
     assert found.exit_code == 1 and found.as_dict()["counts"] == {"survived": 1}
     shown = certificate_page.summary(found)
     assert mutant.id in shown and row.difference.input in shown
