@@ -19,6 +19,7 @@ from automcm.messages import encode
 from automcm.parameters import Parameters
 from automcm.state import State, Timer
 from automcm.station import Effects, Station
+from automcm_cli.inputs import kind
 from automcm_spec.oracle import Oracle, canonical
 
 Json = Any
@@ -54,20 +55,6 @@ ODD = "odd"
 """The kind of what is always looked at: the state itself, and inputs that no graph has."""
 Act = Callable[[Json], list[Effects]]
 REQUEST = Request(scenario="lane_change")
-
-
-def kind(value: Json) -> str:
-    """The key of the reference's RULES for an input."""
-    match value[0]:
-        case "receive":
-            return f"receive {value[1][0]}"
-        case "cam":
-            return "receive CAM"
-        case "expire":
-            return f"expire {value[1][0]}"
-        case "command":
-            return f"command {value[1]}"
-    return "restart"
 
 
 class Walker:
@@ -108,12 +95,12 @@ class Walker:
         looks = (base.marks, base.bound, base.awaits_answer, base.peer)
         yield ODD, "the state", f"{self._kept()}{looks!r}"
         message: Json = None
-        for i, kind in enumerate(self.kinds):
+        for i, name in enumerate(self.kinds):
             value = self.oracle.inputs[i]
-            if message is None and kind.startswith("receive"):
+            if message is None and name.startswith("receive"):
                 message = value
-            if (kinds is None or kind in kinds) and self.oracle.answer(n, i) is not None:
-                yield kind, value, self._tried(base, timers, self._give, value)
+            if (kinds is None or name in kinds) and self.oracle.answer(n, i) is not None:
+                yield name, value, self._tried(base, timers, self._give, value)
         for what, act in self._odd(message).items():
             yield ODD, what, self._tried(base, timers, act, None)
 
@@ -168,12 +155,12 @@ class Walker:
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
         """Of each kind of input all answers at a state, in a few bytes."""
-        found = {kind: hashlib.blake2b(digest_size=SIZE) for kind in (ODD, *(kinds or ()))}
+        found = {ODD: hashlib.blake2b(digest_size=SIZE)}
         try:
-            for kind, _, text in self.answers(n, kinds):
-                if kind not in found:
-                    found[kind] = hashlib.blake2b(digest_size=SIZE)
-                found[kind].update(text.encode())
+            for name, _, text in self.answers(n, kinds):
+                if name not in found:
+                    found[name] = hashlib.blake2b(digest_size=SIZE)
+                found[name].update(text.encode())
         except Exception as error:  # not even a state can be set up
             found[ODD].update(type(error).__name__.encode())
         return {kind: value.digest() for kind, value in found.items()}
@@ -214,13 +201,15 @@ def write(oracle: Oracle, variant: Variant, path: Path) -> None:
 
 def first_difference(
     oracle: Oracle, variant: Variant, known: Path, kinds: Set[str] | None
-) -> int | None:
-    """The first state that is not as known; with ``kinds`` only inputs of these are given."""
+) -> tuple[int, list[str]] | None:
+    """The first state that is not as known, and the kinds of input that are answered otherwise;
+    with ``kinds`` only inputs of these are given."""
     walker = Walker(oracle, variant)
     with known.open() as lines:
         for n, line in enumerate(lines):
             wanted = json.loads(line)
             found = walker.digests(n, kinds)
-            if any(wanted.get(kind, "") != value.hex() for kind, value in found.items()):
-                return n
+            others = [kind for kind, d in found.items() if wanted.get(kind, "") != d.hex()]
+            if others:
+                return n, others
     return None

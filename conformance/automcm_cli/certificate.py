@@ -138,6 +138,8 @@ class _Job:
     mutant: Mutant
     asked: Asked
     how: Literal["first look", "suite", "graphs"]
+    hint: tuple[str, ...] = ()
+    """Cases that are run first."""
 
 
 class _Worker:
@@ -147,16 +149,17 @@ class _Worker:
 
     @classmethod
     def start(cls) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
         signal.signal(signal.SIGTERM, _end)
         cls.graphs = Graphs.load(spec_hash())
 
 
 def _end(*_: object) -> None:
-    raise KeyboardInterrupt
+    raise SystemExit(1)
 
 
-def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
-    """The mutant's id, what was found, and what broke."""
+def _work(job: _Job) -> tuple[str, Kills | Difference | set[str] | None, str]:
+    """The mutant's id, what was found (a first look: the hint), and what broke."""
     mutant, asked = job.mutant, job.asked
     with TemporaryDirectory(prefix="automcm-certify-") as name:
         source = Path(name) / f"{mutant.module}.py"
@@ -164,10 +167,9 @@ def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
         try:
             if job.how == "suite":
                 command = [sys.executable, "-m", "automcm_cli.mutated", mutant.module, str(source)]
-                return mutant.id, killed(command, _Worker.graphs, asked, Path(name)), ""
+                return mutant.id, killed(command, asked, Path(name), job.hint), ""
             if job.how == "first look":
-                same = equivalence.differs(mutant, source, asked.folder, asked.walks[0]) is None
-                return mutant.id, None, "same" if same else ""
+                return mutant.id, _first_look(mutant, source, asked), ""
             found = equivalence.difference(mutant, source, asked.folder, asked.walks)
             return mutant.id, found, ""
         except (WalkError, OSError) as error:
@@ -180,24 +182,44 @@ def _work_cpp(job: tuple[cpp.Mutant, Asked]) -> tuple[str, Kills | None, str]:
     with TemporaryDirectory(prefix="automcm-certify-") as name:
         try:
             station = cpp.build_mutant(mutant, Path(name))
-            return mutant.name, killed([str(station)], _Worker.graphs, asked, Path(name)), ""
+            return mutant.name, killed([str(station)], asked, Path(name), mutant.rules), ""
         except (SubprocessError, OSError) as error:
             return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
 
 
-def killed(command: Sequence[str], graphs: Graphs, asked: Asked, folder: Path) -> Kills:
-    """Hold the suite against one station."""
+def _first_look(mutant: Mutant, source: Path, asked: Asked) -> set[str] | None:
+    """The cases that should find it; None if nothing differs on the graphs of the first look."""
+    for walk in _looked_at(asked):
+        found = equivalence.differs(mutant, source, asked.folder, walk)
+        if found is not None:
+            return equivalence.hint(walk, found, _Worker.graphs.owners)
+    return None
+
+
+def _looked_at(asked: Asked) -> list[tuple[str, int]]:
+    return [walk for walk in asked.walks if walk in (("tight", 0), ("one-peer", 0))]
+
+
+def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
+    """Hold the suite against one station; the cases that ``first`` selects before the others."""
     chosen = purposes.select(purposes.load(), asked.selectors)
-    return kills_.kills(
-        command,
-        graphs,
-        chosen,
-        folder,
-        enough=asked.cases,
-        seed=asked.seed,
-        limit_s=LIMIT_S,
-        until_s=UNTIL_S,
-    )
+    likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
+    likely = likely if asked.cases else []
+    found = Kills()
+    for part in [likely, chosen] if likely else [chosen]:
+        found = kills_.kills(
+            command,
+            _Worker.graphs,
+            part,
+            folder,
+            enough=asked.cases,
+            seed=asked.seed,
+            limit_s=LIMIT_S,
+            until_s=UNTIL_S,
+        )
+        if found.unstarted is not None or len(found.cases) >= asked.cases > 0:
+            break
+    return found
 
 
 # -- the run
@@ -272,7 +294,7 @@ def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
     return list(rows.values()), problems
 
 
-Work = Callable[[list[_Job]], Iterator[tuple[str, Kills | Difference | None, str]]]
+Work = Callable[[list[_Job]], Iterator[tuple[str, Kills | Difference | set[str] | None, str]]]
 
 
 @contextmanager
@@ -303,17 +325,18 @@ def _judge(
     carried = [mutant for mutant in mutants if mutant.module not in UNCARRIED]
     if carried:
         say("the reference itself")
-        for walk in asked.walks[:1]:
+        for walk in _looked_at(asked):
             equivalence.digests(asked.folder, walk)
     # Those that may be equivalent come last: the suite needs minutes to find nothing.
-    last = set()
-    for n, (id_, _, same) in enumerate(work([_Job(m, asked, "first look") for m in carried])):
+    hints: dict[str, tuple[str, ...]] = {}
+    for n, (id_, cases, _) in enumerate(work([_Job(m, asked, "first look") for m in carried])):
         say(f"a first look: {n + 1} of {len(carried)}")
-        if same:
-            last.add(id_)
-    order = sorted(mutants, key=lambda mutant: mutant.id in last)
+        if isinstance(cases, set):
+            hints[id_] = tuple(sorted(cases))
+    order = sorted(mutants, key=lambda mutant: mutant.id not in hints)
+    jobs = [_Job(mutant, asked, "suite", hints.get(mutant.id, ())) for mutant in order]
     open_: list[Mutant] = []
-    for n, (id_, kills, error) in enumerate(work([_Job(m, asked, "suite") for m in order])):
+    for n, (id_, kills, error) in enumerate(work(jobs)):
         row = _row(by_id[id_])
         say(f"the suite: {n + 1} of {len(order)}, {len(open_)} not killed")
         if isinstance(kills, Kills):

@@ -18,7 +18,9 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+from automcm_cli.inputs import kind
 from automcm_cli.source_mutants import FOLDER, MODULES, Mutant
+from automcm_conformance.purposes import Owners
 from automcm_spec.generate import GRAPHS, spec_hash
 from automcm_spec.oracle import load
 
@@ -68,17 +70,36 @@ def difference(
     for walk in walks:
         found = differs(mutant, source, folder, walk)
         if found is not None:
-            return _shown(mutant, source, walk, found)
+            return _shown(mutant, source, walk, found[0])
     return None
 
 
-def differs(mutant: Mutant, source: Path, folder: Path, walk: tuple[str, int]) -> int | None:
-    """The first state of a graph at which something differs.  Raises as ``difference``."""
+def differs(
+    mutant: Mutant, source: Path, folder: Path, walk: tuple[str, int]
+) -> tuple[int, list[str]] | None:
+    """The first state of a graph at which something differs, and the kinds of input that are
+    answered otherwise there.  Raises as ``difference``."""
     graph, variant = walk
     known, kinds = str(digests(folder, walk)), sorted(kinds_of(mutant))
     task = ("compare", graph, str(variant), known, *kinds)
     found = _child(mutant.module, str(source), *task).strip()
-    return int(found) if found else None
+    if not found:
+        return None
+    n, others = json.loads(found)
+    return n, others
+
+
+def hint(walk: tuple[str, int], found: tuple[int, list[str]], owners: Owners) -> set[str]:
+    """The cases to which such inputs belong at such a state: they should see the difference."""
+    oracle = load(GRAPHS[walk[0]].path)
+    cases = set()
+    for answer in oracle.answers(found[0]):
+        value = oracle.inputs[answer.input]
+        if kind(value) in found[1]:
+            state = oracle.states[answer.state]
+            owner = owners.owner(state, value, answer.effect, answer.changes)
+            cases |= {owner.id} if owner is not None else set()
+    return cases
 
 
 def _shown(mutant: Mutant, source: Path, walk: tuple[str, int], n: int) -> Difference:
@@ -138,10 +159,10 @@ def _reach() -> tuple[set[str], dict[str, set[tuple[str, str]]]]:
     station = [f for f in functions if f.__module__ == "automcm.station"]
     always = {name for _, name in _names(_closure(station, functions))} | {"marks"}
     by_kind = {}
-    for kind, rows in RULES.items():
+    for name, rows in RULES.items():
         roots = [f for row in rows for f in (row.when, row.then) if isinstance(f, FunctionType)]
         names = _names(_closure(roots, functions))
-        by_kind[kind] = names | set(_tables(modules, kind, rows))
+        by_kind[name] = names | set(_tables(modules, name, rows))
     return always, by_kind
 
 

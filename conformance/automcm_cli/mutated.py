@@ -5,7 +5,8 @@ of FILE in the place of ``automcm.MODULE``; FILE may be ``-``, then nothing is r
 that may stand what to do instead (behaviour.py):
 
     write GRAPH VARIANT DIGESTS             writes the digests of a graph
-    compare GRAPH VARIANT DIGESTS [KIND]... prints the first state that has others, or nothing
+    compare GRAPH VARIANT DIGESTS [KIND]... prints the first state that has others
+                                            and the kinds of input, or nothing
     show GRAPH VARIANT STATE                prints all answers at a state, as JSON
 """
 
@@ -97,7 +98,7 @@ def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> Non
         behaviour.write(oracle, chosen, Path(about))
     elif task == "compare":
         found = behaviour.first_difference(oracle, chosen, Path(about), set(kinds) or None)
-        print("" if found is None else found)
+        print("" if found is None else json.dumps(found))
     else:
         print(json.dumps(behaviour.Walker(oracle, chosen).shown(int(about))))
 

@@ -65,7 +65,11 @@ def test_there_are_enough_of_each_class(made: Generated) -> None:
 
 
 SCRIPTS = {
-    "table": ("actuating", '"ACT-3", from_own_prescriber, finished', '"ACT-3", foreign, finished'),
+    "table": (
+        "actuating",
+        '"ACT-3", from_own_prescriber, finished',
+        '"ACT-3", from_own_prescriber, acked',
+    ),
     "guard": (
         "advertising",
         'st.bound, refuse),\n    Row("END-7"',
