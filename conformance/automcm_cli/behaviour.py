@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from automcm.adapter import LATER, ME, NOW, Reference
 from automcm.interface import Request
@@ -61,7 +61,7 @@ class Walker:
     """The reference in any state of a graph, and everything that may be told of it."""
 
     def __init__(self, oracle: Oracle, variant: Variant) -> None:
-        self.oracle = oracle
+        self.oracle, self.states = oracle, oracle.states
         self.variant = variant
         self.reference = Reference(oracle.constants)
         parameters = Parameters(**(self._limits() | variant.parameters))
@@ -190,25 +190,34 @@ def _told(effects: Effects) -> str:
     return f"{effects.now_ms}{messages!r}{told!r}{armed}"
 
 
-def write(oracle: Oracle, variant: Variant, path: Path) -> None:
+class Walked(Protocol):
+    """A graph with the reference in it, or the forms of messages (forms.py)."""
+
+    @property
+    def states(self) -> Sequence[Json]: ...
+
+    def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]: ...
+
+    def shown(self, n: int) -> list[tuple[str, str]]: ...
+
+
+def write(walked: Walked, path: Path) -> None:
     """The digests of a graph, a line for each state."""
-    walker = Walker(oracle, variant)
     with path.open("w") as out:
-        for n in range(len(oracle.states)):
-            found = walker.digests(n)
+        for n in range(len(walked.states)):
+            found = walked.digests(n)
             out.write(json.dumps({kind: digest.hex() for kind, digest in found.items()}) + "\n")
 
 
 def first_difference(
-    oracle: Oracle, variant: Variant, known: Path, kinds: Set[str] | None
+    walked: Walked, known: Path, kinds: Set[str] | None
 ) -> tuple[int, list[str]] | None:
     """The first state that is not as known, and the kinds of input that are answered otherwise;
     with ``kinds`` only inputs of these are given."""
-    walker = Walker(oracle, variant)
     with known.open() as lines:
         for n, line in enumerate(lines):
             wanted = json.loads(line)
-            found = walker.digests(n, kinds)
+            found = walked.digests(n, kinds)
             others = [kind for kind, d in found.items() if wanted.get(kind, "") != d.hex()]
             if others:
                 return n, others

@@ -22,7 +22,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from automcm_cli import cpp, equivalence
-from automcm_cli.equivalence import UNCARRIED, WALKS, Difference, WalkError
+from automcm_cli.equivalence import WALKS, Difference, WalkError
 from automcm_cli.mutated import NO_IMPORT
 from automcm_cli.source_mutants import FOLDER, Generated, Mutant
 from automcm_conformance import kills as kills_
@@ -197,7 +197,7 @@ def _first_look(mutant: Mutant, source: Path, asked: Asked) -> set[str] | None:
 
 
 def _looked_at(asked: Asked) -> list[tuple[str, int]]:
-    return [walk for walk in asked.walks if walk in (("tight", 0), ("one-peer", 0))]
+    return [walk for walk in asked.walks if walk in (("forms", 0), ("tight", 0), ("one-peer", 0))]
 
 
 def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
@@ -322,15 +322,13 @@ def _judge(
     say: Say,
 ) -> None:
     by_id = {mutant.id: mutant for mutant in mutants}
-    carried = [mutant for mutant in mutants if mutant.module not in UNCARRIED]
-    if carried:
-        say("the reference itself")
-        for walk in _looked_at(asked):
-            equivalence.digests(asked.folder, walk)
+    for walk in _looked_at(asked):
+        say(f"the reference itself on {walk[0]}")
+        equivalence.digests(asked.folder, walk)
     # Those that may be equivalent come last: the suite needs minutes to find nothing.
     hints: dict[str, tuple[str, ...]] = {}
-    for n, (id_, cases, _) in enumerate(work([_Job(m, asked, "first look") for m in carried])):
-        say(f"a first look: {n + 1} of {len(carried)}")
+    for n, (id_, cases, _) in enumerate(work([_Job(m, asked, "first look") for m in mutants])):
+        say(f"a first look: {n + 1} of {len(mutants)}")
         if isinstance(cases, set):
             hints[id_] = tuple(sorted(cases))
     order = sorted(mutants, key=lambda mutant: mutant.id not in hints)
@@ -347,13 +345,12 @@ def _judge(
             open_.append(by_id[id_])
         kept.keep(by_id[id_], row, rows)
     open_ = [mutant for mutant in mutants if mutant in open_]
-    walked = [mutant for mutant in open_ if mutant.module not in UNCARRIED]
-    if walked:
+    if open_:
         for walk in asked.walks:
             say(f"the reference itself on {walk[0]}")
             equivalence.digests(asked.folder, walk)
-    for n, (id_, found, error) in enumerate(work([_Job(m, asked, "graphs") for m in walked])):
-        say(f"the graphs: {n + 1} of {len(walked)}")
+    for n, (id_, found, error) in enumerate(work([_Job(m, asked, "graphs") for m in open_])):
+        say(f"the graphs: {n + 1} of {len(open_)}")
         row = rows[id_]
         if isinstance(found, Difference):
             row.difference = found

@@ -7,7 +7,9 @@ that may stand what to do instead (behaviour.py):
     write GRAPH VARIANT DIGESTS             writes the digests of a graph
     compare GRAPH VARIANT DIGESTS [KIND]... prints the first state that has others
                                             and the kinds of input, or nothing
-    show GRAPH VARIANT STATE                prints all answers at a state, as JSON
+    show GRAPH VARIANT STATE                prints a state and all answers there, as JSON
+
+The graph `forms` is none: its states are messages, its inputs what is odd in them (forms.py).
 """
 
 from __future__ import annotations
@@ -88,19 +90,23 @@ def _serve() -> None:
 
 
 def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> None:
-    from automcm_cli import behaviour
+    from automcm_cli import behaviour, forms
     from automcm_spec.generate import GRAPHS
     from automcm_spec.oracle import load
 
     gc.disable()  # the graph stays, and is large
-    oracle, chosen = load(GRAPHS[graph].path), behaviour.VARIANTS[int(variant)]
+    walked: behaviour.Walked = forms.Forms()
+    if graph != "forms":
+        oracle, chosen = load(GRAPHS[graph].path), behaviour.VARIANTS[int(variant)]
+        walked = behaviour.Walker(oracle, chosen)
     if task == "write":
-        behaviour.write(oracle, chosen, Path(about))
+        behaviour.write(walked, Path(about))
     elif task == "compare":
-        found = behaviour.first_difference(oracle, chosen, Path(about), set(kinds) or None)
+        found = behaviour.first_difference(walked, Path(about), set(kinds) or None)
         print("" if found is None else json.dumps(found))
     else:
-        print(json.dumps(behaviour.Walker(oracle, chosen).shown(int(about))))
+        state = walked.states[int(about)]
+        print(json.dumps({"state": state, "answers": walked.shown(int(about))}))
 
 
 if __name__ == "__main__":
