@@ -131,15 +131,17 @@ class Certificate:
 # -- in a worker
 
 
+How = Literal["if it differs", "suite", "graphs"]
+"""The suite, but only if a first look shows a difference; the suite; a comparison."""
+
+
 @dataclass(frozen=True)
 class _Job:
-    """A mutant of the reference, in a worker: ``walk`` alone says how, else the suite is run."""
+    """A mutant of the reference, for a worker."""
 
     mutant: Mutant
     asked: Asked
-    how: Literal["first look", "suite", "graphs"]
-    hint: tuple[str, ...] = ()
-    """Cases that are run first."""
+    how: How
 
 
 class _Worker:
@@ -158,18 +160,19 @@ def _end(*_: object) -> None:
     raise SystemExit(1)
 
 
-def _work(job: _Job) -> tuple[str, Kills | Difference | set[str] | None, str]:
-    """The mutant's id, what was found (a first look: the hint), and what broke."""
+def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
+    """The mutant's id, what was found (None: no difference), and what broke."""
     mutant, asked = job.mutant, job.asked
     with TemporaryDirectory(prefix="automcm-certify-") as name:
         source = Path(name) / f"{mutant.module}.py"
         source.write_text(mutant.source, encoding="utf-8")
         try:
-            if job.how == "suite":
+            if job.how != "graphs":
                 command = [sys.executable, "-m", "automcm_cli.mutated", mutant.module, str(source)]
-                return mutant.id, killed(command, asked, Path(name), job.hint), ""
-            if job.how == "first look":
-                return mutant.id, _first_look(mutant, source, asked), ""
+                hint = set() if job.how == "suite" else _first_look(mutant, source, asked)
+                if hint is None:
+                    return mutant.id, None, ""
+                return mutant.id, killed(command, asked, Path(name), sorted(hint)), ""
             found = equivalence.difference(mutant, source, asked.folder, asked.walks)
             return mutant.id, found, ""
         except (WalkError, OSError) as error:
@@ -197,7 +200,7 @@ def _first_look(mutant: Mutant, source: Path, asked: Asked) -> set[str] | None:
 
 
 def _looked_at(asked: Asked) -> list[tuple[str, int]]:
-    return [walk for walk in asked.walks if walk in (("forms", 0), ("tight", 0), ("one-peer", 0))]
+    return [walk for walk in asked.walks if walk in (("forms", 0), ("tight", 0))]
 
 
 def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
@@ -294,7 +297,7 @@ def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
     return list(rows.values()), problems
 
 
-Work = Callable[[list[_Job]], Iterator[tuple[str, Kills | Difference | set[str] | None, str]]]
+Work = Callable[[list[_Job]], Iterator[tuple[str, Kills | Difference | None, str]]]
 
 
 @contextmanager
@@ -326,30 +329,32 @@ def _judge(
         say(f"the reference itself on {walk[0]}")
         equivalence.digests(asked.folder, walk)
     # Those that may be equivalent come last: the suite needs minutes to find nothing.
-    hints: dict[str, tuple[str, ...]] = {}
-    for n, (id_, cases, _) in enumerate(work([_Job(m, asked, "first look") for m in mutants])):
-        say(f"a first look: {n + 1} of {len(mutants)}")
-        if isinstance(cases, set):
-            hints[id_] = tuple(sorted(cases))
-    order = sorted(mutants, key=lambda mutant: mutant.id not in hints)
-    jobs = [_Job(mutant, asked, "suite", hints.get(mutant.id, ())) for mutant in order]
+    last: list[Mutant] = []
     open_: list[Mutant] = []
-    for n, (id_, kills, error) in enumerate(work(jobs)):
-        row = _row(by_id[id_])
-        say(f"the suite: {n + 1} of {len(order)}, {len(open_)} not killed")
-        if isinstance(kills, Kills):
-            _told(row, kills)
-        else:
+    done = len(rows)
+    hows: tuple[How, How] = "if it differs", "suite"
+    for how in hows:
+        jobs = [_Job(mutant, asked, how) for mutant in (last if how == "suite" else mutants)]
+        for id_, kills, error in work(jobs):
+            if kills is None and not error:
+                last.append(by_id[id_])
+                continue
+            done += 1
+            say(f"the suite: {done} mutants, {len(open_)} not killed, {len(last)} for later")
+            row = _row(by_id[id_])
             row.why = error
-        if row.verdict == "survived":
-            open_.append(by_id[id_])
-        kept.keep(by_id[id_], row, rows)
+            if isinstance(kills, Kills):
+                _told(row, kills)
+            if row.verdict == "survived":
+                open_.append(by_id[id_])
+            kept.keep(by_id[id_], row, rows)
     open_ = [mutant for mutant in mutants if mutant in open_]
     if open_:
         for walk in asked.walks:
             say(f"the reference itself on {walk[0]}")
             equivalence.digests(asked.folder, walk)
-    for n, (id_, found, error) in enumerate(work([_Job(m, asked, "graphs") for m in open_])):
+    walks = [_Job(mutant, asked, "graphs") for mutant in open_]
+    for n, (id_, found, error) in enumerate(work(walks)):
         say(f"the graphs: {n + 1} of {len(open_)}")
         row = rows[id_]
         if isinstance(found, Difference):

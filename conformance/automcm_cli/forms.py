@@ -12,6 +12,7 @@ from automcm.messages import MessageError, decode, encode
 
 Json = Any
 LIMIT = 2**53 - 1
+LONG = 60
 WAY = {"t0": 5, "points": [[0, 0, 0], [1000, 8333, 0]]}
 COMMON: dict[str, Json] = {"v": 1, "src": 2, "dst": 1, "session": [2, 1], "seq": 1}
 BASES: tuple[dict[str, Json], ...] = (
@@ -70,7 +71,9 @@ class Forms:
         for path in _paths(base):
             yield f"without {path}", _taken(_with(base, path, ...))
             for odd in ODD:
-                yield f"{path}: {json.dumps(odd)[:80]}", _taken(_with(base, path, odd))
+                text = json.dumps(odd)
+                shown = text if len(text) < LONG else f"{text[:LONG]}… ({len(text)} characters)"
+                yield f"{path}: {shown}", _taken(_with(base, path, odd))
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
         """As that of a Walker; all is of one kind."""
