@@ -219,6 +219,7 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
             seed=asked.seed,
             limit_s=LIMIT_S,
             until_s=UNTIL_S,
+            brief=part is likely,
         )
         if found.unstarted is not None or len(found.cases) >= asked.cases > 0:
             break

@@ -46,15 +46,17 @@ def kills(
     seed: int,
     limit_s: float,
     until_s: float,
+    brief: bool = False,
 ) -> Kills:
     """Run these purposes until so ``enough`` cases do not pass (0: all), the quick ones first.
 
-    ``limit_s`` is for an answer, ``until_s`` about for all.  Raises OSError, OracleError.
+    ``limit_s`` is for an answer, ``until_s`` about for all.  ``brief``: the first wrong answer that
+    is none of these cases' ends the run as well.  Raises OSError, OracleError.
     """
     due = monotonic() + until_s
 
     def say(_: str) -> None:
-        if monotonic() > due:
+        if monotonic() > due or (brief and runner.elsewhere):
             raise _Late
 
     try:
