@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -47,3 +47,12 @@ def progress() -> Iterator[Callable[[str], None]]:
         return
     with console.status("") as status:
         yield lambda text: status.update(text)
+
+
+def markdown_table(
+    heads: Sequence[str], rows: Sequence[Sequence[object]], left: Sequence[str] = ("what",)
+) -> list[str]:
+    """A table of Markdown; the first column and those named are texts, the others figures."""
+    ruler = ["---" if n == 0 or head in left else "---:" for n, head in enumerate(heads)]
+    cells = [[str(value).replace("|", "\\|") for value in row] for row in rows]
+    return [f"| {' | '.join(row)} |" for row in [list(heads), ruler, *cells]]

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from automcm_cli import (
+    certify,
     conform,
     conform_bench,
     conform_explore,
@@ -38,6 +39,7 @@ app.add_typer(station.link, name="link", no_args_is_help=True)
 station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
 conform.app.command(cls=conform.WithCommand, epilog=conform_explore.EPILOG)(conform_explore.explore)
 app.add_typer(conform.app, name="conform", no_args_is_help=True)
+conform.app.command(epilog=certify.EPILOG)(certify.certify)
 app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(conform.adapter)
 app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
 app.command(epilog="Example: automcm drive --uri ws://127.0.0.1:9090.  " + CODES)(station.drive)

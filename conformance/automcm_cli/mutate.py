@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from automcm_cli.common import markdown_table
 from automcm_cli.generated import ROOT
 from automcm_spec import models, mutation, survivors
 from automcm_spec.mutant_rules import KINDS, MODULES, NOT_MUTATED
@@ -212,7 +213,7 @@ def markdown(report: Report) -> str:
         f"Written by `automcm spec mutate --profile {report.profile} --write`. Each mutant is one "
         "small fault in a module; the models must find it.",
         "",
-        *_rows(
+        *markdown_table(
             ["kind", *_heads(), "what"],
             [[kind, *_cells(outcomes), KINDS.get(kind, "")] for kind, outcomes in _by_kind(report)],
         ),
@@ -242,13 +243,6 @@ def markdown(report: Report) -> str:
     return "\n".join(lines)
 
 
-def _rows(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
-    """A table of Markdown."""
-    ruler = ["---" if n == 0 or head == "what" else "---:" for n, head in enumerate(heads)]
-    cells = [[str(value).replace("|", "\\|") for value in row] for row in rows]
-    return [f"| {' | '.join(row)} |" for row in [list(heads), ruler, *cells]]
-
-
 def _matrix(report: Report) -> list[str]:
     names = list(_per_property(report))
     rows: list[list[object]] = []
@@ -257,7 +251,7 @@ def _matrix(report: Report) -> list[str]:
         killed = Counter(name for o in of for name in o.properties)
         rows.append([f"`{place}`", len(of), *(killed[name] or "" for name in names)])
     rows.append(["all", len(report.outcomes), *_per_property(report).values()])
-    return _rows(["definition", "mutants", *names], rows)
+    return markdown_table(["definition", "mutants", *names], rows)
 
 
 def _survivors(report: Report) -> list[str]:

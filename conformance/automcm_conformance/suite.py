@@ -97,6 +97,10 @@ class Runner:
         self.parts: list[Part] = []
         self.ended = ""
         """Why the run was ended from outside, or by a fault of the kit."""
+        self.enough = 0
+        """So many cases that did not pass end the run; 0: none do."""
+        self.runs, self.starts = RUNS, STARTS
+        """Exchanges tried in order to shorten one, and one that ends in a crash."""
         self.predict = True
         """The station numbers its sessions one by one, as far as is known."""
         self.features = frozenset[str](adapter.hello.features)
@@ -112,7 +116,14 @@ class Runner:
         """Why nothing more is driven; empty if the run goes on."""
         if self.adapter.broken >= PATIENCE:
             return f"cut short after {self.adapter.broken} crashes or hangs"
+        if self.enough and len(self.failed) >= self.enough:
+            return f"cut short after {len(self.failed)} cases that did not pass"
         return self.ended
+
+    @property
+    def failed(self) -> list[str]:
+        """The cases that are known to be FAIL or ERROR, in their order."""
+        return [name for name, tally in self.tallies.items() if tally.failed]
 
     def exchange(
         self,
@@ -373,7 +384,7 @@ class Runner:
         hangs = kind == "hang"
         ways = [tours.path(state) for state in states]
         short = shortened(
-            part.oracle, inputs, ways, attempt, 1 if hangs else STARTS if kind else RUNS
+            part.oracle, inputs, ways, attempt, 1 if hangs else self.starts if kind else self.runs
         )
         least = short is not None
         if short is None and not hangs:  # less than the whole tour has another time-table

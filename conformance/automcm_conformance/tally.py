@@ -72,3 +72,9 @@ class Tally:
     def decided(self) -> bool:
         """Nothing more is found out, whatever is to blame for what goes wrong at its pairs."""
         return len(self.faults) >= ENOUGH or self.hits > 2 * ENOUGH
+
+    @property
+    def failed(self) -> bool:
+        """FAIL or ERROR."""
+        bad = self.outcome is not None and self.outcome.verdict in ("FAIL", "ERROR")
+        return bad or bool(self.faults)

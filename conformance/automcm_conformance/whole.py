@@ -6,6 +6,7 @@ import gc
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path
 
 from automcm_conformance import named, remainder
@@ -18,7 +19,7 @@ from automcm_conformance.tally import Part
 from automcm_conformance.verdicts import Expectations, report
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.generate import spec_hash as present_hash
-from automcm_spec.oracle import Oracle, OracleError, load
+from automcm_spec.oracle import Answer, Oracle, OracleError, load
 
 
 def conform(
@@ -37,14 +38,12 @@ def conform(
     Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
     """
     spec = present_hash()
-    with uncollected():
-        one = load(ONE_PEER.path, spec)
-    owners = Owners(load_purposes())
+    graphs = Graphs.load(spec)
     adapter = Adapter(command, limit_s)
     runner = Runner(adapter, purposes, seed, say)
     try:
         with uncollected():
-            _drive(runner, one, owners, purposes, folder)
+            _drive(runner, graphs, purposes, folder)
     except KeyboardInterrupt:
         runner.ended = "interrupted"
     except (OSError, OracleError):
@@ -70,28 +69,68 @@ def uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def _drive(
-    runner: Runner, one: Oracle, owners: Owners, purposes: Sequence[Purpose], folder: Path
-) -> None:
+class Graphs:
+    """What is driven, read once and only if it is needed: ``one``, and what the other graphs have
+    beyond it.  Runs may share it.  Raises OracleError, here or later."""
+
+    def __init__(self, one: Oracle) -> None:
+        self.one = one
+        self.owners = Owners(load_purposes())
+
+    @classmethod
+    def load(cls, spec_hash: str) -> Graphs:
+        """Those that were made from this specification."""
+        with uncollected():
+            return cls(load(ONE_PEER.path, spec_hash))
+
+    @cached_property
+    def everything(self) -> list[Answer]:
+        """All pairs of ``one``."""
+        return [a for state in range(len(self.one.states)) for a in self.one.answers(state)]
+
+    @cached_property
+    def two(self) -> Oracle:
+        return load(TWO_PEERS.path, self.one.spec_hash)
+
+    @cached_property
+    def third(self) -> list[Answer]:
+        """The pairs that need a third station."""
+        return remainder.read(self.two)
+
+    @cached_property
+    def tight(self) -> Oracle:
+        return load(TIGHT.path, self.one.spec_hash)
+
+    @cached_property
+    def limits(self) -> list[Answer]:
+        """The pairs that MEM-1 decides."""
+        answers = (a for state in range(len(self.tight.states)) for a in self.tight.answers(state))
+        return [answer for answer in answers if answer.effect.rule == "MEM-1"]
+
+
+def _drive(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
     if any(purpose.select for purpose in purposes):
-        everything = (a for state in range(len(one.states)) for a in one.answers(state))
-        runner.graph(Part("one-peer", one), everything, owners)
-        two = load(TWO_PEERS.path, one.spec_hash)
-        third = remainder.read(two)
-        runner.graph(Part("two-peers, beyond one-peer", two, True), third, owners)
-        tight = load(TIGHT.path, one.spec_hash)
-        limits = (
-            answer
-            for state in range(len(tight.states))
-            for answer in tight.answers(state)
-            if answer.effect.rule == "MEM-1"
-        )
-        runner.graph(Part("tight, MEM-1", tight), limits, owners)
+        tours(runner, graphs)
         named.samples(runner, folder)
-    part = Part("special", one)
+    special(runner, graphs, purposes, folder)
+
+
+def tours(runner: Runner, graphs: Graphs) -> None:
+    """Drive what the graphs hold."""
+    owners = graphs.owners
+    runner.graph(Part("one-peer", graphs.one), graphs.everything, owners)
+    runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), graphs.third, owners)
+    runner.graph(Part("tight, MEM-1", graphs.tight), graphs.limits, owners)
+
+
+def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
+    """Run those cases that have a name."""
+    part = Part("special", graphs.one)
     for purpose in purposes:
+        if not purpose.case:
+            continue
         runner.say(purpose.case)
         if purpose.case.startswith("scenario "):
             named.scenario(runner, purpose, folder)
-        elif purpose.case:
+        else:
             named.special(runner, purpose, part, folder)

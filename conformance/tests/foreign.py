@@ -1,4 +1,4 @@
-"""The suite against a station that somebody else wrote: it passes in full, and each of its twelve
+"""The suite against a station that somebody else wrote: it passes in full, and each of its
 mutants fails in a case that names a rule of the mutant.
 
     python conformance/tests/foreign.py [--station-only] [--mutant NAME]...
@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
 import subprocess
 import sys
 import time
-import tomllib
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -22,25 +20,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from automcm_spec.rules import RULES
+from automcm_cli.cpp import SECONDS, Mutant, build, build_mutant, missing, mutants
 
 Json = Any
-SOURCE = Path(__file__).resolve().parents[1] / "implementations" / "cpp"
 AUTOMCM = Path(sys.executable).parent / "automcm"
 TOGETHER = 2
 """Compilers and runs at once."""
-SECONDS = 900
-"""For one compiler, or one run of the suite."""
-INCLUDE = b"#include <nlohmann/json.hpp>\nint main() {}\n"
-
-
-@dataclass(frozen=True)
-class Mutant:
-    name: str
-    story: str
-    old: str
-    new: str
-    rules: tuple[str, ...]
 
 
 @dataclass
@@ -54,62 +39,6 @@ class Row:
     seconds: float = 0.0
     failed: str = ""
     skipped: bool = False
-
-
-def mutants(path: Path = SOURCE / "mutants.toml") -> list[Mutant]:
-    """The mutants of a file.  Raises ValueError naming the mutant and the field."""
-    station = (path.parent / "station.hpp").read_text()
-    found = []
-    for row in tomllib.loads(path.read_text())["mutant"]:
-        mutant = Mutant(**(row | {"rules": tuple(row["rules"])}))
-        if station.count(mutant.old) != 1:
-            raise ValueError(f"{mutant.name}: old: {station.count(mutant.old)} times, not once")
-        if mutant.new == mutant.old:
-            raise ValueError(f"{mutant.name}: new: changes nothing")
-        if not mutant.rules or set(mutant.rules) - set(RULES):
-            raise ValueError(f"{mutant.name}: rules: {', '.join(mutant.rules)}")
-        found.append(mutant)
-    if len({mutant.name for mutant in found}) != len(found):
-        raise ValueError("name: used twice")
-    return found
-
-
-def missing() -> str:
-    """What is not there; empty if all is."""
-    for tool in ("cmake", "g++"):
-        if shutil.which(tool) is None:
-            return tool
-    compiled = subprocess.run(
-        ["g++", "-fsyntax-only", "-x", "c++", "-"], input=INCLUDE, capture_output=True
-    )
-    return "" if compiled.returncode == 0 else "nlohmann/json.hpp"
-
-
-def build(folder: Path) -> Path:
-    """The station as its README says.  Raises CalledProcessError."""
-    for command in (
-        ["cmake", "-S", str(SOURCE), "-B", str(folder)],
-        ["cmake", "--build", str(folder), "--target", "station"],
-    ):
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
-    return folder / "station"
-
-
-def build_mutant(mutant: Mutant, folder: Path) -> Path:
-    """A copy of the folder with the mistake in it, compiled.  Raises CalledProcessError."""
-    copy = folder / mutant.name
-    shutil.copytree(SOURCE, copy)
-    header = copy / "station.hpp"
-    header.write_text(header.read_text().replace(mutant.old, mutant.new))
-    out = copy / "station"
-    subprocess.run(
-        ["g++", "-std=c++17", "-O1", "-o", str(out), str(copy / "adapter.cpp")],
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-    )
-    return out
 
 
 def conform(station: Path, folder: Path, selectors: Sequence[str] = ()) -> tuple[int, Json]:

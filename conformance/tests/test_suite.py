@@ -40,7 +40,7 @@ from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.results import CaseResult, Report
 from automcm_conformance.tally import Part
 from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
-from automcm_conformance.wire import STEP_MS, Expected, Wire
+from automcm_conformance.wire import PLAIN, STEP_MS, Expected, Wire
 from automcm_spec import oracle as oracle_
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, canonical, content
@@ -132,6 +132,7 @@ class Suite:
             "Part",
             lambda name, o, third=False: Part(name, one if name == "special" else o, third),
         )
+        self.patch.setattr(suite, "VALUES", (PLAIN,))  # stations here may know an id
         self.patch.setattr(remainder, "read", lambda two: [])
         self.patch.setattr(adapter, "Process", Patient)
         chosen = purposes.select(purposes.load(), selectors)

@@ -233,24 +233,26 @@ class Reference:
 
     def apply(self, value: Json) -> tuple[Json, Json, Json, Json]:
         """One input.  Returns messages, told, timers armed and timers stopped."""
-        station, before = self.station, self.station.state
-        given: Message | None = None
+        before = self.station.state
+        given, (only,) = self.give(value)
+        return self._answer(before, value, given, only)
+
+    def give(self, value: Json) -> tuple[Message | None, list[Effects]]:
+        """One input, as the station takes it: the message if it is one, and what it does."""
+        station = self.station
         match value[0]:
             case "receive":
                 given = self._concrete_message(value[1])
                 self._plan = PLANNED if value[2] else None
-                effects = station.receive(given, NOW)
+                return given, station.receive(given, NOW)
             case "cam":
-                effects = station.receive(self._cam(value), NOW)
+                return None, station.receive(self._cam(value), NOW)
             case "command":
-                effects = station.command(self._command(value), NOW)
+                return None, station.command(self._command(value), NOW)
             case "expire":
                 station.timers[self._timer(value[1])] = NOW
-                effects = station.advance(NOW)
-            case _:
-                effects = station.restart(NOW)
-        (only,) = effects
-        return self._answer(before, value, given, only)
+                return None, station.advance(NOW)
+        return None, station.restart(NOW)
 
     # -- inputs
 

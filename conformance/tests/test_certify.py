@@ -1,0 +1,212 @@
+"""The certificate of the kit: mutants are made, told from the reference, and judged rightly."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli import certificate, certificate_page, equivalence
+from automcm_cli.certificate import Asked, Certificate, Row
+from automcm_cli.equivalence import Difference
+from automcm_cli.main import app
+from automcm_cli.mutated import NO_IMPORT
+from automcm_cli.source_edits import CLASSES
+from automcm_cli.source_mutants import FOLDER, SHARE, Generated, Mutant, generate, sample
+
+TIGHT = (("tight", 0),)
+
+
+@pytest.fixture(scope="module")
+def made() -> Generated:
+    return generate()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the digests of the reference are kept."""
+    return tmp_path_factory.mktemp("certify")
+
+
+def changed(module: str, old: str, new: str) -> Mutant:
+    """A mutant made by hand."""
+    source = (FOLDER / f"{module}.py").read_text(encoding="utf-8")
+    assert source.count(old) == 1, old
+    mutated = source.replace(old, new)
+    line = source[: source.index(old)].count("\n") + 1
+    return Mutant(f"{module}/by hand/guard-1", "guard", module, line, "", old, new, mutated)
+
+
+def test_the_same_mutants_come_each_time(made: Generated) -> None:
+    again = generate(modules=["state", "ending"])
+    assert again.mutants == [m for m in made.mutants if m.module in ("state", "ending")]
+    chosen = sample(made.mutants, SHARE, 1)
+    assert chosen == sample(list(made.mutants), SHARE, 1)
+    assert {m.id for m in chosen} != {m.id for m in sample(made.mutants, SHARE, 2)}
+    assert sample(made.mutants, 0, 1) == made.mutants
+
+
+def test_there_are_enough_of_each_class(made: Generated) -> None:
+    assert len(made.mutants) >= len(sample(made.mutants, SHARE, 1)) >= 150
+    classes = Counter(m.class_ for m in sample(made.mutants, SHARE, 1))
+    assert set(classes) == set(CLASSES) and min(classes.values()) >= 20
+    assert len({m.id for m in made.mutants}) == len(made.mutants)
+    assert len({(m.module, m.source) for m in made.mutants}) == len(made.mutants)
+    for m in made.mutants:
+        assert re.fullmatch(r"[a-z]+/\w+/[a-z]+-\d+", m.id)
+        assert m.rule and m.old != m.new
+
+
+SCRIPTS = {
+    "table": (
+        "actuating",
+        '"ACT-3", from_own_prescriber, finished',
+        '"ACT-3", from_own_prescriber, acked',
+    ),
+    "guard": (
+        "advertising",
+        'st.bound, refuse),\n    Row("END-7"',
+        'False, refuse),\n    Row("END-7"',
+    ),
+    "timer": (
+        "parameters",
+        "self.t_timeout // self.t_resend + 1",
+        "self.t_timeout // self.t_resend",
+    ),
+    "field": ("advertising", "seq=1,\n        scenario", "seq=2,\n        scenario"),
+    "memory": ("advertising", "number=st.number + 1,\n", "\n"),
+    "form": ("messages", "Field(ge=1, le=2**32 - 1)", "Field(ge=0, le=2**32 - 1)"),
+}
+PARAMETERS = {
+    **{"t_timeout": 300, "t_resend": 100, "t_decide": 500, "t_cam_loss": 1500, "t_cam": 1000},
+    **{"backoff_min": 5, "backoff_max": 5, "max_rounds": 3, "max_participants": 2},
+    **{"outbox_limit": 8, "memory_limit": 8},
+}
+REQUEST = {"name": "request", "scenario": "lane_change", "details": {}}
+FIN = {"v": 1, "type": "Fin", "src": 9, "dst": 1, "session": [9, 1], "seq": 3}
+LINES = [
+    {"cmd": "hello", "protocol": 1},
+    {"cmd": "reset", "now": 0, "station": 1, "parameters": PARAMETERS, "seed": 1},
+    {"cmd": "receive", "now": 1, "message": FIN},
+    {"cmd": "receive", "now": 1, "message": FIN | {"src": 0}},
+    {"cmd": "command", "now": 2, "command": REQUEST},
+    {"cmd": "command", "now": 3, "command": REQUEST},
+    {"cmd": "advance", "now": 399},
+    {"cmd": "advance", "now": 1000},
+    {"cmd": "command", "now": 2000, "command": REQUEST},
+    {"cmd": "stop"},
+]
+
+
+def said(module: str, file: str) -> str:
+    lines = "".join(json.dumps(line) + "\n" for line in LINES)
+    command = [sys.executable, "-m", "automcm_cli.mutated", module, file]
+    return subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout
+
+
+@pytest.mark.parametrize("class_", [c for c in SCRIPTS if c != "table"])
+def test_a_mutated_child_answers_differently(class_: str, tmp_path: Path) -> None:
+    module, old, new = SCRIPTS[class_]
+    file = tmp_path / "source.py"
+    file.write_text(changed(module, old, new).source, encoding="utf-8")
+    right, wrong = said("state", "-"), said(module, str(file))
+    assert right.count("\n") == wrong.count("\n") == len(LINES) - 1
+    assert right != wrong
+
+
+def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None:
+    file = tmp_path / "source.py"
+    file.write_text("1 / 0")
+    command = [sys.executable, "-m", "automcm_cli.mutated", "state", str(file)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert done.returncode == NO_IMPORT and "ZeroDivisionError" in done.stderr
+
+
+def walked(mutant: Mutant, folder: Path) -> Difference | None:
+    file = folder / "source.py"
+    file.write_text(mutant.source, encoding="utf-8")
+    return equivalence.difference(mutant, file, folder, TIGHT)
+
+
+def test_an_equivalent_mutant_is_called_so(folder: Path) -> None:
+    same = changed("prescribing", "not (st.phase == ", "True and not (st.phase == ")
+    assert walked(same, folder) is None
+
+
+def test_a_difference_is_found_and_shown(folder: Path) -> None:
+    module, old, new = SCRIPTS["table"]
+    found = walked(changed(module, old, new), folder)
+    assert found is not None and found.graph == "tight"
+    assert '"Fin"' in found.input and found.state[1] == "receiver"
+    assert "finished" in found.right and "finished" not in found.wrong
+
+
+def test_only_what_may_call_the_change_is_walked(made: Generated) -> None:
+    kinds = {m.id.rsplit("/", 1)[0]: equivalence.kinds_of(m) for m in made.mutants}
+    assert kinds["state/armed"] == kinds["phases/ReceiverPhases"] == set()
+    assert kinds["prescribing/prescribe"] == {"command prescribe"}
+    assert kinds["actuating/FIN"] == {"receive Fin"}
+    assert kinds["ending/drop"] == {"expire giveup", "receive Ack"}
+
+
+def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
+    """A suite that cannot see a mutant, and one that can."""
+    mutant = changed(*SCRIPTS["table"])
+    for known in folder.glob("*.digests"):
+        (tmp_path / known.name).write_bytes(known.read_bytes())
+    blind = Asked(tmp_path, selectors=("AMCM/STA/REL/TI-01",), jobs=1, walks=TIGHT)
+    for _ in range(2):  # the second time from what was kept
+        rows, problems = certificate.run([mutant], blind, lambda text: None)
+        (row,) = rows
+        assert row.verdict == "survived" and row.difference is not None and problems == []
+    found = certificate.of(blind, Generated([mutant]), 1, rows, problems)
+    assert found.exit_code == 1 and found.as_dict()["counts"] == {"survived": 1}
+    shown = certificate_page.summary(found)
+    assert mutant.id in shown and row.difference.input in shown
+    seeing = replace(blind, selectors=("ACT-3",), cases=1)
+    (row,), problems = certificate.run([mutant], seeing, lambda text: None)
+    assert row.verdict == "killed" and len(row.cases) == 1 and problems == []
+
+
+def of(*rows: Row, chosen: int = 2) -> Certificate:
+    return Certificate(7, 3, [], "ab" * 32, 900, chosen, rows=list(rows))
+
+
+KILLED = Row("state/armed/timer-1", "timer", "reference/automcm/state.py", 9, "ACT-5", "a | b", "a")
+
+
+def test_the_exit_code_says_what_is_left() -> None:
+    killed = replace(KILLED, verdict="killed", cases=["AMCM/PRE/ACT/TI-01"])
+    equal = replace(KILLED, verdict="equivalent")
+    assert of(killed, equal).exit_code == 0
+    assert of(killed, replace(KILLED, verdict="survived")).exit_code == 1
+    assert of(killed, replace(KILLED, verdict="undecided")).exit_code == 1
+    assert of(killed).exit_code == 3, "not complete"
+
+
+def test_the_page_is_made_of_the_certificate() -> None:
+    killed = replace(KILLED, verdict="killed", cases=["AMCM/PRE/ACT/TI-01", "AMCM/STA/REL/TI-02"])
+    difference = Difference("tight", ["STANDALONE"], '["restart"]', "one", "other")
+    survived = replace(KILLED, id="state/key/field-1", class_="field", verdict="survived")
+    survived.difference = difference
+    text = certificate_page.markdown(of(killed, survived))
+    assert "| timer | 1 | 1 | 0 | 0 | 0 | 0 |" in text
+    assert "| class | mutants | ACT | REL |" in text and "| timer | 1 | 1 | 1 |" in text
+    assert "`a \\| b  =>  a` | PRE/ACT/TI-01, STA/REL/TI-02 |" in text
+    assert "right one" in text and "wrong other" in text and "seed 7" in text
+    assert text == certificate_page.markdown(of(killed, survived))
+
+
+def test_usage() -> None:
+    for bad in (["--class", "odd"], ["--mutant", "no/such/one-1"], ["--station", "moon"]):
+        assert CliRunner().invoke(app, ["conform", "certify", *bad]).exit_code == 2
+    listed = CliRunner().invoke(app, ["conform", "certify", "--list", "--class", "form"])
+    assert listed.exit_code == 0 and "messages/" in listed.output
+    assert "state/" not in listed.output
