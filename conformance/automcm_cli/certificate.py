@@ -281,7 +281,7 @@ def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
     problems: list[str] = []
     header = (cpp.SOURCE / "station.hpp").read_text(encoding="utf-8")
     for m in mutants:
-        line = header[: header.index(m.old)].count("\n") + 1
+        line = header[: header.index(m.edits[0][0])].count("\n") + 1
         file = "conformance/implementations/cpp/station.hpp"
         row = Row(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
         rows[m.name] = row

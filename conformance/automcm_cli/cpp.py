@@ -13,16 +13,18 @@ from automcm_spec.rules import RULES
 SOURCE = Path(__file__).resolve().parents[1] / "implementations" / "cpp"
 SECONDS = 900
 """For one compiler, or one run of the suite."""
+COMBINED = SOURCE / "combined.toml"
 INCLUDE = b"#include <nlohmann/json.hpp>\nint main() {}\n"
 
 
 @dataclass(frozen=True)
 class Mutant:
+    """Mistakes in station.hpp: ``edits`` are texts and what stands there instead."""
+
     name: str
     story: str
-    old: str
-    new: str
     rules: tuple[str, ...]
+    edits: tuple[tuple[str, str], ...]
 
 
 def mutants(path: Path = SOURCE / "mutants.toml") -> list[Mutant]:
@@ -30,11 +32,13 @@ def mutants(path: Path = SOURCE / "mutants.toml") -> list[Mutant]:
     station = (path.parent / "station.hpp").read_text()
     found = []
     for row in tomllib.loads(path.read_text())["mutant"]:
-        mutant = Mutant(**(row | {"rules": tuple(row["rules"])}))
-        if station.count(mutant.old) != 1:
-            raise ValueError(f"{mutant.name}: old: {station.count(mutant.old)} times, not once")
-        if mutant.new == mutant.old:
-            raise ValueError(f"{mutant.name}: new: changes nothing")
+        edits = tuple((edit["old"], edit["new"]) for edit in row.get("edit", [row]))
+        mutant = Mutant(row["name"], row["story"], tuple(row["rules"]), edits)
+        for old, new in edits:
+            if station.count(old) != 1:
+                raise ValueError(f"{mutant.name}: old: {station.count(old)} times, not once")
+            if new == old:
+                raise ValueError(f"{mutant.name}: new: changes nothing")
         if not mutant.rules or set(mutant.rules) - set(RULES):
             raise ValueError(f"{mutant.name}: rules: {', '.join(mutant.rules)}")
         found.append(mutant)
@@ -69,7 +73,10 @@ def build_mutant(mutant: Mutant, folder: Path) -> Path:
     copy = folder / mutant.name
     shutil.copytree(SOURCE, copy)
     header = copy / "station.hpp"
-    header.write_text(header.read_text().replace(mutant.old, mutant.new))
+    text = header.read_text()
+    for old, new in mutant.edits:
+        text = text.replace(old, new)
+    header.write_text(text)
     out = copy / "station"
     subprocess.run(
         ["g++", "-std=c++17", "-O1", "-o", str(out), str(copy / "adapter.cpp")],

@@ -21,6 +21,7 @@ import pytest
 from wrong_station import station
 
 from automcm.kit import HELLO
+from automcm_cli import cpp
 from automcm_conformance import (
     adapter,
     purposes,
@@ -1299,8 +1300,11 @@ def foreign() -> Any:
 
 def test_the_mutants_are_well_formed(foreign: Any) -> None:
     found = foreign.mutants()
-    assert len(found) == 12
-    assert all(mutant.story.endswith(".") for mutant in found)
+    assert len(found) == 27
+    combined = foreign.mutants(cpp.COMBINED)
+    assert len(combined) == 10
+    assert all(len(mutant.edits) == len(mutant.rules) == 2 for mutant in combined)
+    assert all(mutant.story.endswith(".") for mutant in [*found, *combined])
 
 
 @pytest.mark.parametrize(
