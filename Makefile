@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test test-deep test-foreign generate fuzz clean
+.PHONY: verify test test-deep test-foreign test-explore generate fuzz clean
 .DELETE_ON_ERROR:
 
 verify: .venv/ready
@@ -21,6 +21,10 @@ test-deep: .venv/ready
 # The suite against the C++ station and its mutants; what is not on this machine is skipped loudly.
 test-foreign: .venv/ready
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
+
+# Exploration against stations with two mistakes each: found in a minute, shortened; minutes in all.
+test-explore: .venv/ready
+	@$(BIN)/python conformance/tests/explored.py $(ARGS)
 
 generate: .venv/ready
 	@$(BIN)/automcm generate $(ARGS)

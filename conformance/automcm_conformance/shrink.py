@@ -74,6 +74,7 @@ class Shrinker:
     first: First
     timed: bool
     runs: int = RUNS
+    near: int = NEAREST
 
     def shrink(self, found: Short) -> Short:
         """A short walk that breaks the same rule as ``found``."""
@@ -83,7 +84,7 @@ class Shrinker:
         self.runs = STARTS if kind else RUNS
         best = self._from_afar(self._in_any_time(found) if self.timed else found)
         if best.setting.timed and not kind:
-            best = self._nearest(best)
+            best = self.nearest(best)
         length = best.sent + 1
         while best.sent < length:
             length = best.sent
@@ -116,7 +117,7 @@ class Shrinker:
                 return short
         return found
 
-    def _nearest(self, found: Short) -> Short:
+    def nearest(self, found: Short) -> Short:
         """The shortest way to break the rule by the graph alone, if it is shorter: with the same
         input where phase, role and proposal are the same, with the same input, with any."""
         pair = pair_of(found.error)
@@ -140,7 +141,7 @@ class Shrinker:
 
     def _nearest_of(self, walks: Iterator[list[Act]], setting: Setting) -> Short | None:
         """The first of some walks that breaks the rule."""
-        some = list(islice(walks, NEAREST))
+        some = list(islice(walks, self.near))
         for at in range(0, len(some), TOGETHER):
             together = some[at : at + TOGETHER]
             n = self.first(setting, together)
