@@ -12,6 +12,8 @@ from typing import Any
 
 from automcm_conformance.malformed import named_by_acks
 from automcm_conformance.protocol import DEFAULTS
+from automcm_conformance.wire import ME, STRANGER
+from automcm_conformance.wire import PLAIN as VALUES
 
 Json = Any
 Script = list[Json]
@@ -284,7 +286,25 @@ _CANCELS = (
     *("cam_loss", "lease_expired", "abort"),
 )
 
+_OVERHEARD = [
+    ["receive", [type_, Y, STRANGER, MINE, *fields], True]
+    for type_, *fields in (
+        ("Intention", 1, 0, False, "none", ["none", 0]),
+        ("Prescription", 1, 1, False, "none", ["none", 0]),
+        ("Acceptance", 1, 1, True, "none", ["none", 0]),
+        ("Fin", 1, 0, False, "none", ["none", 0]),
+        ("Cancel", 1, 0, False, "as_sent", ["none", 0]),
+        ("Ack", 0, 0, False, "none", ["Cancel", 1]),
+    )
+]
+"""Messages to another station."""
+_ECHOED = {"src": VALUES.ids[ME], "session": [VALUES.ids[ME], 1]}
+
 PLAIN: dict[str, list[Script]] = {
+    "echoes": [
+        [*script, ["wait", 30], *(["with", _ECHOED, message] for message in _OVERHEARD)]
+        for script in ([], WAITING, COMMITTED, [REQUEST, INTENDED], PRESCRIBING, ACTING)
+    ],
     "reasons receiver": [
         [*script, ["with", {"reason": reason}, CANCELLED], CANCELLED]
         for script in ([ADVERTISED], WAITING, VERIFYING, COMMITTED)

@@ -706,6 +706,16 @@ WRONG: dict[str, tuple[str, str, str, str]] = {
         "",
         "deadline",
     ),
+    "echoes": (
+        "AMCM/STA/MSG/BI-05",
+        "",
+        "def answer(c):\n"
+        "    out = right(c)\n"
+        "    if c['cmd'] == 'receive' and c['message'].get('src') == 4711:\n"
+        "        out['indications'] = [{'name': 'discarded'}]\n"
+        "    return out",
+        "discarded",
+    ),
     "sendings, none": (
         "AMCM/STA/REL/TI-05",
         LASTS.format(name="giveup", ms="max(ms, 2 * self.parameters.t_resend)"),
