@@ -18,7 +18,8 @@ test: .venv/ready
 test-deep: .venv/ready
 	@$(BIN)/python reference/tests/stateful.py $(ARGS)
 
-# The suite against the C++ station and its mutants; what is not on this machine is skipped loudly.
+# The suite against the stations in C++ and Go, and mutants; what is not on this machine is skipped
+# loudly.
 test-foreign: .venv/ready
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 

@@ -136,12 +136,12 @@ def run(
 
 def fresh_folder() -> Path:
     """runs/<time>, with a number behind it if it is there."""
-    stem = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
-    for n in range(1, 1000):
-        folder = Path("runs") / (stem if n == 1 else f"{stem}-{n}")
-        if not folder.exists():
-            return folder
-    raise typer.BadParameter("runs: too many folders of this second")
+    from automcm_conformance import paths
+
+    try:
+        return paths.fresh_folder()
+    except FileExistsError as error:
+        raise typer.BadParameter(str(error)) from None
 
 
 @app.command("list", epilog="Example: automcm conform list NEG-4 --json -.  " + CODES)

@@ -266,27 +266,31 @@ def _junit(report: Report) -> JUnitXml:
 
 def _junit_result(case: CaseResult) -> Skipped | Failed | Error | None:
     """None for a case that passed."""
-    first = case.failures[0].what if case.failures else ""
-    why = visible(case.reason or first or case.verdict)
     if case.expected:
-        if case.verdict == "PASS":
-            return None
-        known = case.verdict == case.wanted and case.wanted != "SKIP"
-        message = f"expected: {visible(case.because) or why}" if known else why
-        return Skipped(message, case.verdict)
-    result: Failed | Error
-    if case.verdict == "FAIL":
-        result = Failed(why, case.verdict)
-    elif case.verdict in ("PASS", "SKIP"):
-        wanted = "fail" if case.wanted == "FAIL" else f"be {case.wanted}"
-        result = Failed(f"was expected to {wanted}", case.verdict)
-    else:
-        result = Error(why, case.verdict)
+        return None if case.verdict == "PASS" else Skipped(why(case), case.verdict)
+    result = (Error if case.verdict in ("INCONC", "ERROR") else Failed)(why(case), case.verdict)
+    result.text = told(case)
+    return result
+
+
+def why(case: CaseResult) -> str:
+    """Why the verdict on a case is no PASS, or not as expected: one line."""
+    first = case.failures[0].what if case.failures else ""
+    reason = visible(case.reason or first or case.verdict)
+    if case.expected:
+        known = case.verdict == case.wanted != "SKIP"
+        return f"expected: {visible(case.because) or reason}" if known else reason
+    if case.verdict in ("PASS", "SKIP"):
+        return f"was expected to {'fail' if case.wanted == 'FAIL' else f'be {case.wanted}'}"
+    return reason
+
+
+def told(case: CaseResult) -> str:
+    """What a case is about, and each of its failures with the exchange that leads to it."""
     texts = [f"given {case.given}", f"when {case.when}", f"then {case.then}"]
     texts += [f"reason: {case.reason}", f"because: {case.because}"]
-    told = "\n".join(visible(text) for text in texts if not text.endswith(": "))
-    result.text = "\n\n".join([told, *(_told(failure) for failure in case.failures)])
-    return result
+    about = "\n".join(visible(text) for text in texts if not text.endswith(": "))
+    return "\n\n".join([about, *(_told(failure) for failure in case.failures)])
 
 
 def _told(failure: Failure) -> str:

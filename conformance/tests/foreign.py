@@ -1,28 +1,32 @@
-"""The suite against a station that somebody else wrote: it passes in full, and each of its
-mutants fails in a case that names a rule of the mutant.
+"""The suite against stations of other people, in C++ and in Go: they pass in full, and each mutant
+of the one in C++ fails in a case whose rule fits.
 
     python conformance/tests/foreign.py [--station-only] [--mutant NAME]...
 
-Needs cmake, g++ and nlohmann/json.hpp; what cannot be run for want of them counts as skipped.
+Needs cmake, g++ and nlohmann/json.hpp, and Go; what cannot be run for want of them counts as
+skipped.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from automcm_cli.cpp import SECONDS, Mutant, build, build_mutant, missing, mutants
+from automcm_cli.cpp import SECONDS, SOURCE, Mutant, build, build_mutant, missing, mutants
 
 Json = Any
+GO = SOURCE.with_name("go")
 AUTOMCM = Path(sys.executable).parent / "automcm"
 TOGETHER = 2
 """Compilers and runs at once."""
@@ -41,6 +45,54 @@ class Row:
     skipped: bool = False
 
 
+def go_missing() -> str:
+    """What the station in Go lacks here; empty if nothing."""
+    if shutil.which("go") is None:
+        return "go"
+    with TemporaryDirectory(prefix="automcm-go-") as name:
+        done = go(Path(name), "list", ".")
+    return "" if done.returncode == 0 else f"a newer go: {done.stderr.strip()}"
+
+
+def go(cache: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run go in the folder of the station: nothing is downloaded, nothing is left outside of
+    ``cache``."""
+    offline = {"GOFLAGS": "-mod=mod", "GOPROXY": "off", "GOTOOLCHAIN": "local", "GOWORK": "off"}
+    env = os.environ | offline | {"GOCACHE": str(cache), "GOPATH": str(cache / "path")}
+    return subprocess.run(
+        ["go", *arguments], cwd=GO, env=env, capture_output=True, text=True, timeout=SECONDS
+    )
+
+
+def build_go(folder: Path) -> Path:
+    """The station as its README says, after its own tests.  Raises CalledProcessError."""
+    station = folder / "station"
+    for arguments in (("vet", "."), ("test", "."), ("build", "-o", str(station), ".")):
+        done = go(folder / "cache", *arguments)
+        if done.returncode:
+            raise subprocess.CalledProcessError(
+                done.returncode, ["go", *arguments], done.stdout, done.stdout + done.stderr
+            )
+    return station
+
+
+@dataclass(frozen=True)
+class Station:
+    """One of those in ``implementations``."""
+
+    name: str
+    missing: Callable[[], str]
+    """What its toolchain lacks here; empty if nothing."""
+    build: Callable[[Path], Path]
+    """Into this folder; the program built.  Raises CalledProcessError."""
+
+
+STATIONS = (
+    Station("the station in C++", missing, build),
+    Station("the station in Go", go_missing, build_go),
+)
+
+
 def conform(station: Path, folder: Path, selectors: Sequence[str] = ()) -> tuple[int, Json]:
     """The exit code of a run, and its report (None if there is none)."""
     command = [str(AUTOMCM), "conform", "run", *selectors, "--out", str(folder)]
@@ -54,11 +106,15 @@ def conform(station: Path, folder: Path, selectors: Sequence[str] = ()) -> tuple
     return done.returncode, report
 
 
-def check_station(folder: Path) -> Row:
+def check_station(station: Station, folder: Path) -> Row:
     """It is built, and passes in full."""
-    row, begun = Row("the station itself"), time.monotonic()
+    row, begun = Row(station.name), time.monotonic()
+    if lacking := station.missing():
+        row.failed, row.skipped = f"{lacking} is missing", True
+        return row
     try:
-        code, report = conform(build(folder / "build"), folder / "station")
+        own = folder / station.name.replace(" ", "-")
+        code, report = conform(station.build(own), own / "report")
         row.failed = "no report" if report is None else wrong(code, report)
         row.verdict = "FAIL" if row.failed else "PASS"
     except (subprocess.SubprocessError, OSError) as error:
@@ -136,21 +192,21 @@ def main() -> int:
     if options.mutant is not None and len(chosen) != len(set(options.mutant)):
         parser.error(f"--mutant: one of {', '.join(m.name for m in mutants())}")
     chosen = [] if options.station_only else chosen
-    lacking = missing()
+    stations = () if options.mutant else STATIONS
+    lacking = missing() if chosen else ""
     with TemporaryDirectory(prefix="automcm-foreign-") as name:
         folder = Path(name)
-        if lacking:
-            print(f"SKIPPED: {lacking} is not installed", file=sys.stderr)
-            names = [
-                *(["the station itself"] if not options.mutant else []),
-                *(m.name for m in chosen),
-            ]
-            rows = [Row(n, failed=f"{lacking} is missing", skipped=True) for n in names]
-        else:
-            with ThreadPoolExecutor(TOGETHER) as pool:
-                jobs = [] if options.mutant else [pool.submit(check_station, folder)]
+        with ThreadPoolExecutor(TOGETHER) as pool:
+            jobs = [pool.submit(check_station, station, folder) for station in stations]
+            if not lacking:
                 jobs += [pool.submit(check_mutant, mutant, folder) for mutant in chosen]
-                rows = [job.result() for job in jobs]
+            rows = [job.result() for job in jobs]
+        if lacking:
+            why = f"{lacking} is missing"
+            rows += [Row(mutant.name, failed=why, skipped=True) for mutant in chosen]
+    for row in rows:
+        if row.skipped:
+            print(f"SKIPPED {row.name}: {row.failed}", file=sys.stderr)
     show(rows)
     skipped = sum(row.skipped for row in rows)
     failed = sum(bool(row.failed) for row in rows) - skipped

@@ -12,7 +12,8 @@ import pytest
 from typer.main import get_command
 
 from automcm.kit import serve
-from automcm_cli.conform import app
+from automcm_cli.main import app
+from automcm_conformance.explore import FORMAT, Exploration
 from automcm_conformance.protocol import COMMAND, INDICATIONS, read_answer, read_hello
 from automcm_conformance.purposes import load as load_purposes
 from automcm_conformance.results import (
@@ -129,9 +130,24 @@ def test_the_guide_names_every_verdict_field_and_option() -> None:
     for kind in (CaseResult, Failure, Line, Report):
         missing = {f.name for f in fields(kind) if f"`{f.name}`" not in text}
         assert not missing, kind.__name__
-    run = get_command(app).commands["run"]  # type: ignore[attr-defined]
-    options = {option for parameter in run.params for option in parameter.opts} - {"--help"}
-    assert {o for o in options if o.startswith("-")} <= set(re.findall(r"`(--\w+)`", text))
+    for command, heading in (("run", "## From nothing to a report"), ("explore", "## Exploring")):
+        found = get_command(app).commands["conform"].commands[command]  # type: ignore[attr-defined]
+        options = {option for each in found.params for option in each.opts} - {"--help"}
+        named = set(re.findall(r"`(--\w+)`", section("conformance.md", heading)))
+        assert {option for option in options if option.startswith("-")} == named, command
+
+
+def test_the_guide_names_what_an_exploration_holds() -> None:
+    text = section("conformance.md", "## Exploring")
+    missing = {f.name for f in fields(Exploration) if f"`{f.name}`" not in text}
+    assert not missing and FORMAT in text
+
+
+def test_the_guide_names_the_options_of_the_plugin(pytestconfig: pytest.Config) -> None:
+    text = section("conformance.md", "## With pytest").split("| verdict |")[0]
+    known = {name for name in vars(pytestconfig.option) if name.startswith("automcm_")}
+    named = {name.replace("-", "_") for name in re.findall(r"`--(automcm-\w+)", text)}
+    assert named == known
 
 
 @pytest.mark.parametrize(

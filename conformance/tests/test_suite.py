@@ -12,7 +12,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -1335,6 +1335,13 @@ def test_a_mutant_that_is_not(
     (tmp_path / "mutants.toml").write_text(f"{row}rules = {rules or ['NEG-4']}\n")
     with pytest.raises(ValueError, match=re.escape(says)):
         foreign.mutants(tmp_path / "mutants.toml")
+
+
+def test_a_station_without_its_toolchain_is_skipped(foreign: Any, tmp_path: Path) -> None:
+    assert [each.name for each in foreign.STATIONS] == ["the station in C++", "the station in Go"]
+    for station in foreign.STATIONS:
+        row = foreign.check_station(replace(station, missing=lambda: "a compiler"), tmp_path)
+        assert (row.skipped, row.verdict, row.failed) == (True, "", "a compiler is missing")
 
 
 def test_what_foreign_takes_for_a_pass(foreign: Any) -> None:

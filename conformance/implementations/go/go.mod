@@ -1,0 +1,3 @@
+module automcm/station
+
+go 1.23
