@@ -322,25 +322,27 @@ class Explorer:
         self, each: Walk, setting: Setting, walks: Sequence[Sequence[Act]], rule: str
     ) -> int | None:
         """The first of some walks that breaks this rule, as far as they can be played together."""
-        if not self.runner.predict:
-            wrong = (n for n, acts in enumerate(walks) if self._attempt(each, setting, acts, rule))
-            return next(wrong, None)
-        exchanges = []
-        for acts in walks:
-            x = self._exchange(each.ground, setting)
-            walk(x, acts, setting)
-            exchanges.append(x)
-        n, error = self._together(exchanges)
-        if isinstance(error, Unpredicted):
-            self.runner.predict = False
-            return self._first(each, setting, walks, rule)
-        if error is None:
-            return None
-        self.runner.in_step(error)
-        if rule_of(each.ground.oracle, error) == rule:
-            return n
-        rest = self._first(each, setting, walks[n + 1 :], rule)
-        return None if rest is None else n + 1 + rest
+        left = list(walks)
+        while left:
+            if not self.runner.predict:
+                wrong = (self._attempt(each, setting, acts, rule) for acts in left)
+                n = next((n for n, error in enumerate(wrong) if error is not None), len(left))
+                return None if n == len(left) else len(walks) - len(left) + n
+            exchanges = []
+            for acts in left:
+                exchanges.append(self._exchange(each.ground, setting))
+                walk(exchanges[-1], acts, setting)
+            n, error = self._together(exchanges)
+            if isinstance(error, Unpredicted):
+                self.runner.predict = False
+            elif error is None:
+                return None
+            else:
+                self.runner.in_step(error)
+                if rule_of(each.ground.oracle, error) == rule:
+                    return len(walks) - len(left) + n
+                left = left[n + 1 :]
+        return None
 
     # -- reports
 

@@ -1339,8 +1339,8 @@ def test_a_mutant_that_is_not(
 
 def test_a_station_without_its_toolchain_is_skipped(foreign: Any, tmp_path: Path) -> None:
     assert [each.name for each in foreign.STATIONS] == ["the station in C++", "the station in Go"]
-    for station in foreign.STATIONS:
-        row = foreign.check_station(replace(station, missing=lambda: "a compiler"), tmp_path)
+    for each in foreign.STATIONS:
+        row = foreign.check_station(replace(each, missing=lambda: "a compiler"), tmp_path)
         assert (row.skipped, row.verdict, row.failed) == (True, "", "a compiler is missing")
 
 
