@@ -7,6 +7,7 @@ only how many walks there are depends on the time.
 
 from __future__ import annotations
 
+import gc
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -127,7 +128,7 @@ class Explorer:
         self._last: list[Step] = []
         """What was said in the last walk that went well."""
 
-    def run(self, more: Callable[[int], bool]) -> Exploration:
+    def run(self, more: Callable[[int], bool]) -> None:
         """Walk as long as ``more`` says so of the number of walks."""
         waiting: list[Walk] = []
         lines, number = 0, 0
@@ -142,9 +143,10 @@ class Explorer:
                 waiting, lines = [], 0
                 self.runner.say(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
         self._land(waiting)
-        self.found.coverage = {g.name: g.coverage() for g in self.grounds}
-        self.found.problems += [p for p in (self.runner.cut_short,) if p]
-        return self.found
+        if not self.grounds:
+            self.found.problems.append("no graph has the limits that are fixed")
+        elif self.runner.cut_short:
+            self.found.problems.append(self.runner.cut_short)
 
     @property
     def _goes_on(self) -> bool:
@@ -429,18 +431,22 @@ def explore(
     spec = present_hash()
     with uncollected():
         oracles = {o.name: o for o in (load(graph.path, spec) for graph in GRAPHS)}
-        adapter = Adapter(command, limit_s)
-        explorer = Explorer(Runner(adapter, (), seed, say), oracles, folder, seed, enough)
-        try:
-            explorer.run(more)
-        except KeyboardInterrupt:
-            explorer.found.problems.append("interrupted")
-        except OSError:
-            raise
-        except Exception as error:  # a fault of ours must not cost what was found so far
-            traceback.print_exc()
-            explorer.found.problems.append(f"{BROKE}: {type(error).__name__}: {error}")
-        finally:
-            adapter.stop()
-        explorer.found.problems += adapter.problems
-    return explorer.found
+    adapter = Adapter(command, limit_s)
+    explorer = Explorer(Runner(adapter, (), seed, say), oracles, folder, seed, enough)
+    found = explorer.found
+    gc.freeze()  # the collector need not look at the graphs again and again
+    try:
+        explorer.run(more)
+    except KeyboardInterrupt:
+        found.problems.append("interrupted")
+    except OSError:
+        raise
+    except Exception as error:  # a fault of ours must not cost what was found so far
+        traceback.print_exc()
+        found.problems.append(f"{BROKE}: {type(error).__name__}: {error}")
+    finally:
+        gc.unfreeze()
+        adapter.stop()
+    found.problems += adapter.problems
+    found.coverage = {g.name: g.coverage() for g in explorer.grounds}
+    return found

@@ -173,6 +173,25 @@ def test_a_station_that_hangs_ends_in_a_report(tmp_path: Path) -> None:
     assert found.exit_code == 3
 
 
+def test_limits_that_no_graph_has_are_a_problem(tmp_path: Path) -> None:
+    found = explored('kit.HELLO["fixed"] = {"max_rounds": 7}\n', tmp_path, 5)
+    assert found.walks == 0 and found.exit_code == 3
+    assert found.problems == ["no graph has the limits that are fixed"]
+
+
+def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
+    def more(number: int) -> bool:
+        if number == 12:
+            raise KeyboardInterrupt
+        return True
+
+    command, say = station(), lambda text: None
+    found = explore.explore(
+        command, tmp_path, limit_s=LIMIT_S, seed=1, enough=1, say=say, more=more
+    )
+    assert found.problems == ["interrupted"] and found.coverage
+
+
 def test_walks_go_where_none_has_been() -> None:
     from random import Random
 
