@@ -207,7 +207,8 @@ class Walker:
                 break
             if self.random.randrange(100) < self.faults.odd:
                 quiet = self.ground.quiet(state, self.random)
-                tour += [] if quiet is None else [quiet]
+                if quiet is not None:
+                    self._note(tour, state, quiet)
             state = self._note(tour, state, i)
         while len(tour) < length:
             chosen = self._choose(state, None)
@@ -221,22 +222,20 @@ class Walker:
         also if that raises Mismatch, Broken or Unpredicted."""
         while len(acts) < length and x.sure:
             due = x.next_due
-            pause, i = self.random.choice(PAUSES_MS), NOTHING
+            chosen = self._choose(x.state, False)
             if due is not None and self.random.randrange(100) < self.faults.silent:
                 pause = max(0, due - x.now - self.random.choice((0, 0, 1)))
-                together = due == x.now + pause and self.random.randrange(3) == 0
-                if together:
-                    i = self._choose(x.state, False) or NOTHING
+                if due > x.now + pause or self.random.randrange(3):
+                    chosen = None  # else it comes together with the timer
             else:
+                pause = self.random.choice(PAUSES_MS)
                 if due is not None and x.now + pause >= due:
                     pause = 0
-                chosen = self._choose(x.state, False)
                 if chosen is None and due is None:
                     break
-                i = NOTHING if chosen is None else chosen
-            act = Act(pause, i)
-            if i != NOTHING:
-                self._hear(i)
+            act = Act(pause, NOTHING if chosen is None else chosen)
+            if chosen is not None:
+                self._hear(chosen)
             acts.append(act)
             before = len(x.queued)
             perform(x, act, setting)
