@@ -13,6 +13,8 @@ import typer
 from typer.core import TyperCommand
 
 from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.station import Remote, carry_out
+from automcm_cli.station import report as report_event
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,7 +27,7 @@ Limit = Annotated[float, typer.Option(help="Real seconds an answer may take.", m
 
 
 class WithCommand(TyperCommand):
-    """What stands after ``--`` is the command of the adapter."""
+    """What stands after ``--`` is the command of the adapter, or the address of a WebSocket."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if "--" in args:
@@ -38,21 +40,46 @@ class WithCommand(TyperCommand):
 
 
 def command_of(ctx: typer.Context) -> list[str]:
-    """The command after ``--``."""
+    """The command after ``--``, or the address (ws://...) alone."""
     command: list[str] = ctx.meta.get(COMMAND, [])
     if not command:
-        raise typer.BadParameter("the command of the adapter is missing; it stands after --")
+        raise typer.BadParameter(
+            "the command of the adapter, or its ws:// address, is missing; it stands after --"
+        )
     return command
 
 
-def adapter() -> None:
+def adapter(
+    websocket: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Serve it there over WebSocket, a station per connection."
+        ),
+    ] = None,
+    allow_remote: Remote = False,
+) -> None:
     """The reference behind the adapter protocol (docs/adapter.md), on standard input and output."""
     from automcm.kit import serve
 
+    if websocket is not None:
+        carry_out("adapter", _served(websocket, allow_remote))
+        return
     out = sys.stdout.buffer
     for answer in serve(sys.stdin.buffer):
         out.write(answer)
         out.flush()
+
+
+async def _served(where: str, allow_remote: bool) -> None:
+    """Serve until SIGTERM; where it listens is told in a line of JSON."""
+    from automcm.links.adapter_server import serve
+    from automcm.process import stopping
+
+    over = stopping()
+    async with await serve(where, allow_remote=allow_remote) as server:
+        host, port = server.sockets[0].getsockname()
+        report_event({"event": "start", "uri": f"ws://{host}:{port}"})
+        await over
 
 
 def _purposes(selectors: Sequence[str]) -> list[Purpose]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from automcm_conformance.process import AdapterError, Process
+from automcm_conformance.opened import Opened, opened
+from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import PROTOCOL, HelloAnswer, ProtocolError, read_hello
 
 PATIENCE = 10
@@ -20,7 +21,7 @@ class Adapter:
         self.broken = 0
         self.problems: list[str] = []
         self.limit_s = limit_s
-        self._process: Process | None = None
+        self._process: Opened | None = None
         self.hello = self._start()
 
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
@@ -63,7 +64,7 @@ class Adapter:
             self._process = None
 
     def _start(self) -> HelloAnswer:
-        self._process = Process(self.command, limit_s=self.limit_s)
+        self._process = opened(self.command, self.limit_s)
         try:
             line = b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL
             return read_hello(self._process.exchange([line])[0])

@@ -12,7 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from automcm_conformance.process import AdapterError, Process
+from automcm_conformance.opened import Opened, opened
+from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import (
     DEFAULTS,
     INDICATIONS,
@@ -98,8 +99,8 @@ class _Check:
                 self._refuses(what, line)
         return self._findings
 
-    def _process(self) -> Process:
-        return Process(self._command, limit_s=self._limit_s)
+    def _process(self) -> Opened:
+        return opened(self._command, self._limit_s)
 
     @contextmanager
     def _part(self, what: str) -> Iterator[None]:
@@ -120,13 +121,13 @@ class _Check:
         if all(finding.what != what for finding in self._findings):
             self._findings.append(Finding(level, what, _shown(sent), _shown(answered)))
 
-    def _exchange(self, process: Process, line: bytes) -> bytes:
+    def _exchange(self, process: Opened, line: bytes) -> bytes:
         self._sent.append(line)
         [answered] = process.exchange([line])
         self._answered.append(answered)
         return answered
 
-    def _ask(self, process: Process, value: Json, hint: str = "") -> Answer | None:
+    def _ask(self, process: Opened, value: Json, hint: str = "") -> Answer | None:
         """Send a command and look at the answer; None if it is not understood."""
         line = _line(value)
         answered = self._exchange(process, line)
@@ -157,7 +158,7 @@ class _Check:
         if answer.cams and "cam" not in self._features:
             yield "warning", "there are 'cams', but hello does not tell the feature cam"
 
-    def _hello(self, process: Process) -> None:
+    def _hello(self, process: Opened) -> None:
         line = _line(HELLO)
         answered = self._exchange(process, line)
         try:
@@ -172,7 +173,7 @@ class _Check:
             what = "neither prescriber nor receiver is among the features: nearly all is skipped"
             self._add("warning", what, line, answered)
 
-    def _script(self, process: Process) -> None:
+    def _script(self, process: Opened) -> None:
         """A bit of everything.  Each command is kept, so that it can be sent again."""
         self._sent, self._answered = [], []
         self._ask(process, self._reset(START))
@@ -200,17 +201,17 @@ class _Check:
         reset = {"cmd": "reset", "now": now, "station": STATION, "seed": 1}
         return {**reset, "parameters": parameters}
 
-    def _request(self, process: Process) -> Answer | None:
+    def _request(self, process: Opened) -> Answer | None:
         command = {"name": "request", "scenario": self._scenario, "details": {}}
         return self._ask(process, {"cmd": "command", "now": self._now, "command": command})
 
     def _receive(
-        self, process: Process, message: Json, planned: Json = None, hint: str = ""
+        self, process: Opened, message: Json, planned: Json = None, hint: str = ""
     ) -> Answer | None:
         value = {"cmd": "receive", "now": self._now, "message": message}
         return self._ask(process, value | ({"planned": planned} if planned else {}), hint)
 
-    def _advance(self, process: Process, answer: Answer | None, times: int) -> None:
+    def _advance(self, process: Opened, answer: Answer | None, times: int) -> None:
         """From deadline to deadline, as the kit does."""
         for _ in range(times):
             if answer is None or answer.deadline is None or answer.deadline <= self._now:
@@ -232,7 +233,7 @@ class _Check:
         if self._features:
             yield {"name": "abort", "session": _NEVER}
 
-    def _join(self, process: Process) -> None:
+    def _join(self, process: Opened) -> None:
         """A session of a receiver from the Advertisement to the Fin."""
         answer = self._receive(process, _advertisement(), PLANNED)
         if answer and not _sends(answer, "Intention"):
@@ -246,7 +247,7 @@ class _Check:
         self._ask(process, {"cmd": "command", "now": self._now, "command": accept})
         self._receive(process, _addressed("Fin", 3))
 
-    def _durations(self, process: Process) -> None:
+    def _durations(self, process: Opened) -> None:
         """Timers last as long as told.  The reset that follows must end this."""
         self._ask(process, self._reset(START))
         self._ask(process, {"cmd": "durations", "durations": DURATIONS})
@@ -288,7 +289,7 @@ class _Check:
                 )
         return True
 
-    def _stop(self, process: Process) -> None:
+    def _stop(self, process: Opened) -> None:
         if wrong := process.stop():
             self._add("error", f"stop: {wrong}", b'{"cmd": "stop"}')
 

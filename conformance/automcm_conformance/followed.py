@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from automcm_conformance import words
 from automcm_conformance.clock import Running, forgotten_at, natural, rank
-from automcm_conformance.process import Process
+from automcm_conformance.opened import Opened
 from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.records import COMPLETE, bare
 from automcm_conformance.results import Line
@@ -42,7 +42,7 @@ class Followed:
     def __init__(
         self,
         station: int,
-        process: Process,
+        process: Opened,
         path: Path,
         lines: list[Line],
         hello: HelloAnswer,

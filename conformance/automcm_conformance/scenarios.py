@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from automcm_conformance.process import AdapterError, Process
+from automcm_conformance.opened import opened
+from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import (
     DEFAULTS,
     MESSAGE_TYPES,
@@ -192,8 +193,7 @@ def run(
     with ExitStack() as stack:
         try:
             processes = {
-                station: stack.enter_context(Process(command, limit_s=limit_s))
-                for station in stations
+                station: stack.enter_context(opened(command, limit_s)) for station in stations
             }
             for process in processes.values():
                 read_hello(process.exchange([b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL])[0])

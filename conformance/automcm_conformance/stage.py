@@ -17,7 +17,8 @@ from typing import Any
 
 from automcm_conformance.clock import natural
 from automcm_conformance.followed import Followed
-from automcm_conformance.process import AdapterError, Process
+from automcm_conformance.opened import Opened
+from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import DEFAULTS, HelloAnswer, ProtocolError
 from automcm_conformance.radio import Radio, Rule
 from automcm_conformance.results import Line, Verdict
@@ -134,7 +135,7 @@ class Stage:
     def __init__(
         self,
         play: Play,
-        processes: Mapping[int, Process],
+        processes: Mapping[int, Opened],
         hello: HelloAnswer,
         folder: Path,
         seed: int,

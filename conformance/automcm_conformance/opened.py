@@ -1,0 +1,40 @@
+"""A way to an adapter, whatever it is: a command to start, or the address of a WebSocket."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, Self
+
+from automcm_conformance.process import STOP, AdapterError, Process
+from automcm_conformance.websocket import SCHEMES, WebSocket
+
+
+class Opened(Protocol):
+    """What ``Process`` and ``WebSocket`` have in common; ``with`` ends it."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *exc: object) -> None: ...
+
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]: ...
+
+    def stop(self, line: bytes = STOP) -> str | None: ...
+
+    def kill(self) -> None: ...
+
+
+def is_address(command: Sequence[str]) -> bool:
+    """What stands after ``--`` is an address, and no command."""
+    return bool(command) and command[0].lower().startswith(SCHEMES)
+
+
+def opened(command: Sequence[str], limit_s: float) -> Opened:
+    """One station: a process of this command, or a connection to this address.
+
+    ``limit_s`` is the real time in seconds that an answer may take.  Raises AdapterError (start).
+    """
+    if not is_address(command):
+        return Process(command, limit_s=limit_s)
+    if len(command) > 1:
+        raise AdapterError("start", f"{command[0]} is an address; nothing may stand behind it")
+    return WebSocket(command[0], limit_s=limit_s)
