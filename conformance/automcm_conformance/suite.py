@@ -234,9 +234,11 @@ class Runner:
         rounds = oracle.constants["MaxRounds"]
         if self.fixed.get("max_rounds", rounds) != rounds:
             return f"max_rounds is fixed; the graph has {rounds}"
-        peers = len(oracle.constants["Peers"])
+        peers, limits = len(oracle.constants["Peers"]), oracle.constants
+        left_over = limits["OutboxLimit"] - max(limits["MaxParticipants"], rounds)
+        participants = self.fixed.get("max_participants", limits["MaxParticipants"])
         least = {"memory_limit": peers, "max_participants": peers}
-        least["outbox_limit"] = oracle.constants["OutboxLimit"]
+        least["outbox_limit"] = left_over + max(participants, rounds)  # MEM-1
         for name, needed in least.items():
             if self.fixed.get(name, needed) < needed:
                 return f"{name} of at least {needed}"
