@@ -46,21 +46,23 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
 
 
 def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
-    """Two timers of one name that are armed at once last equally long: time forbids that only the
-    second expires."""
+    """Two timers of one name that are armed at once last equally long: time forbids that they
+    expire one after the other."""
     lasting = long(soonest)
     x.durations({name: ms for name, ms in lasting.items() if name != "lease"})
     for place, slot in enumerate(timetable(x.oracle, tour, x.now, lasting)):
         x.place = place
+        i, here = slot.answer.input, (slot.answer.state, slot.answer.input)
+        if x.now > slot.at:
+            return here
         new = {k: ms for k, ms in slot.durations.items() if x.overrides[k] != ms}
         if new:
             x.durations(new)
-        i = slot.answer.input
         if x.oracle.inputs[i][0] == "expire":
             try:
                 x.expire(i)
             except Infeasible:
-                return slot.answer.state, i
+                return here
         else:
             x.give(i, at=slot.at, lease_ms=slot.lease_ms)
     return None

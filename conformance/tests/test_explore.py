@@ -15,11 +15,12 @@ from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Mismatch
 from automcm_conformance.explore import Exploration
 from automcm_conformance.walk import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
-from automcm_spec.generate import ONE_PEER
-from automcm_spec.oracle import load
+from automcm_spec.generate import ONE_PEER, TWO_PEERS
+from automcm_spec.oracle import canonical, load
 
 Json = Any
 LIMIT_S = 20.0
+LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_limit": 4}
 
 SECOND_SESSION = """
 sessions = set()
@@ -238,3 +239,30 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert missing.exit_code == 3
     no_command = CliRunner().invoke(app, ["conform", "explore", "1", *out])
     assert no_command.exit_code == 2
+
+
+def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
+    """Two Cancels, or a Prescription and a Cancel, are sent again together or not at all."""
+    from automcm_conformance.exchange import Exchange
+    from automcm_conformance.play import play
+    from automcm_conformance.suite import PARAMETERS
+
+    two = load(TWO_PEERS.path)
+    request, decide = ["command", "request", [0, 0], 0, 0], ["command", "prescribe", [1, 1], 1, 3]
+    intentions = [
+        ["receive", ["Intention", p, 1, [1, 1], 1, 0, False, "none", ["none", 0]], True]
+        for p in (2, 3)
+    ]
+    resends = [
+        ["expire", ["resend", [type_, to, [1, 1], 1, False]]]
+        for type_, to in (("Cancel", 2), ("Prescription", 3))
+    ]
+    values = [request, *intentions, ["expire", ["advertise"]], decide]
+    copy = intentions[0]
+    tour = [two.input_index[canonical(v)] for v in (*values, resends[1], copy, resends[0], copy)]
+    right = Adapter(station(), LIMIT_S)
+    x = Exchange(two, right, PARAMETERS | LIMITS)
+    off = play(x, tour, True)
+    x.flush()
+    right.stop()
+    assert off is not None and off[1] == tour[-3]
