@@ -86,8 +86,8 @@ CASES = (
     Case(
         "cancel",
         ("END-2", "END-3", "ADV-8"),
-        "each Cancel is acknowledged, and a session that was left is not joined again",
-        [*_ACTUATING, s.CANCELLED, s.CANCELLED, s.ADVERTISED, ["wait", 150]],
+        "each Cancel is acknowledged; its Acceptance comes no more, and it does not join again",
+        [*s.COMMITTED, s.CANCELLED, s.CANCELLED, s.ADVERTISED, ["wait", 150]],
     ),
     Case(
         "cam loss",
