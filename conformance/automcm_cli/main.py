@@ -13,6 +13,7 @@ from automcm_cli import (
     conform,
     conform_bench,
     conform_explore,
+    conform_live,
     demo_command,
     simulate,
     spec_commands,
@@ -38,6 +39,7 @@ app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
 station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
 conform.app.command(cls=conform.WithCommand, epilog=conform_explore.EPILOG)(conform_explore.explore)
+conform.app.command(cls=conform.WithCommand, epilog=conform_live.EPILOG)(conform_live.live)
 app.add_typer(conform.app, name="conform", no_args_is_help=True)
 conform.app.command(epilog=certify.EPILOG)(certify.certify)
 app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(conform.adapter)

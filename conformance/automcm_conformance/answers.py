@@ -78,7 +78,7 @@ def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
             left.remove(match)
             problems += _settle(message, match, expected)
     for message, other in zip(missing, left, strict=False):
-        problems.append(("messages", f"{_first_difference(message, other)}"))
+        problems.append(("messages", first_difference(message, other)))
     for message in missing[len(left) :]:
         problems.append(("messages", f"not sent: {message['type']} {to_json(message).decode()}"))
     for message in left[len(missing) :]:
@@ -128,7 +128,8 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected)
     return problems
 
 
-def _first_difference(wanted: dict[str, Json], found: Json) -> str:
+def first_difference(wanted: dict[str, Json], found: Json) -> str:
+    """What is wrong with this message, in one line, if another was wanted."""
     if type(found) is not dict:
         return f"a message is an object, not {found!r}"
     if wanted["type"] != found.get("type"):

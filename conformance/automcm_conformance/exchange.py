@@ -261,6 +261,11 @@ class Exchange:
         """The timer that expires next; None if none runs."""
         return self._first and self._first.timer
 
+    @property
+    def running(self) -> list[Json]:
+        """The timers that run."""
+        return [each.timer for each in self._timers.values()]
+
     def deadline(self, timer: Json) -> int | None:
         """When this timer expires; None if it does not run."""
         running = self._timers.get(timer_key(timer))

@@ -1,0 +1,139 @@
+"""``automcm conform live``: a station that runs by its own clock, over UDP."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.conform import COMMAND, Limit, console_of
+from automcm_cli.parameters import chosen
+from automcm_cli.station import Remote
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from automcm_conformance.air import UdpAir
+    from automcm_conformance.live_cases import Case, Judged, Session
+
+EPILOG = "Example: automcm conform live 7 -- automcm adapter, and automcm station --id 7 --first "
+EPILOG += "in another terminal.  " + CODES
+HEARD_MS = 5_000
+"""How long to listen for the station; a CAM comes at least every second."""
+
+
+def live(
+    ctx: typer.Context,
+    station: Annotated[int, typer.Argument(min=1, max=2**32 - 1, help="Its station_id.")],
+    selectors: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[CASE]...", help="The name of a case, or a rule."),
+    ] = None,
+    broadcast: Annotated[
+        str, typer.Option(help="Where all stations listen.")
+    ] = "127.255.255.255:47100",
+    host: Annotated[str, typer.Option(help="The address to send from.")] = "127.0.0.1",
+    allow_remote: Remote = False,
+    jitter: Annotated[
+        int, typer.Option(help="How far from its time a message may come, ms.", min=1)
+    ] = 50,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="A parameter that the station runs with.")
+    ] = None,
+    scenario: Annotated[str, typer.Option(help="One that its application joins.")] = "lane_change",
+    limit: Limit = 10.0,
+    json_: Json = None,
+) -> None:
+    """Play the other stations against a live receiver, over UDP, in real time.
+
+    It must be alone with the kit there, join what it is asked, and accept.  After -- may stand the
+    adapter of the same implementation, its twin in virtual time: without a twin that fails as
+    well, a message at the wrong time is INCONC.
+    """
+    from automcm_conformance.adapter import Adapter
+    from automcm_conformance.live_cases import Session, as_dict, twin
+    from automcm_conformance.process import AdapterError
+    from automcm_conformance.protocol import ProtocolError
+    from automcm_spec.generate import ONE_PEER, spec_hash
+    from automcm_spec.oracle import OracleError, load
+
+    cases = _cases(selectors or [])
+    parameters = asdict(chosen(set_ or []))
+    if jitter > parameters["t_resend"] // 2:
+        raise typer.BadParameter("--jitter: at most half of t_resend, or copies are not told apart")
+    command: list[str] = ctx.meta.get(COMMAND, [])
+    adapter: Adapter | None = None
+    try:
+        oracle = load(ONE_PEER.path, spec_hash())
+        with _air(host, broadcast, allow_remote) as air, progress() as say:
+            adapter = Adapter(command, limit) if command else None
+            session = Session(oracle, air, station, parameters, jitter, int(time.time()), scenario)
+            session.twin = twin(oracle, adapter, parameters) if adapter else None
+            say(f"listening for station {station}")
+            if not session.heard(HEARD_MS):
+                typer.echo(f"live: no CAM of station {station} on {broadcast}", err=True)
+                raise typer.Exit(3)
+            for case in cases:
+                say(case.name)
+                session.judge(case)
+    except (AdapterError, ProtocolError, OracleError, OSError) as error:
+        typer.echo(f"live: {error}", err=True)
+        raise typer.Exit(3) from None
+    finally:
+        if adapter is not None:
+            adapter.stop()
+    code = _code(session)
+    write_json(json_, as_dict(session, code))
+    if str(json_) != "-":
+        _show(session.judged, console_of())
+    raise typer.Exit(code)
+
+
+@contextmanager
+def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
+    """The same sockets as those of the reference's stations.  A usage error says what is wrong."""
+    from automcm.links import LinkError
+    from automcm.links.udp import address, bind, local_only
+    from automcm_conformance.air import UdpAir
+
+    try:
+        everyone = address(broadcast)
+        local_only(everyone[0], allow_remote)
+        own = bind(host, 0, allow_remote=allow_remote)
+        with closing(own):
+            shared = bind(*everyone, shared=True, allow_remote=allow_remote)
+            with closing(shared):
+                yield UdpAir(own, shared, everyone)
+    except LinkError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def _cases(selectors: list[str]) -> list[Case]:
+    from automcm_conformance.live_cases import CASES
+
+    for selector in selectors:
+        if all(selector != case.name and selector not in case.rules for case in CASES):
+            names = ", ".join(case.name for case in CASES)
+            raise typer.BadParameter(f"{selector}: no such case; there are {names}")
+    wanted = set(selectors)
+    return [c for c in CASES if not wanted or c.name in wanted or wanted & {*c.rules}]
+
+
+def _code(session: Session) -> int:
+    verdicts = {judged.verdict for judged in session.judged}
+    return 1 if "FAIL" in verdicts else 4 if "INCONC" in verdicts else 0
+
+
+def _show(judged: list[Judged], console: Console) -> None:
+    for case in judged:
+        console.print(f"{case.verdict:<6}  {case.case:<16} {case.reason}", markup=False)
+    for case in [case for case in judged if case.reason][:3]:
+        console.print(f"\n{case.verdict} {case.case}: {case.then}", markup=False)
+        for line in case.lines:
+            text = f"{line.now:>8}  {line.who:<8} {line.text}"
+            console.print(text, markup=False, highlight=False)

@@ -1,0 +1,302 @@
+"""One exchange with a live station: it runs by its own clock, and is spoken to on the air.
+
+The kit plays the peers.  What must be sent, and when, comes from the oracle as in any exchange
+(exchange.py), but nobody writes its lines: an input is sent as a message, and what the station
+sends is waited for.  Its application is its own, so what that chooses is taken as it comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any, NoReturn, Protocol
+
+from pydantic_core import from_json, to_json
+
+from automcm_conformance import words
+from automcm_conformance.answers import first_difference, same
+from automcm_conformance.exchange import Exchange
+from automcm_conformance.results import Line
+from automcm_conformance.scripted import number
+from automcm_conformance.scripts import Script
+
+Json = Any
+Came = tuple[int, dict[str, Json]]
+"""When a message came, and the message."""
+
+
+class Air(Protocol):
+    """Where the stations are, and the kit's clock, in ms."""
+
+    def now(self) -> int: ...
+
+    def send(self, data: bytes) -> None:
+        """Send to all stations."""
+
+    def receive(self, until: int) -> tuple[int, bytes] | None:
+        """What somebody else sends, and when it came; None if nothing comes by then."""
+
+
+class WrongMessage(Exception):
+    """A message that the specification does not allow, whenever it comes."""
+
+
+class Missed(Exception):
+    """A message that is allowed, but did not come in time, or came when it was not due."""
+
+
+class Unclear(Exception):
+    """The station's application did not do what the case needs."""
+
+
+class Unwritten:
+    """The link of an exchange whose lines nobody gets."""
+
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+        """Never called for what a receiver does."""
+        raise AssertionError("a live station has no lines")
+
+
+class Live:
+    """Plays a script with the station of ``x``, which has predictions and no link.
+
+    Each message must come within ``jitter_ms`` of its time.  What is said goes to ``lines``, and
+    what it has had to send so far to ``known``, which may hold that of exchanges before.  What is
+    sent to ``others``, peers of an exchange that broke off, is overlooked.
+    """
+
+    def __init__(
+        self,
+        x: Exchange,
+        air: Air,
+        jitter_ms: int,
+        lines: list[Line],
+        known: list[dict[str, Json]],
+        others: Collection[int] = (),
+    ) -> None:
+        self._x, self._air, self._jitter, self._lines = x, air, jitter_ms, lines
+        self._known, self._others = known, others
+        self._station = x.wire.values.ids[1]
+        self._marks: list[list[int]] | None = None
+        """Those of its last CAM, if there was one."""
+        self._waiting: Came | None = None
+        """What came, but later than it was waited for: the kit itself was not in time."""
+
+    def play(self, script: Script, lease_ms: int) -> None:
+        """Raises WrongMessage, Missed and Unclear."""
+        for value in script:
+            match value[0]:
+                case "wait":
+                    self._wait(self._later + value[1])
+                case "expire":
+                    self._expire(value)
+                case "command":
+                    self._decided(value)
+                case _:
+                    self._give(value, lease_ms)
+        self._wait(self._later + self._x.parameters["t_resend"] + 2 * self._jitter)
+
+    def settle(self, quiet_ms: int, limit_ms: int) -> bool:
+        """Whatever went wrong: end its sessions and acknowledge all, until it has been quiet so
+        long and its CAMs name no session.  Returns False if the limit is over before."""
+        x, period = self._x, self._x.parameters["t_resend"]
+        self._others = ()
+        self._cancel(x.wire.session([2, 1]))
+        begin = quiet = self._air.now()
+        while (now := self._air.now()) < begin + limit_ms:
+            came = self._next(now + period)
+            if came is not None:
+                quiet = came[0]
+                self._acknowledge(came[1])
+            elif self._marks:
+                for session in self._marks:
+                    self._cancel(session)
+                quiet, self._marks = self._air.now(), None
+            elif self._marks == [] and self._air.now() >= quiet + quiet_ms:
+                return True
+        return False
+
+    def _cancel(self, session: list[int]) -> None:
+        head = {"v": 1, "type": "Cancel", "src": session[0], "dst": self._station}
+        self._say(head | {"session": session, "seq": 40, "reason": "abort"})
+        self._marks = None
+
+    def _acknowledge(self, m: dict[str, Json]) -> None:
+        if m.get("seq"):
+            head = {"v": 1, "type": "Ack", "src": m.get("dst"), "dst": self._station}
+            of = {"type": m.get("type"), "seq": m["seq"]}
+            self._say(head | {"session": m.get("session"), "seq": 0, "of": of})
+
+    @property
+    def _later(self) -> int:
+        """Now.  The exchange may be ahead by what the station was early."""
+        return max(self._x.now, self._air.now())
+
+    # -- what the kit does
+
+    def _give(self, value: Json, lease_ms: int) -> None:
+        """Send a message when no timer of the station is about to expire; it is answered."""
+        while (due := self._x.next_due) is not None and due <= self._later + self._jitter:
+            self._expiry()
+        self._quiet(self._air.now())
+        at = self._later
+        self._x.give(number(self._x, value), at=at, lease_ms=lease_ms)
+        self._say(from_json(self._x.queued[-1].line)["message"])
+        self._answered(at + self._jitter)
+
+    def _decided(self, value: Json) -> None:
+        """Its application accepts, in its own time."""
+        due = self._x.deadline(["decide"])
+        came = self._next(due - self._jitter) if due is not None else None
+        if came is None:
+            raise Unclear("its application has not decided in time")
+        at, m = came
+        if m.get("type") == "Acceptance" and m.get("accepted") is False:
+            raise Unclear(f"its application has refused: {m.get('reason')}")
+        chosen = {"selected": m["selected"]} if _trajectory(m.get("selected")) else None
+        self._x.give(number(self._x, value), at=max(self._x.now, at), fields=chosen)
+        self._answered(at, came)
+
+    def _wait(self, until: int) -> None:
+        """Let time pass; what falls due is sent, also if that is a little later."""
+        while (due := self._x.next_due) is not None and due <= until + self._jitter:
+            self._expiry()
+        self._quiet(until)
+
+    def _expire(self, value: Json) -> None:
+        """Until this timer has expired."""
+        fired: list[int] = []
+        while number(self._x, value) not in fired:
+            if self._x.deadline(value[1]) is None:
+                raise Unclear(f"with these parameters {value[1][0]} does not come to its end")
+            fired = self._expiry()
+
+    def _expiry(self) -> list[int]:
+        """The timer that is next expires; what that brings about is sent.  Returns the inputs."""
+        x, due = self._x, self._x.next_due
+        assert due is not None
+        self._quiet(due - self._jitter)
+        if not self._brings(x.first_timer):
+            return x.advance(due)
+        came = self._next(due + self._jitter)
+        # What the station armed at this moment counts from when it was awake.
+        fired = x.advance(due if came is None else max(due, came[0]))
+        self._answered(due + self._jitter, came)
+        return fired
+
+    # -- what the station does
+
+    def _answered(self, by: int, came: Came | None = None) -> None:
+        """What the last step calls for comes by then.  ``came`` has come already."""
+        wanted = list(self._x.queued[-1].expected.messages)
+        while wanted or came is not None:
+            came = came or self._next(by)
+            if came is None:
+                self._late(wanted[0], by)
+            at, found = came
+            match = next((m for m in wanted if self._fits(m, found)), None)
+            if match is None:
+                self._unexpected(at, found, wanted)
+            wanted = [m for m in wanted if m is not match]
+            self._known.append(match)
+            came = None
+
+    def _fits(self, wanted: dict[str, Json], found: dict[str, Json]) -> bool:
+        """Whether it is this message.  What its application plans is up to it, the first time."""
+        new = all(m is not wanted for m in self._known)
+        if new and wanted["type"] == "Intention" and _trajectory(found.get("planned")):
+            wanted["planned"] = found["planned"]
+        return same(wanted, found)
+
+    def _late(self, wanted: dict[str, Json], by: int) -> NoReturn:
+        what = words.message(wanted)
+        came = self._next(by + 2 * self._x.parameters["t_resend"])
+        if came is None:
+            raise Missed(f"{what} was due by {by} and has not come")
+        at, found = came
+        if self._fits(wanted, found):
+            raise Missed(f"{what} was due by {by} and came at {at}")
+        raise Missed(f"{what} was due by {by}; {words.message(found)} came instead at {at}")
+
+    def _quiet(self, until: int) -> None:
+        """Nothing comes by then."""
+        if (came := self._next(until)) is not None:
+            self._unexpected(*came, [])
+
+    def _unexpected(
+        self, at: int, found: dict[str, Json], wanted: Sequence[dict[str, Json]]
+    ) -> NoReturn:
+        what = words.message(found)
+        if any(same(m, found) for m in self._known):
+            raise Missed(f"another copy of {what} came at {at}, and none was due")
+        for timer in self._x.running:
+            # A CAM that was lost, or a station that slept, is no wrong content.
+            if timer[0] != "resend" and any(self._like(m, found) for m in self._brings(timer)):
+                due = self._x.deadline(timer)
+                raise Missed(f"{what} came at {at}, and {timer[0]} ends at {due}")
+        if wanted:
+            raise WrongMessage(first_difference(wanted[0], found))
+        raise WrongMessage(f"sent for no reason: {to_json(found).decode()}")
+
+    def _brings(self, timer: Json) -> Sequence[Json]:
+        """The messages, in the oracle's values, that are sent when this timer expires."""
+        answer = self._x.oracle.answer(self._x.state, number(self._x, ["expire", timer]))
+        return [] if answer is None else answer.effect.messages
+
+    def _like(self, m: Json, found: dict[str, Json]) -> bool:
+        """Whether a message has the type, the session and the reason of the oracle's."""
+        session, reason = self._x.wire.session(m[3]), found.get("reason", "none")
+        return [m[0], session, m[7]] == [found.get("type"), found.get("session"), reason]
+
+    def _say(self, message: dict[str, Json]) -> None:
+        self._air.send(to_json(message))
+        self._lines.append(Line(self._air.now(), "kit", words.message(message)))
+
+    def _next(self, until: int) -> Came | None:
+        """The next message of the station that is no CAM; None if none comes by then."""
+        while self._waiting is None and (received := self._air.receive(until)) is not None:
+            at, data = received
+            m = said_by(self._station, data)
+            if m is None:
+                continue
+            to = m.get("dst")
+            if m.get("type") == "CAM":
+                self._marks = m["marks"] if _marks(m.get("marks")) else None
+            elif type(to) is not int or to not in self._others:
+                self._lines.append(Line(at, "station", words.message(m)))
+                self._waiting = at, m
+        if self._waiting is None or self._waiting[0] > until:
+            return None
+        came, self._waiting = self._waiting, None
+        return came
+
+
+def said_by(station: int, data: bytes) -> dict[str, Json] | None:
+    """The message in a datagram, if it is from this station."""
+    try:
+        m = from_json(data)
+    except ValueError:
+        return None
+    return m if type(m) is dict and m.get("src") == station else None
+
+
+def _marks(value: Json) -> bool:
+    """Whether it has the form of the marks of a CAM."""
+    return type(value) is list and all(
+        type(session) is list and len(session) == 2 and all(type(n) is int for n in session)
+        for session in value
+    )
+
+
+def _trajectory(value: Json) -> bool:
+    """Whether it has the form of a trajectory."""
+    return (
+        type(value) is dict
+        and value.keys() == {"t0", "points"}
+        and type(value["t0"]) is int
+        and type(value["points"]) is list
+        and len(value["points"]) > 0
+        and all(
+            type(point) is list and len(point) == 3 and all(type(n) is int for n in point)
+            for point in value["points"]
+        )
+    )

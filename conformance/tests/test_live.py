@@ -1,0 +1,424 @@
+"""A live station: the cases pass with the reference, and what is wrong or late is told apart.
+
+The reference's service runs on a virtual clock here; one test has a process and sockets.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import socket
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm.clock import VirtualClock
+from automcm.links import Receiver
+from automcm.parameters import Parameters
+from automcm.service import McService
+from automcm.straight import Straight
+from automcm_cli import conform_live
+from automcm_cli.main import app
+from automcm_conformance.adapter import Adapter
+from automcm_conformance.live_cases import CASES, Case, Judged, Session, Twin, twin
+from automcm_conformance.protocol import DEFAULTS
+from automcm_spec.generate import ONE_PEER, spec_hash
+from automcm_spec.oracle import Oracle, load
+
+Json = Any
+run = CliRunner()
+AUTOMCM = [sys.executable, "-m", "automcm_cli"]
+STATION = 7
+JITTER = 40
+BY_NAME = {case.name: case for case in CASES}
+Sent = list[tuple[int, Json]]
+"""What becomes of a message: copies, each with its delay."""
+Radio = Callable[[Json], Sent]
+DOUBLE = """
+import sys
+from automcm import kit
+class Slow(kit.Kit):
+    def _reset(self, command):
+        answer = super()._reset(command)
+        self._station.durations = {"resend": 200}
+        return answer
+kit.Kit = Slow
+for answer in kit.serve(sys.stdin.buffer):
+    sys.stdout.buffer.write(answer)
+    sys.stdout.buffer.flush()
+"""
+"""An adapter whose station sends again after twice t_resend."""
+
+
+@pytest.fixture(scope="module")
+def oracle() -> Oracle:
+    return load(ONE_PEER.path, spec_hash())
+
+
+class World:
+    """The station and the air around it, in virtual time: the link of the one, and the other."""
+
+    def __init__(
+        self, radio: Radio, application: Straight | None = None, parameters: Json = None
+    ) -> None:
+        self.clock = VirtualClock()
+        self.radio = radio
+        self.service = McService(
+            STATION,
+            application or Straight(),
+            _Link(self),
+            self.clock,
+            parameters=Parameters(**(parameters or {})),
+        )
+        self.clock.run(1_000)
+        self.hears: Receiver = lambda data, tx: None
+        self.coming: deque[tuple[int, bytes]] = deque()
+        self.service.start()
+
+    def arrives(self, data: bytes) -> None:
+        self.coming.append((self.clock.now(), data))
+
+    def now(self) -> int:
+        return self.clock.now()
+
+    def send(self, data: bytes) -> None:
+        self.clock.at(self.now() + 2, lambda: self.hears(data, None) and None)
+
+    def receive(self, until: int) -> tuple[int, bytes] | None:
+        while not self.coming and self.now() < until:
+            self.clock.run(self.now() + 1)
+        if not self.coming:
+            return None
+        return max(self.now(), self.coming[0][0]), self.coming.popleft()[1]
+
+
+class _Link:
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def open(self, receive: Receiver) -> None:
+        self._world.hears = receive
+
+    def send(self, data: bytes, to: int, tx: str) -> None:
+        world = self._world
+        for delay, message in world.radio(json.loads(data)):
+            data = json.dumps(message).encode()
+            world.clock.at(world.now() + delay, lambda data=data: world.arrives(data))
+
+    def close(self) -> None:
+        pass
+
+
+def fair(message: Json) -> Sent:
+    return [(3, message)]
+
+
+def only(type_: str, change: Radio) -> Radio:
+    """A radio that is fair but for messages of a type."""
+    return lambda m: change(m) if m["type"] == type_ else fair(m)
+
+
+def session(oracle: Oracle, world: World, twin: Twin | None = None) -> Session:
+    return Session(oracle, world, STATION, DEFAULTS, JITTER, number=5, twin=twin)
+
+
+def judge(oracle: Oracle, name: str, radio: Radio, twin: Twin | None = None) -> Judged:
+    return session(oracle, World(radio), twin).judge(BY_NAME[name])
+
+
+def test_every_case_passes_and_leaves_nothing_behind(oracle: Oracle) -> None:
+    rng = random.Random(1)
+    world = World(lambda m: [(rng.randrange(0, 18), m)])
+    live = session(oracle, world)
+    assert live.heard(2_000)
+    for case in CASES:
+        assert (live.judge(case).reason, case.name) == ("", case.name)
+        assert world.service.state.phase == "STANDALONE"
+        assert not world.service.state.outbox
+
+
+@pytest.mark.parametrize("parameters", [{"t_timeout": 500}, {"t_resend": 150, "t_decide": 300}])
+def test_the_parameters_are_those_of_the_station(oracle: Oracle, parameters: Json) -> None:
+    live = session(oracle, World(fair, parameters=parameters))
+    live.parameters = DEFAULTS | parameters
+    assert [live.judge(case).verdict for case in CASES] == ["PASS"] * len(CASES)
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "radio"),
+    [
+        ("intention", "Intention.seq", only("Intention", lambda m: [(3, m | {"seq": 2})])),
+        ("intention", "Intention.more", only("Intention", lambda m: [(3, m | {"more": 1})])),
+        ("agreement", "Ack.of", only("Ack", lambda m: [(3, m | {"of": m["of"] | {"seq": 9}})])),
+        ("agreement", "Acceptance.dst", only("Acceptance", lambda m: [(3, m | {"dst": 3})])),
+        (
+            "busy",
+            "Acceptance.reason",
+            only("Acceptance", lambda m: [(3, m | {"reason": "unsafe"})]),
+        ),
+        ("cam loss", "Cancel.reason", only("Cancel", lambda m: [(3, m | {"reason": "abort"})])),
+        ("intention", "no reason", only("Ack", lambda m: [(3, m), (30, m | {"type": "Fin"})])),
+    ],
+)
+def test_a_wrong_message_fails_whatever_the_twin_does(
+    oracle: Oracle, name: str, said: str, radio: Radio
+) -> None:
+    judged = judge(oracle, name, radio, lambda case: "")
+    assert judged.verdict == "FAIL"
+    assert said in judged.reason
+    assert judged.lines[-1].text
+
+
+def test_a_copy_must_be_the_same(oracle: Oracle) -> None:
+    planned = {"t0": 0, "points": [[0, 0, 0]]}
+    count = iter(range(100))
+    change = only("Intention", lambda m: [(3, m if next(count) < 2 else m | {"planned": planned})])
+    judged = judge(oracle, "intention", change)
+    assert (judged.verdict, "Intention.planned" in judged.reason) == ("FAIL", True)
+
+
+def test_what_is_no_trajectory_is_not_free(oracle: Oracle) -> None:
+    for planned in ({"t0": 0, "points": []}, {"t0": 0.5, "points": [[0, 0, 0]]}, None):
+        change = only("Intention", lambda m, p=planned: [(3, m | {"planned": p})])
+        assert "Intention.planned" in judge(oracle, "intention", change).reason
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "radio"),
+    [
+        ("intention", "was due by", only("Intention", lambda m: [(JITTER + 10, m)])),
+        ("intention", "has not come", only("Intention", lambda m: [])),
+        ("intention", "another copy", only("Intention", lambda m: [(3, m), (50, m)])),
+        ("busy", "another copy", only("Acceptance", lambda m: [(3, m), (40, m)])),
+        ("lease", "has not come", only("Cancel", lambda m: [])),
+        ("agreement", "came instead", only("Ack", lambda m: [])),
+    ],
+)
+def test_a_timing_miss_is_judged_by_the_twin(
+    oracle: Oracle, name: str, said: str, radio: Radio
+) -> None:
+    for of_twin, verdict, more in (
+        (None, "INCONC", ""),
+        (lambda case: "", "INCONC", "its twin in virtual time passes"),
+        (lambda case: None, "INCONC", "cannot be judged"),
+        (lambda case: f"{case.name} is wrong", "FAIL", f"so in virtual time: {name} is wrong"),
+    ):
+        judged = judge(oracle, name, radio, of_twin)
+        assert judged.verdict == verdict
+        assert said in judged.reason
+        assert more in judged.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("cam loss", {"t_cam_loss": 1300}),
+        ("cam loss", {"t_cam_loss": 1700}),
+        ("intention", {"t_resend": 40}),
+        ("intention", {"t_resend": 200}),
+        ("given up", {"t_timeout": 1500}),
+        ("given up", {"t_timeout": 2500}),
+    ],
+)
+def test_a_station_with_other_durations_is_not_in_time(
+    oracle: Oracle, name: str, parameters: Json
+) -> None:
+    judged = session(oracle, World(fair, parameters=parameters)).judge(BY_NAME[name])
+    assert judged.verdict == "INCONC", judged.reason
+
+
+@pytest.mark.parametrize(
+    ("application", "said"),
+    [
+        (Straight(refuse_first=1), "has refused: unsafe"),
+        (Straight(think_ms=2_000), "has not decided in time"),
+    ],
+)
+def test_an_application_that_does_not_agree_is_nobodys_fault(
+    oracle: Oracle, application: Straight, said: str
+) -> None:
+    world = World(fair, application)
+    judged = session(oracle, world).judge(BY_NAME["agreement"])
+    assert (judged.verdict, said in judged.reason) == ("INCONC", True)
+    assert world.service.state.phase == "STANDALONE"
+
+
+def test_parameters_that_do_not_lead_to_the_end(oracle: Oracle) -> None:
+    live = session(oracle, World(fair, parameters={"t_timeout": 0}))
+    live.parameters = DEFAULTS | {"t_timeout": 0}
+    judged = live.judge(BY_NAME["intention"])
+    assert (judged.verdict, "does not come to its end" in judged.reason) == ("INCONC", True)
+
+
+def test_after_a_case_that_went_wrong_the_next_one_passes(oracle: Oracle) -> None:
+    for case in CASES:
+        world = World(only("Ack", lambda m: []))
+        live = session(oracle, world)
+        live.judge(case)
+        world.radio = fair
+        assert live.judge(BY_NAME["agreement"]).reason == "", case.name
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_busy_machine_blames_nobody(oracle: Oracle, seed: int) -> None:
+    """The kit sleeps, and messages are late or lost, both ways: the station is right all along."""
+    rng = random.Random(seed)
+
+    def seldom(most: int) -> int:
+        return rng.randrange(most) if rng.random() < 0.03 else 0
+
+    world = World(lambda m: [(2 + seldom(48), m)] if rng.random() < 0.98 else [])
+    receive = world.receive
+
+    def send(data: bytes) -> None:
+        if rng.random() < 0.98:
+            world.clock.at(world.now() + 2 + seldom(48), lambda: world.hears(data, None) and None)
+
+    def sleepy(until: int) -> tuple[int, bytes] | None:
+        world.clock.run(world.now() + seldom(300))
+        return receive(until)
+
+    world.receive, world.send = sleepy, send  # type: ignore[method-assign]
+    live = session(oracle, world)
+    found = [live.judge(case) for _ in range(5) for case in CASES]
+    assert [case.reason for case in found if case.verdict == "FAIL"] == []
+    assert {case.verdict for case in found} == {"PASS", "INCONC"}
+
+
+def test_bytes_of_others_are_overlooked(oracle: Oracle) -> None:
+    world = World(fair)
+    for data in (b"\xff", b"7", b"[]", b'{"src":8,"type":"Fin"}', b'{"src":8,"type":"CAM"}'):
+        world.arrives(data)
+    assert not session(oracle, world).heard(0)
+    assert session(oracle, world).judge(BY_NAME["unknown session"]).verdict == "PASS"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"dst": [], "session": {}, "seq": "x", "of": 7},
+        {"type": None, "dst": {"a": []}, "seq": 1.5, "reason": []},
+        {"type": "Intention", "planned": {"t0": 1, "points": [[0]]}},
+        {"type": "CAM", "marks": [1]},
+        {"type": "CAM", "marks": "all"},
+    ],
+)
+def test_whatever_it_sends_the_kit_goes_on(oracle: Oracle, fields: Json) -> None:
+    world = World(lambda m: [(3, m | fields)])
+    live = session(oracle, world)
+    assert live.judge(BY_NAME["agreement"]).verdict in ("FAIL", "INCONC")
+    assert live.judge(BY_NAME["busy"]).verdict in ("FAIL", "INCONC")
+    world.radio = fair
+    assert live.judge(BY_NAME["agreement"]).verdict == "PASS"
+
+
+def test_a_station_that_does_not_come_to_rest(oracle: Oracle) -> None:
+    world = World(lambda m: [(3, m | {"marks": [[9, 1]]} if m["type"] == "CAM" else m)])
+    live = session(oracle, world)
+    assert live.judge(BY_NAME["busy"]).verdict == "PASS"
+    world.radio = lambda m: [(3, m | {"marks": [[9, 1]]})] if m["type"] == "CAM" else []
+    for reason in ("has not come", "has not come to rest"):
+        judged = live.judge(BY_NAME["busy"])
+        assert (judged.verdict, reason in judged.reason) == ("INCONC", True)
+    world.radio = fair
+    assert live.judge(BY_NAME["busy"]).verdict == "PASS"
+
+
+@contextmanager
+def adapter(*command: str) -> Iterator[Adapter]:
+    found = Adapter(command, 10)
+    try:
+        yield found
+    finally:
+        found.stop()
+
+
+def test_the_twin_is_the_same_case_in_virtual_time(oracle: Oracle) -> None:
+    with adapter(*AUTOMCM, "adapter") as reference:
+        judged = twin(oracle, reference, DEFAULTS)
+        assert [judged(case) for case in CASES] == [""] * len(CASES)
+        assert judged(Case("too long", (), "", [["expire", ["lease"]]])) is None
+
+
+def test_the_twin_of_a_slow_station_fails(oracle: Oracle) -> None:
+    with adapter(sys.executable, "-c", DOUBLE) as slow:
+        world = World(fair, parameters={"t_resend": 200})
+        live = session(oracle, world, twin(oracle, slow, DEFAULTS))
+        judged = live.judge(BY_NAME["intention"])
+        assert judged.verdict == "FAIL"
+        assert "so in virtual time: deadline: " in judged.reason
+        assert live.judge(BY_NAME["unknown session"]).verdict == "PASS"
+
+
+# -- the command
+
+
+@contextmanager
+def station(*options: str) -> Iterator[str]:
+    """``automcm station`` on a port of its own; yields where it broadcasts."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        where = f"127.255.255.255:{free.getsockname()[1]}"
+    command = [*AUTOMCM, "station", "--id", str(STATION), "--first", "--listen", "0"]
+    with subprocess.Popen(
+        [*command, "--broadcast", where, *options], stdout=subprocess.DEVNULL
+    ) as child:
+        try:
+            yield where
+        finally:
+            child.terminate()
+
+
+def test_a_station_of_the_reference_over_sockets(tmp_path: Path) -> None:
+    """How late it is says how busy this machine is: so a timing miss is no failure here."""
+    options = ["--set", "t_resend=600", "--set", "t_timeout=600"]
+    out = tmp_path / "live.json"
+    arguments = ["--jitter", "300", "--json", str(out), *options, "--", *AUTOMCM, "adapter"]
+    with station(*options) as where:
+        done = run.invoke(
+            app,
+            ["conform", "live", "7", "NEG-4", "unknown session", "--broadcast", where, *arguments],
+        )
+    assert done.exit_code in (0, 4), done.output
+    report = json.loads(out.read_text())
+    assert (report["format"], report["station"]) == ("automcm.live/1", STATION)
+    assert [case["case"] for case in report["cases"]] == ["busy", "unknown session"]
+    assert {case["verdict"] for case in report["cases"]} <= {"PASS", "INCONC"}
+    assert report["parameters"]["t_resend"] == 600
+    assert "unknown session" in done.stdout
+
+
+def test_a_station_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conform_live, "HEARD_MS", 50)
+    done = run.invoke(app, ["conform", "live", "7", "--broadcast", "127.255.255.255:47398"])
+    assert done.exit_code == 3
+    assert done.stderr == "live: no CAM of station 7 on 127.255.255.255:47398\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["no such case"],
+        ["--jitter", "51"],
+        ["--broadcast", "192.0.2.255:47100"],
+        ["--broadcast", "nowhere"],
+        ["--set", "t_resend=0"],
+    ],
+)
+def test_usage(arguments: list[str]) -> None:
+    assert run.invoke(app, ["conform", "live", "7", *arguments]).exit_code == 2
+
+
+def test_an_adapter_that_does_not_start() -> None:
+    done = run.invoke(
+        app, ["conform", "live", "7", "--broadcast", "127.255.255.255:47397", "--", "./nothing"]
+    )
+    assert done.exit_code == 3
+    assert "cannot be started" in done.stderr
