@@ -53,18 +53,19 @@ def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
     for place, slot in enumerate(timetable(x.oracle, tour, x.now, lasting)):
         x.place = place
         i, here = slot.answer.input, (slot.answer.state, slot.answer.input)
-        if x.now > slot.at:
-            return here
         new = {k: ms for k, ms in slot.durations.items() if x.overrides[k] != ms}
         if new:
             x.durations(new)
-        if x.oracle.inputs[i][0] == "expire":
-            try:
-                x.expire(i)
-            except Infeasible:
-                return here
-        else:
+        value = x.oracle.inputs[i]
+        if value[0] != "expire":
             x.give(i, at=slot.at, lease_ms=slot.lease_ms)
+            continue
+        if x.deadline(value[1]) != slot.at:
+            return here
+        try:
+            x.expire(i)
+        except Infeasible:
+            return here
     return None
 
 

@@ -270,6 +270,7 @@ _BOTH_RECORDED = [REQUEST, _INTENDED_3, INTENDED, WINDOW]
 _TO_3 = entry("Cancel", 3, MINE)
 _CANCEL_ACKED = received("Ack", MINE, of=["Cancel", 1])
 _CANCEL_ACKED_3 = received("Ack", MINE, of=["Cancel", 1], source=3)
+_WITHDRAWN_3 = received("Cancel", MINE, source=3)
 _LEAVE_NEXT = command("abort", NEXT)
 _TWO_LEFT = [ADVERTISED, LEAVE, received("Advertisement", NEXT), _LEAVE_NEXT]
 ROOM: list[Script] = [
@@ -328,6 +329,10 @@ PLAIN: dict[str, list[Script]] = {
         [*_BOTH_RECORDED, ABORT, ["wait", 250], _CANCEL_ACKED_3, ["wait", 2500]],
         [*_BOTH_RECORDED, ABORT, ["wait", 2500]],
         [*_BOTH_RECORDED, ["expire", ["decide"]], ["wait", 2500]],
+    ],
+    "two withdrawn": [
+        [REQUEST, INTENDED, _INTENDED_3, WITHDRAWN, _WITHDRAWN_3, INTENDED, _INTENDED_3, WINDOW],
+        [REQUEST, _WITHDRAWN_3, WITHDRAWN, _INTENDED_3, INTENDED, WINDOW],
     ],
     "restart at a deadline": [
         [*script, ["at", timer, _RESTART], ["wait", 500]] for script, timer, _ in _DUE

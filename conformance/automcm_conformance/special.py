@@ -194,7 +194,7 @@ def exchanges(case: str, fresh: Fresh) -> Played:
     return _ABOUT[name](fresh, about)
 
 
-TWO = ("sessions ", "two receivers")
+TWO = ("sessions ", "two ")
 """How the cases begin that need a second peer."""
 _ABOUT: dict[str, Callable[[Fresh, str], Played]] = {
     "timer": timer,

@@ -265,4 +265,4 @@ def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
     off = play(x, tour, True)
     x.flush()
     right.stop()
-    assert off is not None and off[1] == tour[-3]
+    assert off is not None and off[1] == tour[-4]

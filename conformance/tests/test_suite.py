@@ -23,7 +23,7 @@ from wrong_station import station
 from automcm.kit import HELLO
 from automcm_cli import cpp
 from automcm_conformance import (
-    adapter,
+    opened,
     purposes,
     records,
     remainder,
@@ -135,7 +135,7 @@ class Suite:
         )
         self.patch.setattr(suite, "VALUES", (PLAIN,))  # stations here may know an id
         self.patch.setattr(remainder, "read", lambda two: [])
-        self.patch.setattr(adapter, "Process", Patient)
+        self.patch.setattr(opened, "Process", Patient)
         chosen = purposes.select(purposes.load(), selectors)
         return whole.conform(
             command,
@@ -705,6 +705,16 @@ WRONG: dict[str, tuple[str, str, str, str]] = {
         LASTS.format(name="giveup", ms="ms + self.parameters.t_resend"),
         "",
         "deadline",
+    ),
+    "two withdrawn": (
+        "AMCM/PRE/END/BV-13",
+        "",
+        "def answer(c):\n"
+        "    from dataclasses import replace\n"
+        "    if received(c, 'Intention') and len(state().withdrawn) > 1:\n"
+        "        station._station.state = replace(state(), withdrawn=frozenset({10203}))\n"
+        "    return right(c)",
+        "Cancel",
     ),
     "echoes": (
         "AMCM/STA/MSG/BI-05",
