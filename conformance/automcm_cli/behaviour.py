@@ -17,7 +17,7 @@ from automcm.adapter import LATER, ME, NOW, Reference
 from automcm.interface import Request
 from automcm.messages import encode
 from automcm.parameters import Parameters
-from automcm.state import State, Timer
+from automcm.state import State, Timer, armed
 from automcm.station import Effects, Station
 from automcm_cli.inputs import kind
 from automcm_spec.oracle import Oracle, canonical
@@ -152,6 +152,25 @@ class Walker:
         self._remember(base)
         station._random.seed(SEED)  # else a back-off would depend on what was tried before
         return kept
+
+    def at(self, n: int) -> State:
+        """The state that stands for this one of the graph."""
+        self.reference.put(self.oracle.states[n])
+        return self.station.state
+
+    def said(self, state: State, value: Json) -> tuple[str, State]:
+        """What an input brings about in a state, but for the state, and the state after it."""
+        station = self.station
+        station.state = state
+        station.timers = dict.fromkeys(armed(ME, state), LATER)
+        station._now = 0
+        self._remember(state)
+        station._random.seed(SEED)
+        try:
+            text = "".join(map(_told, self._give(value)))
+        except Exception as error:  # a mutant may raise anything
+            text = type(error).__name__
+        return f"{text}{station.timers!r}{station.state.marks!r}", station.state
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
         """Of each kind of input all answers at a state, in a few bytes."""

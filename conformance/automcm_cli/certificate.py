@@ -14,7 +14,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from multiprocessing.pool import Pool
 from pathlib import Path
 from subprocess import SubprocessError
@@ -30,12 +30,13 @@ from automcm_conformance import purposes
 from automcm_conformance.kills import Kills
 from automcm_conformance.paths import SUITE
 from automcm_conformance.whole import Graphs
-from automcm_spec.generate import spec_hash
+from automcm_spec.generate import GRAPHS, spec_hash
 
 Json = Any
 Say = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
+HIDDEN = "it keeps something else, and never says anything else"
 LIMIT_S, UNTIL_S = 10.0, 1_800.0
 """Real seconds for an answer, and for one mutant."""
 
@@ -174,6 +175,9 @@ def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
                     return mutant.id, None, ""
                 return mutant.id, killed(command, asked, Path(name), sorted(hint)), ""
             found = equivalence.difference(mutant, source, asked.folder, asked.walks)
+            if found is not None and found.graph in GRAPHS:
+                silent = equivalence.hidden(mutant, source, asked.walks)
+                found = replace(found, hidden=silent)
             return mutant.id, found, ""
         except (WalkError, OSError) as error:
             return mutant.id, None, str(error)
@@ -358,8 +362,13 @@ def _judge(
     for n, (id_, found, error) in enumerate(work(walks)):
         say(f"the graphs: {n + 1} of {len(open_)}")
         row = rows[id_]
-        if isinstance(found, Difference):
+        if isinstance(found, Difference) and not found.hidden:
             row.difference = found
+        elif found is not None:
+            row.verdict, row.why = (
+                "equivalent",
+                "keeps something else, and never says anything else",
+            )
         else:
             row.verdict, row.why = ("undecided", error) if error else ("equivalent", "")
         kept.keep(by_id[id_], row, rows)

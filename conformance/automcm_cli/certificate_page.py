@@ -108,7 +108,10 @@ def markdown(found: Certificate) -> str:
             "and any are right. Of inputs for which the changed function cannot be called none is "
             "given. And of some 13,000 messages with one thing odd (a field that is missing, of "
             "another kind, at a bound and beyond it) each is refused or taken as without the "
-            "change.",
+            "change. A mutant that differs only in what it keeps is led on, beside the unchanged "
+            "reference: what differs is carried from state to state as long as that is new, and "
+            "all inputs are given to both. If what they say, with all deadlines, is always the "
+            "same, it is equivalent as well.",
             "- *survived*: no case finds it, and it is not equivalent in that sense.",
             "- *undecided*: time ran out, or something broke.",
             "- *invalid*: the changed module cannot be imported. Does not count.",

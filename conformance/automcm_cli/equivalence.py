@@ -44,6 +44,8 @@ class Difference:
     input: str
     right: str
     wrong: str
+    hidden: bool = False
+    """It is in what the mutant keeps, and never shows in what it says."""
 
 
 class WalkError(Exception):
@@ -86,6 +88,18 @@ def differs(
         return None
     n, others = json.loads(found)
     return n, others
+
+
+def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]] = WALKS) -> bool:
+    """A mutant that differs somewhere never says anything else on these graphs, wherever they lead
+    it (lockstep.py).  Raises WalkError."""
+    kinds = sorted(kinds_of(mutant))
+    return all(
+        json.loads(_child(mutant.module, str(source), "lockstep", graph, str(variant), "-", *kinds))
+        is None
+        for graph, variant in walks
+        if graph in GRAPHS
+    )
 
 
 def hint(walk: tuple[str, int], found: tuple[int, list[str]], owners: Owners) -> set[str]:

@@ -8,6 +8,7 @@ that may stand what to do instead (behaviour.py):
     compare GRAPH VARIANT DIGESTS [KIND]... prints the first state that has others
                                             and the kinds of input, or nothing
     show GRAPH VARIANT STATE                prints a state and all answers there, as JSON
+    lockstep GRAPH VARIANT - [KIND]...      prints what tells it from the reference, or null
 
 The graph `forms` is none: its states are messages, its inputs what is odd in them (forms.py).
 """
@@ -90,7 +91,7 @@ def _serve() -> None:
 
 
 def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> None:
-    from automcm_cli import behaviour, forms
+    from automcm_cli import behaviour, forms, lockstep
     from automcm_spec.generate import GRAPHS
     from automcm_spec.oracle import load
 
@@ -99,7 +100,12 @@ def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> Non
     if graph != "forms":
         oracle, chosen = load(GRAPHS[graph].path), behaviour.VARIANTS[int(variant)]
         walked = behaviour.Walker(oracle, chosen)
-    if task == "write":
+    if task == "lockstep":
+        assert isinstance(walked, behaviour.Walker)
+        right = lockstep.unchanged()
+        other = right.Walker(walked.oracle, right.VARIANTS[int(variant)])
+        print(json.dumps(lockstep.told_apart(walked, other, set(kinds) or None)))
+    elif task == "write":
         behaviour.write(walked, Path(about))
     elif task == "compare":
         found = behaviour.first_difference(walked, Path(about), set(kinds) or None)

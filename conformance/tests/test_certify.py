@@ -210,3 +210,21 @@ def test_usage() -> None:
     listed = CliRunner().invoke(app, ["conform", "certify", "--list", "--class", "form"])
     assert listed.exit_code == 0 and "messages/" in listed.output
     assert "state/" not in listed.output
+
+
+def hidden(id_: str, folder: Path) -> bool:
+    """What a run in lockstep on the smallest graph finds out of a mutant."""
+    (mutant,) = [each for each in generate().mutants if each.id == id_]
+    source = folder / f"{mutant.module}.py"
+    source.write_text(mutant.source, encoding="utf-8")
+    return equivalence.hidden(mutant, source, [("tight", 0)])
+
+
+def test_what_is_kept_and_never_said_is_equivalent(tmp_path: Path) -> None:
+    """Who has withdrawn is of no use once the choice has begun (ADV-5)."""
+    assert hidden("prescribing/window_closes/memory-1", tmp_path)
+
+
+def test_what_is_kept_and_said_later_is_not(tmp_path: Path) -> None:
+    """Who withdraws, and stays recorded all the same, is acked again (END-2)."""
+    assert not hidden("ending/withdraw/memory-4", tmp_path)
