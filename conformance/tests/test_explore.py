@@ -14,6 +14,7 @@ from automcm_conformance import explore, records
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Mismatch
 from automcm_conformance.explore import Exploration
+from automcm_conformance.shrink import Short, Shrinker
 from automcm_conformance.walk import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
 from automcm_spec.generate import ONE_PEER
 from automcm_spec.oracle import load
@@ -171,6 +172,79 @@ def test_a_station_that_hangs_ends_in_a_report(tmp_path: Path) -> None:
     found = explored(HANGS, tmp_path, 60, limit_s=1.0)
     assert found.cases[0].verdict == "ERROR"
     assert found.exit_code == 3
+
+
+NO_RESET = """
+def answer(command):
+    if command["cmd"] == "reset":
+        os._exit(3)
+    return right(command)
+"""
+
+REFUSES_RESET = """
+def answer(command):
+    return {"error": "no"} if command["cmd"] == "reset" else right(command)
+"""
+
+LEAKS = """
+resets = 0
+def answer(command):
+    global resets
+    out = right(command)
+    resets += command["cmd"] == "reset"
+    if resets > 7 and received(command, "Fin"):
+        out["messages"] = []
+    return out
+"""
+"""After some resets it acks no Fin any more."""
+
+LINE_TOO_MANY = """
+def answer(command):
+    line = json.dumps(right(command)).encode() + b"\\n"
+    return 2 * line if received(command, "Fin") else line
+"""
+
+LINE_TOO_FEW = """
+def answer(command):
+    out = right(command)
+    return b"" if received(command, "Fin") else out
+"""
+
+
+@pytest.mark.parametrize("code", [NO_RESET, REFUSES_RESET])
+def test_a_station_that_never_answers_reset_is_an_error(tmp_path: Path, code: str) -> None:
+    found = explored(code, tmp_path, 3)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and "nondeterministic" not in case.reason
+    assert found.acts[case.id] == 0 and found.problems == []
+
+
+def test_what_is_remembered_over_reset_is_nondeterministic(tmp_path: Path) -> None:
+    found = explored(LEAKS, tmp_path, 60)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and case.reason.startswith("nondeterministic")
+    assert len(list((tmp_path / "logs").glob("1-again.*"))) == 1
+
+
+@pytest.mark.parametrize("code", [LINE_TOO_MANY, LINE_TOO_FEW])
+def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str) -> None:
+    found = explored(code, tmp_path, 30, limit_s=1.0)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and found.exit_code == 3
+    assert not found.problems
+
+
+def test_an_interruption_of_shortening_keeps_the_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(shrinker: Shrinker, found: Short) -> Short:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Shrinker, "shrink", interrupted)
+    found = explored(SECOND_SESSION, tmp_path, 400)
+    (case,) = found.cases
+    assert (case.verdict, found.problems) == ("FAIL", ["interrupted"])
+    replays(found, tmp_path, SECOND_SESSION)
 
 
 def test_limits_that_no_graph_has_are_a_problem(tmp_path: Path) -> None:
