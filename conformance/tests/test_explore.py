@@ -142,6 +142,40 @@ def test_a_fault_of_the_second_session_is_found_and_shortened(tmp_path: Path) ->
     replays(found, tmp_path, SECOND_SESSION)
 
 
+SEQ_AFTER_RESTART = """
+back = False
+def answer(command):
+    global back
+    back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
+    out = right(command)
+    for message in out["messages"] if back else ():
+        message["seq"] += message["type"] == "Advertisement"
+    return out
+"""
+
+SAME_NUMBER = """
+back = False
+def answer(command):
+    global back
+    back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
+    out = right(command)
+    for message in out["messages"] if back else ():
+        if message["type"] == "Advertisement":
+            message["session"] = [message["session"][0], 0]
+    return out
+"""
+
+
+@pytest.mark.parametrize("code", [SEQ_AFTER_RESTART, SAME_NUMBER])
+def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
+    tmp_path: Path, code: str
+) -> None:
+    found = explored(code, tmp_path, 60)
+    (case,) = found.cases
+    assert (case.verdict, case.rules, found.acts[case.id]) == ("FAIL", ["ADV-1"], 2)
+    replays(found, tmp_path, code)
+
+
 def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> None:
     found = explored(LATE_LEASE, tmp_path, 100)
     (case,) = found.cases
