@@ -56,13 +56,13 @@ def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
         if new:
             x.durations(new)
         i = slot.answer.input
-        if x.oracle.inputs[i][0] == "expire":
-            try:
+        try:
+            if x.oracle.inputs[i][0] == "expire":
                 x.expire(i)
-            except Infeasible:
-                return slot.answer.state, i
-        else:
-            x.give(i, at=slot.at, lease_ms=slot.lease_ms)
+            else:
+                x.give(i, at=slot.at, lease_ms=slot.lease_ms)
+        except Infeasible:
+            return slot.answer.state, i
     return None
 
 

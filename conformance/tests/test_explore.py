@@ -14,10 +14,12 @@ from automcm_conformance import explore, records
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Mismatch
 from automcm_conformance.explore import Exploration
+from automcm_conformance.play import play
 from automcm_conformance.shrink import Short, Shrinker
+from automcm_conformance.suite import Runner
 from automcm_conformance.walk import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
-from automcm_spec.generate import ONE_PEER
-from automcm_spec.oracle import load
+from automcm_spec.generate import ONE_PEER, TWO_PEERS
+from automcm_spec.oracle import canonical, load
 
 Json = Any
 LIMIT_S = 20.0
@@ -321,6 +323,40 @@ def test_walks_go_where_none_has_been() -> None:
     assert ground.way(0, expiries=None) == []
     walker = Walker(ground, Random(1), Faults())
     assert walker.timed(10) == []
+
+
+def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
+    # Two Cancels are given up at once, the later of the two times; forget(2) is due between.
+    def heard(type_: str, peer: int, session: list[int], seq: int, *more: Json) -> Json:
+        to, reason, of, planned = more
+        m = [type_, peer, to, session, seq, 0, False, reason, of]
+        return ["receive", m, planned]
+
+    nothing = ["none", 0]
+    tour = [
+        heard("Advertisement", 2, [2, 1], 1, 0, "none", nothing, True),
+        ["command", "abort", [2, 1], 0, 0],
+        heard("Advertisement", 2, [2, 2], 1, 0, "none", nothing, True),
+        heard("Cancel", 2, [2, 2], 0, 1, "closed", nothing, True),
+        ["command", "request", [0, 0], 0, 0],
+        heard("Intention", 2, [1, 1], 1, 1, "none", nothing, True),
+        heard("Intention", 3, [1, 1], 1, 1, "none", nothing, True),
+        ["command", "abort", [1, 1], 0, 0],
+        ["expire", ["giveup", ["Cancel", 2, [1, 1], 1, False]]],
+        heard("Ack", 2, [2, 1], 0, 1, "none", ["Cancel", 1], False),
+        ["expire", ["forget", 2]],
+        ["expire", ["giveup", ["Cancel", 3, [1, 1], 1, False]]],
+    ]
+    oracle = load(TWO_PEERS.path)
+    adapter = Adapter(station(), LIMIT_S)
+    try:
+        x = Runner(adapter, (), 1, lambda text: None).exchange(oracle)
+        inputs = [oracle.input_index[canonical(value)] for value in tour]
+        off = play(x, inputs, True)
+        x.flush()
+    finally:
+        adapter.stop()
+    assert off is not None and off[1] == inputs[8]
 
 
 def test_a_case_says_what_it_was_played_with() -> None:
