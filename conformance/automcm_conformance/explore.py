@@ -490,6 +490,7 @@ def explore(
         explorer.run(more)
     except KeyboardInterrupt:
         found.problems.append("interrupted")
+        adapter.renew()  # half a line may have been written: how it ends now says nothing
     except OSError:
         raise
     except Exception as error:  # a fault of ours must not cost what was found so far

@@ -295,7 +295,8 @@ def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
             raise KeyboardInterrupt
         return True
 
-    command, say = station(), lambda text: None
+    stops_badly = "import atexit\natexit.register(os._exit, 1)\n"  # nobody is to look at that
+    command, say = station(stops_badly), lambda text: None
     found = explore.explore(
         command, tmp_path, limit_s=LIMIT_S, seed=1, enough=1, say=say, more=more
     )
