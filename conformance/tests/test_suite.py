@@ -23,7 +23,7 @@ from wrong_station import station
 from automcm.kit import HELLO
 from automcm_cli import cpp
 from automcm_conformance import (
-    adapter,
+    opened,
     purposes,
     records,
     remainder,
@@ -135,7 +135,7 @@ class Suite:
         )
         self.patch.setattr(suite, "VALUES", (PLAIN,))  # stations here may know an id
         self.patch.setattr(remainder, "read", lambda two: [])
-        self.patch.setattr(adapter, "Process", Patient)
+        self.patch.setattr(opened, "Process", Patient)
         chosen = purposes.select(purposes.load(), selectors)
         return whole.conform(
             command,
