@@ -224,7 +224,7 @@ def replay(
 ) -> None:
     """Send exactly the lines of a failure again."""
     from automcm_conformance import records
-    from automcm_conformance.adapter import Adapter
+    from automcm_conformance.adapter import Adapter, Singly
     from automcm_conformance.exchange import Mismatch, Step
     from automcm_conformance.process import AdapterError
     from automcm_conformance.protocol import ProtocolError
@@ -237,7 +237,7 @@ def replay(
         about, steps = records.read_replay(file)
         station = Adapter(command, limit)
         try:
-            records.replayed(steps, station)
+            records.replayed(steps, Singly(station))
         except Mismatch as error:
             wrong = str(error)
         finally:

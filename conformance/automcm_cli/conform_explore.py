@@ -85,7 +85,7 @@ def _show(found: Exploration, folder: Path, console: Console) -> None:
     for case in found.cases:
         console.print()
         show.failure(case, case.failures[0], console)
-    if not found.cases:
+    if not found.cases and found.walks:
         console.print("Every answer is as the specification says.")
     elif found.again:
         console.print(f"{found.again:,} more walks went wrong as one of these did.")

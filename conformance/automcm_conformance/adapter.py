@@ -19,14 +19,17 @@ class Adapter:
     def __init__(self, command: Sequence[str], limit_s: float) -> None:
         self.command = list(command)
         self.broken = 0
+        self.hung = 0
+        """Of those how often by a hang."""
         self.problems: list[str] = []
         self.limit_s = limit_s
         self._process: Opened | None = None
         self.hello = self._start()
 
-    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
-        """Raises AdapterError; the next call has a fresh process."""
-        used = self._process is not None and b'"cmd":"reset"' in lines[0]
+    def exchange(self, lines: Sequence[bytes], *, on: bool = False) -> list[bytes]:
+        """Raises AdapterError; the next call has a fresh process.  ``on``: these lines go on with
+        an exchange, even if they begin with a reset."""
+        used = self._process is not None and b'"cmd":"reset"' in lines[0] and not on
         try:
             return self._exchange(lines)
         except AdapterError as error:
@@ -50,9 +53,10 @@ class Adapter:
         except ProtocolError as error:
             self.broken += 1
             raise AdapterError("start", f"started again: {error}") from None
-        except AdapterError:
+        except AdapterError as error:
             self._process = None
             self.broken += 1
+            self.hung += error.kind == "hang"
             raise
 
     def stop(self) -> None:
@@ -72,3 +76,24 @@ class Adapter:
             self._process.kill()
             self._process = None
             raise
+
+
+class Singly:
+    """One exchange with an adapter, whose lines go one by one: a line too many or too few shows
+    where it belongs."""
+
+    def __init__(self, adapter: Adapter) -> None:
+        self._adapter = adapter
+        self._on = False
+
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+        """As that of an adapter."""
+        answers: list[bytes] = []
+        for line in lines:
+            try:
+                answers += self._adapter.exchange([line], on=self._on)
+            except AdapterError as error:
+                error.answers = [*answers, *error.answers]
+                raise
+            self._on = True
+        return answers

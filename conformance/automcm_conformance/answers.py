@@ -110,21 +110,23 @@ def _own(wanted: Json, found: Json) -> bool:
 
 
 def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected) -> list[Problem]:
-    """What the station was free to choose is now known; was it free to choose that?"""
+    """What the station was free to choose is now known; was it free to choose that?  What it was
+    not is not taken over: a replay expects what was expected here."""
     problems = []
     if wanted["session"][1] is None:
         number = found["session"][1]
         if number <= expected.above:
             text = f"session: a number above {expected.above} is expected, not {number}"
             problems.append(("messages", f"{wanted['type']}.{text}"))
-        wanted["session"] = found["session"]
+        else:
+            wanted["session"] = found["session"]
     if wanted["seq"] is None:
         if found["seq"] in expected.fresh:
             expected.fresh.remove(found["seq"])
+            wanted["seq"] = found["seq"]
         else:
             text = f"seq: one of {expected.fresh} is expected, not {found['seq']}"
             problems.append(("messages", f"{wanted['type']}.{text}"))
-        wanted["seq"] = found["seq"]
     return problems
 
 

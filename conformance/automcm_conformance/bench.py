@@ -58,9 +58,9 @@ class _Recorder(Adapter):
         super().__init__(command, LIMIT_S)
         self.bulks: list[list[bytes]] = []
 
-    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+    def exchange(self, lines: Sequence[bytes], *, on: bool = False) -> list[bytes]:
         self.bulks.append(list(lines))
-        return super().exchange(lines)
+        return super().exchange(lines, on=on)
 
 
 def measure(

@@ -113,7 +113,8 @@ class Unpredicted(Exception):
 
 
 class Infeasible(Exception):
-    """Time does not let this timer expire here: another one is due before it."""
+    """Time does not let this timer expire here: another one is due before it, maybe one that the
+    graph does not let expire yet."""
 
 
 class Exchange:
@@ -375,8 +376,11 @@ class Exchange:
         self.wire.given = None
         lost = then is not None and self.oracle.inputs[then] == ["restart"]  # what is due as well
         while not lost and (due := self._due()) is not None:
-            fired.append(self._expiry(due.timer))
-            self._follow(step, fired[-1])
+            expiry = self._expiry(due.timer)
+            if self.oracle.answer(self.state, expiry) is None:
+                raise Infeasible  # what is to be given up before lasts too long (ADV-8)
+            fired.append(expiry)
+            self._follow(step, expiry)
         self.wire.given = given
         if then is not None:
             self._follow(step, then)

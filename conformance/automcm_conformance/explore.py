@@ -16,12 +16,13 @@ from random import Random
 from typing import Any
 
 from automcm_conformance import records, words
-from automcm_conformance.adapter import Adapter
-from automcm_conformance.exchange import Broken, Exchange, Mismatch, Step, Unpredicted
+from automcm_conformance.adapter import Adapter, Singly
+from automcm_conformance.exchange import Broken, Exchange, Link, Mismatch, Step, Unpredicted
 from automcm_conformance.play import Wrong
 from automcm_conformance.process import AdapterError
+from automcm_conformance.protocol import Refused
 from automcm_conformance.results import BROKE, CaseResult, Implementation, Verdict
-from automcm_conformance.shrink import Short, Shrinker, pair_of, rule_of
+from automcm_conformance.shrink import HANG, STARTS, Short, Shrinker, pair_of, rule_of
 from automcm_conformance.suite import DIFFERENTLY, Runner, Say
 from automcm_conformance.suite import PARAMETERS as USUAL
 from automcm_conformance.tally import Fault
@@ -197,13 +198,20 @@ class Explorer:
             self._landed(new, x, None)
         return None
 
-    def _exchange(self, ground: Ground, setting: Setting, predict: bool | None = None) -> Exchange:
+    def _exchange(
+        self,
+        ground: Ground,
+        setting: Setting,
+        predict: bool | None = None,
+        link: Link | None = None,
+    ) -> Exchange:
         return self.runner.exchange(
             ground.oracle,
             {**USUAL, **dict(setting.parameters)},
             rich=setting.rich,
             values=setting.values,
             predict=self.runner.predict if predict is None else predict,
+            link=link,
         )
 
     def _land(self, walks: Sequence[Walk]) -> None:
@@ -272,30 +280,37 @@ class Explorer:
 
     def _wrong(self, each: Walk, error: Wrong) -> None:
         """Shorten it, unless it is known."""
-        ground, runner = each.ground, self.runner
-        runner.in_step(error)
+        ground, runner, adapter = each.ground, self.runner, self.runner.adapter
+        refused = isinstance(error, Broken) and isinstance(error.error, Refused)
+        if not refused:  # else a line more or less may have put it out of step
+            adapter.renew()
         mark = _mark(ground.oracle, error)
         if mark in self._known:
             self.found.again += 1
             return
         self._known.add(mark)
-        broken = runner.adapter.broken
-        again = self._attempt(each, each.setting, each.acts, "")
+        broken = adapter.broken, adapter.hung
+        adapter.renew()  # which remembers nothing
+        again = self._attempt(each, each.setting, each.acts, None)
         if again is None:
             self._flaky(each, error, None)
             return
-        mark = _mark(ground.oracle, again)
-        self._known.add(mark)
+        self._known.add(_mark(ground.oracle, again))
         rule = rule_of(ground.oracle, again)
         shrinker = Shrinker(
             ground,
             lambda setting, acts: self._attempt(each, setting, acts, rule),
             lambda setting, walks: self._first(each, setting, walks, rule),
             runner.timed,
+            lambda: self._broken,
         )
-        short = shrinker.shrink(Short(each.setting, each.acts, again))
-        sure = self._attempt(each, short.setting, short.acts, rule)
-        runner.adapter.broken = broken  # it counts once, however often it is tried again
+        try:
+            short = shrinker.shrink(Short(each.setting, each.acts, again))
+            sure = self._confirmed(each, short, rule)
+        except KeyboardInterrupt:
+            self._report(each, again, str(again), None, len(each.acts))
+            raise
+        adapter.broken, adapter.hung = broken  # it counts once, however often it is tried again
         if sure is None:
             self._flaky(each, short.error, short)
             return
@@ -305,18 +320,40 @@ class Explorer:
             ground.avoided.add(pair)
         self._report(each, sure, str(sure), None, short.sent)
 
+    @property
+    def _broken(self) -> int:
+        """Crashes; a hang counts as several."""
+        return self.runner.adapter.broken + (HANG - 1) * self.runner.adapter.hung
+
+    def _confirmed(self, each: Walk, short: Short, rule: str) -> Wrong | None:
+        """What goes wrong in a fresh process, line by line, as a replay is sent; None if nothing
+        does, there or once more in the same process: the station remembers more than it may."""
+        self.runner.adapter.renew()
+        sure = self._attempt(each, short.setting, short.acts, rule, singly=True)
+        if sure is None or (isinstance(sure, Broken) and sure.kind == "hang"):
+            return sure
+        again = self._attempt(each, short.setting, short.acts, rule)
+        return None if again is None else sure
+
     def _attempt(
-        self, each: Walk, setting: Setting, acts: Sequence[Act], rule: str
+        self,
+        each: Walk,
+        setting: Setting,
+        acts: Sequence[Act],
+        rule: str | None,
+        *,
+        singly: bool = False,
     ) -> Wrong | None:
-        """Play a walk alone; what went wrong, if it breaks this rule (or any, if it is empty)."""
-        x = self._exchange(each.ground, setting, predict=False)
+        """Play a walk alone; what went wrong, if it breaks this rule (or any, if it is None)."""
+        link = Singly(self.runner.adapter) if singly else None
+        x = self._exchange(each.ground, setting, predict=False, link=link)
         try:
             walk(x, acts, setting)
             x.flush()
         except (Mismatch, Broken) as error:
+            self._last = error.steps
             self.runner.in_step(error)
-            wrong = rule_of(each.ground.oracle, error)
-            return error if len(error.steps) > 1 and rule in ("", wrong) else None
+            return error if rule in (None, rule_of(each.ground.oracle, error)) else None
         self._last = x.done
         return None
 
@@ -324,27 +361,40 @@ class Explorer:
         self, each: Walk, setting: Setting, walks: Sequence[Sequence[Act]], rule: str
     ) -> int | None:
         """The first of some walks that breaks this rule, as far as they can be played together."""
-        left = list(walks)
-        while left:
-            if not self.runner.predict:
-                wrong = (self._attempt(each, setting, acts, rule) for acts in left)
-                n = next((n for n, error in enumerate(wrong) if error is not None), len(left))
-                return None if n == len(left) else len(walks) - len(left) + n
-            exchanges = []
-            for acts in left:
-                exchanges.append(self._exchange(each.ground, setting))
-                walk(exchanges[-1], acts, setting)
+        at, most = 0, self._broken + STARTS
+        while at < len(walks) and self._broken < most:
+            exchanges = self._unwritten(each.ground, setting, walks[at:])
+            if not exchanges:
+                if self._attempt(each, setting, walks[at], rule) is not None:
+                    return at
+                at += 1
+                continue
             n, error = self._together(exchanges)
+            at += n
             if isinstance(error, Unpredicted):
                 self.runner.predict = False
-            elif error is None:
-                return None
-            else:
+            elif error is not None:
                 self.runner.in_step(error)
                 if rule_of(each.ground.oracle, error) == rule:
-                    return len(walks) - len(left) + n
-                left = left[n + 1 :]
+                    return at
+                at += 1
         return None
+
+    def _unwritten(
+        self, ground: Ground, setting: Setting, walks: Sequence[Sequence[Act]]
+    ) -> list[Exchange]:
+        """Of these walks the first ones, as many as need no answer on the way."""
+        exchanges: list[Exchange] = []
+        for acts in walks if self.runner.predict else ():
+            x = self._exchange(ground, setting)
+            try:
+                walk(x, acts, setting)
+            except (Mismatch, Broken, Unpredicted):
+                break  # it is played alone
+            if x.begun:
+                break
+            exchanges.append(x)
+        return exchanges
 
     # -- reports
 
@@ -378,6 +428,7 @@ class Explorer:
     def _report(
         self, each: Walk, error: Wrong, what: str, verdict: Verdict | None, acts: int
     ) -> CaseResult:
+        self.runner.adapter.renew()  # the last attempt may have left lines behind
         pair = pair_of(error)
         oracle = each.ground.oracle
         fault = Fault(
@@ -439,6 +490,7 @@ def explore(
         explorer.run(more)
     except KeyboardInterrupt:
         found.problems.append("interrupted")
+        adapter.renew()  # half a line may have been written: how it ends now says nothing
     except OSError:
         raise
     except Exception as error:  # a fault of ours must not cost what was found so far

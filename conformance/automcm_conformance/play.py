@@ -57,13 +57,13 @@ def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
         if new:
             x.durations(new)
         value = x.oracle.inputs[i]
-        if value[0] != "expire":
-            x.give(i, at=slot.at, lease_ms=slot.lease_ms)
-            continue
-        if x.deadline(value[1]) != slot.at:
-            return here
         try:
-            x.expire(i)
+            if value[0] != "expire":
+                x.give(i, at=slot.at, lease_ms=slot.lease_ms)
+            elif x.deadline(value[1]) == slot.at:
+                x.expire(i)
+            else:
+                return here
         except Infeasible:
             return here
     return None

@@ -22,6 +22,8 @@ RUNS = 400
 """Walks played in order to shorten one."""
 STARTS = 20
 """The same for one that ends in a crash: each needs a new process."""
+HANG = 6
+"""Crashes that a hang counts as: it takes all the time that an answer may."""
 ROUND_MS = (1_000, 100, 10)
 """To which pauses are rounded down, if that is enough."""
 Attempt = Callable[[Setting, Sequence[Act]], Wrong | None]
@@ -45,7 +47,7 @@ class Short:
     @property
     def sent(self) -> int:
         """How many acts there are up to the wrong answer."""
-        return self.error.steps[-1].place + 1
+        return min(self.error.steps[-1].place + 1, len(self.acts))
 
 
 def pair_of(error: Wrong) -> Pair | None:
@@ -73,8 +75,16 @@ class Shrinker:
     attempt: Attempt
     first: First
     timed: bool
+    broken: Callable[[], int]
+    """How often the station has crashed; a hang counts as HANG crashes."""
     runs: int = RUNS
     near: int = NEAREST
+    _most: int = 0
+
+    @property
+    def _ended(self) -> bool:
+        """Enough has been tried."""
+        return self.runs <= 0 or self.broken() >= self._most
 
     def shrink(self, found: Short) -> Short:
         """A short walk that breaks the same rule as ``found``."""
@@ -82,6 +92,9 @@ class Shrinker:
         if kind == "hang":
             return found
         self.runs = STARTS if kind else RUNS
+        self._most = self.broken() + STARTS
+        if pair_of(found.error) is None:  # not even the first input was reached
+            return self._try(Setting(self.timed), []) or self._try(found.setting, []) or found
         best = self._from_afar(self._in_any_time(found) if self.timed else found)
         if best.setting.timed and not kind:
             best = self.nearest(best)
@@ -93,6 +106,8 @@ class Shrinker:
 
     def _try(self, setting: Setting, acts: Sequence[Act]) -> Short | None:
         """This walk, if it breaks the rule; without its end, if it does so too."""
+        if self._ended:
+            return None
         self.runs -= 1
         if setting.timed:
             acts = [Act(0, i) for i in offered(self.ground.oracle, [act.input for act in acts])]
@@ -100,7 +115,7 @@ class Shrinker:
         if error is None:
             return None
         whole = Short(setting, list(acts), error)
-        if whole.sent == len(acts):
+        if whole.sent >= len(acts):
             return whole
         cut = list(acts[: whole.sent])
         error = self.attempt(setting, cut)
@@ -143,6 +158,8 @@ class Shrinker:
         """The first of some walks that breaks the rule."""
         some = list(islice(walks, self.near))
         for at in range(0, len(some), TOGETHER):
+            if self._ended:
+                break
             together = some[at : at + TOGETHER]
             n = self.first(setting, together)
             short = None if n is None else self._try(setting, together[n])
@@ -194,7 +211,7 @@ class Shrinker:
         size = len(found.acts) // 2
         while size > 0:
             at = 0
-            while at < len(found.acts) and self.runs > 0:
+            while at < len(found.acts) and not self._ended:
                 short = self._without(found, at, size)
                 if short is None:
                     at += size

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from automcm_conformance.adapter import PATIENCE, Adapter
-from automcm_conformance.exchange import Broken, Exchange, Mismatch, Step, Unpredicted
+from automcm_conformance.exchange import Broken, Exchange, Link, Mismatch, Step, Unpredicted
 from automcm_conformance.play import LEASES, RUNS, Wrong, play, shortened
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import DEFAULTS, ProtocolError, Refused
@@ -136,14 +136,16 @@ class Runner:
         predict: bool = False,
         logged: bool = True,
         limits: Mapping[str, int] | None = None,
+        link: Link | None = None,
     ) -> Exchange:
-        """A fresh station, with the limits of the graph if none are given."""
+        """A fresh station, with the limits of the graph if none are given, over the adapter or
+        another ``link``."""
         limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
         given = fitting({**parameters, **limits}, self.fixed)
         scenario = self.adapter.hello.scenarios[0]
         return Exchange(
             oracle,
-            self.adapter,
+            link or self.adapter,
             given,
             scenario=scenario,
             seed=self.seed if seed is None else seed,

@@ -14,6 +14,9 @@ from automcm_conformance import explore, records
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Mismatch
 from automcm_conformance.explore import Exploration
+from automcm_conformance.play import play
+from automcm_conformance.shrink import Short, Shrinker
+from automcm_conformance.suite import Runner
 from automcm_conformance.walk import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
 from automcm_spec.generate import ONE_PEER, TWO_PEERS
 from automcm_spec.oracle import canonical, load
@@ -142,6 +145,40 @@ def test_a_fault_of_the_second_session_is_found_and_shortened(tmp_path: Path) ->
     replays(found, tmp_path, SECOND_SESSION)
 
 
+SEQ_AFTER_RESTART = """
+back = False
+def answer(command):
+    global back
+    back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
+    out = right(command)
+    for message in out["messages"] if back else ():
+        message["seq"] += message["type"] == "Advertisement"
+    return out
+"""
+
+SAME_NUMBER = """
+back = False
+def answer(command):
+    global back
+    back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
+    out = right(command)
+    for message in out["messages"] if back else ():
+        if message["type"] == "Advertisement":
+            message["session"] = [message["session"][0], 0]
+    return out
+"""
+
+
+@pytest.mark.parametrize("code", [SEQ_AFTER_RESTART, SAME_NUMBER])
+def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
+    tmp_path: Path, code: str
+) -> None:
+    found = explored(code, tmp_path, 60)
+    (case,) = found.cases
+    assert (case.verdict, case.rules, found.acts[case.id]) == ("FAIL", ["ADV-1"], 2)
+    replays(found, tmp_path, code)
+
+
 def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> None:
     found = explored(LATE_LEASE, tmp_path, 100)
     (case,) = found.cases
@@ -174,6 +211,79 @@ def test_a_station_that_hangs_ends_in_a_report(tmp_path: Path) -> None:
     assert found.exit_code == 3
 
 
+NO_RESET = """
+def answer(command):
+    if command["cmd"] == "reset":
+        os._exit(3)
+    return right(command)
+"""
+
+REFUSES_RESET = """
+def answer(command):
+    return {"error": "no"} if command["cmd"] == "reset" else right(command)
+"""
+
+LEAKS = """
+resets = 0
+def answer(command):
+    global resets
+    out = right(command)
+    resets += command["cmd"] == "reset"
+    if resets > 7 and received(command, "Fin"):
+        out["messages"] = []
+    return out
+"""
+"""After some resets it acks no Fin any more."""
+
+LINE_TOO_MANY = """
+def answer(command):
+    line = json.dumps(right(command)).encode() + b"\\n"
+    return 2 * line if received(command, "Fin") else line
+"""
+
+LINE_TOO_FEW = """
+def answer(command):
+    out = right(command)
+    return b"" if received(command, "Fin") else out
+"""
+
+
+@pytest.mark.parametrize("code", [NO_RESET, REFUSES_RESET])
+def test_a_station_that_never_answers_reset_is_an_error(tmp_path: Path, code: str) -> None:
+    found = explored(code, tmp_path, 3)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and "nondeterministic" not in case.reason
+    assert found.acts[case.id] == 0 and found.problems == []
+
+
+def test_what_is_remembered_over_reset_is_nondeterministic(tmp_path: Path) -> None:
+    found = explored(LEAKS, tmp_path, 60)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and case.reason.startswith("nondeterministic")
+    assert len(list((tmp_path / "logs").glob("1-again.*"))) == 1
+
+
+@pytest.mark.parametrize("code", [LINE_TOO_MANY, LINE_TOO_FEW])
+def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str) -> None:
+    found = explored(code, tmp_path, 30, limit_s=1.0)
+    (case,) = found.cases
+    assert case.verdict == "ERROR" and found.exit_code == 3
+    assert not found.problems
+
+
+def test_an_interruption_of_shortening_keeps_the_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(shrinker: Shrinker, found: Short) -> Short:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Shrinker, "shrink", interrupted)
+    found = explored(SECOND_SESSION, tmp_path, 400)
+    (case,) = found.cases
+    assert (case.verdict, found.problems) == ("FAIL", ["interrupted"])
+    replays(found, tmp_path, SECOND_SESSION)
+
+
 def test_limits_that_no_graph_has_are_a_problem(tmp_path: Path) -> None:
     found = explored('kit.HELLO["fixed"] = {"max_rounds": 7}\n', tmp_path, 5)
     assert found.walks == 0 and found.exit_code == 3
@@ -186,7 +296,8 @@ def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
             raise KeyboardInterrupt
         return True
 
-    command, say = station(), lambda text: None
+    stops_badly = "import atexit\natexit.register(os._exit, 1)\n"  # nobody is to look at that
+    command, say = station(stops_badly), lambda text: None
     found = explore.explore(
         command, tmp_path, limit_s=LIMIT_S, seed=1, enough=1, say=say, more=more
     )
@@ -214,6 +325,40 @@ def test_walks_go_where_none_has_been() -> None:
     assert ground.way(0, expiries=None) == []
     walker = Walker(ground, Random(1), Faults())
     assert walker.timed(10) == []
+
+
+def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
+    # Two Cancels are given up at once, the later of the two times; forget(2) is due between.
+    def heard(type_: str, peer: int, session: list[int], seq: int, *more: Json) -> Json:
+        to, reason, of, planned = more
+        m = [type_, peer, to, session, seq, 0, False, reason, of]
+        return ["receive", m, planned]
+
+    nothing = ["none", 0]
+    tour = [
+        heard("Advertisement", 2, [2, 1], 1, 0, "none", nothing, True),
+        ["command", "abort", [2, 1], 0, 0],
+        heard("Advertisement", 2, [2, 2], 1, 0, "none", nothing, True),
+        heard("Cancel", 2, [2, 2], 0, 1, "closed", nothing, True),
+        ["command", "request", [0, 0], 0, 0],
+        heard("Intention", 2, [1, 1], 1, 1, "none", nothing, True),
+        heard("Intention", 3, [1, 1], 1, 1, "none", nothing, True),
+        ["command", "abort", [1, 1], 0, 0],
+        ["expire", ["giveup", ["Cancel", 2, [1, 1], 1, False]]],
+        heard("Ack", 2, [2, 1], 0, 1, "none", ["Cancel", 1], False),
+        ["expire", ["forget", 2]],
+        ["expire", ["giveup", ["Cancel", 3, [1, 1], 1, False]]],
+    ]
+    oracle = load(TWO_PEERS.path)
+    adapter = Adapter(station(), LIMIT_S)
+    try:
+        x = Runner(adapter, (), 1, lambda text: None).exchange(oracle)
+        inputs = [oracle.input_index[canonical(value)] for value in tour]
+        off = play(x, inputs, True)
+        x.flush()
+    finally:
+        adapter.stop()
+    assert off is not None and off[1] == inputs[8]
 
 
 def test_a_case_says_what_it_was_played_with() -> None:
