@@ -25,6 +25,7 @@ FORGETS_TO_FLUSH = "import sys\nout = open(1, 'w')\nfor line in sys.stdin: out.w
 SLEEPS = "import time\ntime.sleep(60)"
 FORK = """
 import os, sys, time
+input()  # a line before that is one that nobody asked for
 if os.fork() == 0:
     {first}
     time.sleep(60)
@@ -161,7 +162,7 @@ def test_crash_between_two_exchanges() -> None:
 
 
 def test_half_a_line_then_exit() -> None:
-    error = failure("import sys\nsys.stdout.write('{\"messages\"')")
+    error = failure("import sys\ninput()\nsys.stdout.write('{\"messages\"')")
     assert (error.kind, error.exit_code) == ("crash", 0)
     assert "in the middle of a line" in str(error)
 
@@ -180,7 +181,9 @@ def test_it_closes_its_input_but_lives() -> None:
 def test_a_gigabyte_on_one_line_takes_no_memory() -> None:
     tracemalloc.start()
     try:
-        error = failure("import os\nfor _ in range(1 << 14): os.write(1, b'x' * (1 << 16))")
+        error = failure(
+            "import os\ninput()\nfor _ in range(1 << 14): os.write(1, b'x' * (1 << 16))"
+        )
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -189,13 +192,13 @@ def test_a_gigabyte_on_one_line_takes_no_memory() -> None:
 
 
 def test_endless_output() -> None:
-    error = failure("import os\nwhile True: os.write(1, b'{}\\n' * 1000)", 2)
+    error = failure("import os\ninput()\nwhile True: os.write(1, b'{}\\n' * 1000)", 2)
     assert (error.kind, error.answers) == ("output", [b"{}", b"{}"])
 
 
 def test_answers_that_are_large_together() -> None:
     lines = [LINE] * 1_000
-    code = "import os\nwhile True: os.write(1, b'x' * 900 + b'\\n')"
+    code = "import os\ninput()\nwhile True: os.write(1, b'x' * 900 + b'\\n')"
     child = Process([sys.executable, "-c", code], max_line=1_000)
     with child, pytest.raises(AdapterError, match="answers have") as caught:
         child.exchange(lines)
@@ -235,7 +238,7 @@ def test_its_children_end_with_it() -> None:
 
 
 def test_its_children_end_after_a_clean_stop() -> None:
-    code = FORK.format(first="print(os.getpid(), flush=True)") + "input(); input()"
+    code = FORK.format(first="print(os.getpid(), flush=True)") + "input()"
     with start(code) as child:
         pid = int(child.exchange([LINE])[0])
         assert child.stop() is None
@@ -244,7 +247,7 @@ def test_its_children_end_after_a_clean_stop() -> None:
 
 def test_a_child_that_went_away_and_holds_the_pipes_blocks_nobody() -> None:
     code = FORK.format(first="os.setsid(); print(os.getpid(), flush=True)")
-    with start(code + "input(); input()") as child:
+    with start(code + "input()") as child:
         pid = int(child.exchange([LINE])[0])
         before = time.monotonic()
         assert child.stop() is None
@@ -257,7 +260,7 @@ def test_a_child_that_went_away_and_holds_the_pipes_blocks_nobody() -> None:
 
 def test_stop_is_ignored() -> None:
     code = "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
-    with start(code + "print(1, flush=True)\nwhile True: time.sleep(1)") as child:
+    with start(code + "input(); print(1, flush=True)\nwhile True: time.sleep(1)") as child:
         child.exchange([LINE])
         child.limit_s = LIMIT
         assert child.stop() == "it did not end within 0.4 s of stop and was killed"
