@@ -59,7 +59,7 @@ def explored(name: str, station: Path, seed: int, seconds: float, folder: Path) 
             seen.seconds = time.monotonic() - begun
             seen.shorter = short
             if short.setting.timed:
-                self.near = NEAREST
+                self.near = self.runs = NEAREST
                 seen.shorter = self.nearest(short)
             return short
 

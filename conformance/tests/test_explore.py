@@ -145,28 +145,22 @@ def test_a_fault_of_the_second_session_is_found_and_shortened(tmp_path: Path) ->
     replays(found, tmp_path, SECOND_SESSION)
 
 
-SEQ_AFTER_RESTART = """
+AFTER_RESTART = """
 back = False
 def answer(command):
     global back
     back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
     out = right(command)
     for message in out["messages"] if back else ():
-        message["seq"] += message["type"] == "Advertisement"
+        {change}
     return out
 """
-
-SAME_NUMBER = """
-back = False
-def answer(command):
-    global back
-    back = command["cmd"] != "reset" and (back or command["cmd"] == "restart")
-    out = right(command)
-    for message in out["messages"] if back else ():
-        if message["type"] == "Advertisement":
-            message["session"] = [message["session"][0], 0]
-    return out
-"""
+SEQ_AFTER_RESTART = AFTER_RESTART.format(
+    change='message["seq"] += message["type"] == "Advertisement"'
+)
+SAME_NUMBER = AFTER_RESTART.format(
+    change='message["session"][1] *= message["type"] != "Advertisement"'
+)
 
 
 @pytest.mark.parametrize("code", [SEQ_AFTER_RESTART, SAME_NUMBER])
