@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -19,6 +18,7 @@ from automcm_cli import (
     spec_commands,
     station,
     station_bench,
+    trace,
     vectors,
 )
 from automcm_cli.common import CODES, Json, progress, write_json
@@ -30,8 +30,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-trace = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
-app.add_typer(trace, name="trace", no_args_is_help=True)
+app.add_typer(trace.app, name="trace", no_args_is_help=True)
 app.add_typer(spec_commands.spec, name="spec", no_args_is_help=True)
 app.add_typer(station_bench.bench, name="bench", no_args_is_help=True)
 app.add_typer(vectors.app, name="vectors", no_args_is_help=True)
@@ -97,37 +96,6 @@ def generate(
         typer.echo(f"renewed {path.relative_to(generated.ROOT)}")
     if not changed:
         typer.echo("everything was up to date")
-
-
-@trace.command(epilog="Example: automcm trace explain 1001.ndjson 2002.ndjson.  " + CODES)
-def explain(
-    logs: Annotated[list[Path], typer.Argument(help="Logs in the format automcm.trace/1.")],
-    late: Annotated[
-        int | None,
-        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
-    ] = None,
-    json_: Json = None,
-) -> None:
-    """Is each log allowed by the specification?  If not: the first event that is not, and why.
-
-    With several logs, what was received is also compared with what was sent.
-    """
-    from automcm_spec.oracle import OracleError
-    from automcm_traces import explain as explain_
-
-    try:
-        verdicts = explain_.explain_files(logs, late)
-    except OracleError as error:
-        typer.echo(f"explain: {error}", err=True)
-        raise typer.Exit(3) from None
-    if len(verdicts) == 1:
-        write_json(json_, verdicts[0].as_dict())
-    else:
-        write_json(json_, [verdict.as_dict() for verdict in verdicts])
-    if str(json_) != "-":
-        for verdict in verdicts:
-            typer.echo(explain_.text(verdict))
-    raise typer.Exit(explain_.exit_code(verdicts))
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ followed is held against that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -118,6 +118,8 @@ class Engine:
         self._late_ms = (p.t_resend or 100) // 2 if late_ms is None else late_ms
         self.track = Track(header.station, p.max_rounds or 3)
         self.timers: dict[str, int] = {}
+        self.observer: Callable[[Step, Track], None] | None = None
+        """Called after each step is complete, with the station as it is then."""
         self._step: Step | None = None
 
     # -- what may follow, for who drives a station and writes its log meanwhile
@@ -201,6 +203,8 @@ class Engine:
                 step.at, f"{step.what}: not everything followed", step.rule, missing, step.guard
             )
         self._lift(step)
+        if self.observer is not None:
+            self.observer(step, self.track)
 
     def _lift(self, step: Step) -> None:
         t, before = self.track, self.track.phase
