@@ -5,18 +5,33 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from automcm.links.simulated import Channel
+from automcm.simulation import Simulation
+from automcm.straight import Straight
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, Graph
 from automcm_spec.oracle import STATE_FIELDS, Oracle, load
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES, handler, place
-from automcm_traces.guards import MOST, armed_in, causes, lines, names, nearest, unarmed
+from automcm_traces.guards import (
+    MOST,
+    armed_in,
+    causes,
+    lines,
+    names,
+    nearest,
+    observed,
+    timer_in,
+    unarmed,
+)
 from automcm_traces.guards_end import HANDLERS
 from automcm_traces.guards_timers import ARMED, armed
 from automcm_traces.guards_tree import Choice, Facts, Leaf, Tree, decide, done, ways
+from automcm_traces.reader import read
 from automcm_traces.track import Entry, Track, View
 
 Json = Any
@@ -133,8 +148,11 @@ def test_each_guard_stands_in_station_tla_in_this_order() -> None:
     text = (TLA / "Station.tla").read_text().splitlines()
     for to, tree in HANDLERS.items():
         for way, _ in ways(tree):
+            last: dict[str, int] = {}
             for (guard, _), line in zip(way, lines(way), strict=True):
                 assert guard.text in text[line - 1], (to, guard.text)
+                assert line >= last.get(guard.where, 0), (to, guard.text)
+                last[guard.where] = line
     for guard in ARMED.values():
         line, _ = place(guard.where, guard.text)
         assert guard.text.split(' \\/ st.phase = "N')[0] in text[line - 1]
@@ -222,11 +240,13 @@ def test_two_guards_in_the_wrong_order_are_caught() -> None:
         "OnRefuse": 1,
         "OnComplete": 1,
         "OnAbort": 1,
-        "OnAdvertisement": 3,
-        "OnIntention": 2,
-        "OnPrescription": 2,
-        "OnAcceptance": 6,
+        "OnAdvertisement": 4,
+        "OnIntention": 3,
+        "OnPrescription": 3,
+        "OnAcceptance": 7,
         "OnCancel": 3,
+        "OnFin": 1,
+        "OnAck": 1,
     }
 
 
@@ -283,11 +303,29 @@ def test_what_the_rule_does_but_in_another_form() -> None:
     found = nearest(oracle(), oracle().states[0], ADVERTISEMENT, ("send", "Intention"))
     assert found is not None
     assert (found.rule, found.guard) == ("ADV-3", "")
-    assert found.text().endswith("(OnAdvertisement), but not in this form")
+    assert found.text().endswith("(OnAdvertisement), but not in this form, or not again")
 
 
 def test_what_no_branch_of_the_handler_does() -> None:
     assert nearest(oracle(), oracle().states[0], ADVERTISEMENT, ("send", "Fin")) is None
+
+
+def test_rel_1_a_copy_may_carry_any_reason_but_is_of_what_was_sent() -> None:
+    cancel = ["Cancel", 2, [1, 1], 1, False]
+    sending = state(phase="STANDALONE", outbox=[cancel])
+    resend = ["expire", ["resend", cancel]]
+    found = nearest(oracle(), sending, resend, ("send", "Cancel", "abort"))
+    assert found is not None
+    assert (found.rule, found.guard) == ("REL-1", "")
+    assert nearest(oracle(), sending, resend, ("send", "Fin")) is None  # of some states only
+    assert nearest(oracle(), sending, resend, ("send", "Cancel", "abort", "more")) is None
+
+
+def test_the_phase_that_it_stays_in() -> None:
+    waiting = state(phase="WAITING")
+    found = nearest(oracle(), waiting, PRESCRIPTION, ("phase", "WAITING"))
+    assert found is not None
+    assert (found.rule, found.must_hold, found.guard[:8]) == ("END-5", False, "st.phase")
 
 
 def test_a_timer_that_is_not_armed() -> None:
@@ -309,7 +347,14 @@ def test_what_would_have_caused_it() -> None:
         "receive Cancel from 2",
     ]
     assert causes(oracle(), receiver, ("send", "Cancel", "abort")) == ["command abort"]
+    assert causes(oracle(), receiver, ("send", "Ack")) == [  # first what changes something
+        "receive Cancel from 2",
+        "receive Fin from 2",
+        "receive Acceptance from 2 (refused)",
+        "receive Prescription from 2",
+    ]
     assert causes(oracle(), receiver, ("send", "Prescription")) == []
+    assert causes(oracle(), receiver, ("without", "send", "Fin")) == []
     assert causes(oracle(), ["no state"], ("send", "Fin")) == []
 
 
@@ -328,7 +373,7 @@ def test_the_values_are_given_with_the_ids_of_the_log() -> None:
     assert found is not None
     assert "m.proposal = 4, st.proposal = 4" in found.text(real)
     shown = {
-        ("st.outbox", "{Acceptance to 1001 session=1001/7 proposal=4}"),
+        ("st.outbox", "{Acceptance to 1001 session=1001/7 proposal=4 seq=3}"),
         ("st.joined", "{1001/7}"),
         ("m.dst", "2002"),
         ("m.src", "1001"),
@@ -343,6 +388,65 @@ def test_the_values_are_given_with_the_ids_of_the_log() -> None:
     assert causes(oracle(), view.state(), ("told", "fallback"), real)[-1] == (
         "receive Cancel from 1001"
     )
+
+
+def test_what_was_received_is_shown_as_the_log_has_it() -> None:
+    """END-6: the seq of the wire, not what stands for it in the oracle."""
+    track = Track(1001, phase="STANDALONE", number=7)
+    track.outbox.append(Entry("Fin", 2002, (1001, 7), 1, {"seq": 5}))
+    ack = {"type": "Ack", "src": 2002, "dst": 1001, "session": [1001, 7], "seq": 0}
+    ack |= {"of": {"type": "Fin", "seq": 5}}
+    view = View(track, 2002, session=(1001, 7))
+    given = ["receive", ["Ack", 2, 1, [1, 1], 0, 0, False, "none", ["Fin", 1]], False]
+    found = nearest(oracle(), view.state(), given, ("without", "stop"))
+    assert found is not None
+    assert found.text(names(view, given=ack)) == (
+        "nearest allowed: END-6 without stop (OnAck) blocked by guard acked = {}, which must hold; "
+        "it matches a message that is still being sent: m.src = 2002, m.session = 1001/7, "
+        "m.of = Fin seq=5, st.outbox = {Fin to 2002 session=1001/7 seq=5}  "
+        f"Station.tla:{place('OnAck', 'acked = {}')[0]}"
+    )
+
+
+def test_a_timer_of_a_log_in_the_ids_of_the_oracle() -> None:
+    """REL-1: of a message in the outbox, of one that is not, of the Advertisement."""
+    track = Track(1001, phase="ADVERTISING", role="prescriber", session=(1001, 7), number=7)
+    track.outbox.append(Entry("Cancel", 2002, (1001, 7), 1, {"seq": 5}))
+    view = View(track, 2002, session=(1001, 7))
+    key = {"type": "Cancel", "to": 2002, "session": [1001, 7], "seq": 5}
+    entry = ["Cancel", 2, [1, 1], 1, False]
+    assert timer_in(view, {"name": "giveup", "message": key}) == ["giveup", entry]
+    other = timer_in(view, {"name": "giveup", "message": {**key, "type": "Fin"}})
+    assert other == ["giveup", ["Fin", *entry[1:]]]
+    found = unarmed(oracle(), view.state(), other)
+    assert found is not None
+    assert (found.action, found.why) == (
+        "expire giveup(Fin)",
+        "no such message is being sent any more",
+    )
+    again = {"type": "Advertisement", "session": [1001, 7], "seq": 1}
+    resend = timer_in(view, {"name": "resend", "message": again})
+    assert unarmed(oracle(), view.state(), resend) is None
+    assert timer_in(view, {"name": "forget", "station": 2002}) == ["forget", 2]
+    assert timer_in(view, {"name": "forget", "station": 3003}) == ["forget", 9]
+
+
+def test_what_an_event_of_a_log_shows(tmp_path: Path) -> None:
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2), logs=tmp_path)
+    for station in (1001, 2002):
+        simulation.add(station, Straight())
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    log = read(tmp_path / "2002.ndjson")
+    shown = {observed(event) for _, event in log.events}
+    assert {
+        (),
+        ("send", "Intention", None),
+        ("send", "Acceptance", True, None),
+        ("arm", "giveup"),
+        ("stop", "hold"),
+        ("told", "verify", None),
+    } <= shown
 
 
 def test_of_everything_done_somewhere_the_nearest_is_found_in_every_state() -> None:
