@@ -10,10 +10,13 @@ from typing import Any, Literal
 
 from automcm_traces.engine import Diverges, Engine
 from automcm_traces.log import Receive, Send
+from automcm_traces.possible import Possible
 from automcm_traces.reader import Log, LogError, read
 from automcm_traces.track import CannotTell
 
 Json = Any
+NEEDED = ("command", "receive", "restart", "send", "timer")
+"""Kinds of event with all of which a log says what the one state of its station is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,8 @@ def explain(log: Log, late_ms: int | None = None) -> Verdict:
             raise CannotTell(f"the log lost {log.end.lost_records} records")
         if not log.events:
             raise CannotTell("the log holds no event")
-        engine = Engine(log, late_ms)
+        whole = set(NEEDED) <= set(log.header.complete)
+        engine = Engine(log, late_ms) if whole else Possible(log, late_ms)
         for at, event in log.events:
             engine.feed(at, event)
         if log.ended:
