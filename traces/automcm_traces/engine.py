@@ -104,8 +104,6 @@ class Step:
     """It happened at ``t_ms``, or, if the input was not observed, not before this."""
     fresh: int = 0
     sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
-    phases: list[tuple[int, str | None, str | None]] = field(default_factory=list)
-    """Phase and role after the step as the log has them, and the lines."""
 
     @property
     def rule(self) -> str:
@@ -132,7 +130,6 @@ class Step:
             stop=[(on(view), timer) for view, timer in self.stop],
             told=list(self.told),
             sent=list(self.sent),
-            phases=list(self.phases),
         )
 
 
@@ -244,7 +241,7 @@ class Engine:
             case Send(message=message) if message["type"] == "CAM":
                 self.finish()
                 self._cam_sent(at, message)
-                self._phase_is(at, event.phase, event.role)
+                self._phase_is(at, event)
                 return
             case Send(message=message):
                 self._sent(at, message)
@@ -261,11 +258,7 @@ class Engine:
                 self._input(at, event)
         if not (isinstance(event, Receive) and event.message and event.message["type"] == "CAM"):
             self.since_ms = event.t_ms
-        if event.phase is not None or event.role is not None:
-            if self._step is None:
-                self._phase_is(at, event.phase, event.role)
-            else:
-                self._step.phases.append((at, event.phase, event.role))
+        self._phase_is(at, event)
 
     def finish(self) -> None:
         """No more effects of the last input: what is still expected is missing."""
@@ -280,8 +273,6 @@ class Engine:
             self._timers_as_told(step)
         self._step = None
         self._lift(step)
-        for at, phase, role in step.phases:
-            self._phase_is(at, phase, role, step)
         if self.observer is not None:
             self.observer(step, self.track)
 
@@ -302,15 +293,17 @@ class Engine:
         if m.get("type") == "CAM" and step.answer.changes:
             t.heard_ms = m["generation_ms"]
 
-    def _phase_is(
-        self, at: int, phase: str | None, role: str | None, step: Step | None = None
-    ) -> None:
-        """Phase and role, where the log has them, are those of the specification."""
-        t = self.track
-        for name, is_, wanted in (("phase", phase, t.phase), ("role", role, t.role)):
-            if is_ is not None and is_ != wanted:
+    def _phase_is(self, at: int, event: Event) -> None:
+        """Phase and role after the step, where the log has them, are those of the specification."""
+        if event.phase is None and event.role is None:
+            return
+        step = self._step
+        wanted = (self.track.phase, self.track.role) if step is None else step.after[:2]
+        found = event.phase, event.role
+        for name, is_, should in zip(("phase", "role"), found, wanted, strict=True):
+            if is_ is not None and is_ != should:
                 rule, guard = (step.rule, step.guard) if step else ("", "")
-                wants = [f"{name} {wanted}"]
+                wants = [f"{name} {should}"]
                 raise Diverges(at, f"{name} {is_}", rule, wants, guard, step, (name, is_))
 
     # -- inputs

@@ -168,7 +168,9 @@ def _key(engine: Engine) -> Json:
     step = engine.step
     calls: Json = None
     if step is not None:
-        calls = step.input, tuple(engine.outstanding()), tuple(step.told), len(step.sent)
+        about = tuple(step.view.ids), step.view.event_session
+        left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
+        calls = step.input, about, left
     timers = tuple(sorted((k, d.first, d.last or 0) for k, d in engine.timers.items()))
     return engine.track.key(), timers, calls, engine.since_ms
 
@@ -210,13 +212,16 @@ def _views(t: Track, event: Event) -> list[View]:
     """The parts of the station that something unseen may be about."""
     stations, named, proposal = _about(event)
     stations |= {t.peer, *t.recorded, *t.joined, *(e.to for e in t.outbox)}
+    proposals = {proposal} | ({t.proposal - 1} if t.proposal > 1 else set())
     views = []
     for y in sorted(stations - {0, t.me}) or [0]:
         sessions = {s for s in named if s[0] in (y, t.me)}
         sessions |= {e.session for e in t.outbox if e.to == y}
         sessions |= {t.session} if t.session else set()
         about: list[tuple[int, int] | None] = [*sorted(sessions)] or [None]
-        views += [View(t, y, other(t, y), session, proposal) for session in about]
+        views += [
+            View(t, y, other(t, y), session, k) for session in about for k in sorted(proposals)
+        ]
     return views
 
 
@@ -280,7 +285,8 @@ def _given(view: View, value: Json) -> dict[str, Json] | None:
             m |= {"proposal": _proposal(view, proposal), "accepted": accepted}
         return m
     if value[0] == "command":
-        return {"name": value[1]}
+        proposal = {"proposal": _proposal(view, value[3])} if value[3] else {}
+        return {"name": value[1], **proposal}
     if value[0] == "cam":
         return {"type": "CAM", "generation_ms": view.track.heard_ms or 0}
     return {}
