@@ -26,7 +26,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator
 from typing_extensions import TypeAliasType
 
 SCHEMA: Final = "automcm.trace/1"
@@ -352,6 +352,41 @@ RECORD: Final[TypeAdapter[Record]] = TypeAdapter(
     Annotated[Header | _TaggedEvent | End, Field(discriminator="rec")]
 )
 """Validates one line: ``RECORD.validate_json(line)`` raises pydantic.ValidationError."""
+
+
+def _without_checks(schema: Any) -> Any:
+    """RECORD's schema for lines in which nothing is null and no field is the vendor's."""
+    if isinstance(schema, list):
+        return [_without_checks(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    check = schema["function"]["function"] if schema.get("type") == "function-before" else None
+    if getattr(check, "__name__", "") == "_without_vendor_fields":
+        return _without_checks(schema["schema"])
+    return {key: _without_checks(item) for key, item in schema.items()}
+
+
+_QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebuilt=False)
+"""Not prebuilt, or it would take the classes' own validators, checks and all."""
+
+
+def record(line: bytes) -> Record:
+    """One line, validated as by RECORD, in about half the time.
+
+    Nearly all lines hold neither null nor a field of the vendor's, so what looks for them walks
+    only those that may, and those that are refused.
+    """
+    if b"null" not in line:
+        try:
+            found: Record = _QUICK.validate_json(line)
+        except ValidationError:
+            return RECORD.validate_json(line)
+        match found:  # these two keep every field, and must not keep the vendor's
+            case ApplicationCommand(command=free) | ApplicationIndication(indication=free):
+                if any(key.startswith("x_") for key in free.model_extra or {}):
+                    return RECORD.validate_json(line)
+        return found
+    return RECORD.validate_json(line)
 
 
 class UnknownEvent(EventBase):
