@@ -415,16 +415,24 @@ _PROBLEMS = {
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """The field (a path such as ``message.seq``, "" for the whole line) and what is wrong there."""
-    first = error.errors(include_url=False, include_input=False)[0]
-    context: Mapping[str, object] = first.get("ctx", {})
-    if first["type"] == "json_invalid":
+    return problems_of(error)[0]
+
+
+def problems_of(error: ValidationError) -> list[tuple[str, str]]:
+    """Everything wrong with a line, as ``first_problem`` says it."""
+    return [_problem(one) for one in error.errors(include_url=False, include_input=False)]
+
+
+def _problem(error: ErrorDetails) -> tuple[str, str]:
+    context: Mapping[str, object] = error.get("ctx", {})
+    if error["type"] == "json_invalid":
         return "", f"not JSON: {context['error']}".replace(" at line 1 column", " at column")
-    path = _path(first)
+    path = _path(error)
     for inner in (str(context.get("discriminator", "")).strip("'"), str(context.get("field", ""))):
         path = _join(path, inner)
-    if first["type"] == "union_tag_invalid":
+    if error["type"] == "union_tag_invalid":
         return path, f"{context['tag']!r} is none of {context['expected_tags']}"
-    return path, _PROBLEMS.get(first["type"], first["msg"])
+    return path, _PROBLEMS.get(error["type"], error["msg"])
 
 
 def _path(error: ErrorDetails) -> str:

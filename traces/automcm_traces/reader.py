@@ -1,6 +1,6 @@
 """Read a log, and say in one line what is wrong with one that cannot be read."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -115,6 +115,23 @@ def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
         raise LogError(path, 0, "", f"cannot be read: {error.strerror}") from None
 
 
+def logs_below(paths: Iterable[Path]) -> list[Path]:
+    """The logs meant: a folder stands for every ``.ndjson`` below it, in the order of names.
+
+    Raises LogError for a folder without any.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        below = sorted(p for p in path.rglob("*.ndjson") if p.is_file())
+        if not below:
+            raise LogError(path, 0, "", "holds no log (*.ndjson)")
+        found += below
+    return found
+
+
 MOST_WARNINGS = 20
 """A stream keeps no more; ``LogStream.overlooked`` counts all."""
 
@@ -201,19 +218,19 @@ def _json_error(error: ValidationError, line: bytes) -> Exception:
 
 
 _MAGIC = {
-    b"\xef\xbb\xbf": "a byte order mark; write UTF-8 without one",
-    b"\xff\xfe": "UTF-16",
-    b"\xfe\xff": "UTF-16",
-    b"\x1f\x8b": "a gzip file; unpack it first",
-    b"\x28\xb5\x2f\xfd": "a zstd file; unpack it first",
-    b"PK\x03\x04": "a zip file; unpack it first",
-    b"\x89PNG": "a PNG image",
+    b"\xef\xbb\xbf": "it begins with a byte order mark; write UTF-8 without one",
+    b"\xff\xfe": "this is UTF-16",
+    b"\xfe\xff": "this is UTF-16",
+    b"\x1f\x8b": "this is a gzip file; unpack it first",
+    b"\x28\xb5\x2f\xfd": "this is a zstd file; unpack it first",
+    b"PK\x03\x04": "this is a zip file; unpack it first",
+    b"\x89PNG": "this is a PNG image",
 }
 
 
 def _known(line: bytes) -> str:
     """What begins like this, for people who give us the wrong file."""
-    return next((f" (it begins like {w})" for m, w in _MAGIC.items() if line.startswith(m)), "")
+    return next((f" ({w})" for m, w in _MAGIC.items() if line.startswith(m)), "")
 
 
 def cut(line: bytes) -> bool:

@@ -215,3 +215,9 @@ def test_the_quick_way_is_taken_and_gives_the_same(tmp_path: Path) -> None:
         text = json.dumps(line).encode()
         assert record(text) == RECORD.validate_json(text)
     assert isinstance(record(json.dumps(HEADER).encode()), Header)
+
+
+@pytest.mark.parametrize("field", ["rule", "phase", "role"])
+def test_the_quick_way_lets_no_null_pass(field: str) -> None:
+    with pytest.raises(ValidationError, match="null is not allowed"):
+        record(json.dumps(restart(1, **{field: None})).encode())
