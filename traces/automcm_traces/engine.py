@@ -101,7 +101,9 @@ class Step:
     given: dict[str, Json] | None
     content: dict[str, Json]
     since_ms: int
-    """It happened at ``t_ms``, or, if the input was not observed, not before this."""
+    """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
+    unseen: bool = False
+    """Neither the input nor an effect was observed so far."""
     fresh: int = 0
     sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
 
@@ -181,6 +183,11 @@ class Engine:
         """The last input and what is still expected to follow it; None after ``finish``."""
         return self._step
 
+    @property
+    def states(self) -> int:
+        """How many states of the specification are possible: one, if nothing is unseen."""
+        return 1
+
     def takes(self, m: dict[str, Json]) -> bool:
         """Whether the current step calls for this message to be sent."""
         step = self._step
@@ -244,7 +251,7 @@ class Engine:
                 self._phase_is(at, event)
                 return
             case Send(message=message):
-                self._sent(at, message)
+                self._sent(at, event.t_ms, message)
             case TimerArm() | TimerEnd(op="stop"):
                 self._timer_changed(at, event)
             case ApplicationIndication():
@@ -330,8 +337,13 @@ class Engine:
         """
         self.finish()
         if timer:
-            self.since_ms = max(self.since_ms, self.timers.pop(timer).first)
+            deadline = self.timers.pop(timer)
+            self.since_ms = max(self.since_ms, deadline.first)
+            if deadline.last is not None:
+                until_ms = min(until_ms, deadline.last + self._late_ms)
         self._start(at, until_ms, asked._replace(what=f"{asked.what}, not logged"), self.since_ms)
+        assert self._step is not None
+        self._step.unseen = True
 
     def _expired(self, at: int, event: Event, timer: dict[str, Json]) -> None:
         what = f"expire {timer_name(timer)}"
@@ -396,14 +408,22 @@ class Engine:
 
     # -- effects
 
-    def _current(self, at: int, event: str, seen: tuple[str, Json]) -> Step:
-        if self._step is None:
+    def _current(self, at: int, t_ms: int, event: str, seen: tuple[str, Json]) -> Step:
+        """The step that an effect belongs to.  The first effect tells when an unseen input was:
+        up to late_ms before."""
+        step = self._step
+        if step is None:
             raise Diverges(at, f"{event}: nothing called for it", "", [], "", None, seen)
-        return self._step
+        if step.unseen:
+            if t_ms > step.t_ms:
+                wanted = [f"{step.what}, by {step.t_ms} ms"]
+                raise Diverges(at, event, step.rule, wanted, step.guard, step, seen)
+            step.unseen, step.since_ms = False, max(step.since_ms, t_ms - self._late_ms)
+        return step
 
-    def _sent(self, at: int, m: dict[str, Json]) -> None:
+    def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
         event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
-        step = self._current(at, event, seen)
+        step = self._current(at, t_ms, event, seen)
         problems = []
         for e in step.messages:
             problem = difference(e, m, self.track, step.content, step.fresh)
@@ -430,7 +450,7 @@ class Engine:
         if self._step is None and name == "discarded":
             return
         seen = ("indication", name)
-        step = self._current(at, f"indication {name}", seen)
+        step = self._current(at, event.t_ms, f"indication {name}", seen)
         if name not in step.told:
             wanted = self.outstanding() or step.told or ["nothing more"]
             text = f"indication {name}"
@@ -449,7 +469,7 @@ class Engine:
     def _timer_changed(self, at: int, event: TimerArm | TimerEnd) -> None:
         timer = event.timer.model_dump(exclude_none=True)
         what, seen = f"{event.op} {timer_name(timer)}", (event.op, timer)
-        step = self._current(at, what, seen)
+        step = self._current(at, event.t_ms, what, seen)
         armed = isinstance(event, TimerArm)
         pool = step.arm if armed else step.stop
         value = self._match(step, timer, pool)

@@ -14,7 +14,7 @@ from typing import Any
 
 from automcm_spec.oracle import Answer, Oracle, canonical
 from automcm_traces.asking import frozen, state_place
-from automcm_traces.engine import Diverges, Engine
+from automcm_traces.engine import Deadline, Diverges, Engine
 from automcm_traces.inputs import Asked, other, timer_key
 from automcm_traces.log import (
     ApplicationCommand,
@@ -76,7 +76,7 @@ class Possible:
             for engine in layer:
                 took = self._took(engine, at, event, refused)
                 if took is not None:
-                    taken.setdefault(_key(took), took)
+                    _merge(taken, took)
                 if took is not None and _is_cam(event):
                     continue  # what is unseen may as well come later
                 for quiet in self._unseen_inputs(engine, at, event):
@@ -165,14 +165,33 @@ class Possible:
 
 def _key(engine: Engine) -> Json:
     """What tells one possible station from another."""
+    timers = tuple(sorted((k, d.first, d.last or 0) for k, d in engine.timers.items()))
+    return _kind(engine), timers, engine.since_ms
+
+
+def _kind(engine: Engine) -> Json:
+    """The same but for times."""
     step = engine.step
     calls: Json = None
     if step is not None:
         about = tuple(step.view.ids), step.view.event_session
         left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
-        calls = step.input, about, left
-    timers = tuple(sorted((k, d.first, d.last or 0) for k, d in engine.timers.items()))
-    return engine.track.key(), timers, calls, engine.since_ms
+        calls = step.input, about, left, len(step.arm), (step.given or {}).get("proposal")
+    return engine.track.key(), tuple(sorted(engine.timers)), calls
+
+
+def _merge(engines: dict[Json, Engine], engine: Engine) -> None:
+    """Of two that differ in their times only, one remains that may be either."""
+    other = engines.setdefault(_kind(engine), engine)
+    if other is engine:
+        return
+    other.since_ms = min(other.since_ms, engine.since_ms)
+    for key, a in other.timers.items():
+        b = engine.timers[key]
+        last = None if a.last is None or b.last is None else max(a.last, b.last)
+        other.timers[key] = Deadline(min(a.first, b.first), last)
+    if other.step is not None and engine.step is not None:
+        other.step.since_ms = min(other.step.since_ms, engine.step.since_ms)
 
 
 def _is_cam(event: Event) -> bool:
