@@ -7,7 +7,6 @@ well as it can.
 from __future__ import annotations
 
 import json
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from automcm_traces.log import (
     UnknownEvent,
     problems_of,
 )
+from automcm_traces.numbers import Numbers
 from automcm_traces.reader import LONGEST_LINE, LogError, NotJsonError, cut, one_line, parse
 
 Json = Any
@@ -98,38 +98,6 @@ class Finding:
         warning = "warning: " if self.level == "warning" else ""
         field = f"{self.field}: " if self.field else ""
         return one_line(f"{place}: {warning}{field}{self.problem} [{self.check}]")
-
-
-class Numbers:
-    """A set of numbers that come mostly in order, kept as ranges: small however long the log."""
-
-    def __init__(self) -> None:
-        self._starts: list[int] = []
-        self._ends: list[int] = []
-        """Range k is from _starts[k] up to but without _ends[k]."""
-
-    def __contains__(self, number: int) -> bool:
-        k = bisect_right(self._starts, number) - 1
-        return k >= 0 and number < self._ends[k]
-
-    def add(self, number: int) -> bool:
-        """Whether it is new."""
-        k = bisect_right(self._starts, number) - 1
-        if k >= 0 and number < self._ends[k]:
-            return False
-        after = k >= 0 and self._ends[k] == number
-        before = k + 1 < len(self._starts) and self._starts[k + 1] == number + 1
-        if after and before:
-            self._ends[k] = self._ends.pop(k + 1)
-            del self._starts[k + 1]
-        elif after:
-            self._ends[k] = number + 1
-        elif before:
-            self._starts[k + 1] = number
-        else:
-            self._starts.insert(k + 1, number)
-            self._ends.insert(k + 1, number + 1)
-        return True
 
 
 def lint(path: str | Path) -> Iterator[Finding]:

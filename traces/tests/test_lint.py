@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
-from automcm_traces.lint import CHECKS, Numbers, exit_code, lint, report, text
+from automcm_traces.lint import CHECKS, exit_code, lint, report, text
+from automcm_traces.numbers import Numbers
 from automcm_traces.reader import LONGEST_LINE, LogError, read
 
 Line = dict[str, Any]
