@@ -18,10 +18,9 @@ from typing import Any, Literal
 from automcm_traces import durations
 from automcm_traces.durations import Finding
 from automcm_traces.hazards import CannotJudge, Hazard, hazard
-from automcm_traces.log import Receive, Send
 from automcm_traces.merge import MergeError
 from automcm_traces.reader import Log
-from automcm_traces.timeline import Moment, Spell, Timeline, key_of
+from automcm_traces.timeline import Moment, Spell, Timeline
 from automcm_traces.world import World
 
 Json = Any
@@ -252,14 +251,11 @@ def _accepted(world: World, station: int, acts: Spell) -> Finding:
     target, where = acts.start.target, world.timelines[station].where(acts.start)
     if world.merged.place(target) is None:
         return None, f"{where}: no log of station {target}"
+    for at, *same in world.acceptances(target):
+        if same == [station, acts.session, acts.start.proposal]:
+            after = world.before(station, acts.start.at, target, at)
+            return not after, f"{where}: station {target} accepts only later"
     log = world.log(target)
-    for at, (_, e) in enumerate(log.events):
-        if isinstance(e, Send) and e.message["type"] == "Acceptance" and e.message.get("accepted"):
-            m: dict[str, Json] = e.message
-            same = (m["dst"], tuple(m["session"]), m["proposal"])
-            if same == (station, acts.session, acts.start.proposal):
-                after = world.before(station, acts.start.at, target, at)
-                return not after, f"{where}: station {target} accepts only later"
     if "send" not in log.header.complete or not log.ended:
         return None, f"{where}: {log.file} does not tell all that station {target} sent"
     return False, f"{where}: acts on an Acceptance that station {target} never sent"
@@ -293,12 +289,7 @@ def agreement(world: World) -> Iterator[Finding]:
 
 def acknowledged(world: World) -> Iterator[Finding]:
     """S-6: what an Ack took from an outbox had been received by its addressee."""
-    got: dict[tuple[int, int, str], int] = {}
-    for place, log in enumerate(world.merged.logs):
-        for at, (_, e) in enumerate(log.events):
-            m: dict[str, Json] | None = e.message if isinstance(e, Receive) else None
-            if m is not None and not {"src", "dst", "session", "seq"} - m.keys():
-                got.setdefault((place, m["src"], key_of(m)), at)
+    got = world.received()
     for station, line in world.timelines.items():
         for moment in line.moments:
             for to, key in moment.acked:
@@ -316,7 +307,7 @@ def _acknowledged(
     where, place = world.timelines[station].where(moment), world.merged.place(to)
     if place is None:
         return None, f"{where}: no log of station {to}"
-    at = got.get((place, station, key))
+    at = got.get((to, station, key))
     if at is not None:
         after = world.before(station, moment.at, to, at)
         return not after, f"{where}: {key} is acknowledged before it is received"

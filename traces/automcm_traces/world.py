@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from automcm_traces.clocks import Clocks, Span
 from automcm_traces.delivery import Deliveries
-from automcm_traces.log import ApplicationIndication, Event, Send, TimerArm, TimerEnd
+from automcm_traces.log import ApplicationIndication, Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.merge import Merged, merge
 from automcm_traces.reader import Log
-from automcm_traces.timeline import Moment, Spell, timeline
+from automcm_traces.timeline import Moment, Session, Spell, key_of, timeline
+
+Json = Any
 
 
 class World:
@@ -29,6 +32,23 @@ class World:
         place = self.merged.place(station)
         assert place is not None, "only asked of stations with a log"
         return self.merged.logs[place]
+
+    def acceptances(self, station: int) -> Iterator[tuple[int, int, Session, int]]:
+        """The Acceptances that accept in a station's log: event, addressee, session, proposal."""
+        for at, (_, e) in enumerate(self.log(station).events):
+            m: dict[str, Json] = e.message if isinstance(e, Send) else {}
+            if m.get("type") == "Acceptance" and m.get("accepted"):
+                yield at, m["dst"], (m["session"][0], m["session"][1]), m["proposal"]
+
+    def received(self) -> dict[tuple[int, int, str], int]:
+        """By receiver, sender and ``key_of``: the first event with which a message was received."""
+        got: dict[tuple[int, int, str], int] = {}
+        for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
+            for at, (_, e) in enumerate(log.events):
+                m: dict[str, Json] | None = e.message if isinstance(e, Receive) else None
+                if m is not None and not {"src", "dst", "session", "seq"} - m.keys():
+                    got.setdefault((station, m["src"], key_of(m)), at)
+        return got
 
     def elapsed(self, a: int, t_a: int, b: int, t_b: int) -> Span | None:
         """How many ms after ``t_a`` on the clock of station ``a`` it is ``t_b`` on that of ``b``;
