@@ -6,10 +6,11 @@ timers of the session were.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
 
-from automcm_traces.log import Parameters, Receive, Send, TimerArm, TimerEnd
+from automcm_traces.log import Parameters, Send, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.timeline import Moment, Session, Spell, Timeline
 from automcm_traces.world import World
@@ -23,33 +24,25 @@ def durations(world: World) -> Iterator[Finding]:
     """T-1: each session that begins in a log lasts at most its bound."""
     for station, line in world.timelines.items():
         p = world.log(station).header.parameters
+        longest: dict[Session, int] = {}
+        for (session, _), lease in world.leases(station).items():
+            longest[session] = max(lease, longest.get(session, 0))
         for spell in line.sessions():
             end = line.last[2] if spell.end is None else spell.end.t_ms
             lasted = end - spell.start.t_ms
-            bound = _bound(p, spell, _leases(world.log(station), spell.session))
+            bound = _bound(p, spell, longest.get(spell.session or (0, 0), 0))
             where = line.where(spell.start)
             if bound is None:
                 yield None, f"{where}: the header does not tell all durations"
                 continue
-            ended = None if spell.end is None else spell.end.at
-            late = sum(
-                max(0, m.late_ms)
-                for m in line.moments
-                if m.at > spell.start.at and (ended is None or m.at <= ended)
-            )
+            first = bisect_right(line.moments, spell.start.at, key=lambda m: m.at)
+            late = 0
+            for n in range(first, len(line.moments)):
+                if spell.end is not None and line.moments[n].at > spell.end.at:
+                    break
+                late += max(0, line.moments[n].late_ms)
             text = f"{where}: bound for {lasted} ms, at most {bound}"
             yield lasted <= bound + late, text + (f", and timers {late} ms late" if late else "")
-
-
-def _leases(log: Log, session: Session | None) -> int:
-    """The longest lease of a session, in ms, as far as a log shows."""
-    longest = 0
-    for _, e in log.events:
-        if isinstance(e, Send | Receive) and e.message and e.message["type"] == "Prescription":
-            lease = e.message.get("lease_ms")
-            if e.message.get("session") == list(session or ()) and isinstance(lease, int):
-                longest = max(longest, lease)
-    return longest
 
 
 def _bound(p: Parameters, spell: Spell, lease: int) -> int | None:
@@ -100,10 +93,8 @@ def leases(world: World) -> Iterator[Finding]:
             if target not in world.timelines:
                 yield None, f"{line.where(acts.start)}: no log of station {target}"
                 continue
-            for held in world.timelines[target].spells("ACTUATING", "receiver"):
-                same = held.start.proposal == acts.start.proposal
-                if same and held.session == acts.session:
-                    yield _lease(world, acts, held)
+            for held in world.committed(target, acts.session, acts.start.proposal):
+                yield _lease(world, acts, held)
 
 
 def _lease(world: World, acts: Spell, held: Spell) -> Finding:
@@ -124,15 +115,20 @@ def _lease(world: World, acts: Spell, held: Spell) -> Finding:
 def _armed(log: Log, at: int) -> tuple[int, int, int] | None:
     """The lease timer that runs after the step of an event: where and when it was armed, and its
     deadline."""
-    found = None
-    for k, (_, e) in enumerate(log.events):
-        if k > at and not isinstance(e, Send | TimerArm | TimerEnd):
-            break
-        if isinstance(e, TimerEnd) and k > at and e.op == "expire":
-            break
+    last = at
+    while last + 1 < len(log.events) and _follows(log.events[last + 1][1]):
+        last += 1
+    for k in range(last, -1, -1):
+        e = log.events[k][1]
         if isinstance(e, TimerArm) and e.timer.name == "lease":
-            found = k, e.t_ms, e.deadline
-    return found
+            return k, e.t_ms, e.deadline
+    return None
+
+
+def _follows(event: Event) -> bool:
+    """Whether an event belongs to the step of the input before it."""
+    expired = isinstance(event, TimerEnd) and event.op == "expire"
+    return isinstance(event, Send | TimerArm | TimerEnd) and not expired
 
 
 def orders(world: World) -> Iterator[Finding]:

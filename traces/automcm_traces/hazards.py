@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from automcm_traces.clocks import Span
-from automcm_traces.log import Receive, Send
+from automcm_traces.log import Receive
 from automcm_traces.timeline import Session, Spell, Timeline
 from automcm_traces.world import World
 
@@ -128,11 +128,7 @@ def hazard(world: World, acts: Spell) -> Hazard | None:
     line = world.timelines.get(target)
     if line is None:
         raise CannotJudge(f"no log of station {target}, the target of {session[0]}/{session[1]}")
-    committed = [
-        c
-        for c in line.spells("ACTUATING", "receiver")
-        if c.session == session and c.start.proposal == acts.start.proposal
-    ]
+    committed = world.committed(target, session, acts.start.proposal)
     if not committed:
         return _never(world, acts, line)
     held = committed[-1]
@@ -301,23 +297,14 @@ def bound_of(world: World, acts: Spell) -> Bound | None:
         return None
     d = (p.t_resend or 100) // 2
     ms, text = d + p.t_cam_loss, f"D + t_cam_loss = {d} + {p.t_cam_loss}"
-    lease = lease_of(world, acts)
+    assert acts.session is not None, "a station that acts is bound"
+    lease = world.leases(acts.station).get((acts.session, acts.start.proposal))
     if lease is not None and lease < ms:
         ms, text = lease, f"lease = {lease}"
     late = acts.end.late_ms if acts.end is not None else 0
     if late > 0:
         ms, text = ms + late, f"{text}, and the timer {late} late"
     return Bound(ms, f"{text}: {ms} ms")
-
-
-def lease_of(world: World, acts: Spell) -> int | None:
-    """The lease of the proposal on which a prescriber acts, in ms, if its log has it."""
-    for _, e in world.log(acts.station).events:
-        if isinstance(e, Send) and e.message["type"] == "Prescription":
-            m: dict[str, Json] = e.message
-            if (tuple(m["session"]), m["proposal"]) == (acts.session, acts.start.proposal):
-                return int(m["lease_ms"])
-    return None
 
 
 def _between(world: World, acts: Spell, target: int, gone: _Gone) -> list[str]:

@@ -122,6 +122,7 @@ def _match(merged: Merged) -> None:
     """Find where each message received was sent."""
     by_tx: dict[str, Node] = {}
     by_content: dict[tuple[int, str], list[Node]] = defaultdict(list)
+    named = all(e.tx is not None for _, e in receptions(merged))
     for i, log in enumerate(merged.logs):
         for k, (_, e) in enumerate(log.events):
             if isinstance(e, Send):
@@ -129,7 +130,8 @@ def _match(merged: Merged) -> None:
                     first = merged.where(by_tx[e.tx])
                     merged.notices.append(f"{merged.where((i, k))}: tx {e.tx} again, as {first}")
                 by_tx.setdefault(e.tx, (i, k))
-                by_content[log.header.station, content(e.message)].append((i, k))
+                if not named:
+                    by_content[log.header.station, content(e.message)].append((i, k))
     unnamed = 0
     for i, log in enumerate(merged.logs):
         used: Counter[tuple[int, str]] = Counter()

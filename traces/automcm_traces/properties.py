@@ -251,10 +251,11 @@ def _accepted(world: World, station: int, acts: Spell) -> Finding:
     target, where = acts.start.target, world.timelines[station].where(acts.start)
     if world.merged.place(target) is None:
         return None, f"{where}: no log of station {target}"
-    for at, *same in world.acceptances(target):
-        if same == [station, acts.session, acts.start.proposal]:
-            after = world.before(station, acts.start.at, target, at)
-            return not after, f"{where}: station {target} accepts only later"
+    assert acts.session is not None, "a station that acts is bound"
+    at = world.acceptances(target).get((station, acts.session, acts.start.proposal))
+    if at is not None:
+        after = world.before(station, acts.start.at, target, at)
+        return not after, f"{where}: station {target} accepts only later"
     log = world.log(target)
     if "send" not in log.header.complete or not log.ended:
         return None, f"{where}: {log.file} does not tell all that station {target} sent"

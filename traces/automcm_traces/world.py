@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from automcm_traces.clocks import Clocks, Span
@@ -27,18 +27,47 @@ class World:
         self.clocks = Clocks(self.merged)
         self.deliveries = Deliveries(self.merged, self.clocks)
         self.timelines = {log.header.station: timeline(log) for log in self.merged.logs}
+        self._acceptances: dict[int, dict[tuple[int, Session, int], int]] = {}
+        self._leases: dict[int, dict[tuple[Session, int], int]] = {}
+        self._committed: dict[int, dict[Session | None, list[Spell]]] = {}
 
     def log(self, station: int) -> Log:
         place = self.merged.place(station)
         assert place is not None, "only asked of stations with a log"
         return self.merged.logs[place]
 
-    def acceptances(self, station: int) -> Iterator[tuple[int, int, Session, int]]:
-        """The Acceptances that accept in a station's log: event, addressee, session, proposal."""
-        for at, (_, e) in enumerate(self.log(station).events):
-            m: dict[str, Json] = e.message if isinstance(e, Send) else {}
-            if m.get("type") == "Acceptance" and m.get("accepted"):
-                yield at, m["dst"], (m["session"][0], m["session"][1]), m["proposal"]
+    def acceptances(self, station: int) -> dict[tuple[int, Session, int], int]:
+        """The Acceptances that accept in a station's log: by addressee, session and proposal the
+        event of the first."""
+        if station not in self._acceptances:
+            found = self._acceptances[station] = {}
+            for at, (_, e) in enumerate(self.log(station).events):
+                m: dict[str, Json] = e.message if isinstance(e, Send) else {}
+                if m.get("type") == "Acceptance" and m.get("accepted"):
+                    key = (m["dst"], (m["session"][0], m["session"][1]), m["proposal"])
+                    found.setdefault(key, at)
+        return self._acceptances[station]
+
+    def leases(self, station: int) -> dict[tuple[Session, int], int]:
+        """By session and proposal the lease that a station has sent or received, in ms."""
+        if station not in self._leases:
+            found = self._leases[station] = {}
+            for _, e in self.log(station).events:
+                m: dict[str, Json] = (isinstance(e, Send | Receive) and e.message) or {}
+                if m.get("type") == "Prescription" and isinstance(m.get("lease_ms"), int):
+                    key = ((m["session"][0], m["session"][1]), m["proposal"])
+                    found.setdefault(key, m["lease_ms"])
+        return self._leases[station]
+
+    def committed(self, station: int, session: Session | None, proposal: int) -> list[Spell]:
+        """The times in which a station is committed to a proposal of a session."""
+        if station not in self._committed:
+            found: dict[Session | None, list[Spell]] = {}
+            for spell in self.timelines[station].spells("ACTUATING", "receiver"):
+                found.setdefault(spell.session, []).append(spell)
+            self._committed[station] = found
+        spells = self._committed[station].get(session, [])
+        return [spell for spell in spells if spell.start.proposal == proposal]
 
     def received(self) -> dict[tuple[int, int, str], int]:
         """By receiver, sender and ``key_of``: the first event with which a message was received."""
