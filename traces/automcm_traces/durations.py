@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
 
-from automcm_traces.log import Parameters, Send, TimerArm, TimerEnd
+from automcm_traces.log import Event, Parameters, Send, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.timeline import Moment, Session, Spell, Timeline
 from automcm_traces.world import World
