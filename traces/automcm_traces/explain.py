@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from automcm_traces.delivery import forged_receptions
 from automcm_traces.engine import Diverges, Engine
-from automcm_traces.log import Event, Header, Receive, Send
+from automcm_traces.log import Event, Header
 from automcm_traces.possible import Possible, unobserved
 from automcm_traces.reader import Log, LogError, LogStream, read
 from automcm_traces.sessions import Session, Sessions
@@ -167,22 +168,17 @@ def _read_to_the_end(log: LogStream) -> None:
 
 def forged(logs: Sequence[Log]) -> dict[str, Verdict]:
     """By file: the first message received that is not the one its sender logged under that id."""
-    sent: dict[str, dict[str, Json]] = {}
-    stations = {log.header.station for log in logs if "send" in log.header.complete}
-    for log in logs:
-        sent |= {e.tx: e.message for _, e in log.events if isinstance(e, Send)}
-    found: dict[str, Verdict] = {}
-    for log in logs:
-        for at, e in log.events:
-            if not isinstance(e, Receive) or e.tx is None or e.message is None:
-                continue
-            original = sent.get(e.tx)
-            if original == e.message or int(e.tx.split(":")[0]) not in stations:
-                continue
-            what = f"receive {e.message['type']} {e.tx}: not what its sender sent"
-            found[log.file] = Verdict("diverges", log.file, at, what, "forged", (str(original),))
-            break
-    return found
+    return {
+        file: Verdict(
+            "diverges",
+            file,
+            at,
+            f"receive {e.message and e.message['type']} {e.tx}: not what its sender sent",
+            "forged",
+            (str(original),),
+        )
+        for file, (at, e, original) in forged_receptions(logs).items()
+    }
 
 
 def explain_file(path: str | Path, late_ms: int | None = None) -> Verdict:
