@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from automcm_spec.oracle import Answer
 from automcm_spec.rules import RULES, handler, line
 from automcm_traces.asking import ask
+from automcm_traces.form import malformed, well_formed
 from automcm_traces.inputs import (
     TIMER_RULES,
     Asked,
@@ -317,10 +318,10 @@ class Engine:
 
     def _input(self, at: int, event: Event) -> None:
         match event:
-            case Receive(message=None):
-                pass  # END-5: nothing may follow but "discarded"
-            case Receive(message=message) if message is not None:
+            case Receive(message=dict(message)) if well_formed(message):
                 self._start(at, event.t_ms, received(self.track, event, message))
+            case Receive():
+                pass  # END-5: nothing may follow but "discarded"
             case ApplicationCommand(command=given):
                 c = {"name": given.name, **(given.model_extra or {})}
                 self._start(at, event.t_ms, command(self.track, c))
@@ -426,7 +427,7 @@ class Engine:
         step = self._current(at, t_ms, event, seen)
         problems = []
         for e in step.messages:
-            problem = difference(e, m, self.track, step.content, step.fresh)
+            problem = difference(e, m, self.track, step.content, step.fresh) or malformed(m)
             if problem is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))
@@ -440,7 +441,9 @@ class Engine:
 
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
-        wanted = self.track.marks
+        wanted, odd = self.track.marks, malformed(m)
+        if odd:
+            raise Diverges(at, f"send CAM ({odd})", "END-5", [], RULES["END-5"], None, ("send", m))
         if sorted(m["marks"]) != wanted:
             event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
             raise Diverges(at, event, "ACT-5", wants, RULES["ACT-5"], None, ("send", m))
