@@ -172,8 +172,18 @@ def _report(world: World) -> SystemReport:
         tuple(world.merged.cycles),
         tuple(_sessions(world)),
         world.deliveries.counts(),
-        (*world.merged.notices, *world.clocks.notices),
+        (*world.merged.notices, *world.clocks.notices, *_unequal(world)),
     )
+
+
+def _unequal(world: World) -> Iterator[str]:
+    """Parameters that are not the same at all stations, which every bound takes them to be."""
+    headers = [log.header for log in world.merged.logs]
+    for name in ("t_advertise", "t_giveup", "t_life", "t_cam_loss", "t_resend", "max_rounds"):
+        values = {h.station: getattr(h.parameters, name) for h in headers}
+        if len(set(values.values()) - {None}) > 1:
+            told = ", ".join(f"{value} at {station}" for station, value in values.items())
+            yield f"{name} differs ({told}); the bounds assume equal parameters"
 
 
 def _judged(name: str, found: Iterable[Finding], partly: Sequence[str]) -> Judged:

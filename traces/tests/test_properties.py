@@ -15,6 +15,7 @@ from merged_runs import Run, records, rewritten
 from automcm.interface import Abort
 from automcm.messages import Acceptance, Ack, Message, MessageId, Prescription, encode
 from automcm.parameters import Parameters
+from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_traces import durations
 from automcm_traces.properties import NAMES, SystemReport, judge
@@ -194,6 +195,19 @@ def test_t_5_a_session_forgotten_while_it_is_advertised(tmp_path: Path) -> None:
     assert False in outcome(durations.orders(world))
 
 
+def test_adv_8_unequal_parameters_make_a_station_join_a_session_twice(tmp_path: Path) -> None:
+    """It forgets after its own t_advertise + t_life, while the prescriber still advertises."""
+    simulation = Simulation(logs=tmp_path)
+    simulation.add(1, Straight(target=2), Parameters(t_timeout=8000))
+    simulation.add(2, Straight(), Parameters(t_timeout=500))
+    simulation.request(1, at=500)
+    simulation.run(until=12_000)
+    report = judge([read(tmp_path / f"{n}.ndjson") for n in (1, 2)])
+    assert "T-5" in broken(report) and "the timers assume equal parameters" in judged(report, "T-5")
+    assert sum(text.startswith("1/1: station 2") for text in report.sessions) == 3
+    assert any("t_giveup differs (8100 at 1, 600 at 2)" in note for note in report.notices)
+
+
 def test_several_sessions_are_told_apart(tmp_path: Path) -> None:
     run = Run(tmp_path, maneuver_ms=1000)
     run.simulation.request(1, at=7000)
@@ -217,46 +231,45 @@ def test_logs_of_two_runs_are_one_clear_line(tmp_path: Path) -> None:
     assert report.text().startswith("together: CANNOT TELL: ") and "\n" not in report.text()
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"session": "x"},
-        {"session": []},
-        {"session": [1]},
-        {"src": [1]},
-        {"src": "1"},
-        {"dst": {}},
-        {"dst": -1},
-        {"dst": True},
-        {"seq": "1"},
-        {"type": "Nothing"},
-        {"marks": 1},
-    ],
-)
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> list[Log]:
+    return Run(tmp_path_factory.mktemp("short")).logs(until=3500)
+
+
+CHANGES: list[dict[str, Any]] = [
+    {"session": "x"},
+    {"session": []},
+    {"session": [1]},
+    {"session": [[1], {}]},
+    {"src": [1]},
+    {"src": "1"},
+    {"dst": {}},
+    {"dst": -1},
+    {"dst": True},
+    {"seq": "1"},
+    {"seq": [1]},
+    {"proposal": [1]},
+    {"type": "Nothing"},
+    {"marks": 1},
+]
+
+
+@pytest.mark.parametrize("change", CHANGES, ids=str)
 @pytest.mark.parametrize("ev", ["send", "receive"])
 def test_whatever_a_message_holds_there_is_a_report(
-    tmp_path: Path, change: dict[str, Any], ev: str
+    short: list[Log], tmp_path: Path, change: dict[str, Any], ev: str
 ) -> None:
-    Run(tmp_path).logs(until=6000)
-    logs: list[Log] = []
-    for n in (1, 2, 3):
-        lines = records(tmp_path / f"{n}.ndjson")
-        for record in [r for r in lines if r.get("ev") == ev][::9]:
+    """One log is bad; what the others say is still there."""
+    for named in (True, False):
+        lines = records(Path(short[1].file))
+        for record in [r for r in lines if r.get("ev") == ev][::3]:
             record["message"] |= change
-        logs.append(rewritten(tmp_path / f"{n}.ndjson", lines))
-    for given in (logs, [read_without_tx(log) for log in logs]):
-        report = judge(given)
-        assert report.text() and json.dumps(report.as_dict())
-        assert report.verdict != "allowed"
-
-
-def read_without_tx(log: Log) -> Log:
-    path = Path(log.file)
-    lines = records(path)
-    for record in lines:
-        if record.get("ev") == "receive":
-            record.pop("tx", None)
-    return rewritten(path, lines)
+        for record in lines:
+            if not named and record.get("ev") == "receive":
+                del record["tx"]
+        report = judge([short[0], rewritten(tmp_path / "2.ndjson", lines), short[2]])
+        assert report.text() and json.dumps(report.as_dict()) and not report.problem
+        assert report.verdict != "allowed" and len(report.properties) == len(NAMES)
 
 
 def test_logs_that_promise_nothing_are_not_judged(tmp_path: Path) -> None:
