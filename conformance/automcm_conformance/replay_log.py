@@ -136,7 +136,6 @@ def replay(
         result.verdict, result.event, result.rule = "diverges", d.event, d.rule
         result.expected = [w for w in d.wanted if not w.startswith(("arm ", "stop "))]
         result.guard, result.log_line = d.guard, d.at
-        result.in_log = explain(read(result.log)).verdict == "diverges"
     except CannotTell as error:
         result.verdict, result.event = "cannot_tell", str(error)
     except (AdapterError, ProtocolError) as error:
@@ -144,6 +143,8 @@ def replay(
         result.stderr = list(getattr(error, "stderr", ()))
     if run is not None:
         run.end("crash" if result.verdict == "error" else "clean")
+    if result.verdict == "diverges":
+        result.in_log = explain(read(result.log)).verdict == "diverges"
     if result.verdict == "allowed":
         result.exchange.clear()
     return result
