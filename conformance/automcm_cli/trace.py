@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli import trace_logs
-from automcm_cli import trace_replay
+from automcm_cli import trace_logs, trace_replay
 from automcm_cli.common import CODES, Json, write_json
 
 if TYPE_CHECKING:
@@ -60,9 +59,11 @@ def explain(
     code = explain_.exit_code(verdicts)
     raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
 
+
 def _prefix(verdict: Verdict, out: Path) -> dict[str, str]:
     """The failing prefix of a log that diverges, and how to replay it."""
     from automcm_traces import telling
+
     if verdict.verdict != "diverges" or not verdict.seen:
         return {}
     try:
@@ -70,8 +71,7 @@ def _prefix(verdict: Verdict, out: Path) -> dict[str, str]:
     except OSError as error:
         typer.echo(f"explain: {error}: the prefix is not written", err=True)
     return {"prefix": str(path), "replay": telling.replay(path)}
+
+
 trace_logs.register(app)
-        for verdict in verdicts:
-            typer.echo(explain_.text(verdict))
-    raise typer.Exit(explain_.exit_code(verdicts))
 trace_replay.register(app)
