@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -17,6 +16,7 @@ from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, Graph
 from automcm_spec.oracle import STATE_FIELDS, Oracle, load
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES, handler, place
+from automcm_traces.engine import Diverges, Engine
 from automcm_traces.guards import (
     MOST,
     armed_in,
@@ -31,7 +31,8 @@ from automcm_traces.guards import (
 from automcm_traces.guards_end import HANDLERS
 from automcm_traces.guards_timers import ARMED, armed
 from automcm_traces.guards_tree import Choice, Facts, Leaf, Tree, decide, done, ways
-from automcm_traces.reader import read
+from automcm_traces.log import Receive
+from automcm_traces.reader import Log, read
 from automcm_traces.track import Entry, Track, View
 
 Json = Any
@@ -66,7 +67,7 @@ def pairs(
             answer = o.answer(at, n)
             if answer is not None:
                 facts = Facts(o.states[at], o.inputs[n], o.constants)
-                does = done(o.states[at], answer.effect, o.states[answer.next])
+                does = done(o, answer)
                 yield to, facts, answer.effect.rule, does
 
 
@@ -360,11 +361,12 @@ def test_what_would_have_caused_it() -> None:
 
 def test_the_values_are_given_with_the_ids_of_the_log() -> None:
     """ADV-8: real ids, sessions and limits instead of the oracle's."""
-    track = Track(2002, 5, "ACTUATING", "receiver", (1001, 7), proposal=4, joined={1001: 7})
+    track = Track(2002, 5, phase="ACTUATING", role="receiver", session=(1001, 7), proposal=4)
+    track.joined = {1001: 7}
     sent = {"seq": 3, "proposal": 4, "accepted": True}
     track.outbox.append(Entry("Acceptance", 1001, (1001, 7), 4, sent))
     view = View(track, 1001, session=(1001, 7), k=4)
-    real = names(view, {"OutboxLimit": 64})
+    real = names(view)
     given = [
         "receive",
         [*PRESCRIPTION[1][:3], view.sessions((1001, 7)), 1, 1, *PRESCRIPTION[1][6:]],
@@ -378,7 +380,7 @@ def test_the_values_are_given_with_the_ids_of_the_log() -> None:
         ("m.dst", "2002"),
         ("m.src", "1001"),
         ("OutboxLimit", "64"),
-        ("MemoryLimit", "not told"),
+        ("MemoryLimit", "64"),
         ("MaxRounds", "5"),
         ("st.deciding", "FALSE"),
     }
@@ -400,7 +402,7 @@ def test_what_was_received_is_shown_as_the_log_has_it() -> None:
     given = ["receive", ["Ack", 2, 1, [1, 1], 0, 0, False, "none", ["Fin", 1]], False]
     found = nearest(oracle(), view.state(), given, ("without", "stop"))
     assert found is not None
-    assert found.text(names(view, given=ack)) == (
+    assert found.text(names(view, ack)) == (
         "nearest allowed: END-6 without stop (OnAck) blocked by guard acked = {}, which must hold; "
         "it matches a message that is still being sent: m.src = 2002, m.session = 1001/7, "
         "m.of = Fin seq=5, st.outbox = {Fin to 2002 session=1001/7 seq=5}  "
@@ -431,13 +433,60 @@ def test_a_timer_of_a_log_in_the_ids_of_the_oracle() -> None:
     assert timer_in(view, {"name": "forget", "station": 3003}) == ["forget", 9]
 
 
-def test_what_an_event_of_a_log_shows(tmp_path: Path) -> None:
-    simulation = Simulation(seed=3, channel=Channel(loss=0.2), logs=tmp_path)
+def test_mem_1_a_real_station_may_be_full() -> None:
+    """Its limits decide, not those of the oracle."""
+    standing = oracle().states[0]
+    found = nearest(oracle(), standing, ADVERTISEMENT, ("send", "Intention"), full=True)
+    assert found is not None
+    assert (found.rule, found.guard[:8]) == ("ADV-3", "~(Room(s")
+    request = ["command", "request", [0, 0], 0, 0]
+    found = nearest(oracle(), standing, request, ("send", "Advertisement"), full=True)
+    assert found is not None
+    assert found.guard == "~Room(st)"
+    found = nearest(oracle(), standing, request, ("told", "refused"), full=True)
+    assert found is not None
+    assert (found.rule, found.guard) == ("MEM-1", "")
+
+
+def tuples(value: Json) -> Json:
+    return tuple(tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def test_what_the_engine_gives_means_the_same() -> None:
+    """Tuples for lists, an outbox in another order, whole messages and timers."""
+    entries = [["Cancel", 2, [2, 1], 1, False], ["Cancel", 2, [2, 2], 1, False]]
+    sending = state(phase="STANDALONE", outbox=entries)
+    other = [*sending[:11], entries[::-1], *sending[12:]]
+    cancel = {"type": "Cancel", "reason": "abort", "seq": 3}
+    resend = ["expire", ["resend", entries[1]]]
+    found = nearest(oracle(), sending, resend, ("send", "Cancel", "abort"))
+    assert found is not None
+    assert nearest(oracle(), tuples(other), tuples(resend), ("send", cancel)) == found
+    told = causes(oracle(), sending, ("arm", "resend"))
+    assert told[0] == "expire resend(Cancel)"
+    assert causes(oracle(), tuples(other), ("arm", {"name": "resend"})) == told
+    acceptance = {"type": "Acceptance", "accepted": False, "reason": "busy", "seq": 0}
+    assert causes(oracle(), state(phase="WAITING"), ("send", acceptance)) == [
+        "receive Prescription from 2"
+    ]
+    finished = causes(oracle(), state(phase="WAITING"), ("indication", "finished"))
+    assert finished == ["receive Fin from 2"]
+    assert unarmed(oracle(), tuples(other), tuples(["giveup", entries[0]])) is None
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """A receiver's log."""
+    folder = tmp_path_factory.mktemp("logs")
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2), logs=folder)
     for station in (1001, 2002):
         simulation.add(station, Straight())
     simulation.request(1001, at=500)
     simulation.run(until=10_000)
-    log = read(tmp_path / "2002.ndjson")
+    return read(folder / "2002.ndjson")
+
+
+def test_what_an_event_of_a_log_shows(log: Log) -> None:
     shown = {observed(event) for _, event in log.events}
     assert {
         (),
@@ -447,6 +496,25 @@ def test_what_an_event_of_a_log_shows(tmp_path: Path) -> None:
         ("stop", "hold"),
         ("told", "verify", None),
     } <= shown
+
+
+def test_adv_3_where_a_log_diverges_the_guard_is_found(log: Log) -> None:
+    """The application's trajectory is missing, so the Advertisement does not concern it."""
+    engine = Engine(log.header)
+    with pytest.raises(Diverges) as caught_:
+        for at, event in log.events:
+            if isinstance(event, Receive):
+                event = event.model_copy(update={"planned": None})
+            engine.feed(at, event)
+    d = caught_.value
+    assert d.step is not None
+    found = nearest(oracle(), d.step.view.state(), d.step.input, d.seen)
+    assert found is not None
+    assert (found.rule, found.action) == ("ADV-3", "phase INTENDING")  # what it says first
+    assert found.text(names(d.step.view, d.step.given)).endswith(
+        "the Advertisement does not concern it: concerned = FALSE  "
+        f"Station.tla:{place('OnAdvertisement', '~concerned')[0]}"
+    )
 
 
 def test_of_everything_done_somewhere_the_nearest_is_found_in_every_state() -> None:
