@@ -10,8 +10,9 @@ to it.  What is observed is given as a tuple:
 - ``("arm", timer)``, ``("stop", timer)``; ``("phase", name)``, the phase after the step;
 - ``("without", …)``: the log lacks this; ``("nothing",)``: it has nothing at all.
 
-Less is a question about all that begins so.  States, inputs and ids are the oracle's;
-``Names`` says how ids are written.  ``observed`` reads the tuple from an event of a log.
+Less is a question about all that begins so; a whole message or timer of a log may stand for its
+type or name, ``indication`` for ``told``, tuples for lists.  States, inputs and ids are the
+oracle's; ``Names`` says how ids are written.  ``observed`` reads the tuple from an event of a log.
 """
 
 from __future__ import annotations
@@ -39,9 +40,8 @@ _KINDS = ("expire", "command", "receive", "cam", "restart")
 class Names:
     """How the oracle's ids are written: stations, sessions, proposals, and the seq of an entry.
 
-    ``limits`` holds what the station tells of MaxRounds, MaxParticipants, OutboxLimit and
-    MemoryLimit; without it those of the oracle are shown.  ``given`` is the message received, as
-    the log has it.
+    ``limits`` holds the station's MaxRounds, MaxParticipants, OutboxLimit, MemoryLimit and Reserve;
+    without it those of the oracle are shown.  ``given`` is the message received, as the log has it.
     """
 
     station: Callable[[int], int] = lambda p: p
@@ -74,7 +74,7 @@ class Names:
         """A value of ``Nearest.values``."""
         record, _, field = name.rpartition(".")
         if self.limits is not None and name in _LIMITS:
-            return str(self.limits.get(name, "not told"))
+            return str(self.limits[name])
         if self.given is not None and record == "m":
             return _given(self.given, field)
         match field:
@@ -112,31 +112,38 @@ PLAIN = Names()
 """The oracle's own ids: 1 the station, 2 the peer, 3 the other one."""
 
 
-def names(
-    view: View, limits: Mapping[str, int] | None = None, given: Mapping[str, Json] | None = None
-) -> Names:
-    """What a view writes as the oracle's; ``limits``, ``given`` as for ``Names``."""
-    known = {"MaxRounds": view.track.max_rounds, **(limits or {})}
-    if "MaxParticipants" in known:
-        known["Reserve"] = 1 + max(known["MaxRounds"], known["MaxParticipants"])
+def names(view: View, given: Mapping[str, Json] | None = None) -> Names:
+    """The real ids behind those of a view, and the station's limits; ``given`` as in ``Names``."""
+    t = view.track
+    limits = {
+        "MaxRounds": t.max_rounds,
+        "MaxParticipants": t.limits.participants,
+        "OutboxLimit": t.limits.outbox,
+        "MemoryLimit": t.limits.memory,
+        "Reserve": 1 + max(t.max_rounds, t.limits.participants),
+    }
 
     def proposal(k: int) -> int:
-        real = (view.track.proposal, *(e.k for e in view.entries()))
+        real = (t.proposal, *(e.k for e in view.entries()))
         return next((n for n in real if n and view.proposals(n) == k), k)
 
     def seq(entry: Json) -> int:
-        real = (e.message["seq"] for e in view.entries() if view.entry(e) == entry)
+        real = (e.message["seq"] for e in view.entries() if plain(view.entry(e)) == plain(entry))
         return int(next(real, entry[3]))
 
-    return Names(view.real_id, view.real_session, proposal, seq, known, given)
+    return Names(view.real_id, view.real_session, proposal, seq, limits, given)
+
+
+def plain(value: Json) -> Json:
+    """Lists where the engine has tuples."""
+    return [plain(v) for v in value] if isinstance(value, list | tuple) else value
 
 
 def observed(event: Event) -> tuple[Json, ...]:
     """What an event of a log shows, as ``nearest`` and ``causes`` want it; else it is empty."""
     match event:
         case Send(message=m):
-            answer = (m["accepted"],) if m["type"] == "Acceptance" and "accepted" in m else ()
-            return ("send", m["type"], *answer, m.get("reason"))
+            return ("send", *_message(m))
         case ApplicationIndication(indication=indication):
             return ("told", indication.name, (indication.model_extra or {}).get("reason"))
         case TimerArm(timer=timer):
@@ -154,9 +161,9 @@ def timer_in(view: View, timer: Mapping[str, Json]) -> Json:
         return [timer["name"], view.ids.get(station, STRANGER)] if station else [timer["name"]]
     entry = t.entry_by_seq(dict(m))
     if entry is not None and entry in view.entries():
-        return [timer["name"], view.entry(entry)]
+        return [timer["name"], plain(view.entry(entry))]
     to = view.ids.get(m["to"], STRANGER) if "to" in m else 0
-    return [timer["name"], [m["type"], to, view.sessions(m["session"]), 1, False]]
+    return [timer["name"], [m["type"], to, list(view.sessions(m["session"])), 1, False]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,21 +203,25 @@ class Nearest:
         )
 
 
-def nearest(oracle: Oracle, state: Json, i: Json, observed: Sequence[Json]) -> Nearest | None:
+def nearest(
+    oracle: Oracle, state: Json, i: Json, observed: Sequence[Json], full: bool = False
+) -> Nearest | None:
     """The branch for input ``i`` that does what was observed and has the fewest guards against it.
 
     None if no branch of the input's handler does that; ``causes`` may tell more then.  A timer that
-    is not armed is answered as by ``unarmed``.
+    is not armed is answered as by ``unarmed``.  ``full`` says that the station has no room, though
+    the oracle's has (MEM-1).
     """
+    state, i = plain(state), plain(i)
     if i[0] == "expire" and (blocked := unarmed(oracle, state, i[1])) is not None:
         return blocked
-    facts, wanted, to = Facts(state, i, oracle.constants), _words(observed), handler(i)
+    facts, wanted, to = Facts(state, i, oracle.constants, full), _words(observed), handler(i)
     best: tuple[tuple[int, bool, int], list[int], Way, Leaf] | None = None
     for way, leaf in ways(HANDLERS[to]):
         if not _does(wanted, leaf, state[0]):
             continue
         against = [n for n, (guard, holds) in enumerate(way) if guard.test(facts) != holds]
-        if not against and not _happens(oracle, state, i, wanted):
+        if not against and not full and not _happens(oracle, state, i, wanted):
             continue
         # few guards against it; not for want of memory; as far as possible along the handler
         distance = len(against), leaf.rule == "MEM-1", -against[0] if against else 0
@@ -228,6 +239,7 @@ def nearest(oracle: Oracle, state: Json, i: Json, observed: Sequence[Json]) -> N
 
 def unarmed(oracle: Oracle, state: Json, timer: Json) -> Nearest | None:
     """Why this timer is not armed; None if it is."""
+    state, timer = plain(state), plain(timer)
     facts, guard = Facts(state, ["expire", timer], oracle.constants), armed(timer)
     if guard.test(facts):
         return None
@@ -250,13 +262,13 @@ def causes(
     First those that change something, of these timers first.  Empty if none would, if the state is
     not in the oracle, or if something is missing rather than observed.
     """
-    at, wanted = oracle.state_index.get(canonical(state)), _words(observed)
+    at, wanted = _place(oracle, state), _words(observed)
     if at is None or not wanted or wanted[0] in _MISSING:
         return []
     found: list[tuple[bool, int, str]] = []
     for answer in oracle.answers(at):
         i = oracle.inputs[answer.input]
-        if _among(wanted, done(state, answer.effect, oracle.states[answer.next]), state[0]):
+        if _among(wanted, done(oracle, answer), state[0]):
             found.append((not answer.changes, _KINDS.index(i[0]), _input(i, names)))
     return list(dict.fromkeys(text for _, _, text in sorted(found, key=lambda f: f[:2])))[:MOST]
 
@@ -304,11 +316,22 @@ def _value(facts: Facts, name: str) -> Json:
 
 
 def _words(observed: Sequence[Json]) -> list[str]:
-    words = [str(word) for word in observed if word not in (None, "", "none")]
+    given = list(observed)
+    if len(given) > 1 and isinstance(given[1], Mapping):  # a message or a timer of a log
+        m = given[1]
+        given[1:] = [m["name"]] if "name" in m else _message(m)
+    words = [str(word) for word in given if word not in (None, "", "none")]
+    if words[:1] == ["indication"]:
+        words[0] = "told"
     if "Acceptance" in words:
         answer = {"True": "accepted", "False": "refused"}
         words = [answer.get(word, word) for word in words]
     return words
+
+
+def _message(m: Mapping[str, Json]) -> list[Json]:
+    answer = [m["accepted"]] if m["type"] == "Acceptance" and "accepted" in m else []
+    return [m["type"], *answer, m.get("reason")]
 
 
 def _does(wanted: list[str], leaf: Leaf, phase: str) -> bool:
@@ -338,11 +361,15 @@ def _same(wanted: list[str], words: list[str]) -> bool:
 
 def _happens(oracle: Oracle, state: Json, i: Json, wanted: list[str]) -> bool:
     """Whether the oracle itself answers with this."""
-    try:
-        answer = oracle.ask(state, i)
-    except KeyError:
-        return False
-    return _among(wanted, done(state, answer.effect, oracle.states[answer.next]), state[0])
+    at, place_ = _place(oracle, state), oracle.input_index.get(canonical(i))
+    answer = None if at is None or place_ is None else oracle.answer(at, place_)
+    return answer is not None and _among(wanted, done(oracle, answer), state[0])
+
+
+def _place(oracle: Oracle, state: Json) -> int | None:
+    """The place of a state in the oracle; the order of its outbox does not matter."""
+    outbox = sorted(plain(state[11]), key=canonical) if len(state) > 11 else []
+    return oracle.state_index.get(canonical([*state[:11], outbox, *state[12:]]))
 
 
 def _action(wanted: list[str]) -> str:
