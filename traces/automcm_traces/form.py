@@ -142,6 +142,16 @@ def problems(m: Mapping[str, Json]) -> Iterator[tuple[str, str]]:
         yield from _together(m, type_)
 
 
+def malformed(m: Mapping[str, Json]) -> str | None:
+    """The first field that is not as it should be, and how it should be; None if all are."""
+    return next((f"{field}: {problem}" for field, problem in problems(m)), None)
+
+
+def well_formed(m: Mapping[str, Json]) -> bool:
+    """Whether a message is what the protocol says; what is not is discarded (END-5)."""
+    return next(problems(m), None) is None
+
+
 def _together(m: Mapping[str, Json], type_: str) -> Iterator[tuple[str, str]]:
     """What holds between fields."""
     reason = m.get("reason")
