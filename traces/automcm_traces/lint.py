@@ -361,10 +361,9 @@ class _Lint:
         if "timer" in self._header.complete and self._reliable and not self._kinds["timer"]:
             problem = "promises every timer, but what is sent again has none in this log (REL-1)"
             yield self._promise(problem)
-        if "send" in self._header.complete and self._kinds["timer"] and not self._kinds["send"]:
-            yield self._promise(
-                "promises every send, but timers run in this log and nothing is sent"
-            )
+        if "send" in self._header.complete and self._resent and not self._kinds["send"]:
+            problem = "promises every send, but timers of messages run and nothing is sent"
+            yield self._promise(problem)
 
     def _promise(self, problem: str) -> Finding:
         return Finding(self._file, 1, "complete", "complete", problem)

@@ -142,6 +142,11 @@ CASES: list[tuple[str, list[Line | bytes], list[tuple[int, str, str]]]] = [
     ("message", [HEADER, send(1, dst=0), arm(2), end(2)], [(2, "message", "message.dst")]),
     ("no timer", [HEADER, send(1), end(1)], [(1, "complete", "complete")]),
     ("no send", [HEADER, arm(1), end(1)], [(1, "complete", "complete")]),
+    (
+        "a timer that needs no send",
+        [HEADER, event(1, "timer", op="arm", timer={"name": "quarantine"}, deadline=9), end(1)],
+        [],
+    ),
     ("no promise", [{**HEADER, "complete": []}, send(1), end(1)], []),
 ]
 
@@ -200,6 +205,14 @@ def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> 
     ]
     assert exit_code([one]) == 1
     assert one.as_dict()["findings"][0]["check"] == "seq"
+
+
+def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, event(1), event(2), event(2), event(1), event(2), end(2))
+    assert [finding.problem for finding in lint(path) if finding.check == "seq"] == [
+        "2 a second time",
+        "goes back from 2 to 1",
+    ]
 
 
 def test_warnings_leave_a_log_clean(tmp_path: Path) -> None:
