@@ -125,7 +125,7 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
             number_of_sessions=sessions.number,
             recent=tuple(recent),
             seen=at,
-            why=why(d, follow.track, log.header),
+            why=why(d, follow.track),
             **about,
         )
     except CannotTell as error:
