@@ -41,7 +41,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "json": ("error", "a line is one JSON object"),
     "schema": ("error", "a record has the fields of its kind, of the right type, and no others"),
     "key": ("error", "no object has a key twice"),
-    "message": ("error", "a message has the form that the protocol gives its type (END-5)"),
+    "message": ("warning", "a message has the form that the protocol gives its type (END-5)"),
     "order": ("error", "one header first, then events, then one end, and nothing after it"),
     "seq": ("error", "seq counts from 1, without a gap and without repetition"),
     "t_ms": ("error", "t_ms never goes back"),

@@ -215,6 +215,11 @@ def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> No
     ]
 
 
+def test_a_log_of_a_station_that_sends_rubbish_is_a_good_log(tmp_path: Path) -> None:
+    one = report(write(tmp_path, HEADER, send(1, dst=0, x=1), arm(2), end(2)))
+    assert (one.verdict, one.warnings) == ("clean", 2)
+
+
 def test_warnings_leave_a_log_clean(tmp_path: Path) -> None:
     one = report(write(tmp_path, HEADER, event(1)))
     assert (one.verdict, one.warnings) == ("clean", 1)
