@@ -162,6 +162,12 @@ def test_every_check_is_shown_here() -> None:
     assert {check for _, _, wanted in CASES for _, check, _ in wanted} == set(CHECKS)
 
 
+def test_the_documentation_has_every_check() -> None:
+    text = (Path(__file__).parents[2] / "docs/trace-format.md").read_text()
+    for name, (level, wanted) in CHECKS.items():
+        assert f"| `{name}` | {level} | {wanted} |" in text
+
+
 def test_what_is_clean_can_be_read_and_what_cannot_be_read_is_not_clean(tmp_path: Path) -> None:
     """The lint is never milder than the reader."""
     for _, lines, _ in CASES:
