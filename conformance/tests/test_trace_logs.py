@@ -148,3 +148,13 @@ def test_coverage_as_json(folder: Path, tmp_path: Path) -> None:
     assert value["rules"]["NEG-2"] == 1 and value["rules"]["NEG-4"] == 0
     assert value["graphs"]["one-peer"]["transitions"] > 10
     assert "rules" in answer.output
+
+
+def test_no_color_means_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = ["trace", "show", str(folder), "--last", "3"]
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert "\x1b" in run.invoke(app, arguments, color=True).output
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b" not in run.invoke(app, arguments, color=True).output

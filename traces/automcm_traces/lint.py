@@ -49,7 +49,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "deadline": ("error", "a timer is not armed for a time that is past"),
     "cut": ("warning", "the last line was being written when the log broke off"),
     "end": ("warning", "the log has an end, and it says that nothing was lost"),
-    "unknown": ("warning", "events, hints and kinds of message are known here"),
+    "unknown": ("warning", "kinds of event, and the hints rule, phase and role, are known here"),
     "complete": ("warning", "what `complete` promises is there, as far as one can see"),
 }
 """By name: what breaks the format and what is merely odd, and what each check wants."""
