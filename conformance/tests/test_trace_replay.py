@@ -17,6 +17,7 @@ from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_cli.main import app
+from automcm_conformance.log_compare import Compared
 from automcm_conformance.log_names import Names
 from automcm_conformance.wire import LARGE
 from automcm_spec.rules import RULES
@@ -378,6 +379,42 @@ def test_a_log_of_inputs_alone(tmp_path: Path) -> None:
     assert (code, result["verdict"], result["same"], result["inputs"]) == (0, "allowed", None, 2)
     sent = [r["message"]["type"] for r in records(Path(result["log"])) if r.get("ev") == "send"]
     assert sent[0] == "Advertisement" and "refused" not in Path(result["log"]).read_text()
+
+
+def test_a_restart_at_a_deadline(tmp_path: Path) -> None:
+    """END-8: a timer due then is lost, unless the log says that it expired before."""
+    asks = {"v": 1, "type": "Advertisement", "src": 9, "session": [9, 1], "seq": 1}
+    asks |= {"scenario": "merge", "details": {}}
+    heard = {"ev": "receive", "message": asks, "planned": {"t0": 0, "points": [[0, 0, 0]]}}
+    about = {"type": "Intention", "to": 9, "session": [9, 1], "seq": 1}
+    expires = {"ev": "timer", "op": "expire", "timer": {"name": "resend", "message": about}}
+    for between, copies in (([], 1), ([{**expires, "t": 1_100}], 2)):
+        events = [{**heard, "t": 1_000}, *between, {"ev": "restart", "t": 1_100}]
+        code, result = replay(inputs(tmp_path / "x", *events), REFERENCE, tmp_path)
+        assert (code, verdict(result)) == (0, "allowed")
+        sent = [r["message"]["type"] for r in records(Path(result["log"])) if r.get("ev") == "send"]
+        assert sent.count("Intention") == copies
+
+
+def test_which_of_several_new_messages_has_the_lower_seq_is_free() -> None:
+    def sent(first: int, second: int) -> list[Json]:
+        new = ((8, first, "Prescription"), (9, second, "Cancel"))
+        common = {"src": 7, "session": [7, 1]}
+        return [{**common, "type": type_, "dst": to, "seq": seq} for to, seq, type_ in new]
+
+    for log, own, same in ((sent(2, 3), sent(3, 2), True), (sent(2, 3), sent(2, 3)[:1], False)):
+        names = Names(7)
+        compared = Compared(names, late_ms=50)
+        opens = {"type": "Advertisement", "src": 7, "session": [7, 1], "seq": 1}
+        for m in (opens, *log):
+            names.logged(m)
+        for m in (opens, *own):
+            names.sent(m)
+        for line, m in enumerate(log, 2):
+            compared.logged(line, 100, "send", m)
+        compared.done(1, 100, own, [])
+        compared.settle(100, ends=True)
+        assert (compared.first is None) is same
 
 
 def test_what_is_no_message_has_no_effect(tmp_path: Path) -> None:
