@@ -122,7 +122,7 @@ def _run(constants: Sequence[int], translations: Sequence[Translation]) -> list[
     def take(text: str) -> None:
         what, log, line, rule, wanted = _untla(text)
         before = best.get(log)
-        if before is None or what == "ALLOWED" or before[0] != "ALLOWED" and line > before[1]:
+        if before is None or what == "ALLOWED" or (before[0] != "ALLOWED" and line > before[1]):
             best[log] = [what, line, rule, wanted]
 
     with tempfile.TemporaryDirectory(prefix="automcm-traces-") as name:

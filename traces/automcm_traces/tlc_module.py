@@ -31,15 +31,45 @@ LARGEST = 10**9
 UNTOLD = -1
 DEFAULTS = {"max_rounds": 3, "max_participants": 32, "outbox_limit": 64, "memory_limit": 64}
 """Of the limits that rules look at, where the header does not tell them (section 3)."""
-REASONS = (
-    "unsafe undecided busy unknown_session not_selected not_needed no_agreement timeout cam_loss "
-    "lease_expired abort closed"
-).split()
-TOLD = (
-    "choose no_participants verify undecided accepted propose fallback finished refused discarded"
-).split()
+REASONS = [
+    "unsafe",
+    "undecided",
+    "busy",
+    "unknown_session",
+    "not_selected",
+    "not_needed",
+    "no_agreement",
+    "timeout",
+    "cam_loss",
+    "lease_expired",
+    "abort",
+    "closed",
+]
+TOLD = [
+    "choose",
+    "no_participants",
+    "verify",
+    "undecided",
+    "accepted",
+    "propose",
+    "fallback",
+    "finished",
+    "refused",
+    "discarded",
+]
 NAMED = (*TYPES, "none")
-TIMERS = "advertise resend giveup decide hold answer cam quarantine forget backoff".split()
+TIMERS = [
+    "advertise",
+    "resend",
+    "giveup",
+    "decide",
+    "hold",
+    "answer",
+    "cam",
+    "quarantine",
+    "forget",
+    "backoff",
+]
 
 
 class TooLarge(Exception):

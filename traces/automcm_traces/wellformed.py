@@ -57,7 +57,7 @@ def form(m: dict[str, Json]) -> Form:
     else:
         return Form.MALFORMED
     for name, kind in (needed | optional).items():
-        if name in m and type(m[name]) is not kind or name in needed and name not in m:
+        if (name in m and type(m[name]) is not kind) or (name in needed and name not in m):
             return Form.UNREADABLE
     sessions = m["marks"] if type_ == "CAM" else [m["session"]]
     if not all(_is_pair(s) for s in sessions):
@@ -69,7 +69,7 @@ def form(m: dict[str, Json]) -> Form:
         and m["v"] == 1
         and m["src"] > 0
         and all(q > 0 and n > 0 for q, n in sessions)
-        and (type_ == "CAM" and m["generation_ms"] >= 0 or type_ != "CAM" and _fits(m))
+        and ((type_ == "CAM" and m["generation_ms"] >= 0) or (type_ != "CAM" and _fits(m)))
         and all(_is_trajectory(m[name]) for name in _TRAJECTORIES if name in m)
     )
     return Form.GOOD if good else Form.MALFORMED
