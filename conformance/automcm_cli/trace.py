@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from automcm_cli import trace_logs
 from automcm_cli.common import CODES, Json, write_json
 
 app = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
@@ -41,3 +42,6 @@ def explain(
         for verdict in verdicts:
             typer.echo(explain_.text(verdict))
     raise typer.Exit(explain_.exit_code(verdicts))
+
+
+trace_logs.register(app)

@@ -155,8 +155,8 @@ class Followed:
         self._event(now, ev, **fields)
         step = self.last = self._engine.step
         assert step is not None
-        excuse = ["expire", ["cam"]], ["restart"]
-        if session and (step.input in excuse or step.input[:2] == ["command", "abort"]):
+        excuse = ("expire", ("cam",)), ("restart",)
+        if session and (step.input in excuse or step.input[:2] == ("command", "abort")):
             self.excused.add(session)
         while (m := next(filter(self._engine.takes, self._answer.messages), None)) is not None:
             self._answer.messages.remove(m)
