@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,6 +20,10 @@ def explain(
         int | None,
         typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
     ] = None,
+    engine: Annotated[
+        Literal["oracle", "tlc"],
+        typer.Option(help="Who judges: the oracle, or TLC on the specification itself."),
+    ] = "oracle",
     json_: Json = None,
 ) -> None:
     """Is each log allowed by the specification?  If not: the first event that is not, and why.
@@ -27,11 +31,14 @@ def explain(
     With several logs, what was received is also compared with what was sent.
     """
     from automcm_spec.oracle import OracleError
+    from automcm_spec.tlc import TlcError
     from automcm_traces import explain as explain_
+    from automcm_traces import tlc_engine
 
+    judge = tlc_engine.explain_files if engine == "tlc" else explain_.explain_files
     try:
-        verdicts = explain_.explain_files(logs, late)
-    except OracleError as error:
+        verdicts = judge(logs, late)
+    except (OracleError, TlcError) as error:
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None
     if len(verdicts) == 1:

@@ -150,9 +150,9 @@ Verdict(what, line, rule, wanted) ==
 
 Diverges(line)  == Verdict("DIVERGES", line, step.rule, Wanted(step))
 Overdue(line, late) ==
-  Verdict("DIVERGES", line, "REL-1", <<{TimerT(a.timer) : a \in late}>>)
+  Verdict("DIVERGES", line, "overdue", <<{TimerT(a.timer) : a \in late}>>)
 NotArmed(line)  ==
-  Verdict("DIVERGES", line, "", <<{TimerT(a.timer) : a \in armed}>>)
+  Verdict("DIVERGES", line, "not armed", <<{TimerT(a.timer) : a \in armed}>>)
 
 (***************************************************************************)
 (* Inputs                                                                  *)
@@ -378,6 +378,13 @@ Line(e) ==
   ELSE IF e.kind = "unreadable" THEN Verdict("UNREADABLE", e.line, "", <<>>)
   ELSE Input(e)
 
+\* Where a line says phase and role, they are those after the step.
+AsSaid(e) ==
+  \/ This.says[at] = 0
+  \/ LET said == This.said[This.says[at]] IN
+     IF said[1] \in {"", st'.phase} /\ said[2] \in {"", st'.role} THEN TRUE
+     ELSE Verdict("DIVERGES", e.line, step'.rule, <<st'.phase, st'.role>>)
+
 \* Without its end a log may lack what followed the last input.
 AtEnd == IF This.ended /\ Missing THEN Diverges(step.line)
                                   ELSE Verdict("ALLOWED", 0, "", <<>>)
@@ -390,6 +397,6 @@ Init ==
 Next ==
   IF at > Len(This.events) THEN AtEnd /\ UNCHANGED vars
   ELSE \E e \in {This.events[at]} :
-         \/ Line(e) /\ at' = at + 1 /\ UNCHANGED log
+         \/ Line(e) /\ at' = at + 1 /\ UNCHANGED log /\ AsSaid(e)
          \/ Unlogged(e)
 ==============================================================================

@@ -18,6 +18,7 @@ from automcm_spec import tlc
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES
 from automcm_traces.explain import Verdict, forged
+from automcm_traces.inputs import TIMER_RULES, timer_name
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -25,11 +26,11 @@ from automcm_traces.log import (
     Receive,
     Restart,
     Send,
-    Timer,
     TimerArm,
     TimerEnd,
 )
-from automcm_traces.reader import Log, LogError, read
+from automcm_traces.possible import unobserved
+from automcm_traces.reader import Log, LogError, LogStream
 from automcm_traces.tlc_module import DEFAULTS, TooLarge, Translation, limits, module
 
 Json = Any
@@ -63,7 +64,7 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
         except TooLarge as error:
             problem = str(error)
         if problem:
-            verdicts[n] = Verdict("cannot_tell", log.file, 0, problem)
+            verdicts[n] = Verdict("cannot_tell", log.file, 0, problem, header=log.header)
     for constants, group in groups.items():
         for batch in _batches(group, logs):
             answers = _run(constants, [translation for _, translation in batch])
@@ -74,20 +75,46 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
 
 def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """As ``automcm_traces.explain.explain_files``, with TLC in the place of the oracle."""
-    found: dict[str, Verdict] = {}
-    logs: list[Log] = []
+    found: dict[Path, Verdict] = {}
+    logs: dict[Path, Log] = {}
+    broken: dict[Path, Verdict] = {}
     for path in paths:
         try:
-            logs.append(read(path))
+            stream = LogStream(path)
         except LogError as error:
-            found[str(path)] = Verdict("unreadable", str(path), error.line, str(error))
-    foreign = forged(logs)
-    for log, verdict in zip(logs, explain_batch(logs, late_ms), strict=True):
-        other = foreign.get(log.file)
+            found[path] = Verdict("unreadable", str(path), error.line, str(error))
+            continue
+        logs[path], problem = _whole(stream)
+        if problem is not None:
+            broken[path] = problem
+    foreign = forged(list(logs.values())) if len(paths) > 1 else {}
+    for path, verdict in zip(logs, explain_batch(list(logs.values()), late_ms), strict=True):
+        other = foreign.get(str(path))
+        if path in broken and verdict.verdict in ("allowed", "cannot_tell"):
+            verdict = replace(broken[path], header=verdict.header)
         if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
-            verdict = other
-        found[log.file] = replace(verdict, warnings=tuple(log.warnings))
-    return [found[str(path)] for path in paths]
+            verdict = replace(other, header=verdict.header)
+        found[path] = replace(verdict, warnings=tuple(logs[path].warnings))
+    return [found[path] for path in paths]
+
+
+def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
+    """What can be read of a log, and what can be said of the rest, if not all can be read."""
+    events: list[tuple[int, Event]] = []
+    problem: Verdict | None = None
+    try:
+        events.extend(stream)
+    except LogError as error:
+        problem = Verdict("unreadable", stream.file, error.line, str(error))
+    if problem is None and stream.gap is not None:
+        line, what = stream.gap
+        at = events[-1][0] if events else 0
+        text = f"records are missing before line {line}: {what}"
+        problem = Verdict("cannot_tell", stream.file, at, text)
+    log = Log(
+        stream.file, stream.header, events, stream.end, stream.truncated, list(stream.warnings)
+    )
+    return log, problem
 
 
 def _beyond(log: Log) -> str:
@@ -153,23 +180,35 @@ def _untla(line: str) -> Json:
 
 def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
     what, line, rule, wanted = answer
+    about: dict[str, Any] = {
+        "header": log.header,
+        "unobserved": tuple(unobserved(log.header)),
+        "events": len(log.events),
+    }
     if what == "ALLOWED":
-        return Verdict("allowed", log.file, events=len(log.events))
+        return Verdict("allowed", log.file, **about)
     event = next(event for at, event in log.events if at == line)
     if what == "UNREADABLE":
-        text = f"{words(event)}: a message lacks or misuses a field"
-        return Verdict("unreadable", log.file, line, text)
-    guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
+        text = f"{log.file}:{line}: {words(event)}: a message lacks or misuses a field"
+        return Verdict("unreadable", log.file, line, text, **about)
     expected = tuple(_expected(translation, rule, wanted))
-    return Verdict("diverges", log.file, line, words(event), rule, expected, guard)
+    if rule == "overdue":
+        rule = min(TIMER_RULES[timer[0]] for timer in wanted[0])
+    if rule == "not armed" and isinstance(event, TimerEnd):
+        rule = TIMER_RULES[event.timer.name]
+    guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
+    return Verdict("diverges", log.file, line, words(event), rule, expected, guard, **about)
 
 
 def _expected(t: Translation, rule: str, wanted: Json) -> list[str]:
     """What was called for, in words."""
-    if rule == "ACT-5" and len(wanted) == 1:
-        return [f"marks {sorted(_session(t, s) for s in wanted[0])}"]
-    if len(wanted) == 1:
-        return sorted(f"expire {_timer(t, timer)}" for timer in wanted[0])
+    match len(wanted):
+        case 1 if rule == "ACT-5":
+            return [f"marks {', '.join(sorted(_session(t, s) for s in wanted[0])) or 'none'}"]
+        case 1:
+            return sorted(f"expire {_timer(t, timer)}" for timer in wanted[0])
+        case 2:
+            return [f"phase {wanted[0]}", f"role {wanted[1]}"]
     out, arm, stop, told = wanted
     said = sorted(f"send {_message(t, m)}" for m in out)
     said += sorted(f"arm {_timer(t, timer)}" for timer in arm)
@@ -206,25 +245,16 @@ def _session(t: Translation, session: Json) -> str:
 def words(event: Event) -> str:
     """An event of a log in a few words."""
     match event:
-        case Receive(message=None):
-            return "receive bytes that are no message"
         case Receive(message=dict() as m):
             return f"receive {m['type']} from {m.get('src')}"
         case Send(message=m):
             return f"send {m['type']} to {m.get('dst', 'all')}"
         case TimerArm(op=op, timer=timer) | TimerEnd(op=op, timer=timer):
-            return f"{op} {_words(timer)}"
+            return f"{op} {timer_name(timer.model_dump(exclude_none=True))}"
         case ApplicationCommand(command=command):
             return f"command {command.name}"
         case ApplicationIndication(indication=indication):
             return f"indication {indication.name}"
         case Restart():
             return "restart"
-
-
-def _words(timer: Timer) -> str:
-    named = timer.model_dump(exclude_none=True)
-    m = named.get("message")
-    if m is not None:
-        return f"{timer.name}({m['type']} seq={m['seq']} to {m.get('to', 'all')})"
-    return f"{timer.name}({named['station']})" if "station" in named else str(timer.name)
+    return "receive bytes that are no message"

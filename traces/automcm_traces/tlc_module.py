@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from automcm_traces.form import REASONS, TYPES, problems
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -23,7 +24,6 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
-from automcm_traces.wellformed import CONTENT, TYPES, Form, form
 
 Json = Any
 LARGEST = 10**9
@@ -31,45 +31,23 @@ LARGEST = 10**9
 UNTOLD = -1
 DEFAULTS = {"max_rounds": 3, "max_participants": 32, "outbox_limit": 64, "memory_limit": 64}
 """Of the limits that rules look at, where the header does not tell them (section 3)."""
-REASONS = [
-    "unsafe",
-    "undecided",
-    "busy",
-    "unknown_session",
-    "not_selected",
-    "not_needed",
-    "no_agreement",
-    "timeout",
-    "cam_loss",
-    "lease_expired",
-    "abort",
-    "closed",
-]
-TOLD = [
-    "choose",
-    "no_participants",
-    "verify",
-    "undecided",
-    "accepted",
-    "propose",
-    "fallback",
-    "finished",
-    "refused",
-    "discarded",
-]
+CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
+"""Fields that the application gives and the station carries."""
+PHASES = (
+    *("STANDALONE", "ADVERTISING", "CHOOSING", "PRESCRIBING"),
+    *("INTENDING", "WAITING", "NEGOTIATING", "ACTUATING"),
+)
+ROLES = ("none", "prescriber", "receiver")
+TOLD = (
+    *("choose", "no_participants", "verify", "undecided", "accepted", "propose", "fallback"),
+    *("finished", "refused", "discarded"),
+)
+TIMERS = (
+    *("advertise", "resend", "giveup", "decide", "hold", "answer", "cam", "quarantine"),
+    *("forget", "backoff"),
+)
 NAMED = (*TYPES, "none")
-TIMERS = [
-    "advertise",
-    "resend",
-    "giveup",
-    "decide",
-    "hold",
-    "answer",
-    "cam",
-    "quarantine",
-    "forget",
-    "backoff",
-]
+REASON = (*REASONS["Acceptance"], *REASONS["Cancel"], "none", "")
 
 
 class TooLarge(Exception):
@@ -113,6 +91,7 @@ class Translation:
         self._messages: dict[str, int] = {}
         self._timers: dict[str, int] = {}
         self._texts: dict[str, str] = {}
+        self._said: dict[str, int] = {}
         self.text = self._write(late_ms)
 
     def station(self, real: Json) -> int:
@@ -142,12 +121,14 @@ class Translation:
         }
         told = (f"{n} |-> {_clamped(lasts.get(n))}" for n in TIMERS)
         events = ",\n".join(self._event(n) for n in range(len(self._log.events)))
+        says = ",".join(str(self._says(event)) for _, event in self._log.events)
         complete = ", ".join(f'"{kind}"' for kind in header.complete)
         return (
             f"[ me |-> 1, ended |-> {_bool(self._log.ended)}, complete |-> {{{complete}}},\n"
             f"late |-> {min(late, LARGEST)}, lasts |-> [{', '.join(told)}],\n"
             f"messages |-> <<{_table(self._messages)}>>,\n"
             f"timers |-> <<{_table(self._timers)}>>,\n"
+            f"said |-> <<{_table(self._said)}>>,\nsays |-> <<{says}>>,\n"
             f"events |-> <<{events}>> ]"
         )
 
@@ -160,7 +141,7 @@ class Translation:
             case Receive():
                 return self._received(at, event)
             case Send(message={"type": "CAM"} as m):
-                if form(m) is Form.UNREADABLE:
+                if _is_unreadable(m):
                     return f'Event("unreadable",{at})'
                 return f"CamSent({at},{self.station(m['src'])},{self._marks(m)})"
             case Send(message=m):
@@ -180,16 +161,23 @@ class Translation:
             case Restart():
                 return f'Event("restart",{at})'
 
+    def _says(self, event: Event) -> int:
+        """The phase and role that an event tells; 0 if it tells none."""
+        if event.phase is None and event.role is None:
+            return 0
+        phase, role = event.phase or "", event.role or ""
+        text = f'<<"{self._safe(phase, ("", *PHASES))}","{self._safe(role, ("", *ROLES))}">>'
+        return _place(self._said, text)
+
     def _received(self, at: str, event: Receive) -> str:
         m = event.message
         assert m is not None
-        match form(m):
-            case Form.UNREADABLE:
-                return f'Event("unreadable",{at})'
-            case Form.MALFORMED:
-                return f"Malformed({at},{_bool(m.get('dst', self._me) == self._me)})"
+        if _is_unreadable(m):
+            return f'Event("unreadable",{at})'
+        if not _is_good(m):
+            return f"Malformed({at},{_bool(m.get('dst', self._me) == self._me)})"
         if m["type"] == "CAM":
-            generation = self._generations[m["generation_ms"]]
+            generation = self._generations[_whole(m["generation_ms"])]
             return f"CamReceived({at},{self.station(m['src'])},{self._marks(m)},{generation})"
         given = {} if event.planned is None else {"planned": event.planned}
         concerned = _bool(event.planned is not None)
@@ -235,7 +223,7 @@ class Translation:
             f'{_bool(m.get("accepted") is True)},"{self._reason(m.get("reason", "none"))}",'
             f'<<"{self._safe(of.get("type", "none"), NAMED)}",{self._small(of.get("seq", 0))}>>,'
             f"{body},{self._content(m)},{_clamped(m.get('lease_ms'))},"
-            f"{_bool(form(m) is Form.GOOD)})"
+            f"{_bool(_is_good(m))})"
         )
 
     def _timer(self, timer: Timer) -> int:
@@ -275,7 +263,7 @@ class Translation:
         return n if n < LARGEST else LARGEST + self._large.setdefault(n, len(self._large))
 
     def _reason(self, text: Json) -> str:
-        return self._safe(text, ("none", "", *REASONS))
+        return self._safe(text, REASON)
 
     def _safe(self, text: Json, known: Sequence[str]) -> str:
         return text if text in known else f"other{self._interned(text)}"
@@ -315,9 +303,9 @@ def _session(value: Json) -> tuple[int, int] | None:
 def _generations(log: Log) -> dict[int, int]:
     """The rank of each generation time of a CAM received."""
     times = {
-        m["generation_ms"]
+        _whole(m.get("generation_ms"))
         for _, event in log.events
-        if isinstance(event, Receive) and (m := event.message) and _is_int(m.get("generation_ms"))
+        if isinstance(event, Receive) and (m := event.message)
     }
     return {t: rank for rank, t in enumerate(sorted(times), 1)}
 
@@ -336,6 +324,24 @@ def _clamped(duration: Json) -> int:
 
 def _is_int(value: Json) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _whole(value: Json) -> int:
+    return int(value) if _is_int(value) else 0
+
+
+def _is_good(m: dict[str, Json]) -> bool:
+    """Whether it has the form of section 2.  Where it goes is for Station.tla to judge (END-5)."""
+    return all(name == "dst" for name, _ in problems(m))
+
+
+def _is_unreadable(m: dict[str, Json]) -> bool:
+    """Whether a field that the specification looks at is missing or of another kind."""
+    return any(
+        name not in {"v", *CONTENT} and (name not in m or problem.endswith("is wanted"))
+        for name, problem in problems(m)
+        if name != "dst" or (name in m and problem.endswith("is wanted"))
+    )
 
 
 def _bool(value: bool) -> str:
