@@ -78,7 +78,11 @@ Expires(line, t, timer)        ==
 Told(line, t, name, reason)    ==
   [kind |-> "told", line |-> line, t |-> t, name |-> name, reason |-> reason]
 
-This        == Logs[log]
+\* The logs are kept in a register: each definition that names the constant
+\* would have TLC look through all of them once more.
+LOGS == 1
+
+This        == TLCGet(LOGS)[log]
 Me          == This.me
 Promised(k) == k \in This.complete
 
@@ -390,6 +394,7 @@ AtEnd == IF This.ended /\ Missing THEN Diverges(step.line)
                                   ELSE Verdict("ALLOWED", 0, "", <<>>)
 
 Init ==
+  /\ TLCSet(LOGS, Logs)
   /\ log \in DOMAIN Logs /\ at = 1
   /\ st = Initial /\ step = NoStep /\ box = {} /\ armed = {}
   /\ count = 0 /\ lease = Untold /\ heard = 0

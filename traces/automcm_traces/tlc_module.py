@@ -8,7 +8,7 @@ each content is a number: the same content, the same number.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from automcm_traces.form import REASONS, TYPES, problems
@@ -143,7 +143,8 @@ class Translation:
             case Send(message={"type": "CAM"} as m):
                 if _is_unreadable(m):
                     return f'Event("unreadable",{at})'
-                return f"CamSent({at},{self.station(m['src'])},{self._marks(m)})"
+                src = self.station(m["src"]) if _is_good(m) else 0
+                return f"CamSent({at},{src},{self._marks(m)})"
             case Send(message=m):
                 return f"Sent({at},{self._message(m)})"
             case TimerArm(timer=timer, deadline=deadline):
@@ -336,12 +337,30 @@ def _is_good(m: dict[str, Json]) -> bool:
 
 
 def _is_unreadable(m: dict[str, Json]) -> bool:
-    """Whether a field that the specification looks at is missing or of another kind."""
+    """Whether a field that the specification looks at is missing, or of another kind."""
     return any(
-        name not in {"v", *CONTENT} and (name not in m or problem.endswith("is wanted"))
+        name in _LOOKED_AT
+        and (name in m or problem.startswith("missing"))
+        and not (name == "dst" and name not in m)
+        and not _LOOKED_AT[name](m.get(name))
         for name, problem in problems(m)
-        if name != "dst" or (name in m and problem.endswith("is wanted"))
     )
+
+
+def _is_named(value: Json) -> bool:
+    return (
+        isinstance(value, dict) and _is_int(value.get("seq")) and isinstance(value.get("type"), str)
+    )
+
+
+_LOOKED_AT: dict[str, Callable[[Json], bool]] = {
+    **dict.fromkeys(("src", "dst", "seq", "proposal", "generation_ms"), _is_int),
+    "session": lambda value: _session(value) is not None,
+    "marks": lambda value: isinstance(value, list) and all(_session(s) for s in value),
+    "accepted": lambda value: isinstance(value, bool),
+    "reason": lambda value: isinstance(value, str),
+    "of": _is_named,
+}
 
 
 def _bool(value: bool) -> str:
