@@ -141,7 +141,7 @@ class Translation:
             case Receive():
                 return self._received(at, event)
             case Send(message={"type": "CAM"} as m):
-                if _is_unreadable(m):
+                if not _LOOKED_AT["marks"](m.get("marks")):
                     return f'Event("unreadable",{at})'
                 src = self.station(m["src"]) if _is_good(m) else 0
                 return f"CamSent({at},{src},{self._marks(m)})"
@@ -173,10 +173,10 @@ class Translation:
     def _received(self, at: str, event: Receive) -> str:
         m = event.message
         assert m is not None
-        if _is_unreadable(m):
-            return f'Event("unreadable",{at})'
         if not _is_good(m):
-            return f"Malformed({at},{_bool(m.get('dst', self._me) == self._me)})"
+            mine = m.get("dst", self._me) == self._me  # else it may be dropped silently (MSG-1)
+            unreadable = mine and _is_unreadable(m)
+            return f'Event("unreadable",{at})' if unreadable else f"Malformed({at},{_bool(mine)})"
         if m["type"] == "CAM":
             generation = self._generations[_whole(m["generation_ms"])]
             return f"CamReceived({at},{self.station(m['src'])},{self._marks(m)},{generation})"
