@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -52,22 +52,33 @@ class _Told:
     chain: list[Question] = field(default_factory=list)
     answers: list[tuple[Json, list[Question]]] = field(default_factory=list)
 
+    def questions(self) -> Iterator[Question]:
+        yield from self.chain
+        for _, calls in self.answers:
+            yield from calls
+
 
 def happenings(moves: Sequence[Move], ask: Asker, reduced: bool) -> list[Happening]:
     """The steps of the stations.  ``ask`` works out what follows (``story_effects.ask``).
 
     Raises StoryError where the model's next state is not explained.
     """
-    effects = ask(_main(move) for move in moves if move.station)
-    told = [_Told(move) for move in moves]
+    return happenings_of_all([moves], ask, reduced)[0]
+
+
+def happenings_of_all(
+    behaviours: Sequence[Sequence[Move]], ask: Asker, reduced: bool
+) -> list[list[Happening]]:
+    """The same for several behaviours; all are asked about at once."""
+    effects = ask(_main(move) for moves in behaviours for move in moves if move.station)
+    told = [[_Told(move) for move in moves] for moves in behaviours]
     if reduced:
-        wanted: set[str] = set()
-        for each in reversed(told):
-            _reduced(each, effects, wanted)
-        effects |= ask(
-            q for each in told for some in (each.chain, *(c for _, c in each.answers)) for q in some
-        )
-    return [happening for each in told for happening in _tell(each, effects)]
+        for moves in told:
+            wanted: set[str] = set()
+            for each in reversed(moves):
+                _reduced(each, effects, wanted)
+        effects = effects | ask(q for moves in told for each in moves for q in each.questions())
+    return [[h for each in moves for h in _tell(each, effects)] for moves in told]
 
 
 def _main(move: Move) -> Question:
@@ -117,15 +128,18 @@ def _reduced(told: _Told, effects: dict[str, Effects], wanted: set[str]) -> None
     sent = {plain(m) for m in main.messages}
     for text in sorted((move.net_after - move.net_before - sent) & wanted):
         answer = json.loads(text)
-        told.answers.append((answer, _candidates(answer, move)))
+        told.answers.append((answer, _candidates(answer, move, sent)))
     if move.input[0] == "receive":
         wanted.add(canonical(move.input[1]))
 
 
-def _candidates(answer: Json, move: Move) -> list[Question]:
-    """What may have called for an answer that is in the net: messages the other way."""
+def _candidates(answer: Json, move: Move, sent: set[str]) -> list[Question]:
+    """What may have called for an answer that is in the net: messages the other way.
+
+    One that can do nothing more is in the net no longer (Dead in System.tla).
+    """
     _, src, dst, session, *_ = answer
-    calls = [json.loads(text) for text in sorted(move.net_after)]
+    calls = [json.loads(text) for text in sorted(move.net_before | move.net_after | sent)]
     return [
         Question(src, move.after[src], ["receive", m, False])
         for m in calls

@@ -77,7 +77,8 @@ def _moves(behaviour: Sequence[tuple[int, Json, Json]]) -> list[Move]:
 
 def of_the_reference(number: int, seed: int) -> list[Lines]:
     """``number`` logs of simulations: parameters, loss, duplicates, restarts and aborts vary."""
-    chance, logs = random.Random(seed), []
+    chance = random.Random(seed)
+    logs: list[Lines] = []
     while len(logs) < number:
         logs += _simulated(chance)
     return logs[:number]
