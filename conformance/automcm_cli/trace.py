@@ -41,3 +41,8 @@ def explain(
         for verdict in verdicts:
             typer.echo(explain_.text(verdict))
     raise typer.Exit(explain_.exit_code(verdicts))
+
+
+from automcm_cli import trace_itf as _itf  # noqa: E402
+
+_itf.register(app)

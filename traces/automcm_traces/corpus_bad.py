@@ -215,7 +215,7 @@ SEEDS: tuple[tuple[str, str, str, Edit, str, str, int], ...] = (
     ("ack_missing", "pair-1001", "The Intention is recorded, but its Ack is never sent.",
      _drop("send", type="Ack"), "diverges", "ADV-5", 0),
     ("fin_not_acked_again", "pair-2002", "The second copy of the Fin gets no Ack.",
-     _drop("send", 6, type="Ack"), "diverges", "END-3", 0),
+     _drop("send", 5, type="Ack"), "diverges", "END-3", 0),
     ("ack_twice", "pair-2002", "One copy of the Prescription is acked twice.",
      _twice("send", type="Ack"), "diverges", "NEG-1", 0),
     ("ack_of_another_seq", "pair-1001", "The Ack of the refusal names the seq before it.",

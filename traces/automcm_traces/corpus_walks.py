@@ -11,6 +11,7 @@ there; where there is none left to reach, the next walk begins.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
@@ -54,11 +55,52 @@ Walk = list[tuple[int, tuple[int, str], int]]
 
 
 class Transition(NamedTuple):
-    """What one station does: its id, and the canonical text of its state and of the input."""
+    """What one station does: its state and the input, as texts, as the station sees them.
 
-    station: int
+    To itself it is 1; the others are 2, 3, … in the order in which state and input name them.  So
+    what two stations do alike is one transition.  Whether the application is concerned counts with
+    an Advertisement alone.
+    """
+
     state: str
     input: str
+
+    @property
+    def digest(self) -> str:
+        """A short name for it."""
+        return hashlib.sha256("\n".join(self).encode()).hexdigest()[:12]
+
+
+def transition(station: int, at: Json, value: Json) -> Transition:
+    """The transition of a station in a state (in the form of the oracle) with this input."""
+    ids = {0: 0, station: 1}
+
+    def one(of: int) -> int:
+        return ids.setdefault(of, len(ids))
+
+    def session(of: Json) -> Json:
+        return [one(of[0]), of[1]]
+
+    def entry(of: Json) -> Json:
+        return [of[0], one(of[1]), session(of[2]), *of[3:]]
+
+    seen = list(at)
+    seen[2], seen[5] = session(at[2]), one(at[5])
+    for place in (3, 4):
+        seen[place] = sorted(one(s) for s in at[place])
+    seen[10] = sorted(session(s) for s in at[10])
+    seen[11] = sorted((entry(e) for e in at[11]), key=canonical)
+    kind, *rest = value
+    if kind == "receive":
+        type_, src, dst, of, *more = rest[0]
+        concerned = rest[1] and type_ == "Advertisement"
+        rest = [[type_, one(src), one(dst), session(of), *more], concerned]
+    elif kind == "command":
+        rest = [rest[0], session(rest[1]), rest[2], one(rest[3])]
+    elif kind == "expire":
+        name, *about = rest[0]
+        rest = [[name, *(entry(a) if isinstance(a, list) else one(a) for a in about)]]
+    return Transition(canonical(seen), canonical([kind, *rest]))
 
 
 @dataclass
@@ -72,10 +114,12 @@ class Node:
     net: frozenset[str]
     steps: dict[tuple[int, str], int] = field(default_factory=dict)
     idle: list[tuple[int, str]] = field(default_factory=list)
-    texts: dict[int, str] = field(default_factory=dict)
+    _known: dict[tuple[int, str], Transition] = field(default_factory=dict)
 
     def transition(self, key: tuple[int, str]) -> Transition:
-        return Transition(key[0], self.texts[key[0]], key[1])
+        if key not in self._known:
+            self._known[key] = transition(key[0], self.st[key[0]], json.loads(key[1]))
+        return self._known[key]
 
 
 class Graph:
@@ -242,9 +286,8 @@ def _node(line: str) -> Node:
     parsed: Any = values.parse(text)
     stations, net, *_ = parsed[0]
     st = {s: state(value) for s, value in enumerate(stations, 1)}
-    texts = {s: canonical(value) for s, value in st.items()}
     messages = frozenset(plain(simulate.message(m)) for m in net)
-    return Node(st, messages, texts=texts)
+    return Node(st, messages)
 
 
 def _pair(value: Any) -> tuple[int, Any]:

@@ -12,11 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec import models, simulate
-from automcm_spec.oracle import canonical
+from automcm_spec.oracle import STATE_FIELDS, canonical
 from automcm_spec.paths import MODELS
+from automcm_spec.rules import handler, line
 from automcm_traces import itf, story
+from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.reader import Log
 from automcm_traces.story_effects import ask, cfg_of, state
 from automcm_traces.story_steps import Move, happenings, plain
+from automcm_traces.track import Track
 
 Json = Any
 TICK_MS = 100
@@ -170,3 +174,79 @@ def _timer(value: Any) -> Json:
 
 def _plain(value: Any) -> Json:
     return [_plain(v) for v in value] if isinstance(value, tuple) else value
+
+
+def from_log(log: Log) -> str:
+    """A log as ITF: the station after each step, as the specification has it, with real ids.
+
+    The ``#meta`` of a state holds ``action`` (the operator of Station.tla), ``args`` (what the
+    event carries), ``rule``, ``t_ms``, the ``line`` of the log and the ``location`` in
+    Station.tla.  A log that diverges ends with the last step that is allowed, and the
+    description says so.  Raises automcm_traces.track.CannotTell,
+    automcm_spec.oracle.OracleError.
+    """
+    events = {at: event.model_dump(exclude_none=True) for at, event in log.events}
+    engine = Engine(log)
+    states = [itf.ItfState(_values(engine.track))]
+
+    def step(done: Step, track: Track) -> None:
+        event = events[done.at]
+        shown = ("message", "planned", "command", "timer", "raw")
+        meta: dict[str, Json] = {
+            "action": handler(done.input),
+            "args": {name: _frozen(event[name]) for name in shown if name in event},
+            "rule": done.rule,
+            "t_ms": done.t_ms,
+            "line": done.at,
+            "location": {"module": "Station", "line": line(done.rule, done.input)},
+        }
+        states.append(itf.ItfState(_values(track), meta))
+
+    engine.observer = step
+    ending = ""
+    try:
+        for at, event in log.events:
+            engine.feed(at, event)
+        if log.ended:
+            engine.finish()
+    except Diverges as d:
+        ending = f" It diverges at line {d.at}: {d.event}."
+    about = {
+        "description": f"Station {log.header.station} of run {log.header.run}.{ending}",
+        "source": Path(log.file).name,
+    }
+    return itf.dumps(itf.to_itf(states, about))
+
+
+def _values(t: Track) -> dict[str, Json]:
+    """The variables of a station, named as in Station.tla."""
+    outbox = frozenset(
+        itf.FrozenMap(
+            {"type": e.type, "to": e.to, "session": e.session, "seq": e.k, "accepted": e.accepted}
+        )
+        for e in t.outbox
+    )
+    values = (
+        t.phase,
+        t.role,
+        t.session or (0, 0),
+        frozenset(t.recorded),
+        frozenset(t.withdrawn),
+        t.target,
+        t.proposal,
+        t.deciding,
+        t.heard_ms is not None,
+        t.number,
+        frozenset(t.joined.items()),
+        outbox,
+        t.quarantine,
+        t.backoff,
+    )
+    return dict(zip(STATE_FIELDS, values, strict=True))
+
+
+def _frozen(value: Json) -> Json:
+    """Plain JSON as ITF holds it."""
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return [_frozen(item) for item in value] if isinstance(value, list | tuple) else value

@@ -36,8 +36,8 @@ AnyTarget(x, p) == TRUE
 
 {questions}
 
-NoState == FALSE /\ st = <<>>
-NoStep == FALSE /\ st' = st
+NoState == FALSE /\\ st = <<>>
+NoStep == FALSE /\\ st' = st
 ====
 """
 """``following`` is what the model itself says comes next; where Step says otherwise, the model's
