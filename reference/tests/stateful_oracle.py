@@ -19,7 +19,7 @@ from automcm.rules import RULES
 from automcm.state import State, key
 from automcm.station import Effects, Station
 from automcm_spec.rules import RULES as EVERY_RULE
-from automcm_traces import engine as engines
+from automcm_traces import asking
 from automcm_traces.engine import Diverges, Engine
 from automcm_traces.log import RECORD, Header
 from automcm_traces.reader import Log
@@ -112,7 +112,7 @@ class Coverage:
 
     def report(self) -> str:
         """Several lines for a person."""
-        one, two = (engines._oracle(n) for n in (False, True))
+        one, two = (asking.oracle(n) for n in (False, True))
         met = Counter(name for name, _, _ in self.asked)
         graphs = ", ".join(
             f"{oracle.name} {met[oracle.name]} of {oracle.transitions}" for oracle in (one, two)
@@ -232,7 +232,7 @@ class Lockstep:
                     "oracle state", f"{name} is {known[name]}, and by the log {track[name]}"
                 )
         deadlines = sorted(self._station.timers.values())
-        if last and sorted(self.engine.timers.values()) != deadlines:
+        if last and sorted(d.first for d in self.engine.timers.values()) != deadlines:
             raise broken("oracle timers", f"{self._station.timers}; log: {self.engine.timers}")
 
 

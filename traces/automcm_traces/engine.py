@@ -1,23 +1,35 @@
 """Follows a station's log on the oracle, event by event.
 
 An input (a message, a command, an expiry) asks the oracle what must follow; what the log says
-followed is held against that.
+followed is held against that.  Kinds of event that the log does not promise are not missed where
+they are missing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cache
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
-from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
-from automcm_spec.oracle import Answer, Oracle, load
+from automcm_spec.oracle import Answer
 from automcm_spec.rules import RULES, handler, line
+from automcm_traces.asking import ask
+from automcm_traces.form import malformed, well_formed
+from automcm_traces.inputs import (
+    TIMER_RULES,
+    Asked,
+    command,
+    expired,
+    received,
+    restarted,
+    timer_key,
+    timer_name,
+)
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
     Event,
+    Header,
     Receive,
     Restart,
     Send,
@@ -26,39 +38,49 @@ from automcm_traces.log import (
 )
 from automcm_traces.reader import Log
 from automcm_traces.track import (
-    ME,
-    NOBODY,
     ROUNDS,
-    STRANGER,
-    CannotTell,
     Expected,
+    Limits,
     Track,
     View,
     Y,
     difference,
     expected,
     lift,
-    number_of,
-    others,
 )
 
 Json = Any
-NEEDED = ("command", "receive", "restart", "send", "timer")
-"""Kinds of event a log must promise to be complete in; with less, this engine cannot tell."""
 
 
 class Diverges(Exception):
-    """The log leaves the specification here."""
+    """The log leaves the specification here.
 
-    def __init__(self, at: int, event: str, rule: str, wanted: Sequence[str], guard: str) -> None:
+    ``step`` is the step that did not go on as it must, None if nothing called for anything, and
+    ``seen`` what the log has instead: ``("send", message)``, ``("arm" | "stop" | "expire",
+    timer)``, ``("indication", name)``, ``("phase", name)``; empty if something is missing.
+    """
+
+    def __init__(
+        self,
+        at: int,
+        event: str,
+        rule: str,
+        wanted: Sequence[str],
+        guard: str,
+        step: Step | None = None,
+        seen: tuple[str, Json] | tuple[()] = (),
+    ) -> None:
         super().__init__(event)
         self.at, self.event, self.rule, self.wanted, self.guard = at, event, rule, wanted, guard
+        self.step, self.seen = step, seen
 
 
-@cache
-def _oracle(two: bool) -> Oracle:
-    graph = TWO_PEERS if two else ONE_PEER
-    return load(graph.path, spec_hash())
+class Deadline(NamedTuple):
+    """When an armed timer expires, in ms of the station's clock: not before ``first``, and at
+    ``last`` at the latest; None if that is not known."""
+
+    first: int
+    last: int | None
 
 
 @dataclass(slots=True)
@@ -71,12 +93,18 @@ class Step:
     what: str
     view: View
     answer: Answer
+    after: Json
+    """The state of the oracle that comes next."""
     messages: list[Expected]
     arm: list[tuple[View, Json]]
     stop: list[tuple[View, Json]]
     told: list[str]
-    given: dict[str, Json] | None = None
-    content: dict[str, Json] = field(default_factory=dict)
+    given: dict[str, Json] | None
+    content: dict[str, Json]
+    since_ms: int
+    """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
+    unseen: bool = False
+    """Neither the input nor an effect was observed so far."""
     fresh: int = 0
     sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
 
@@ -90,6 +118,23 @@ class Step:
         where = line(rule, self.input)
         return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"
 
+    def copy(self, track: Track) -> Step:
+        """The same step of a copy of the station."""
+        views: dict[int, View] = {}
+
+        def on(view: View) -> View:
+            return views.setdefault(id(view), view.on(track))
+
+        return replace(
+            self,
+            view=on(self.view),
+            messages=list(self.messages),
+            arm=[(on(view), timer) for view, timer in self.arm],
+            stop=[(on(view), timer) for view, timer in self.stop],
+            told=list(self.told),
+            sent=list(self.sent),
+        )
+
 
 class Engine:
     """Follows one station's log.
@@ -98,11 +143,8 @@ class Engine:
     section 3 allows a copy to be under way.
     """
 
-    def __init__(self, log: Log, late_ms: int | None = None) -> None:
-        header = log.header
-        missing = [kind for kind in NEEDED if kind not in header.complete]
-        if missing:
-            raise CannotTell(f"the log does not promise to hold all of: {', '.join(missing)}")
+    def __init__(self, log: Log | Header, late_ms: int | None = None) -> None:
+        header = log.header if isinstance(log, Log) else log
         p = header.parameters
         self._durations = {
             "advertise": p.t_advertise,
@@ -114,13 +156,26 @@ class Engine:
             "cam": p.t_cam_loss,
             "quarantine": _sum(p.t_advertise, p.t_life),
         }
-        self._tells = "indication" in header.complete
+        self.promised = frozenset(header.complete)
         self._late_ms = (p.t_resend or 100) // 2 if late_ms is None else late_ms
-        self.track = Track(header.station, p.max_rounds or 3)
-        self.timers: dict[str, int] = {}
+        told = (p.max_participants, p.outbox_limit, p.memory_limit)
+        limits = Limits(*(n or default for n, default in zip(told, Limits(), strict=True)))
+        self.track = Track(header.station, p.max_rounds or ROUNDS, limits)
+        self.timers: dict[str, Deadline] = {}
+        self.since_ms = 0
+        """The time of the last event but CAMs: what was not observed happened later."""
         self.observer: Callable[[Step, Track], None] | None = None
         """Called after each step is complete, with the station as it is then."""
         self._step: Step | None = None
+
+    def copy(self) -> Engine:
+        """The same, to go on from here on its own."""
+        other = Engine.__new__(Engine)
+        other.__dict__.update(self.__dict__)
+        other.track = self.track.copy()
+        other.timers = dict(self.timers)
+        other._step = None if self._step is None else self._step.copy(other.track)
+        return other
 
     # -- what may follow, for who drives a station and writes its log meanwhile
 
@@ -128,6 +183,11 @@ class Engine:
     def step(self) -> Step | None:
         """The last input and what is still expected to follow it; None after ``finish``."""
         return self._step
+
+    @property
+    def states(self) -> int:
+        """How many states of the specification are possible: one, if nothing is unseen."""
+        return 1
 
     def takes(self, m: dict[str, Json]) -> bool:
         """Whether the current step calls for this message to be sent."""
@@ -145,14 +205,28 @@ class Engine:
         step = self._step
         if step is None:
             return [], []
-        armed = [self._named(step, view, value) for view, value in step.arm]
+        armed = [self.named(step.sent, view, value) for view, value in step.arm]
         return (
-            [self._named(step, view, value) for view, value in step.stop],
+            [self.named(step.sent, view, value) for view, value in step.stop],
             [(timer, self._duration(step, timer)) for timer in armed],
         )
 
-    def _named(self, step: Step, view: View, value: Json) -> dict[str, Json]:
-        """A timer of the oracle as a log names it."""
+    def outstanding(self) -> list[str]:
+        """What the last input calls for, the log promises to hold, and has not come yet."""
+        step = self._step
+        if step is None:
+            return []
+        missing = [f"send {m}" for m in step.messages] if "send" in self.promised else []
+        if "timer" in self.promised:
+            missing += [f"arm {_name(t)}" for _, t in step.arm]
+            missing += [f"stop {_name(t)}" for _, t in step.stop]
+        missing += [f"indication {t}" for t in step.told if "indication" in self.promised]
+        return missing
+
+    def named(
+        self, sent: Sequence[tuple[Expected, dict[str, Json]]], view: View, value: Json
+    ) -> dict[str, Json]:
+        """A timer of the oracle as a log names it; ``sent`` is what the step sent."""
         if value[0] == "forget":
             return {"name": value[0], "station": view.real_id(value[1])}
         if value[0] not in ("resend", "giveup"):
@@ -160,7 +234,7 @@ class Engine:
         type_, to = value[1][0], view.real_id(value[1][1])
         waiting = [e for e in self.track.outbox if e.to in view.ids and view.entry(e) == value[1]]
         messages = [e.message for e in waiting]
-        messages += [m for e, m in step.sent if (e.type, e.dst) == (type_, to)]
+        messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
         if type_ == "Advertisement" and self.track.advertisement is not None:
             messages.append(self.track.advertisement)
         m = messages[0]
@@ -175,8 +249,10 @@ class Engine:
             case Send(message=message) if message["type"] == "CAM":
                 self.finish()
                 self._cam_sent(at, message)
+                self._phase_is(at, event)
+                return
             case Send(message=message):
-                self._sent(at, message)
+                self._sent(at, event.t_ms, message)
             case TimerArm() | TimerEnd(op="stop"):
                 self._timer_changed(at, event)
             case ApplicationIndication():
@@ -188,230 +264,170 @@ class Engine:
                 self.finish()
                 self._missed(at, event)
                 self._input(at, event)
+        if not (isinstance(event, Receive) and event.message and event.message["type"] == "CAM"):
+            self.since_ms = event.t_ms
+        self._phase_is(at, event)
 
     def finish(self) -> None:
         """No more effects of the last input: what is still expected is missing."""
-        step, self._step = self._step, None
+        step = self._step
         if step is None:
             return
-        missing = [f"send {m}" for m in step.messages]
-        missing += [f"arm {_name(t)}" for _, t in step.arm]
-        missing += [f"stop {_name(t)}" for _, t in step.stop]
-        missing += [f"indication {t}" for t in step.told] if self._tells else []
+        missing = self.outstanding()
         if missing:
-            raise Diverges(
-                step.at, f"{step.what}: not everything followed", step.rule, missing, step.guard
-            )
+            text = f"{step.what}: not everything followed"
+            raise Diverges(step.at, text, step.rule, missing, step.guard, step)
+        if "timer" not in self.promised:
+            self._timers_as_told(step)
+        self._step = None
         self._lift(step)
         if self.observer is not None:
             self.observer(step, self.track)
 
     def _lift(self, step: Step) -> None:
         t, before = self.track, self.track.phase
-        after = _oracle(len(step.view.ids) > 2).states[step.answer.next]
         if step.input[0] == "restart":
             t.outbox, t.joined, t.recorded = [], {}, []
-        lift(t, step.view, after, step.sent)
+        elif step.answer.next == step.answer.state and not step.sent:
+            if step.input[0] == "cam" and step.answer.changes and step.given is not None:
+                t.heard_ms = step.given["generation_ms"]
+            return
+        lift(t, step.view, step.after, step.sent)
         m = step.given
         if m is None:
             return
         if m.get("type") == "Prescription" and t.phase == "NEGOTIATING" and before != t.phase:
-            t.proposal, t.lease_ms = m["proposal"], m["lease_ms"]
+            t.proposal, t.lease_ms = m["proposal"], m.get("lease_ms", 0)
         if m.get("type") == "CAM" and step.answer.changes:
             t.heard_ms = m["generation_ms"]
+
+    def _phase_is(self, at: int, event: Event) -> None:
+        """Phase and role after the step, where the log has them, are those of the specification."""
+        if event.phase is None and event.role is None:
+            return
+        step = self._step
+        wanted = (self.track.phase, self.track.role) if step is None else step.after[:2]
+        found = event.phase, event.role
+        for name, is_, should in zip(("phase", "role"), found, wanted, strict=True):
+            if is_ is not None and is_ != should:
+                rule, guard = (step.rule, step.guard) if step else ("", "")
+                wants = [f"{name} {should}"]
+                raise Diverges(at, f"{name} {is_}", rule, wants, guard, step, (name, is_))
 
     # -- inputs
 
     def _input(self, at: int, event: Event) -> None:
         match event:
-            case Receive(message=None):
-                self._step = None  # END-5: nothing may follow but "discarded"
-            case Receive(message=message) if message is not None:
-                self._received(at, event, message)
-            case ApplicationCommand(command=command):
-                self._command(at, event, {"name": command.name, **(command.model_extra or {})})
+            case Receive(message=dict(message)) if well_formed(message):
+                self._start(at, event.t_ms, received(self.track, event, message))
+            case Receive():
+                pass  # END-5: nothing may follow but "discarded"
+            case ApplicationCommand(command=given):
+                c = {"name": given.name, **(given.model_extra or {})}
+                self._start(at, event.t_ms, command(self.track, c))
             case TimerEnd(timer=timer):
                 self._expired(at, event, timer.model_dump(exclude_none=True))
             case Restart():
-                view = View(self.track, next(iter(others(self.track, 0)), 0))
-                self._start(at, event, view, ["restart"], "restart")
-                assert self._step is not None
-                self._step.stop.clear()  # everything stops, not only what is in view
+                self._start(at, event.t_ms, restarted(self.track))
 
-    def _received(self, at: int, event: Receive, m: dict[str, Json]) -> None:
-        t, src = self.track, m["src"]
-        what = f"receive {m['type']} from {src}"
-        if m["type"] == "CAM":
-            y = NOBODY if src == t.me else src  # an echo is nobody's CAM (ACT-5)
-            view = View(t, y, next(iter(others(t, y)), 0), t.session)
-            marked = t.session is not None and list(t.session) in m["marks"]
-            newer = t.heard_ms is None or m["generation_ms"] > t.heard_ms
-            marks = [view.sessions(t.session)] if marked else []
-            self._start(at, event, view, ["cam", Y, marks, newer], what, given=m)
-            return
-        y = 0 if src == t.me else src
-        z = next(iter(others(t, y)), 0)
-        view = View(t, y, z, m["session"], m.get("proposal", 0))
-        content = {"planned": event.planned} if event.planned is not None else {}
-        message = self._message(view, m)
-        concerned = self._misdirected(m) or (
-            m["type"] != "Ack"
-            and not (m["type"] == "Advertisement" and not content and m["session"][0] == src)
-        )
-        value = ["receive", message, concerned]
-        self._start(at, event, view, value, what, given=m, content=content)
+    def suppose(self, asked: Asked, at: int, until_ms: int, timer: str = "") -> None:
+        """An input that was not observed, before the event of line ``at`` at ``until_ms``; the
+        expiry of an armed timer by its key.
 
-    def _misdirected(self, m: dict[str, Json]) -> bool:
-        """MSG-1, END-5: whatever it holds, where it comes from or goes to settles it."""
-        me, dst, to_all = self.track.me, m.get("dst", 0), m["type"] == "Advertisement"
-        return m["src"] == me or dst not in (0, me) or (dst == 0) != to_all
-
-    def _message(self, view: View, m: dict[str, Json]) -> Json:
-        """A received message in the oracle's ids; a broken one as its kind in the alphabet."""
-        t, type_, dst = self.track, m["type"], m.get("dst", 0)
-        src = ME if m["src"] == t.me else Y
-        if dst not in (0, t.me):
-            return _template(type_, Y, STRANGER, [Y if type_ == "Advertisement" else ME, 1])
-        if self._misdirected(m):
-            to = ME if dst else 0
-            if src == ME and type_ != "Advertisement":
-                to = ME
-            own = type_ != "Advertisement" or src == ME
-            return _template(type_, src, to, [ME if own else Y, 1])
-        session = view.sessions(m["session"])
-        k, proposal = number_of(m), m.get("proposal", 0)
-        accepted, reason, of = m.get("accepted", False), m.get("reason", "none"), ["none", 0]
-        if type_ in ("Prescription", "Acceptance"):
-            other = session[0] != (Y if type_ == "Prescription" else ME)
-            if other:
-                return _template(type_, src, ME, session)
-            proposal = view.proposals(proposal)
-            k = proposal if k else 0
-        if reason not in ("none", "busy", "unknown_session", "closed"):
-            reason = "as_sent"
-        if type_ == "Ack":
-            of = self._acked(view, m)
-        return [type_, src, dst and ME, session, k, proposal, accepted, reason, of]
-
-    def _acked(self, view: View, m: dict[str, Json]) -> Json:
-        """What an Ack names: an entry of the outbox, or something that matches nothing."""
-        of = m["of"]
-        entry = self.track.entry_by_seq(
-            {"type": of["type"], "to": m["src"], "session": m["session"], "seq": of["seq"]}
-        )
-        if entry is None or not of["seq"]:
-            return ["Cancel", 0]
-        return [entry.type, view.entry(entry)[3]]
-
-    def _command(self, at: int, event: Event, c: dict[str, Json]) -> None:
-        t, name = self.track, c["name"]
-        session, proposal, target = c.get("session"), c.get("proposal", 0), c.get("target", 0)
-        if target == t.me:
-            target = NOBODY  # whom it has not recorded (PRE-2)
-        y = target or t.peer
-        view = View(t, y, next(iter(others(t, y)), 0), session, proposal)
-        real = view.sessions(session) if name != "request" else [0, 0]
-        k = view.proposals(proposal)
-        if k > ROUNDS:  # a wrong one, then; the oracle knows commands up to 3 (PRE-5)
-            current = view.proposals(t.proposal)
-            k = current or 2 if name == "prescribe" else current % ROUNDS + 1
-        value = ["command", name, real, k, view.ids.get(target, 0)]
-        self._start(at, event, view, value, f"command {name}", given=c, content=c)
+        Raises CannotTell, and Diverges if what the log promises is missing before it.
+        """
+        self.finish()
+        if timer:
+            deadline = self.timers.pop(timer)
+            self.since_ms = max(self.since_ms, deadline.first)
+            if deadline.last is not None:
+                until_ms = min(until_ms, deadline.last + self._late_ms)
+        self._start(at, until_ms, asked._replace(what=f"{asked.what}, not logged"), self.since_ms)
+        assert self._step is not None
+        self._step.unseen = True
 
     def _expired(self, at: int, event: Event, timer: dict[str, Json]) -> None:
-        t, name, what = self.track, timer["name"], f"expire {_timer_name(timer)}"
-        deadline = self.timers.pop(_key(timer), None)
-        armed = ", ".join(sorted(self.timers)) or "none"
+        what = f"expire {timer_name(timer)}"
+        deadline = self.timers.pop(timer_key(timer), None)
+        seen = ("expire", timer)
         if deadline is None:
-            raise Diverges(at, f"{what}: not armed", "", [f"one of the armed: {armed}"], "")
-        if event.t_ms < deadline:
-            wanted = [f"{what} at {deadline} ms"]
-            raise Diverges(at, f"{what}: {deadline - event.t_ms} ms too early", "", wanted, "")
-        entry, y, session, k = None, timer.get("station", 0), None, 0
+            wanted = [f"one of the armed: {', '.join(sorted(self.timers)) or 'none'}"]
+            rule = TIMER_RULES.get(timer["name"], "")
+            raise Diverges(at, f"{what}: not armed", rule, wanted, "", None, seen)
+        if event.t_ms < deadline.first:
+            early = f"{what}: {deadline.first - event.t_ms} ms too early"
+            wanted = [f"{what} at {deadline.first} ms"]
+            rule = TIMER_RULES[timer["name"]]
+            raise Diverges(at, early, rule, wanted, RULES[rule], None, seen)
+        entry = None
         if "message" in timer and timer["message"]["type"] != "Advertisement":
-            entry = t.entry_by_seq(timer["message"])
+            entry = self.track.entry_by_seq(timer["message"])
             if entry is None:
-                raise Diverges(at, f"{what}: no such message in the outbox", "END-6", [], "")
-            y, session, k = entry.to, entry.session, entry.k
-        z = next(iter(others(t, y)), 0)
-        if not y:
-            z = next((p for p in others(t, 0) if p != z), 0) if z else 0
-            y = next(iter(others(t, 0)), 0)
-        view = View(t, y, z, session, k)
-        value: Json = [name]
-        if entry is not None:
-            value = [name, view.entry(entry)]
-        elif "message" in timer:
-            value = [name, ["Advertisement", 0, view.sessions(t.session), 1, False]]
-        elif name == "forget":
-            value = [name, view.ids[y]]
-        self._start(at, event, view, ["expire", value], what)
+                gone = f"{what}: no such message in the outbox"
+                raise Diverges(at, gone, "END-6", [], "", None, seen)
+        self._start(at, event.t_ms, expired(self.track, timer, entry))
 
-    def _start(
-        self,
-        at: int,
-        event: Event,
-        view: View,
-        value: Json,
-        what: str,
-        *,
-        given: dict[str, Json] | None = None,
-        content: dict[str, Json] | None = None,
-    ) -> None:
+    def _start(self, at: int, t_ms: int, asked: Asked, since_ms: int | None = None) -> None:
         """Ask the oracle, for each other recorded station too if the input is about all."""
-        answer = self._ask(view, value)
-        messages = [expected(view, m, given) for m in answer.effect.messages]
-        arm = [(view, timer) for timer in answer.effect.arm]
-        for p in self._all_recorded(view, value):
+        view, given = asked.view, asked.given
+        answer, after = ask(view, asked.value)
+        effect = answer.effect
+        messages = [expected(view, m, given) for m in effect.messages]
+        arm = [(view, timer) for timer in effect.arm]
+        for p in self._all_recorded(view, asked.value):
             more = View(self.track, view.real_id(Y), p, view.event_session)
-            effect = self._ask(more, value).effect
-            about_p = [expected(more, m, given) for m in effect.messages]
+            also = ask(more, asked.value)[0].effect
+            about_p = [expected(more, m, given) for m in also.messages]
             messages += [e for e in about_p if e.dst == p]
-            arm += [(more, t) for t in effect.arm if len(t) > 1 and t[1][1] == more.ids[p]]
-        told = answer.effect.told
+            arm += [(more, t) for t in also.arm if len(t) > 1 and t[1][1] == more.ids[p]]
+        told = effect.told
         self._step = Step(
             at,
-            event.t_ms,
-            value,
-            what,
+            t_ms,
+            asked.value,
+            asked.what,
             view,
             answer,
+            after,
             messages,
             arm,
-            [(view, timer) for timer in answer.effect.stop],
-            [] if told == ["nothing"] else [told[0]],
+            # After a restart everything stops, not only what is in view.
+            [(view, t) for t in effect.stop] if asked.value[0] != "restart" else [],
+            [] if told[0] == "nothing" else [told[0]],
             given,
-            content or {},
+            dict(asked.content),
+            t_ms if since_ms is None else since_ms,
         )
 
     def _all_recorded(self, view: View, value: Json) -> list[int]:
         """Recorded stations out of view that a choice, an abort or its absence is about."""
         t = self.track
-        about_all = value[0] == "command" or value in (["expire", ["decide"]],)
+        about_all = value[0] == "command" or value == ("expire", ("decide",))
         if not about_all or t.phase not in ("ADVERTISING", "CHOOSING"):
             return []
         return [p for p in t.recorded if p not in view.ids]
 
-    def _ask(self, view: View, value: Json) -> Answer:
-        state = view.state()
-        try:
-            return _oracle(len(view.ids) > 2).ask(state, value)
-        except KeyError:
-            raise CannotTell(f"not in the oracle: {value} in {state}") from None
-
     # -- effects
 
-    def _current(self, at: int, event: str) -> Step:
-        if self._step is None:
-            raise Diverges(at, f"{event}: nothing called for it", "", [], "")
-        return self._step
+    def _current(self, at: int, t_ms: int, event: str, seen: tuple[str, Json]) -> Step:
+        """The step that an effect belongs to.  The first effect tells when an unseen input was:
+        up to late_ms before."""
+        step = self._step
+        if step is None:
+            raise Diverges(at, f"{event}: nothing called for it", "", [], "", None, seen)
+        if step.unseen:
+            if t_ms > step.t_ms:
+                wanted = [f"{step.what}, by {step.t_ms} ms"]
+                raise Diverges(at, event, step.rule, wanted, step.guard, step, seen)
+            step.unseen, step.since_ms = False, max(step.since_ms, t_ms - self._late_ms)
+        return step
 
-    def _sent(self, at: int, m: dict[str, Json]) -> None:
-        event = f"send {m['type']} to {m.get('dst', 'all')}"
-        step = self._current(at, event)
+    def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
+        event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
+        step = self._current(at, t_ms, event, seen)
         problems = []
         for e in step.messages:
-            problem = difference(e, m, self.track, step.content, step.fresh)
+            problem = difference(e, m, self.track, step.content, step.fresh) or malformed(m)
             if problem is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))
@@ -420,56 +436,81 @@ class Engine:
             if e.type == m["type"]:
                 problems.append(problem)
         why = f" ({problems[0]})" if problems else ""
-        wanted = [str(e) for e in step.messages] or ["nothing more"]
-        raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard)
+        wanted = self.outstanding() or ["nothing more"]
+        raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen)
 
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
-        wanted = self.track.marks
+        wanted, odd = self.track.marks, malformed(m)
+        if odd:
+            raise Diverges(at, f"send CAM ({odd})", "END-5", [], RULES["END-5"], None, ("send", m))
         if sorted(m["marks"]) != wanted:
-            raise Diverges(
-                at, f"send CAM: marks {m['marks']}", "ACT-5", [f"marks {wanted}"], RULES["ACT-5"]
-            )
+            event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
+            raise Diverges(at, event, "ACT-5", wants, RULES["ACT-5"], None, ("send", m))
 
     def _told(self, at: int, event: ApplicationIndication) -> None:
         name = event.indication.name
         if self._step is None and name == "discarded":
             return
-        step = self._current(at, f"indication {name}")
+        seen = ("indication", name)
+        step = self._current(at, event.t_ms, f"indication {name}", seen)
         if name not in step.told:
-            wanted = step.told or ["nothing"]
-            raise Diverges(at, f"indication {name}", step.rule, wanted, step.guard)
+            wanted = self.outstanding() or step.told or ["nothing more"]
+            text = f"indication {name}"
+            raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
         step.told.remove(name)
         fields = event.indication.model_extra or {}
         told = step.answer.effect.told
         if name == "fallback" and "reason" in fields:
-            reason = told[1] if told[1] != "as_sent" or not step.given else step.given["reason"]
+            reason = told[1]
+            if reason == "as_sent" and step.given is not None:
+                reason = step.given.get("reason", fields["reason"])
             if fields["reason"] != reason:
-                event_text = f"indication fallback ({fields['reason']})"
-                raise Diverges(at, event_text, step.rule, [f"fallback ({reason})"], step.guard)
+                text, wants = f"indication fallback ({fields['reason']})", [f"fallback ({reason})"]
+                raise Diverges(at, text, step.rule, wants, step.guard, step, seen)
 
     def _timer_changed(self, at: int, event: TimerArm | TimerEnd) -> None:
         timer = event.timer.model_dump(exclude_none=True)
-        what = f"{event.op} {_timer_name(timer)}"
-        step = self._current(at, what)
-        pool = step.arm if isinstance(event, TimerArm) else step.stop
+        what, seen = f"{event.op} {timer_name(timer)}", (event.op, timer)
+        step = self._current(at, event.t_ms, what, seen)
+        armed = isinstance(event, TimerArm)
+        pool = step.arm if armed else step.stop
         value = self._match(step, timer, pool)
-        ends_all = step.input[0] == "restart" and not isinstance(event, TimerArm)
-        if ends_all and self.timers.pop(_key(timer), None) is not None:
+        if step.input[0] == "restart" and not armed and self.timers.pop(timer_key(timer), None):
             return
         if value is None:
-            wanted = [f"{event.op} {_name(v)}" for _, v in pool] or ["no timer"]
-            raise Diverges(at, what, step.rule, wanted, step.guard)
+            wanted = self.outstanding() or ["nothing more"]
+            raise Diverges(at, what, step.rule, wanted, step.guard, step, seen)
         pool.remove(value)
         if not isinstance(event, TimerArm):
-            self.timers.pop(_key(timer), None)
+            self.timers.pop(timer_key(timer), None)
             return
         duration = self._duration(step, timer)
         if duration is not None and event.deadline != event.t_ms + duration:
             wanted = [f"{what} until {event.t_ms + duration} ms"]
-            event_text = f"{what} until {event.deadline} ms"
-            raise Diverges(at, event_text, step.rule, wanted, step.guard)
-        self.timers[_key(timer)] = event.deadline
+            text = f"{what} until {event.deadline} ms"
+            raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
+        self._arm(timer, event.deadline, event.deadline)
+
+    def _arm(self, timer: dict[str, Json], first: int, last: int | None) -> None:
+        """Note a deadline; CAMs that were not observed may put off theirs without end (ACT-5)."""
+        if timer["name"] == "cam" and not {"receive", "timer"} & self.promised:
+            last = None
+        self.timers[timer_key(timer)] = Deadline(first, last)
+
+    def _timers_as_told(self, step: Step) -> None:
+        """What the step stops and arms, where the log does not promise to say it."""
+        stop, arm = self.timers_to_change()
+        if step.input[0] == "restart":
+            self.timers.clear()
+        for timer in stop:
+            self.timers.pop(timer_key(timer), None)
+        for timer, duration in arm:
+            if duration is None:
+                self._arm(timer, step.since_ms, None)
+            else:
+                self._arm(timer, step.since_ms + duration, step.t_ms + duration)
+        step.stop, step.arm = [], []
 
     def _match(
         self, step: Step, timer: dict[str, Json], pool: list[tuple[View, Json]]
@@ -499,7 +540,7 @@ class Engine:
             if (e.type, e.dst, m["seq"]) == (type_, named["to"], named["seq"]):
                 return True
         found = self.track.entry_by_seq(named)
-        return found is not None and view.entry(found)[2:4] == [session, k]
+        return found is not None and view.entry(found)[2:4] == (session, k)
 
     def _duration(self, step: Step, timer: dict[str, Json]) -> int | None:
         if timer["name"] != "lease":
@@ -512,34 +553,15 @@ class Engine:
     def _missed(self, at: int, event: Event) -> None:
         """A timer that should have fired long before this event."""
         for name, deadline in self.timers.items():
-            if event.t_ms > deadline + self._late_ms:
-                wanted = [f"expire {name} at {deadline} ms"]
-                raise Diverges(at, f"{name} was due at {deadline} ms", "REL-1", wanted, "")
+            if deadline.last is not None and event.t_ms > deadline.last + self._late_ms:
+                wanted = [f"expire {name} at {deadline.last} ms"]
+                rule = TIMER_RULES[name.split("(")[0]]
+                text = f"{name} was due at {deadline.last} ms"
+                raise Diverges(at, text, rule, wanted, RULES[rule])
 
 
 def _sum(a: int | None, b: int | None) -> int | None:
     return None if a is None or b is None else a + b
-
-
-def _template(type_: str, src: int, dst: int, session: Json) -> Json:
-    """The alphabet's one message of a type that comes from or goes to where it must not."""
-    proposal = 1 if type_ in ("Prescription", "Acceptance") else 0
-    reason = "as_sent" if type_ == "Cancel" else "none"
-    of = ["Cancel", 1] if type_ == "Ack" else ["none", 0]
-    k = 0 if type_ == "Ack" else 1
-    return [type_, src, dst, session, k, proposal, type_ == "Acceptance", reason, of]
-
-
-def _timer_name(timer: dict[str, Json]) -> str:
-    m = timer.get("message")
-    if m is not None:
-        return f"{timer['name']}({m['type']} seq={m['seq']} to {m.get('to', 'all')})"
-    return f"{timer['name']}({timer['station']})" if "station" in timer else str(timer["name"])
-
-
-def _key(timer: dict[str, Json]) -> str:
-    m = timer.get("message")
-    return _timer_name(timer) + (f" session={m['session'][0]}/{m['session'][1]}" if m else "")
 
 
 def _name(value: Json) -> str:

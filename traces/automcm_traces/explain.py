@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from automcm_traces.delivery import forged_receptions
+from automcm_traces.divergence import Why, why
 from automcm_traces.engine import Diverges, Engine
-from automcm_traces.log import Receive, Send
-from automcm_traces.reader import Log, LogError, read
+from automcm_traces.log import Event, Header
+from automcm_traces.possible import Possible, unobserved
+from automcm_traces.properties import SystemReport, judge
+from automcm_traces.reader import Log, LogError, LogStream, read
+from automcm_traces.sessions import Session, Sessions
 from automcm_traces.track import CannotTell
 
 Json = Any
+NEEDED = ("command", "receive", "restart", "send", "timer")
+"""Kinds of event with all of which a log says what the one state of its station is."""
+RECENT = 8
+"""Events before a divergence that are shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +37,21 @@ class Verdict:
     expected: tuple[str, ...] = ()
     guard: str = ""
     possible_states: int = 1
+    """States of the specification that were possible before the event, or at the end."""
     events: int = 0
     warnings: tuple[str, ...] = ()
     """What the reader had to overlook: an unknown event, a cut line, a missing end."""
+    unobserved: tuple[str, ...] = ()
+    """Kinds of event that the log does not promise to hold."""
+    sessions: tuple[Session, ...] = ()
+    """The last sessions of the station, if the log says what it does."""
+    number_of_sessions: int = 0
+    header: Header | None = None
+    recent: tuple[tuple[int, Event], ...] = ()
+    """The last events up to the divergence, with their lines."""
+    seen: int = 0
+    """The last line that was read: that of the divergence, or of the event that showed it."""
+    why: Why = field(default_factory=Why)
 
     def as_dict(self) -> dict[str, Json]:
         return {
@@ -41,74 +62,173 @@ class Verdict:
             "rule": self.rule,
             "expected": list(self.expected),
             "guard": self.guard,
+            "nearest": self.why.nearest,
+            "allowed_after": list(self.why.causes),
+            "state": self.why.state,
             "possible_states": self.possible_states,
+            "events": self.events,
+            "sessions": [session.as_dict() for session in self.sessions],
+            "unobserved": list(self.unobserved),
             "warnings": list(self.warnings),
         }
 
 
-def explain(log: Log, late_ms: int | None = None) -> Verdict:
-    """The verdict on one log; ``late_ms`` is as for ``Engine``.
+def explain(log: Log | LogStream, late_ms: int | None = None) -> Verdict:
+    """The verdict on one log; ``late_ms`` is as for ``Engine``.  Of a LogStream no more than the
+    last events is kept in memory.
 
     Raises automcm_spec.oracle.OracleError if there is no oracle.
     """
-    at = 0
+    verdict = _judged(log, late_ms)
+    if isinstance(log, LogStream):
+        _read_to_the_end(log)
+    lost = log.end.lost_records if log.end is not None else 0
+    if lost and verdict.verdict in ("allowed", "diverges"):
+        but = f"; but for that: {verdict.event}" if verdict.verdict == "diverges" else ""
+        text = f"the log lost {lost} records{but}"
+        verdict = replace(verdict, verdict="cannot_tell", event=text)
+    return replace(verdict, warnings=tuple(log.warnings), header=log.header)
+
+
+def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
+    missing, sessions = tuple(unobserved(log.header)), Sessions()
+    about: dict[str, Any] = {"unobserved": missing}
+    recent: deque[tuple[int, Event]] = deque(maxlen=RECENT)
+    at = events = states = 0
     try:
-        if log.end is not None and log.end.lost_records:
-            raise CannotTell(f"the log lost {log.end.lost_records} records")
-        if not log.events:
-            raise CannotTell("the log holds no event")
-        engine = Engine(log, late_ms)
-        for at, event in log.events:
-            engine.feed(at, event)
-        if log.ended:
-            engine.finish()
-    except Diverges as d:
-        return Verdict("diverges", log.file, d.at, d.event, d.rule, tuple(d.wanted), d.guard)
+        follow = _follower(log.header, late_ms, sessions)
     except CannotTell as error:
-        return Verdict("cannot_tell", log.file, at, str(error))
-    except (KeyError, TypeError, IndexError, ValueError) as error:
-        text = f"a message lacks or misuses a field: {error}"
-        return Verdict("unreadable", log.file, at, text)
-    return Verdict("allowed", log.file, events=len(log.events))
+        return Verdict("cannot_tell", log.file, 1, str(error), **about)
+    try:
+        for at, event in _events(log):
+            events += 1
+            recent.append((at, event))
+            states = follow.states
+            follow.feed(at, event)
+        at = _after(log, at)
+        if log.ended:
+            follow.finish()
+        states = follow.states
+    except Diverges as d:
+        wanted = tuple(d.wanted)
+        return Verdict(
+            "diverges",
+            log.file,
+            d.at,
+            d.event,
+            d.rule,
+            wanted,
+            d.guard,
+            states,
+            events,
+            sessions=tuple(sessions.kept),
+            number_of_sessions=sessions.number,
+            recent=tuple(recent),
+            seen=at,
+            why=why(d, follow.track, log.header),
+            **about,
+        )
+    except CannotTell as error:
+        return Verdict("cannot_tell", log.file, at, str(error), events=events, **about)
+    except LogError as error:
+        return Verdict("unreadable", log.file, error.line, str(error), events=events, **about)
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
+        text = f"{log.file}:{at}: a message lacks or misuses a field: {error}"
+        return Verdict("unreadable", log.file, at, text, events=events, **about)
+    return Verdict(
+        "allowed",
+        log.file,
+        possible_states=states,
+        events=events,
+        sessions=tuple(sessions.kept),
+        number_of_sessions=sessions.number,
+        **about,
+    )
+
+
+def _follower(header: Header, late_ms: int | None, sessions: Sessions) -> Engine | Possible:
+    if set(NEEDED) <= set(header.complete):
+        engine = Engine(header, late_ms)
+        engine.observer = sessions
+        return engine
+    return Possible(header, late_ms)
+
+
+def _events(log: Log | LogStream) -> Iterator[tuple[int, Event]]:
+    return iter(log) if isinstance(log, LogStream) else iter(log.events)
+
+
+def _after(log: Log | LogStream, at: int) -> int:
+    """The last line but for the end.  Raises CannotTell where nothing can be concluded."""
+    if isinstance(log, LogStream) and log.gap is not None:
+        line, what = log.gap
+        raise CannotTell(f"records are missing before line {line}: {what}")
+    if not at:
+        raise CannotTell("the log holds no event")
+    return at
+
+
+def _read_to_the_end(log: LogStream) -> None:
+    """What the log says of itself at its end counts for the whole of it."""
+    try:
+        for _ in log:
+            pass
+    except LogError:
+        pass  # it has been told, or comes after the divergence
 
 
 def forged(logs: Sequence[Log]) -> dict[str, Verdict]:
     """By file: the first message received that is not the one its sender logged under that id."""
-    sent: dict[str, dict[str, Json]] = {}
-    stations = {log.header.station for log in logs if "send" in log.header.complete}
-    for log in logs:
-        sent |= {e.tx: e.message for _, e in log.events if isinstance(e, Send)}
-    found: dict[str, Verdict] = {}
-    for log in logs:
-        for at, e in log.events:
-            if not isinstance(e, Receive) or e.tx is None or e.message is None:
-                continue
-            original = sent.get(e.tx)
-            if original == e.message or int(e.tx.split(":")[0]) not in stations:
-                continue
-            what = f"receive {e.message['type']} {e.tx}: not what its sender sent"
-            found[log.file] = Verdict("diverges", log.file, at, what, "forged", (str(original),))
-            break
-    return found
+    return {
+        file: Verdict(
+            "diverges",
+            file,
+            at,
+            f"receive {e.message and e.message['type']} {e.tx}: not what its sender sent",
+            "forged",
+            (str(original),),
+        )
+        for file, (at, e, original) in forged_receptions(logs).items()
+    }
+
+
+def explain_file(path: str | Path, late_ms: int | None = None) -> Verdict:
+    """The verdict on the log in a file, however long."""
+    try:
+        log = LogStream(path)
+    except LogError as error:
+        return Verdict("unreadable", str(path), error.line, str(error))
+    return explain(log, late_ms)
 
 
 def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """A verdict for each file; with several, messages are compared with what was sent."""
-    verdicts: dict[str, Verdict] = {}
+    verdicts = [explain_file(path, late_ms) for path in paths]
+    if len(paths) == 1:
+        return verdicts
     logs: list[Log] = []
     for path in paths:
         try:
             logs.append(read(path))
-        except LogError as error:
-            verdicts[str(path)] = Verdict("unreadable", str(path), error.line, str(error))
+        except LogError:
+            continue  # its verdict says so
     foreign = forged(logs)
-    for log in logs:
-        verdict = explain(log, late_ms)
-        other = foreign.get(log.file)
+    for n, verdict in enumerate(verdicts):
+        other = foreign.get(verdict.file)
         if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
-            verdict = other
-        verdicts[log.file] = replace(verdict, warnings=tuple(log.warnings))
-    return [verdicts[str(path)] for path in paths]
+            verdicts[n] = replace(other, warnings=verdict.warnings, header=verdict.header)
+    return verdicts
+
+
+def together(paths: Sequence[Path]) -> SystemReport:
+    """What the logs of one run say together; one that cannot be read is left out."""
+    logs = []
+    for path in paths:
+        try:
+            logs.append(read(path))
+        except LogError:
+            continue  # its own verdict says so
+    return judge(logs)
 
 
 EXIT = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
@@ -118,22 +238,3 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
     """Of several verdicts the one that weighs most: diverges, unreadable, cannot tell."""
     codes = Counter(EXIT[v.verdict] for v in verdicts)
     return next((code for code in (1, 3, 4) if codes[code]), 0)
-
-
-def text(verdict: Verdict) -> str:
-    """A verdict for a person, with what the reader had to overlook."""
-    return "\n".join([_text(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)])
-
-
-def _text(verdict: Verdict) -> str:
-    if verdict.verdict == "allowed":
-        return f"{verdict.file}: ALLOWED, {verdict.events} events"
-    if verdict.verdict == "unreadable":
-        return f"UNREADABLE  {verdict.event}"
-    where = f"{verdict.file}:{verdict.line}"
-    if verdict.verdict == "cannot_tell":
-        return f"{where}: CANNOT TELL: {verdict.event}"
-    lines = [f"{where}: DIVERGES at {verdict.event}"]
-    lines += [f"  expected one of: {'; '.join(verdict.expected)}"] if verdict.expected else []
-    lines += [f"  by {verdict.guard}"] if verdict.guard else []
-    return "\n".join(lines)

@@ -26,7 +26,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator
 from typing_extensions import TypeAliasType
 
 SCHEMA: Final = "automcm.trace/1"
@@ -354,6 +354,41 @@ RECORD: Final[TypeAdapter[Record]] = TypeAdapter(
 """Validates one line: ``RECORD.validate_json(line)`` raises pydantic.ValidationError."""
 
 
+def _without_checks(schema: Any) -> Any:
+    """RECORD's schema for lines in which nothing is null and no field is the vendor's."""
+    if isinstance(schema, list):
+        return [_without_checks(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    check = schema["function"]["function"] if schema.get("type") == "function-before" else None
+    if getattr(check, "__name__", "") == "_without_vendor_fields":
+        return _without_checks(schema["schema"])
+    return {key: _without_checks(item) for key, item in schema.items()}
+
+
+_QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebuilt=False)
+"""Not prebuilt, or it would take the classes' own validators, checks and all."""
+
+
+def record(line: bytes) -> Record:
+    """One line, validated as by RECORD, in about half the time.
+
+    Nearly all lines hold neither null nor a field of the vendor's, so what looks for them walks
+    only those that may, and those that are refused.
+    """
+    if b"null" not in line:
+        try:
+            found: Record = _QUICK.validate_json(line)
+        except ValidationError:
+            return RECORD.validate_json(line)
+        match found:  # these two keep every field, and must not keep the vendor's
+            case ApplicationCommand(command=free) | ApplicationIndication(indication=free):
+                if any(key.startswith("x_") for key in free.model_extra or {}):
+                    return RECORD.validate_json(line)
+        return found
+    return RECORD.validate_json(line)
+
+
 class UnknownEvent(EventBase):
     """An event of a kind this version does not know; its other fields are ignored."""
 
@@ -380,16 +415,24 @@ _PROBLEMS = {
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
     """The field (a path such as ``message.seq``, "" for the whole line) and what is wrong there."""
-    first = error.errors(include_url=False, include_input=False)[0]
-    context: Mapping[str, object] = first.get("ctx", {})
-    if first["type"] == "json_invalid":
+    return problems_of(error)[0]
+
+
+def problems_of(error: ValidationError) -> list[tuple[str, str]]:
+    """Everything wrong with a line, as ``first_problem`` says it."""
+    return [_problem(one) for one in error.errors(include_url=False, include_input=False)]
+
+
+def _problem(error: ErrorDetails) -> tuple[str, str]:
+    context: Mapping[str, object] = error.get("ctx", {})
+    if error["type"] == "json_invalid":
         return "", f"not JSON: {context['error']}".replace(" at line 1 column", " at column")
-    path = _path(first)
+    path = _path(error)
     for inner in (str(context.get("discriminator", "")).strip("'"), str(context.get("field", ""))):
         path = _join(path, inner)
-    if first["type"] == "union_tag_invalid":
+    if error["type"] == "union_tag_invalid":
         return path, f"{context['tag']!r} is none of {context['expected_tags']}"
-    return path, _PROBLEMS.get(first["type"], first["msg"])
+    return path, _PROBLEMS.get(error["type"], error["msg"])
 
 
 def _path(error: ErrorDetails) -> str:

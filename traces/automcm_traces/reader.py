@@ -1,6 +1,6 @@
 """Read a log, and say in one line what is wrong with one that cannot be read."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -8,13 +8,13 @@ from typing import BinaryIO, Literal
 from pydantic import ValidationError
 
 from automcm_traces.log import (
-    RECORD,
     End,
     Event,
     Header,
     Record,
     UnknownEvent,
     first_problem,
+    record,
     unknown_event,
 )
 
@@ -34,14 +34,17 @@ class LogError(Exception):
         self.field = field
         self.problem = problem
         place = self.file + (f":{line}" if line else "")
-        super().__init__(_one_line(": ".join(part for part in (place, field, problem) if part)))
+        super().__init__(one_line(": ".join(part for part in (place, field, problem) if part)))
 
 
 @dataclass(frozen=True)
 class Notice:
-    """Something odd in a log that does not keep one from reading it."""
+    """Something odd in a log that does not keep one from reading it.
 
-    kind: Literal["no_end", "truncated", "unknown_event"]
+    After a ``gap`` (records are missing) nothing can be told any more.
+    """
+
+    kind: Literal["gap", "no_end", "truncated", "unknown_event"]
     problem: str
 
 
@@ -84,7 +87,7 @@ def read(path: str | Path) -> Log:
         match entry.record:
             case Notice(kind, problem):
                 truncated = truncated or kind == "truncated"
-                warnings.append(_one_line(f"{path}:{entry.line}: {problem}"))
+                warnings.append(one_line(f"{path}:{entry.line}: {problem}"))
             case Header() as header:
                 pass
             case End() as end:
@@ -95,14 +98,15 @@ def read(path: str | Path) -> Log:
     return Log(str(path), header, events, end, truncated, warnings)
 
 
-def records(path: str | Path) -> Iterator[Entry]:
+def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
     """Read the log at `path` line by line: header, events, end, and notices where they belong.
 
-    Raises LogError where the log goes wrong, after what was good before.
+    Raises LogError where the log goes wrong, after what was good before. With `gaps`, missing
+    records (`seq` jumps ahead) are a notice before the record that follows them, not an error.
     """
     try:
         with open(path, "rb") as stream:
-            yield from _Reader(path).entries(stream)
+            yield from _Reader(path, gaps).entries(stream)
     except FileNotFoundError:
         raise LogError(path, 0, "", "no such file") from None
     except IsADirectoryError:
@@ -111,11 +115,136 @@ def records(path: str | Path) -> Iterator[Entry]:
         raise LogError(path, 0, "", f"cannot be read: {error.strerror}") from None
 
 
+def logs_below(paths: Iterable[Path]) -> list[Path]:
+    """The logs meant: a folder stands for every ``.ndjson`` below it, in the order of names.
+
+    Raises LogError for a folder without any.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        below = sorted(p for p in path.rglob("*.ndjson") if p.is_file())
+        if not below:
+            raise LogError(path, 0, "", "holds no log (*.ndjson)")
+        found += below
+    return found
+
+
+MOST_WARNINGS = 20
+"""A stream keeps no more; ``LogStream.overlooked`` counts all."""
+
+
+class LogStream:
+    """A log read as it is asked for, never whole in memory, however long.
+
+    The header is read at once (LogError if it cannot be). Iterating, once, gives the events with
+    their lines, and raises LogError where a line cannot be read: what came before is good. It
+    ends before a gap, unless `past_gaps`. The other attributes are up to date with the last event
+    given, and final at the end.
+    """
+
+    def __init__(self, path: str | Path, *, past_gaps: bool = False) -> None:
+        self.file = str(path)
+        self.end: End | None = None
+        self.truncated = False
+        """The last line was cut."""
+        self.gap: tuple[int, str] | None = None
+        """The line after the first gap, and what is missing: from here on one cannot tell."""
+        self.warnings: list[str] = []
+        """One line each: file, line and what is odd; the first MOST_WARNINGS."""
+        self.overlooked = 0
+        """How many warnings there were."""
+        self.events = 0
+        """How many events were given."""
+        self._past_gaps = past_gaps
+        self._entries = records(path, gaps=True)
+        first = next(self._entries).record
+        assert isinstance(first, Header), "records() gives the header first"
+        self.header: Header = first
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end was read; without it events may be missing at the end."""
+        return self.end is not None
+
+    def __iter__(self) -> Iterator[tuple[int, Event]]:
+        for entry in self._entries:
+            match entry.record:
+                case Notice() as notice:
+                    self._notice(entry.line, notice)
+                    if notice.kind == "gap" and not self._past_gaps:
+                        return
+                case End() as end:
+                    self.end = end
+                case Header():
+                    pass
+                case event:
+                    self.events += 1
+                    yield entry.line, event
+
+    def _notice(self, line: int, notice: Notice) -> None:
+        self.truncated = self.truncated or notice.kind == "truncated"
+        if notice.kind == "gap" and self.gap is None:
+            self.gap = line, notice.problem
+        self.overlooked += 1
+        if self.overlooked <= MOST_WARNINGS:
+            self.warnings.append(one_line(f"{self.file}:{line}: {notice.problem}"))
+
+
+def parse(line: bytes) -> Record | UnknownEvent:
+    """One line of a log.  Raises NotJsonError or pydantic.ValidationError."""
+    try:
+        line.decode()
+    except UnicodeDecodeError as error:
+        raise NotJsonError(f"not UTF-8 at byte {error.start + 1}{_known(line)}") from None
+    if not line.strip():
+        raise NotJsonError("empty line")
+    try:
+        return record(line)
+    except ValidationError as error:
+        if not unknown_event(error):
+            raise _json_error(error, line) from None
+    try:
+        return UnknownEvent.model_validate_json(line)
+    except ValidationError as error:
+        raise _json_error(error, line) from None
+
+
+def _json_error(error: ValidationError, line: bytes) -> Exception:
+    _, problem = first_problem(error)
+    return NotJsonError(problem + _known(line)) if problem.startswith("not JSON") else error
+
+
+_MAGIC = {
+    b"\xef\xbb\xbf": "it begins with a byte order mark; write UTF-8 without one",
+    b"\xff\xfe": "this is UTF-16",
+    b"\xfe\xff": "this is UTF-16",
+    b"\x1f\x8b": "this is a gzip file; unpack it first",
+    b"\x28\xb5\x2f\xfd": "this is a zstd file; unpack it first",
+    b"PK\x03\x04": "this is a zip file; unpack it first",
+    b"\x89PNG": "this is a PNG image",
+}
+
+
+def _known(line: bytes) -> str:
+    """What begins like this, for people who give us the wrong file."""
+    return next((f" ({w})" for m, w in _MAGIC.items() if line.startswith(m)), "")
+
+
+def cut(line: bytes) -> bool:
+    """Whether a last line that is no JSON can be one that was being written: it lacks its end,
+    and begins as an object, or is the zero bytes that some file systems leave after a crash."""
+    return not line.endswith(b"\n") and (line.startswith(b"{") or not line.strip(b"\0"))
+
+
 class _Reader:
     """What has been seen of a log so far, and the checks across lines."""
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, gaps: bool) -> None:
         self._path = path
+        self._gaps = gaps
         self._line = 0
         self._header = False
         self._end = False
@@ -128,13 +257,16 @@ class _Reader:
             if len(line) > LONGEST_LINE:
                 raise self._error("", f"longer than {LONGEST_LINE} bytes")
             try:
-                record = self._parse(line)
-            except _NotJsonError as error:
-                if not self._header or self._end or line.endswith(b"\n"):
+                record = parse(line)
+            except NotJsonError as error:
+                if not self._header or self._end or not cut(line):
                     raise self._error("", error.problem) from None
                 yield Entry(self._line, Notice("truncated", "the last line is cut, ignored"))
                 break
-            self._check(record)
+            except ValidationError as error:
+                raise self._error(*first_problem(error)) from None
+            if missing := self._check(record):
+                yield Entry(self._line, Notice("gap", f"seq: {missing}"))
             if isinstance(record, UnknownEvent):
                 notice = Notice("unknown_event", f"unknown event {record.ev!r}, ignored")
                 yield Entry(self._line, notice)
@@ -145,62 +277,49 @@ class _Reader:
         if not self._end:
             yield Entry(self._line, Notice("no_end", "the log has no end record"))
 
-    def _parse(self, line: bytes) -> Record | UnknownEvent:
-        try:
-            line.decode()
-        except UnicodeDecodeError as error:
-            raise _NotJsonError(f"not UTF-8 at byte {error.start + 1}") from None
-        if not line.strip():
-            raise _NotJsonError("empty line")
-        try:
-            return RECORD.validate_json(line)
-        except ValidationError as error:
-            if not unknown_event(error):
-                raise self._refused(error) from None
-        try:
-            return UnknownEvent.model_validate_json(line)
-        except ValidationError as error:
-            raise self._refused(error) from None
-
-    def _refused(self, error: ValidationError) -> Exception:
-        field, problem = first_problem(error)
-        if problem.startswith("not JSON"):
-            return _NotJsonError(problem)
-        return self._error(field, problem)
-
-    def _check(self, record: Record | UnknownEvent) -> None:
-        """Refuse a record that does not fit what came before it."""
+    def _check(self, record: Record | UnknownEvent) -> str:
+        """Refuse a record that does not fit what came before it; what is missing, if a gap is."""
         if isinstance(record, Header) == self._header:
             problem = "a second header" if self._header else "the first line is no header"
+            if isinstance(record, Header):
+                problem += ": one file holds one log"
             raise self._error("rec", problem)
         if self._end:
             raise self._error("rec", "a record after the end")
         if isinstance(record, Header):
             self._header = True
-        elif isinstance(record, End):
-            if record.seq != self._seq:
-                raise self._error("seq", f"{record.seq}, but the last event has {self._seq}")
+            return ""
+        if isinstance(record, End):
+            gap = self._gap(record.seq, self._seq, "but the last event has")
             self._end = True
-        else:
-            if record.seq != self._seq + 1:
-                problem = f"{record.seq} after {self._seq}, expected {self._seq + 1}"
-                raise self._error("seq", problem)
-            if record.t_ms < self._t_ms:
-                raise self._error("t_ms", f"goes back from {self._t_ms} to {record.t_ms}")
-            self._seq, self._t_ms = record.seq, record.t_ms
+            return gap
+        gap = self._gap(record.seq, self._seq + 1, f"after {self._seq}, expected")
+        if record.t_ms < self._t_ms:
+            raise self._error("t_ms", f"goes back from {self._t_ms} to {record.t_ms}")
+        self._seq, self._t_ms = record.seq, record.t_ms
+        return gap
+
+    def _gap(self, seq: int, wanted: int, but: str) -> str:
+        if seq == wanted:
+            return ""
+        problem = f"{seq}, {but} {wanted}" if but.startswith("but") else f"{seq} {but} {wanted}"
+        if seq < wanted or not self._gaps:
+            raise self._error("seq", problem)
+        return f"{problem}: {seq - wanted} missing"
 
     def _error(self, field: str, problem: str) -> LogError:
         return LogError(self._path, self._line, field, problem)
 
 
-class _NotJsonError(Exception):
-    """A line that is not even JSON: cut, if it is the last."""
+class NotJsonError(Exception):
+    """A line that is not even JSON; the text says why."""
 
     def __init__(self, problem: str) -> None:
+        super().__init__(problem)
         self.problem = problem
 
 
-def _one_line(text: str) -> str:
+def one_line(text: str) -> str:
     """`text` with control characters and the like escaped, and not longer than a screen's worth."""
     safe = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
     return safe if len(safe) <= 1000 else safe[:1000] + "..."

@@ -11,10 +11,9 @@ answer of the oracle for the view is the answer for the whole.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
-
-from automcm_spec.oracle import canonical
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 Json = Any
 ME, Y, Z, STRANGER = 1, 2, 3, 9
@@ -56,12 +55,24 @@ class Entry:
         return bool(self.message.get("accepted", False))
 
 
+class Limits(NamedTuple):
+    """What bounds the memory of a station (MEM-1); section 3 has the defaults."""
+
+    participants: int = 32
+    outbox: int = 64
+    memory: int = 64
+
+
+DEFAULT_LIMITS = Limits()
+
+
 @dataclass(slots=True)
 class Track:
     """What is known of a station.  The fields of Station.tla, with real ids and content."""
 
     me: int
     max_rounds: int = ROUNDS
+    limits: Limits = DEFAULT_LIMITS
     phase: str = "STANDALONE"
     role: str = "none"
     session: tuple[int, int] | None = None
@@ -79,6 +90,36 @@ class Track:
     backoff: bool = False
     seq: int = 0
     lease_ms: int = 0
+
+    def copy(self) -> Track:
+        """The same station, to go on from here on its own."""
+        return replace(
+            self,
+            recorded=list(self.recorded),
+            withdrawn=set(self.withdrawn),
+            joined=dict(self.joined),
+            outbox=list(self.outbox),
+        )
+
+    def key(self) -> Json:
+        """What tells this station from others; hashes."""
+        return (
+            self.phase,
+            self.role,
+            self.session,
+            tuple(self.recorded),
+            tuple(sorted(self.withdrawn)),
+            self.target,
+            self.proposal,
+            self.deciding,
+            self.heard_ms,
+            self.number,
+            tuple(self.joined.items()),
+            tuple((e.type, e.to, e.session, e.k, e.accepted) for e in self.outbox),
+            self.quarantine,
+            self.backoff,
+            self.seq,
+        )
 
     @property
     def peer(self) -> int:
@@ -144,6 +185,12 @@ class View:
         self.numbers = {q: self._numbers(q) for q in self.ids}
         self._k = k
 
+    def on(self, track: Track) -> View:
+        """The same view of a copy of the station."""
+        other = copy(self)
+        other.track = track
+        return other
+
     def _numbers(self, q: int) -> dict[int, int]:
         """Numbers of q's sessions, in order, as 1 and 2."""
         t, numbers = self.track, set()
@@ -157,14 +204,14 @@ class View:
 
     # -- into the oracle
 
-    def sessions(self, session: Sequence[int] | None) -> list[int]:
+    def sessions(self, session: Sequence[int] | None) -> tuple[int, int]:
         """A session in the oracle's ids; one of nobody in view is the stranger's."""
         if session is None:
-            return [0, 0]
+            return 0, 0
         q, n = session
         if q in self.ids and n in self.numbers[q]:
-            return [self.ids[q], self.numbers[q][n]]
-        return [STRANGER, 1]
+            return self.ids[q], self.numbers[q][n]
+        return STRANGER, 1
 
     def proposals(self, k: int) -> int:
         """A proposal as 1 … 3, in order; one that is beyond all others in view may be 4."""
@@ -207,28 +254,28 @@ class View:
 
     def entry(self, e: Entry) -> Json:
         k = self.proposals(e.k) if e.type in NUMBERED else e.k
-        return [e.type, self.ids[e.to], self.sessions(e.session), k, e.accepted]
+        return e.type, self.ids[e.to], self.sessions(e.session), k, e.accepted
 
     def state(self) -> Json:
         """The state in view, as the oracle has it."""
-        t = self.track
-        joined = [[self.ids[q], self.numbers[q][n]] for q, n in t.joined.items() if q in self.ids]
-        return [
+        t, ids = self.track, self.ids
+        joined = [(ids[q], self.numbers[q][n]) for q, n in t.joined.items() if q in ids]
+        return (
             t.phase,
             t.role,
             self.sessions(t.session),
-            sorted(self.ids[p] for p in t.recorded if p in self.ids),
-            sorted(self.ids[p] for p in t.withdrawn if p in self.ids),
-            self.ids.get(t.target, 0),
+            tuple(sorted(ids[p] for p in t.recorded if p in ids)),
+            tuple(sorted(ids[p] for p in t.withdrawn if p in ids)),
+            ids.get(t.target, 0),
             self.proposals(t.proposal),
             t.deciding,
             t.heard_ms is not None,
             self.numbers[t.me].get(t.number, 0),
-            sorted(joined),
-            sorted((self.entry(e) for e in self.entries()), key=canonical),
+            tuple(sorted(joined)),
+            tuple(sorted(self.entry(e) for e in self.entries())),
             t.quarantine,
             t.backoff,
-        ]
+        )
 
     # -- and back
 
@@ -257,7 +304,8 @@ class Expected:
     proposal: int
     accepted: bool
     reason: str
-    of: tuple[str, int] | None
+    of: tuple[str, int | None] | None
+    """What an Ack names; its seq is None if that message was not observed."""
     copy_of: Entry | None
 
     def __str__(self) -> str:
@@ -293,7 +341,7 @@ def expected(view: View, message: Json, given: dict[str, Json] | None) -> Expect
     else:
         real_proposal = 0
     key = real_proposal if k and real_proposal else k
-    of = (given["type"], given["seq"]) if type_ == "Ack" and given is not None else None
+    of = (given["type"], given.get("seq")) if type_ == "Ack" and given is not None else None
     copy = t.entry(type_, to, real, key) if k else None
     if type_ == "Advertisement" and t.advertisement is not None:
         copy = Entry("Advertisement", 0, real, 1, t.advertisement)
@@ -328,7 +376,7 @@ def difference(
         return _copy_difference(e.copy_of.message, m)
     if e.reason != "none" and m.get("reason") != e.reason:
         return f"reason: {e.reason} is expected, not {m.get('reason')}"
-    if e.of is not None and m.get("of") != {"type": e.of[0], "seq": e.of[1]}:
+    if e.of is not None and m.get("of") not in _acks(e.of, m):
         return f"of: {e.of[0]} seq={e.of[1]} is expected, not {m.get('of')}"
     if e.k == 0 and m["seq"] != 0:
         return f"seq: an answer has 0, not {m['seq']} (END-6)"
@@ -338,6 +386,12 @@ def difference(
         if content[name] != m[name]:
             return f"{name}: not what the application gave"
     return None
+
+
+def _acks(of: tuple[str, int | None], m: dict[str, Json]) -> list[Json]:
+    """The ``of`` that an Ack may hold; any seq if what it acks was not observed."""
+    seq = m["of"]["seq"] if of[1] is None else of[1]
+    return [{"type": of[0], "seq": seq}]
 
 
 def _opens(e: Expected, m: dict[str, Json], t: Track) -> bool:
@@ -370,12 +424,10 @@ def lift(
     t: Track, view: View, after: Json, sent: Iterable[tuple[Expected, dict[str, Json]]]
 ) -> None:
     """Bring ``t`` to the state the oracle says comes next, with the messages really sent."""
-    before_entries = {canonical(view.entry(e)): e for e in view.entries()}
-    kept = {canonical(entry) for entry in after[11]}
-    gone = [e for text, e in before_entries.items() if text not in kept]
+    gone = [e for e in view.entries() if view.entry(e) not in after[11]]
     was = t.session
     (t.phase, t.role) = after[0], after[1]
-    t.session = None if after[2] == [0, 0] else view.real_session(after[2])
+    t.session = None if after[2] == (0, 0) else view.real_session(after[2])
     if t.session != was:
         t.seq = 0
     for place, p in ((view.ids[p], p) for p in view.ids):
@@ -401,7 +453,7 @@ def lift(
         if not any(q == view.ids[p] for q, _ in after[10]):
             del t.joined[p]
     for q, n in after[10]:
-        p, number = view.real_session([q, n])
+        p, number = view.real_session((q, n))
         t.joined[p] = number
     t.outbox = [e for e in t.outbox if not any(e is g for g in gone)]
     for e, m in sent:

@@ -19,8 +19,9 @@ from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.station import Station
 from automcm.straight import LANE_CHANGE, Straight
-from automcm_traces.explain import exit_code, explain, explain_files, text
+from automcm_traces.explain import exit_code, explain, explain_files
 from automcm_traces.reader import read
+from automcm_traces.telling import text
 from automcm_traces.writer import LogWriter
 
 STATIONS = (1001, 2002, 3003, 4004)
@@ -233,11 +234,11 @@ def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
 
 def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
     head, rest = logs[1].read_text().split("\n", 1)
-    header = json.loads(head) | {"complete": ["receive", "send"]}
+    header = json.loads(head) | {"complete": ["receive", "timer"]}
     path = tmp_path / "partial.ndjson"
     path.write_text(json.dumps(header) + "\n" + rest)
     verdict = explain(read(path))
-    assert verdict.verdict == "cannot_tell" and "timer" in verdict.event
+    assert verdict.verdict == "cannot_tell" and "sends" in verdict.event
     assert exit_code([verdict]) == 4 and "CANNOT TELL" in text(verdict)
 
 
@@ -248,7 +249,9 @@ def test_a_log_that_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path
     assert verdict.verdict == "cannot_tell" and "lost 5 records" in verdict.event
 
 
-def test_a_message_without_its_fields_is_unreadable(logs: list[Path], tmp_path: Path) -> None:
+def test_end_5_a_message_without_its_fields_calls_for_nothing(
+    logs: list[Path], tmp_path: Path
+) -> None:
     lines = logs[1].read_text().splitlines()
     number = find(logs[1], "receive", type="Advertisement")
     record = json.loads(lines[number - 1])
@@ -257,7 +260,8 @@ def test_a_message_without_its_fields_is_unreadable(logs: list[Path], tmp_path: 
     path = tmp_path / "bad.ndjson"
     path.write_text("\n".join(lines) + "\n")
     verdict = explain(read(path))
-    assert (verdict.verdict, verdict.line) == ("unreadable", number)
+    assert (verdict.verdict, verdict.line) == ("diverges", number)
+    assert (verdict.event, verdict.expected) == ("phase INTENDING", ("phase STANDALONE",))
 
 
 def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:

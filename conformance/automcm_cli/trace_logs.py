@@ -1,0 +1,194 @@
+"""``automcm trace lint``, ``show`` and ``coverage``: what logs hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from automcm_cli.common import CODES, Json, progress, write_json
+
+if TYPE_CHECKING:
+    from automcm_traces.show import Shown
+
+Logs = Annotated[
+    list[Path], typer.Argument(help="Logs, or folders with logs (*.ndjson) below them.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module to ``automcm trace``."""
+    epilog = "Example: automcm trace {}.  " + CODES
+    app.command(epilog=epilog.format("lint 1001.ndjson logs/"))(lint)
+    app.command(epilog=epilog.format("show 1001.ndjson 2002.ndjson --session 1001/1"))(show)
+    app.command(epilog=epilog.format("coverage logs/ --json coverage.json"))(coverage)
+
+
+def _files(command: str, logs: list[Path]) -> list[Path]:
+    from automcm_traces.reader import LogError, logs_below
+
+    try:
+        return logs_below(logs)
+    except LogError as error:
+        typer.echo(f"{command}: {error}", err=True)
+        raise typer.Exit(3) from None
+
+
+def lint(
+    logs: Logs,
+    most: Annotated[
+        int, typer.Option(help="How many findings to tell of each file; 0 for all.", min=0)
+    ] = 100,
+    json_: Json = None,
+) -> None:
+    """Is each file a log in the format?  If not: everything wrong with it.
+
+    Warnings (a missing end, an event of an unknown kind) do not count against a log.
+    """
+    from automcm_traces import lint as lint_
+
+    reports = []
+    for path in _files("lint", logs):
+        report = lint_.report(path, most)
+        reports.append(report)
+        if str(json_) != "-":
+            typer.echo(lint_.text(report))
+    code = lint_.exit_code(reports)
+    write_json(json_, {"exit": code, "files": [report.as_dict() for report in reports]})
+    raise typer.Exit(code)
+
+
+STYLES = {
+    "send": "green",
+    "receive": "cyan",
+    "timer": "dim",
+    "command": "bold",
+    "indication": "yellow",
+    "restart": "bold red",
+    "note": "dim",
+    "phase": "magenta",
+}
+
+
+def show(
+    logs: Logs,
+    station: Annotated[
+        list[int] | None, typer.Option(help="Only this station; may be repeated.")
+    ] = None,
+    session: Annotated[str, typer.Option(help="Only this session, such as 1001/1.")] = "",
+    type_: Annotated[
+        list[str] | None,
+        typer.Option("--type", help="Only messages of this type; may be repeated."),
+    ] = None,
+    cams: Annotated[
+        bool, typer.Option(help="With CAMs, and the timer that each arms anew.")
+    ] = False,
+    timers: Annotated[bool, typer.Option(help="With timers.")] = True,
+    from_line: Annotated[int, typer.Option(help="Each log from this line on.", min=0)] = 0,
+    last: Annotated[int, typer.Option(help="Only this many last rows; 0 for all.", min=0)] = 0,
+    width: Annotated[
+        int, typer.Option(help="Columns; 0 for those of the terminal, 80 in a pipe.", min=0)
+    ] = 0,
+    json_: Json = None,
+) -> None:
+    """What happened: a row for each event, a column for each station.
+
+    Whatever is received stands below where it was sent. CAMs are left out unless asked for.
+    With several logs, what became of a message stands before it: x2002 lost on the way to 2002,
+    ?2002 not yet there when that log ends, 2nd a second copy, unsent sent by nobody.
+    """
+    from automcm_traces import show as show_
+    from automcm_traces.reader import LogError
+
+    wanted = show_.Filter(
+        stations=frozenset(station or ()),
+        session=_session(session),
+        types=frozenset(type_ or ()),
+        cams=cams or "CAM" in (type_ or ()),
+        timers=timers,
+        from_line=from_line,
+    )
+    try:
+        together = show_.Logs(_files("show", logs))
+    except LogError as error:
+        typer.echo(f"show: {error}", err=True)
+        raise typer.Exit(3) from None
+    for warning in together.warnings:
+        typer.echo(f"show: warning: {warning}", err=True)
+    for missing in sorted(wanted.stations - set(together.stations)):
+        typer.echo(f"show: warning: no log of station {missing}", err=True)
+    shown = show_.Shown(together, wanted, last)
+    if json_ is not None:
+        write_json(json_, {"rows": [row.as_dict() for row in shown]})
+    else:
+        _print(shown, sorted(wanted.stations & {*together.stations}) or together.stations, width)
+        if wanted.hidden_cams:
+            typer.echo(f"{wanted.hidden_cams} CAMs not shown (--cams shows them)")
+    raise typer.Exit(0 if shown.good else 3)
+
+
+def _print(shown: Shown, stations: Sequence[int], width: int) -> None:
+    from automcm_traces.show import Table
+
+    console = Console(highlight=False)
+    table = Table(stations, width or (console.width if console.is_terminal else 80))
+
+    def put(kind: str, line: str) -> None:
+        if console.is_terminal:
+            console.print(Text(line, STYLES[kind]), soft_wrap=True)
+        else:
+            typer.echo(line)
+
+    for line in table.head():
+        put("note", line)
+    for row in shown:
+        for kind, line in table.lines(row, shown.phases.get(row.station, "")):
+            put(kind, line)
+
+
+def _session(text: str) -> tuple[int, int] | None:
+    if not text:
+        return None
+    parts = text.split("/")
+    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
+        raise typer.BadParameter(f"{text!r} is no session; 1001/1 is one", param_hint="--session")
+    return int(parts[0]), int(parts[1])
+
+
+def coverage(
+    logs: Logs,
+    late: Annotated[
+        int | None,
+        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
+    ] = None,
+    json_: Json = None,
+) -> None:
+    """How much of the specification do these logs exercise, and what never happens in them?
+
+    A log that diverges, or cannot be told or read, is counted up to there.
+    """
+    from automcm_spec.oracle import OracleError
+    from automcm_traces import coverage as coverage_
+
+    files = _files("coverage", logs)
+    try:
+        with progress() as status:
+            found = coverage_.measure(_told(files, status), late)
+    except OracleError as error:
+        typer.echo(f"coverage: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, found.as_dict())
+    if str(json_) != "-":
+        for line in coverage_.text(found):
+            typer.echo(line)
+    raise typer.Exit(coverage_.exit_code(found))
+
+
+def _told(files: Sequence[Path], status: Callable[[str], None]) -> Iterator[Path]:
+    for n, path in enumerate(files, 1):
+        status(f"{n} of {len(files)}")
+        yield path

@@ -1,0 +1,169 @@
+"""The form of a message in a log: docs/protocol.md, section 2.
+
+What breaks it was no message (END-5); a log holds the bytes of such a thing as ``raw``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+Json = Any
+Check = Callable[[Json], str]
+"""What is wanted, if the value is not that; else an empty text."""
+
+REASONS = {
+    "Acceptance": ("unsafe", "undecided", "busy", "unknown_session"),
+    "Cancel": (
+        "not_selected",
+        "not_needed",
+        "no_agreement",
+        "timeout",
+        "cam_loss",
+        "lease_expired",
+        "abort",
+        "closed",
+    ),
+}
+ANSWERS = ("busy", "unknown_session", "closed")
+"""With these reasons the message is an answer, and its seq is 0."""
+
+
+def _is(kind: type, what: str) -> Check:
+    """A value of this very type: true is no integer."""
+    return lambda value: "" if type(value) is kind else what
+
+
+def _at_least(low: int) -> Check:
+    return lambda v: "" if type(v) is int and v >= low else f"an integer from {low}"
+
+
+def _station(value: Json) -> str:
+    return "" if type(value) is int and 1 <= value < 2**32 else "a station's id, 1 to 2^32-1"
+
+
+def _session(value: Json) -> str:
+    good = isinstance(value, list) and len(value) == 2 and not _station(value[0])
+    good = good and type(value[1]) is int and value[1] >= 1
+    return "" if good else "[prescriber, number]"
+
+
+def _marks(value: Json) -> str:
+    good = isinstance(value, list) and not any(_session(mark) for mark in value)
+    return "" if good else "an array of sessions"
+
+
+def _trajectory(value: Json) -> str:
+    good = isinstance(value, dict) and value.keys() == {"t0", "points"}
+    good = good and type(value["t0"]) is int and isinstance(value["points"], list)
+    good = good and len(value["points"]) > 0 and all(_point(p) for p in value["points"])
+    return "" if good else "a trajectory: t0, and points of three integers"
+
+
+def _point(value: Json) -> bool:
+    return isinstance(value, list) and [type(v) for v in value] == [int] * 3
+
+
+def _of(value: Json) -> str:
+    good = isinstance(value, dict) and value.keys() == {"type", "seq"}
+    good = good and value["type"] in TYPES and type(value["seq"]) is int and value["seq"] >= 0
+    return "" if good else "the type and the seq of a message"
+
+
+_INTEGER = _is(int, "an integer")
+_TEXT = _is(str, "a text")
+_OWN: dict[str, dict[str, Check]] = {
+    "Advertisement": {
+        "scenario": _TEXT,
+        "details": _is(dict, "an object"),
+        "planned": _trajectory,
+    },
+    "Intention": {"planned": _trajectory},
+    "Prescription": {
+        "proposal": _at_least(1),
+        "prescribed": _trajectory,
+        "hold_ms": _at_least(0),
+        "lease_ms": _at_least(0),
+    },
+    "Acceptance": {
+        "proposal": _at_least(1),
+        "accepted": _is(bool, "true or false"),
+        "selected": _trajectory,
+        "reason": _TEXT,
+    },
+    "Fin": {},
+    "Cancel": {"reason": _TEXT},
+    "Ack": {"of": _of},
+}
+TYPES = tuple(_OWN)
+"""The seven types; the CAM is none of them."""
+_OPTIONAL = {("Advertisement", "planned"), ("Acceptance", "selected"), ("Acceptance", "reason")}
+_COMMON: dict[str, Check] = {
+    "v": lambda v: "" if v == 1 and type(v) is int else "1",
+    "type": _TEXT,
+    "src": _station,
+}
+_CAM: dict[str, Check] = {
+    "generation_ms": _at_least(0),
+    "x_mm": _INTEGER,
+    "y_mm": _INTEGER,
+    "heading_mrad": _INTEGER,
+    "speed_mm_s": _INTEGER,
+    "marks": _marks,
+}
+
+
+def problems(m: Mapping[str, Json]) -> Iterator[tuple[str, str]]:
+    """Each field in which a message is not what the protocol says, and what is wrong with it."""
+    type_ = m["type"]
+    if type_ == "CAM":
+        fields = _COMMON | _CAM
+    elif type_ in _OWN:
+        fields = _COMMON | {"session": _session, "seq": _at_least(0)} | _OWN[type_]
+        if type_ != "Advertisement":
+            fields["dst"] = _station
+    else:
+        yield "type", f"{type_!r} is no message of the protocol"
+        return
+    bad = False
+    for name in sorted(fields.keys() | m.keys()):
+        if name not in fields:
+            yield name, f"{type_} has no such field"
+        elif name not in m:
+            if (type_, name) in _OPTIONAL:
+                continue
+            yield name, f"missing: {type_} needs it"
+        elif wanted := fields[name](m[name]):
+            yield name, f"{wanted} is wanted"
+        else:
+            continue
+        bad = True
+    if not bad and type_ != "CAM":
+        yield from _together(m, type_)
+
+
+def malformed(m: Mapping[str, Json]) -> str | None:
+    """The first field that is not as it should be, and how it should be; None if all are."""
+    return next((f"{field}: {problem}" for field, problem in problems(m)), None)
+
+
+def well_formed(m: Mapping[str, Json]) -> bool:
+    """Whether a message is what the protocol says; what is not is discarded (END-5)."""
+    return next(problems(m), None) is None
+
+
+def _together(m: Mapping[str, Json], type_: str) -> Iterator[tuple[str, str]]:
+    """What holds between fields."""
+    reason = m.get("reason")
+    if type_ == "Acceptance":
+        for name, wanted in (("selected", m["accepted"]), ("reason", not m["accepted"])):
+            if (name in m) != wanted:
+                yield (
+                    name,
+                    f"there if and only if it {'accepts' if name == 'selected' else 'refuses'}",
+                )
+    if reason is not None and reason not in REASONS[type_]:
+        yield "reason", f"{reason!r} is none of {', '.join(REASONS[type_])}"
+    answer = type_ == "Ack" or reason in ANSWERS
+    if answer != (m["seq"] == 0):
+        yield "seq", "0 in an answer, from 1 in everything else"

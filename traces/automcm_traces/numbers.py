@@ -1,0 +1,40 @@
+"""Sets of numbers that stay small however long a log is."""
+
+from bisect import bisect_right
+
+
+class Numbers:
+    """A set of numbers that come mostly in order, kept as ranges: small however long the log."""
+
+    def __init__(self) -> None:
+        self._starts: list[int] = []
+        self._ends: list[int] = []
+        """Range k is from _starts[k] up to but without _ends[k]."""
+
+    def __contains__(self, number: int) -> bool:
+        k = bisect_right(self._starts, number) - 1
+        return k >= 0 and number < self._ends[k]
+
+    def add(self, number: int) -> bool:
+        """Whether it is new."""
+        k = bisect_right(self._starts, number) - 1
+        if k >= 0 and number < self._ends[k]:
+            return False
+        after = k >= 0 and self._ends[k] == number
+        before = k + 1 < len(self._starts) and self._starts[k + 1] == number + 1
+        if after and before:
+            self._ends[k] = self._ends.pop(k + 1)
+            del self._starts[k + 1]
+        elif after:
+            self._ends[k] = number + 1
+        elif before:
+            self._starts[k + 1] = number
+        else:
+            self._starts.insert(k + 1, number)
+            self._ends.insert(k + 1, number + 1)
+        return True
+
+    @property
+    def top(self) -> int:
+        """The highest; -1 if there is none."""
+        return self._ends[-1] - 1 if self._ends else -1

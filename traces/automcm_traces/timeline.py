@@ -1,0 +1,250 @@
+"""A station's states over time, as its log tells them: what the system properties are judged on.
+
+The engine follows the log; what it knows of the station after each input is a ``Moment``.  A
+``Timeline`` ends where the log does, or where the engine cannot follow it any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.log import Event, ForgetTimer, Receive, TimerArm, TimerEnd
+from automcm_traces.reader import Log
+from automcm_traces.track import CannotTell, Track
+
+Json = Any
+Session = tuple[int, int]
+NEEDED = ("command", "receive", "restart", "send", "timer")
+"""Kinds of event with all of which a log says what the one state of its station is."""
+Ending = Literal["clean", "stopped", "diverges", "cannot_tell"]
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A station after an input.  ``at`` is the place of the input among the log's events."""
+
+    at: int
+    line: int
+    t_ms: int
+    phase: str = "STANDALONE"
+    role: str = "none"
+    session: Session | None = None
+    target: int = 0
+    proposal: int = 0
+    cause: str = ""
+    """``restart``, ``command abort``, ``expire cam``, ``receive Fin``, …"""
+    rule: str = ""
+    src: int = 0
+    """Who sent the message received, and of which session it is."""
+    about: Session | None = None
+    acked: tuple[tuple[int, str], ...] = ()
+    """What an Ack took from the outbox: the addressee, and the message's key (``key_of``)."""
+    own: Json = None
+    """All of the state that belongs to the own session (S-7)."""
+    late_ms: int = 0
+    """How long after its deadline the timer expired."""
+    forgot: int = 0
+    """The prescriber that a forget timer was about, and whether something for a session of it is
+    still being sent then (T-5)."""
+    left: bool = False
+
+    @property
+    def shape(self) -> tuple[str, str, Session | None, int, int]:
+        return self.phase, self.role, self.session, self.target, self.proposal
+
+
+@dataclass(frozen=True, slots=True)
+class Spell:
+    """A time in which phase, role, session, target and proposal stay; ``end`` is the moment at
+    which that is over, None if the timeline ends first."""
+
+    station: int
+    start: Moment
+    end: Moment | None
+
+    @property
+    def session(self) -> Session | None:
+        return self.start.session
+
+
+@dataclass(slots=True)
+class Timeline:
+    """The moments of a station, in order."""
+
+    station: int
+    file: str
+    moments: list[Moment] = field(default_factory=list)
+    ending: Ending = "clean"
+    why: str = ""
+    """Why it ends, in words."""
+    last: tuple[int, int, int] = (0, 0, 0)
+    """Event, line and time up to which the station is known."""
+
+    def where(self, m: Moment) -> str:
+        return f"{self.file}:{m.line}"
+
+    def spells(self, phase: str, role: str) -> Iterator[Spell]:
+        """Each time the station is in a phase of a role, as one session, target and proposal."""
+        start: Moment | None = None
+        for m in self.moments:
+            if start is not None and m.shape != start.shape:
+                yield Spell(self.station, start, m)
+                start = None
+            if start is None and (m.phase, m.role) == (phase, role):
+                start = m
+        if start is not None:
+            yield Spell(self.station, start, None)
+
+    def sessions(self) -> Iterator[Spell]:
+        """Each time the station is bound, from joining or opening a session to leaving it."""
+        start: Moment | None = None
+        for m in self.moments:
+            if start is not None and m.session != start.session:
+                yield Spell(self.station, start, m)
+                start = None
+            if start is None and m.session is not None:
+                start = m
+        if start is not None:
+            yield Spell(self.station, start, None)
+
+
+def session_of(message: dict[str, Json]) -> Session | None:
+    """The session that a message names, if it names one."""
+    match message.get("session"):
+        case [int(prescriber), int(number)]:
+            return prescriber, number
+    return None
+
+
+def key_of(message: dict[str, Json]) -> str:
+    """What a reliable message is, of its sender: addressee, session, type and seq."""
+    m = message
+    return f"{m['type']} seq={m['seq']} session={m['session']} to {m['dst']}"
+
+
+def timeline(log: Log) -> Timeline:
+    """The station's timeline; it ends early where the engine cannot follow the log.
+
+    Raises automcm_spec.oracle.OracleError if there is no oracle.
+    """
+    made = Timeline(log.header.station, log.file)
+    at, line, t_ms = 0, 0, 0
+    try:
+        missing = [kind for kind in NEEDED if kind not in log.header.complete]
+        if missing:
+            raise CannotTell(f"it does not promise to hold all of: {', '.join(missing)}")
+        if log.end is not None and log.end.lost_records:
+            raise CannotTell(f"it lost {log.end.lost_records} records")
+        engine = Engine(log)
+        recorder = _Recorder(made, log)
+        engine.observer = recorder.take
+        for at, (line, event) in enumerate(log.events):  # noqa: B007
+            engine.feed(line, event)
+            recorder.watch(event)
+            t_ms = event.t_ms
+        made.last = (at, line, t_ms)
+        _finish(engine, log)
+        if log.end is None or log.end.reason == "crash":
+            made.ending, made.why = "stopped", f"its log stops at {log.file}:{line}"
+        else:
+            made.why = f"its log ends at {log.file}:{line}"
+    except Diverges as d:
+        made.ending, made.why = "diverges", f"{log.file}:{d.at} diverges"
+    except CannotTell as error:
+        made.ending, made.why = "cannot_tell", f"{log.file}:{line}: {error}"
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
+        made.ending, made.why = "cannot_tell", f"{log.file}:{line}: a message lacks {error}"
+    if made.ending in ("diverges", "cannot_tell"):
+        known = made.moments[-1] if made.moments else Moment(0, 0, 0)
+        made.last = (known.at, known.line, known.t_ms)
+    return made
+
+
+def _finish(engine: Engine, log: Log) -> None:
+    """The last step; without an end of the log its effects may not all be there."""
+    if log.ended:
+        engine.finish()
+        return
+    try:
+        engine.finish()
+    except Diverges:
+        return
+
+
+class _Recorder:
+    """Makes moments of what the engine tells."""
+
+    def __init__(self, made: Timeline, log: Log) -> None:
+        self._made = made
+        self._places = {line: k for k, (line, _) in enumerate(log.events)}
+        self._events = log.events
+        self._outbox: list[Any] = []
+        self._deadlines: dict[str, int] = {}
+
+    def watch(self, event: Event) -> None:
+        """Keep the deadlines of armed timers, to see how late one expires."""
+        if isinstance(event, TimerArm):
+            self._deadlines[event.timer.model_dump_json()] = event.deadline
+
+    def take(self, step: Step, t: Track) -> None:
+        kept = {id(e) for e in t.outbox}
+        gone = [e for e in self._outbox if id(e) not in kept]
+        self._outbox = list(t.outbox)
+        place = self._places.get(step.at, 0)
+        event = self._events[place][1]
+        src, about = 0, None
+        if isinstance(event, Receive) and event.message is not None:
+            sender = event.message.get("src")
+            src, about = sender if isinstance(sender, int) else 0, session_of(event.message)
+        cause = cause_of(step.input)
+        acked = [(e.to, key_of(e.message)) for e in gone] if cause == "receive Ack" else []
+        late = forgot = 0
+        if isinstance(event, TimerEnd):
+            if isinstance(event.timer, ForgetTimer):
+                forgot = event.timer.station or 0
+            late = event.t_ms - self._deadlines.get(event.timer.model_dump_json(), event.t_ms)
+        self._made.moments.append(
+            Moment(
+                place,
+                step.at,
+                step.t_ms,
+                t.phase,
+                t.role,
+                t.session,
+                t.target,
+                t.proposal,
+                cause,
+                step.rule,
+                src,
+                about,
+                tuple(acked),
+                _own(t),
+                late,
+                forgot,
+                any(e.session[0] == forgot for e in t.outbox),
+            )
+        )
+
+
+def cause_of(value: Json) -> str:
+    """An input of the oracle in two words."""
+    match value:
+        case ["command", name, *_]:
+            return f"command {name}"
+        case ["expire", [name, *_]]:
+            return f"expire {name}"
+        case ["receive", [type_, *_], *_]:
+            return f"receive {type_}"
+        case ["cam", *_]:
+            return "receive CAM"
+    return str(value[0])
+
+
+def _own(t: Track) -> Json:
+    entries = sorted((e.type, e.to, e.k) for e in t.outbox if e.session == t.session)
+    recorded = (tuple(sorted(t.recorded)), tuple(sorted(t.withdrawn)))
+    state = (t.phase, t.role, t.session, t.target, t.proposal, t.deciding, t.heard_ms is not None)
+    return state, recorded, tuple(entries)

@@ -1,0 +1,111 @@
+"""Runs of the reference with faults, for the tests of merged logs, and what really happened."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from automcm.links.simulated import Channel, Radio
+from automcm.messages import BROADCAST, decode
+from automcm.parameters import Parameters
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_traces.reader import Log, read
+
+Drop = Callable[[int, int, Any, int], bool]
+"""Whether a copy from a station to a station, of a message, at a time, is lost."""
+
+
+@dataclass
+class Run:
+    """Prescriber 1, target 2 and bystander 3 on a radio that is perfect but for ``drop``."""
+
+    folder: Path
+    channel: Channel = field(default_factory=lambda: Channel(delay_ms=(2, 40)))
+    drop: Drop = lambda src, dst, message, now: False
+    seed: int = 1
+    maneuver_ms: int = 3000
+    lease_ms: int = 20_000
+    simulation: Simulation = field(init=False)
+    phases: dict[int, list[tuple[int, str]]] = field(default_factory=dict)
+    """What each station entered when: recorded beside the logs."""
+    lost: int = 0
+
+    def __post_init__(self) -> None:
+        self.folder.mkdir(exist_ok=True)
+        self.simulation = Simulation(seed=self.seed, channel=self.channel, logs=self.folder)
+        radio, send = self.simulation.radio, Radio._send
+
+        def filtered(src: int, data: bytes, to: int, tx: str) -> None:
+            message = decode(data)
+            for dst in radio._receivers:
+                if dst == src or to not in (BROADCAST, dst):
+                    continue
+                if self.drop(src, dst, message, self.simulation.clock.now()):
+                    self.lost += 1
+                else:
+                    send(radio, src, data, dst, tx)
+
+        radio._send = filtered  # type: ignore[method-assign]
+        for station in (1, 2, 3):
+            self._add(station)
+        self.simulation.request(1, at=500)
+
+    def _add(self, station: int) -> None:
+        entered = self.phases[station] = [(0, "STANDALONE")]
+
+        def observe(before: Any, effects: Any) -> None:
+            if effects.state.phase != entered[-1][1]:
+                entered.append((effects.now_ms, effects.state.phase))
+
+        driver = Straight(target=2, maneuver_ms=self.maneuver_ms, lease_ms=self.lease_ms)
+        self.simulation.add(station, driver, Parameters(), observers=(observe,))
+
+    def logs(self, until: int = 12_000) -> list[Log]:
+        self.simulation.run(until=until)
+        return [read(self.folder / f"{station}.ndjson") for station in (1, 2, 3)]
+
+    def left(self, station: int) -> int:
+        """When a station left ACTUATING."""
+        entered = self.phases[station]
+        at = [phase for _, phase in entered].index("ACTUATING")
+        return entered[at + 1][0]
+
+    def hazard(self) -> int:
+        """How many ms the prescriber acted after its target had left."""
+        return self.left(1) - self.left(2)
+
+
+def records(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def rewritten(path: Path, lines: list[dict[str, Any]]) -> Log:
+    """A log with other records, its events numbered anew."""
+    seq = 0
+    for record in lines:
+        if record["rec"] == "event":
+            seq += 1
+            record["seq"] = seq
+        elif record["rec"] == "end":
+            record["seq"] = seq
+    path.write_text("".join(json.dumps(record) + "\n" for record in lines))
+    return read(path)
+
+
+def killed(path: Path, at: int) -> Log:
+    """A log that stops at a time, without an end."""
+    lines = [r for r in records(path) if r["rec"] == "header" or r.get("t_ms", at) < at]
+    return rewritten(path, [r for r in lines if r["rec"] != "end"])
+
+
+def without_tx(path: Path) -> Log:
+    """A log whose link does not name transmissions."""
+    lines = records(path)
+    for record in lines:
+        if record.get("ev") == "receive":
+            del record["tx"]
+    return rewritten(path, lines)

@@ -1,0 +1,145 @@
+"""What became of each message; each class seen in a run or in an edited log."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from merged_runs import Run, killed, records, rewritten, without_tx
+
+from automcm.links.simulated import Channel
+from automcm_traces.clocks import Clocks
+from automcm_traces.delivery import Deliveries, forged_receptions
+from automcm_traces.merge import merge
+from automcm_traces.reader import Log
+
+
+def deliveries(logs: list[Log]) -> Deliveries:
+    merged = merge(logs)
+    return Deliveries(merged, Clocks(merged))
+
+
+def outcomes(found: Deliveries) -> Counter[str]:
+    return Counter(d.outcome for d in found.all)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_lost_is_what_the_radio_lost(tmp_path: Path, seed: int) -> None:
+    """Losses end early enough that every one is certain, but for what was sent before the first
+    event of a log."""
+    chance = random.Random(seed)
+    run = Run(tmp_path, seed=seed, drop=lambda s, d, m, now: now < 6000 and chance.random() < 0.3)
+    found = deliveries(run.logs())
+    n = outcomes(found)
+    assert n["lost"] + n["unobserved"] == run.lost > 50 and n["unobserved"] <= 2
+    assert not found.forged and not n["duplicated"]
+    assert n["delivered"] + n["in_flight"] == sum(n.values()) - run.lost
+    assert n["in_flight"] <= 6
+
+
+def test_what_is_doubled_is_duplicated(tmp_path: Path) -> None:
+    found = deliveries(Run(tmp_path, channel=Channel(duplicate=1.0)).logs())
+    n = outcomes(found)
+    assert n["duplicated"] > 200 and n["lost"] == 0
+    assert all(len(d.received) == 2 for d in found.all if d.outcome == "duplicated")
+
+
+def test_without_ids_the_numbers_are_the_same(tmp_path: Path) -> None:
+    chance = random.Random(1)
+    run = Run(tmp_path, drop=lambda s, d, m, now: now < 6000 and chance.random() < 0.3)
+    named = deliveries(run.logs())
+    unnamed = deliveries([without_tx(tmp_path / f"{n}.ndjson") for n in (1, 2, 3)])
+    assert unnamed.counts() == named.counts() and not unnamed.forged
+
+
+def test_a_log_that_stops_leaves_messages_in_flight(tmp_path: Path) -> None:
+    one, _, three = Run(tmp_path).logs()
+    found = deliveries([one, killed(tmp_path / "2.ndjson", 3000), three])
+    late = found.between(1, 2, first=0)
+    assert late["lost"] == 0 and late["in_flight"] > 80
+    from_dead = [text for text in found.unsent.values() if "2.ndjson" in text]
+    assert len(from_dead) > 80 and not found.forged  # sent after its log stops
+
+
+def test_what_was_sent_before_a_log_begins_is_not_observed(tmp_path: Path) -> None:
+    one, _, three = Run(tmp_path).logs()
+    lines = [r for r in records(tmp_path / "2.ndjson") if r.get("t_ms", 0) >= 9000]
+    header = records(tmp_path / "2.ndjson")[0]
+    late = rewritten(tmp_path / "2.ndjson", [header, *lines])  # without its end
+    n = deliveries([one, late, three]).between(1, 2)
+    assert n["lost"] == 0 and n["unobserved"] > 80 and n["delivered"] > 20
+
+
+def test_an_addressee_without_a_log_is_not_observed(tmp_path: Path) -> None:
+    one, _, three = Run(tmp_path).logs()
+    found = deliveries([one, three])
+    n = found.between(1, 2)
+    assert n["unobserved"] == sum(n.values()) > 2
+    assert set(found.unsent.values()) == {"no log of station 2"} and not found.forged
+
+
+def partial(path: Path, *kinds: str) -> Log:
+    lines = records(path)
+    lines[0]["complete"] = list(kinds)
+    return rewritten(path, lines)
+
+
+def test_a_log_that_does_not_promise_its_receptions_loses_nothing(tmp_path: Path) -> None:
+    run = Run(tmp_path, drop=lambda src, dst, m, now: now < 3000)
+    one, _, three = run.logs()
+    two = partial(tmp_path / "2.ndjson", "send")
+    n = deliveries([one, two, three]).between(1, 2)
+    assert n["lost"] == 0 and n["unobserved"] > 20
+
+
+def edit(path: Path, number: int, **change: Any) -> Log:
+    lines = records(path)
+    record = [r for r in lines if r.get("ev") == "receive"][number]
+    record |= change
+    return rewritten(path, lines)
+
+
+def test_a_message_that_its_sender_did_not_send_is_forged(tmp_path: Path) -> None:
+    one, _, three = Run(tmp_path).logs()
+    lines = records(tmp_path / "2.ndjson")
+    record = next(r for r in lines if r.get("ev") == "receive")
+    content = record["message"] | {"x_mm": 123}
+    number = lines.index(record) + 1
+    two = edit(tmp_path / "2.ndjson", 0, message=content)
+    (forged,) = deliveries([one, two, three]).forged
+    assert (forged.line, forged.file) == (number, two.file)
+    assert "has another message under this tx" in str(forged) and "FORGED CAM" in str(forged)
+    two = edit(tmp_path / "2.ndjson", 0, tx=f"{content['src']}:999999")
+    (forged,) = deliveries([one, two, three]).forged
+    assert "shows no such message" in forged.why
+
+
+def test_a_sender_that_does_not_promise_its_sendings_forges_nothing(tmp_path: Path) -> None:
+    _, two, three = Run(tmp_path).logs()
+    lines = records(tmp_path / "1.ndjson")
+    lines[0]["complete"] = ["receive"]
+    one = rewritten(tmp_path / "1.ndjson", [r for r in lines if r.get("ev") != "send"])
+    found = deliveries([one, two, three])
+    assert not found.forged and not forged_receptions([one, two, three])
+    assert all("1.ndjson does not tell" in why for why in found.unsent.values()) and found.unsent
+
+
+def test_forged_receptions_of_a_log_that_stops_go_as_far_as_it_does(tmp_path: Path) -> None:
+    one, two, three = Run(tmp_path).logs()
+    dead = killed(tmp_path / "2.ndjson", 3000)
+    assert not forged_receptions([one, dead, three])
+    lines = records(tmp_path / "2.ndjson")
+    sent = next(n for n, r in enumerate(lines) if r.get("ev") == "send")
+    del lines[sent]
+    assert forged_receptions([one, rewritten(tmp_path / "2.ndjson", lines), three])
+    del two
+
+
+def test_counts_are_by_pair_and_plain(tmp_path: Path) -> None:
+    found = deliveries(Run(tmp_path).logs()).counts()
+    assert list(found) == ["1-2", "1-3", "2-1", "2-3", "3-1", "3-2"]
+    assert json.dumps(found)

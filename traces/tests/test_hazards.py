@@ -1,0 +1,227 @@
+"""S-5 and T-2 on merged logs: each hazard's length against what the simulation did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from merged_runs import Run, killed, records, rewritten, without_tx
+
+from automcm.interface import Abort
+from automcm.messages import Cam, encode
+from automcm_traces.hazards import Hazard
+from automcm_traces.properties import SystemReport, judge
+from automcm_traces.reader import Log
+
+CUT = 4000
+"""Between the acceptance and the Fin of every run, ms."""
+D, L = 50, 1500
+
+
+def only(report: SystemReport) -> Hazard:
+    assert report.verdict == "hazard", report.text()
+    assert all(j.outcome == "holds" for j in report.properties), report.text()
+    (hazard,) = report.hazards
+    assert hazard.excused and hazard.outcome == "within" and not hazard.open
+    assert (hazard.prescriber, hazard.target, hazard.session) == (1, 2, (1, 1))
+    return hazard
+
+
+def measured(hazard: Hazard, run: Run) -> int:
+    """The hazard's length, which is what really happened as far as the clocks tell."""
+    assert hazard.length is not None
+    length, truth = hazard.length, run.hazard()
+    assert length.low <= truth <= length.high and length.best == truth, (str(length), truth)
+    assert length.high - length.low <= 10 and not length.assumed
+    assert (hazard.since_ms, hazard.until_ms) == (run.left(2), run.left(1))
+    return truth
+
+
+def property_of(report: SystemReport, name: str) -> str:
+    return next(j.outcome for j in report.properties if j.property == name)
+
+
+def test_a_run_without_faults_has_no_hazard(tmp_path: Path) -> None:
+    report = judge(Run(tmp_path).logs())
+    assert report.verdict == "allowed" and not report.hazards
+    assert {j.outcome for j in report.properties} == {"holds"}
+    assert all(j.checked for j in report.properties if j.property not in ("T-2", "S-7"))
+    assert "ALLOWED" in report.text() and "told finished" in report.text()
+
+
+def test_act_2_both_ways_cut_both_lose_the_cams(tmp_path: Path) -> None:
+    """The hazard is at most the CAM interval and a delay."""
+    for seed in range(4):
+        run = Run(
+            tmp_path / str(seed),
+            seed=seed,
+            drop=lambda src, dst, m, now: now >= CUT and {src, dst} == {1, 2},
+            maneuver_ms=9000,
+        )
+        report = judge(run.logs())
+        if run.hazard() <= 0:
+            assert report.verdict == "allowed", report.text()
+            continue
+        hazard = only(report)
+        assert measured(hazard, run) <= 100 + D
+        assert "told fallback(cam_loss)" in hazard.ended and "loses the CAMs" in hazard.fault
+
+
+def test_act_2_the_cancel_ends_the_hazard_where_the_way_back_is_whole(tmp_path: Path) -> None:
+    run = Run(
+        tmp_path,
+        drop=lambda src, dst, m, now: now >= CUT and (src, dst) == (1, 2),
+        maneuver_ms=9000,
+    )
+    hazard = only(judge(run.logs()))
+    assert measured(hazard, run) <= D
+    assert "receive Cancel" in hazard.ended and "station 2 loses the CAMs" in hazard.fault
+    assert any("CAMs of 1 to 2 in the 1500 ms before: 0 arrived" in t for t in hazard.between)
+
+
+def no_cancel(src: int, dst: int, m: Any, now: int) -> bool:
+    return m.type == "Cancel" and (src, dst) == (2, 1)
+
+
+def test_act_5_where_every_cancel_is_lost_the_marks_end_the_hazard(tmp_path: Path) -> None:
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    hazard = only(judge(run.logs()))
+    assert L - 100 <= measured(hazard, run) <= D + L
+    assert "station 2 aborts" in hazard.fault and "fallback(cam_loss)" in hazard.ended
+    assert any("21 Cancels of 2 to 1 from then on: 0 arrived" in t for t in hazard.between)
+    assert hazard.bound is not None and hazard.bound.ms == D + L
+
+
+def test_end_8_a_restart_leaves_a_hazard_until_the_marks_are_missed(tmp_path: Path) -> None:
+    run = Run(tmp_path, maneuver_ms=9000)
+    run.simulation.restart(2, at=CUT)
+    hazard = only(judge(run.logs()))
+    assert L - 100 <= measured(hazard, run) <= D + L and "station 2 restarts" in hazard.fault
+
+
+def test_end_1_an_abort_that_is_heard_ends_it_at_once(tmp_path: Path) -> None:
+    run = Run(tmp_path, maneuver_ms=9000)
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    assert measured(only(judge(run.logs())), run) <= D
+
+
+def test_act_4_a_short_lease_is_the_bound(tmp_path: Path) -> None:
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000, lease_ms=1540)
+    run.simulation.command(2, Abort(session=(1, 1)), at=2800)
+    hazard = only(judge(run.logs()))
+    assert hazard.bound is not None and hazard.bound.text == "lease = 1540: 1540 ms"
+    assert measured(hazard, run) <= 1540
+
+
+def test_a_station_that_dies_leaves_a_log_that_stops(tmp_path: Path) -> None:
+    run = Run(tmp_path, drop=lambda s, d, m, now: now >= CUT and 2 in (s, d), maneuver_ms=9000)
+    one, _, three = run.logs()
+    dead = killed(tmp_path / "2.ndjson", CUT)
+    report = judge([one, dead, three])
+    (hazard,) = report.hazards
+    last = dead.events[-1][1].t_ms
+    assert hazard.length is not None and hazard.length.best == run.left(1) - last
+    assert hazard.excused and "station 2 dies" in hazard.fault and hazard.outcome == "within"
+    assert "fallback(cam_loss)" in hazard.ended and report.verdict == "hazard"
+    assert "ALLOWED, shows a hazard (fault)" in report.text() and "1550 ms: kept" in report.text()
+
+
+def test_without_transmission_ids_the_hazard_is_the_same(tmp_path: Path) -> None:
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    run.logs()
+    report = judge([without_tx(tmp_path / f"{n}.ndjson") for n in (1, 2, 3)])
+    measured(only(report), run)
+    assert any("name no transmission" in notice for notice in report.notices)
+
+
+def apart(log: Log, path: Path, ms: int) -> Log:
+    """A log on a clock that is ahead."""
+    lines = records(path)
+    for record in lines:
+        for name in ("t_ms", "deadline"):
+            if name in record:
+                record[name] += ms
+    return rewritten(path, lines)
+
+
+@pytest.mark.parametrize("ahead", [7, 100_000])
+def test_the_clocks_of_the_stations_need_not_agree(tmp_path: Path, ahead: int) -> None:
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    one, two, three = run.logs()
+    two = apart(two, tmp_path / "2.ndjson", ahead)
+    report = judge([one, two, three])
+    assert report.verdict == "hazard", report.text()
+    (hazard,) = report.hazards
+    assert hazard.length is not None and hazard.outcome == "within"
+    assert hazard.length.low <= run.hazard() <= hazard.length.high
+    assert hazard.length.high - hazard.length.low <= 10
+
+
+def cam_of_2(run: Run, at: int) -> None:
+    """A CAM in the name of station 2 that still names the session."""
+    cam = Cam(
+        src=2,
+        generation_ms=at,
+        x_mm=0,
+        y_mm=0,
+        heading_mrad=0,
+        speed_mm_s=0,
+        marks=((1, 1),),
+    )
+    run.simulation.clock.at(at, lambda: run.simulation.services[1].receive(encode(cam)) and None)
+
+
+def test_t_2_a_forged_cam_makes_it_longer_than_the_bound(tmp_path: Path) -> None:
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    cam_of_2(run, CUT + 1000)
+    report = judge(run.logs())
+    (hazard,) = report.hazards
+    assert run.hazard() == 1000 + L and hazard.outcome == "exceeds" and hazard.excused
+    assert property_of(report, "T-2") == "violated" and property_of(report, "S-5") == "holds"
+    assert len(report.forged) == 1 and "FORGED CAM from 2" in report.forged[0]
+    assert report.verdict == "violated" and "EXCEEDED" in report.text()
+
+
+def test_t_2_says_nothing_where_a_copy_took_too_long(tmp_path: Path) -> None:
+    """A delay beyond half of t_resend is against what T-2 assumes."""
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
+    radio = run.simulation.radio
+    deliver = radio._deliver
+
+    def late(dst: int, data: bytes, tx: str) -> None:
+        """The last CAM that names the session comes 400 ms later."""
+        if tx.startswith("2:") and dst == 1 and b'"marks":[[1,1]]' in data.replace(b" ", b""):
+            now = run.simulation.clock.now()
+            if CUT - 100 <= now < CUT:
+                run.simulation.clock.at(now + 400, lambda: deliver(dst, data, tx))
+                return
+        deliver(dst, data, tx)
+
+    radio._deliver = late  # type: ignore[method-assign]
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    report = judge(run.logs())
+    (hazard,) = report.hazards
+    assert hazard.outcome == "cannot_tell" and "assumes delays of at most 50 ms" in hazard.why
+    assert property_of(report, "T-2") == "cannot_tell"
+
+
+def test_without_the_target_s_log_the_hazard_cannot_be_told(tmp_path: Path) -> None:
+    one, _, three = Run(tmp_path).logs()
+    report = judge([one, three])
+    assert property_of(report, "S-5") == "cannot_tell" and report.verdict == "cannot_tell"
+    assert "no log of station 2" in report.text()
+
+
+def test_a_target_whose_log_diverges_is_not_judged_beyond_that(tmp_path: Path) -> None:
+    one, _, three = Run(tmp_path).logs()
+    lines = records(tmp_path / "2.ndjson")
+    drop = next(n for n, r in enumerate(lines) if r.get("t_ms", 0) > CUT and r.get("op") == "arm")
+    del lines[drop]
+    report = judge([one, rewritten(tmp_path / "2.ndjson", lines), three])
+    assert property_of(report, "S-5") == "cannot_tell" and report.verdict == "cannot_tell"
+    assert "2.ndjson" in report.text() and "diverges" in report.text()

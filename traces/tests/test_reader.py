@@ -1,0 +1,223 @@
+"""How a log is streamed, what counts as missing, and that the quick way reads the same."""
+
+import json
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from automcm_traces.log import RECORD, Header, record
+from automcm_traces.reader import MOST_WARNINGS, LogError, LogStream, Notice, read, records
+
+Line = dict[str, Any]
+HEADER: Line = {
+    "rec": "header",
+    "schema": "automcm.trace/1",
+    "run": "r1",
+    "station": 7,
+    "implementation": {"name": "acme", "version": "1.0"},
+    "parameters": {"t_resend": 100},
+    "complete": ["receive", "send"],
+}
+
+
+def restart(seq: int, **fields: Any) -> Line:
+    return {"rec": "event", "seq": seq, "t_ms": 0, "ev": "restart", **fields}
+
+
+def end(seq: int) -> Line:
+    return {"rec": "end", "seq": seq, "reason": "clean", "lost_records": 0}
+
+
+def write(folder: Path, *lines: Line | bytes) -> Path:
+    path = folder / "7.ndjson"
+    raw = (line if isinstance(line, bytes) else json.dumps(line).encode() + b"\n" for line in lines)
+    path.write_bytes(b"".join(raw))
+    return path
+
+
+def test_a_stream_gives_the_header_then_the_events_then_the_end(tmp_path: Path) -> None:
+    log = LogStream(write(tmp_path, HEADER, restart(1), restart(2), end(2)))
+    assert (log.header.station, log.ended, log.events) == (7, False, 0)
+    assert [(line, event.seq) for line, event in log] == [(2, 1), (3, 2)]
+    assert log.ended and log.events == 2
+    assert (log.gap, log.truncated, log.warnings, log.overlooked) == (None, False, [], 0)
+
+
+def test_a_stream_ends_before_a_gap(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, restart(1), restart(4), end(4))
+    log = LogStream(path)
+    assert [line for line, _ in log] == [2]
+    assert log.gap == (3, "seq: 4 after 1, expected 2: 2 missing") and not log.ended
+    assert log.warnings == [f"{path}:3: {log.gap[1]}"]
+    whole = LogStream(path, past_gaps=True)
+    assert [line for line, _ in whole] == [2, 3]
+    assert whole.gap == log.gap and whole.ended
+
+
+def test_records_missing_before_the_end_are_a_gap_too(tmp_path: Path) -> None:
+    log = LogStream(write(tmp_path, HEADER, restart(1), end(3)))
+    assert [line for line, _ in log] == [2]
+    assert log.gap == (3, "seq: 3, but the last event has 1: 2 missing")
+
+
+def test_an_unknown_event_after_missing_ones_is_a_gap(tmp_path: Path) -> None:
+    log = LogStream(write(tmp_path, HEADER, restart(3, ev="song"), restart(4)))
+    assert not list(log) and log.gap is not None and log.gap[0] == 2
+
+
+@pytest.mark.parametrize("seq", [1, 2])
+def test_a_seq_that_repeats_or_goes_back_is_no_gap(tmp_path: Path, seq: int) -> None:
+    path = write(tmp_path, HEADER, restart(1), restart(2), restart(seq))
+    with pytest.raises(LogError, match=f"{seq} after 2, expected 3$"):
+        list(LogStream(path))
+
+
+def test_who_reads_a_whole_log_gets_no_gaps(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, restart(1), restart(4), end(4))
+    with pytest.raises(LogError, match=r"4 after 1, expected 2$"):
+        read(path)
+    notices = [e.record for e in records(path, gaps=True) if isinstance(e.record, Notice)]
+    assert [notice.kind for notice in notices] == ["gap"]
+
+
+@pytest.mark.parametrize(
+    ("rubbish", "problem"),
+    [
+        (b"\x00\xff\xfe\n", "not UTF-8 at byte 2"),
+        (b"%PDF-1.4", "not JSON"),  # no line feed, and yet not a line that was cut
+        (b'{"rec":"header","schema":"automcm.trace/2"}\n', "unsupported version"),
+        (b'{"rec":"event","seq":2,"t_ms":0,"ev":"receive"}\n', "exactly one"),
+    ],
+)
+def test_what_is_good_before_rubbish_is_given(tmp_path: Path, rubbish: bytes, problem: str) -> None:
+    log = LogStream(write(tmp_path, HEADER, restart(1), rubbish, restart(2)))
+    if rubbish.startswith(b"%"):
+        log = LogStream(write(tmp_path, HEADER, restart(1), rubbish))
+    events = iter(log)
+    assert next(events)[0] == 2
+    with pytest.raises(LogError, match=problem) as caught:
+        next(events)
+    assert caught.value.line == 3
+
+
+@pytest.mark.parametrize("tail", [b'{"rec":"ev', b'{"rec":"\xc3', b"\0" * 512, b'{"rec"\0\0'])
+def test_a_last_line_that_was_being_written_is_cut(tmp_path: Path, tail: bytes) -> None:
+    log = LogStream(write(tmp_path, HEADER, restart(1), tail))
+    assert [line for line, _ in log] == [2]
+    assert log.truncated and not log.ended and log.overlooked == 2  # cut, and no end
+
+
+@pytest.mark.parametrize(
+    ("start", "said"),
+    [
+        (b"\xef\xbb\xbf" + json.dumps(HEADER).encode(), "byte order mark"),
+        (json.dumps(HEADER).encode("utf-16"), "UTF-16"),
+        (b"\x1f\x8b\x08\x00\x00\x00\x00\x00", "gzip"),
+        (b"\x89PNG\r\n\x1a\n", "PNG"),
+        (b"PK\x03\x04", "zip"),
+    ],
+)
+def test_the_wrong_file_is_named_for_what_it_is(tmp_path: Path, start: bytes, said: str) -> None:
+    with pytest.raises(LogError, match=said) as caught:
+        LogStream(write(tmp_path, start))
+    assert caught.value.line == 1
+
+
+def test_two_logs_in_one_file_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, restart(1), end(1), {**HEADER, "station": 8}, restart(1))
+    with pytest.raises(LogError, match="a second header: one file holds one log") as caught:
+        list(LogStream(path))
+    assert caught.value.line == 4
+
+
+def test_crlf_is_read_all_the_same(tmp_path: Path) -> None:
+    lines = [json.dumps(line).encode() + b"\r\n" for line in (HEADER, restart(1), end(1))]
+    assert len(list(LogStream(write(tmp_path, *lines)))) == 1
+
+
+def test_warnings_are_kept_within_bounds(tmp_path: Path) -> None:
+    songs = [restart(n, ev="song") for n in range(1, 101)]
+    log = LogStream(write(tmp_path, HEADER, *songs, end(100)))
+    assert not list(log)
+    assert (len(log.warnings), log.overlooked) == (MOST_WARNINGS, 100)
+
+
+def test_a_long_log_is_streamed_in_bounded_memory(tmp_path: Path) -> None:
+    def lines() -> Iterator[bytes]:
+        yield json.dumps(HEADER).encode() + b"\n"
+        for n in range(1, 20_001):
+            yield json.dumps(restart(n, x_padding="x" * 400)).encode() + b"\n"
+
+    path = tmp_path / "7.ndjson"
+    path.write_bytes(b"".join(lines()))
+    assert path.stat().st_size > 9_000_000
+    tracemalloc.start()
+    assert sum(1 for _ in LogStream(path)) == 20_000
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 500_000
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.text(max_size=5) | st.just("x_y"), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+EVENTS: list[Line] = [
+    HEADER,
+    restart(1),
+    end(1),
+    restart(1, ev="send", tx="7:1", message={"type": "CAM", "x_mm": 1}),
+    restart(1, ev="receive", raw="AAA="),
+    restart(1, ev="command", command={"name": "abort", "x_why": 1, "session": [7, 1]}),
+    restart(1, ev="indication", indication={"name": "fallback", "why": [1, {"a": True}]}),
+    restart(1, ev="timer", op="arm", timer={"name": "cam"}, deadline=3),
+    restart(1, ev="timer", op="stop", timer={"name": "resend", "message": {"type": "Fin"}}),
+]
+
+
+@st.composite
+def lines_(draw: st.DrawFn) -> bytes:
+    line = json.loads(json.dumps(draw(st.sampled_from(EVENTS))))
+    where = draw(
+        st.sampled_from([line, *(inner for inner in line.values() if isinstance(inner, dict))])
+    )
+    key = draw(st.sampled_from([*where, "x_y", "rule", "raw", "nullable"]))
+    where[key] = draw(JSON)
+    if draw(st.booleans()):
+        where.pop(key)
+    return json.dumps(line, ensure_ascii=draw(st.booleans())).encode(errors="replace")
+
+
+def outcome(line: bytes, quick: bool) -> Any:
+    try:
+        return record(line) if quick else RECORD.validate_json(line)
+    except ValidationError as error:
+        return error.errors(include_url=False, include_input=False)
+
+
+@given(line=lines_())
+def test_the_quick_way_to_read_a_line_says_the_same(line: bytes) -> None:
+    assert repr(outcome(line, True)) == repr(outcome(line, False))
+
+
+def test_the_quick_way_is_taken_and_gives_the_same(tmp_path: Path) -> None:
+    for line in EVENTS[:-1]:
+        text = json.dumps(line).encode()
+        assert record(text) == RECORD.validate_json(text)
+    assert isinstance(record(json.dumps(HEADER).encode()), Header)
+
+
+@pytest.mark.parametrize("field", ["rule", "phase", "role"])
+def test_the_quick_way_lets_no_null_pass(field: str) -> None:
+    with pytest.raises(ValidationError, match="null is not allowed"):
+        record(json.dumps(restart(1, **{field: None})).encode())

@@ -1,0 +1,301 @@
+"""Logs as a table, in an order that could have been."""
+
+from __future__ import annotations
+
+import json
+import random
+import tracemalloc
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.cells import cell_len
+
+from automcm.links.simulated import Channel
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_traces.log import RECORD, Receive, Send
+from automcm_traces.reader import LogError
+from automcm_traces.show import Filter, Logs, Row, Shown, before, columns
+from automcm_traces.words import fitted, safe, said
+
+Line = dict[str, Any]
+KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
+
+
+def header(station: int, run: str = "r", complete: list[str] = KINDS) -> Line:
+    return {
+        "rec": "header",
+        "schema": "automcm.trace/1",
+        "run": run,
+        "station": station,
+        "implementation": {"name": "acme", "version": "1"},
+        "parameters": {},
+        "complete": complete,
+    }
+
+
+def event(ev: str, t_ms: int = 0, **fields: Any) -> Line:
+    return {"rec": "event", "t_ms": t_ms, "ev": ev, **fields}
+
+
+def fin(src: int, dst: int, seq: int = 1, session: tuple[int, int] = (7, 1)) -> Line:
+    return {"type": "Fin", "v": 1, "src": src, "dst": dst, "session": list(session), "seq": seq}
+
+
+def log(folder: Path, station: int, *events: Line, end: bool = True, **head: Any) -> Path:
+    """A log of these events; seq is counted here."""
+    path = folder / f"{station}.ndjson"
+    lines = [header(station, **head), *({**e, "seq": n} for n, e in enumerate(events, 1))]
+    if end:
+        lines.append({"rec": "end", "seq": len(events), "reason": "clean", "lost_records": 0})
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    return path
+
+
+def rows(*paths: Path, **wanted: Any) -> list[Row]:
+    return list(Shown(Logs(paths), Filter(**wanted)))
+
+
+def placed(shown: list[Row]) -> list[tuple[int, int]]:
+    return [(row.station, row.line) for row in shown if row.event is not None]
+
+
+def simulated(folder: Path, stations: int, seed: int = 3) -> list[Path]:
+    simulation = Simulation(seed=seed, channel=Channel(loss=0.2, duplicate=0.2), logs=folder)
+    for station in range(1, stations + 1):
+        simulation.add(1000 + station, Straight(target=1002))
+    simulation.request(1001, at=500)
+    simulation.run(until=8_000)
+    return sorted(folder.glob("*.ndjson"))
+
+
+def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None:
+    """Even where the receiver's clock is far behind the sender's."""
+    paths = [
+        log(tmp_path, 7, event("restart", 9000), event("send", 9000, tx="7:1", message=fin(7, 8))),
+        log(tmp_path, 8, event("restart", 3), event("receive", 5, tx="7:1", message=fin(7, 8))),
+    ]
+    assert placed(rows(*paths)) == [(8, 2), (7, 2), (7, 3), (8, 3)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_order_keeps_every_log_and_every_sending_with_any_clocks(
+    tmp_path: Path, seed: int
+) -> None:
+    chance = random.Random(seed)
+    paths = simulated(tmp_path, 4, seed)
+    for path in paths:
+        shift = chance.randrange(20_000)
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        for line in lines:
+            for key in {"t_ms", "deadline"} & line.keys():
+                line[key] += shift
+        path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    shown = rows(*paths, cams=True)
+    sent: set[str] = set()
+    lines_: dict[int, int] = {}
+    for row in shown:
+        assert row.line > lines_.get(row.station, 0)
+        lines_[row.station] = row.line
+        if isinstance(row.event, Send):
+            sent.add(row.event.tx)
+        if isinstance(row.event, Receive):
+            assert row.event.tx in sent
+    assert len(shown) == sum(len(path.read_text().splitlines()) - 1 for path in paths)
+    assert shown == rows(*reversed(paths), cams=True)
+
+
+def test_two_that_each_received_what_the_other_sent_later_are_shown_all_the_same(
+    tmp_path: Path,
+) -> None:
+    paths = [
+        log(
+            tmp_path,
+            me,
+            event("receive", tx=f"{other}:1", message=fin(other, me)),
+            event("send", tx=f"{me}:1", message=fin(me, other)),
+        )
+        for me, other in ((7, 8), (8, 7))
+    ]
+    assert sorted(placed(rows(*paths))) == [(7, 2), (7, 3), (8, 2), (8, 3)]
+
+
+def test_what_became_of_a_message_is_marked(tmp_path: Path) -> None:
+    sender = [event("send", n, tx=f"7:{n}", message=fin(7, 8, n)) for n in (1, 2, 3)]
+    arrived = [event("receive", n, tx=f"7:{n}", message=fin(7, 8, n)) for n in (2, 2, 9)]
+    shown = rows(log(tmp_path, 7, *sender), log(tmp_path, 8, *arrived))
+    notes = [(row.station, row.event.seq, row.notes) for row in shown if row.event is not None]
+    assert sorted(notes) == [
+        (7, 1, ("x8",)),  # a later one arrived
+        (7, 2, ()),
+        (7, 3, ("x8",)),
+        (8, 1, ()),
+        (8, 2, ("2nd",)),
+        (8, 3, ("unsent",)),
+    ]
+
+
+def test_what_may_be_under_way_is_not_called_lost(tmp_path: Path) -> None:
+    sender = log(tmp_path, 7, event("send", tx="7:1", message=fin(7, 8)))
+    assert rows(sender, log(tmp_path, 8))[0].notes == ("?8",)
+
+
+@pytest.mark.parametrize("head", [{"complete": ["send"]}, {"end": False}])
+def test_of_a_log_that_may_lack_it_nothing_is_said(tmp_path: Path, head: dict[str, Any]) -> None:
+    sender = log(tmp_path, 7, event("send", tx="7:1", message=fin(7, 8)))
+    assert rows(sender, log(tmp_path, 8, **head))[0].notes == ()
+    received = log(tmp_path, 8, event("receive", tx="7:5", message=fin(7, 8)))
+    head = {"complete": ["receive"]} if "complete" in head else head
+    sender = log(tmp_path, 7, **head)
+    assert next(r for r in rows(sender, received) if r.event is not None).notes == ()
+
+
+def test_msg_1_what_is_overheard_is_marked(tmp_path: Path) -> None:
+    path = log(tmp_path, 9, event("receive", tx="7:1", message=fin(7, 8)))
+    assert rows(path)[0].words == "for 8 <- Fin 7 7/1#1"
+
+
+def test_columns_are_as_wide_as_they_may_be(tmp_path: Path) -> None:
+    for stations, width in ((1, 80), (2, 80), (3, 80), (6, 80), (2, 50), (4, 132)):
+        folder = tmp_path / f"{stations}-{width}"
+        folder.mkdir()
+        logs = Logs(simulated(folder, stations))
+        lines = columns(logs.rows(), logs.stations, width)
+        assert max(len(line) for line in lines) <= width
+        assert ("station" in lines[0]) == (stations == 6 or width == 50)
+
+
+def test_columns_of_two_stations(tmp_path: Path) -> None:
+    message = {**fin(7, 8), "type": "Prescription", "proposal": 2}
+    timer = {"name": "resend", "message": {"type": "Fin", "to": 8, "session": [7, 1], "seq": 4}}
+    paths = [
+        log(
+            tmp_path,
+            7,
+            event("command", 5, command={"name": "prescribe", "target": 8}, phase="PRESCRIBING"),
+            event("send", 5, tx="7:1", message=message),
+            event("timer", 5, op="arm", timer=timer, deadline=105),
+        ),
+        log(tmp_path, 8, event("receive", 9, tx="7:1", message=message), event("restart", 10)),
+    ]
+    logs = Logs(paths)
+    assert columns((r for r in logs.rows() if r.event), logs.stations) == [
+        "    t_ms   line 7                               8",
+        "       5      2 command prescribe 8",
+        "                = PRESCRIBING",
+        "       5      3 Prescription ->8 p2 7/1#1",
+        "       5      4 arm resend Fin#4 ->8 +100",
+        "       9      2                                 <- Prescription 7 p2 7/1#1",
+        "      10      3                                 RESTART",
+    ]
+    assert [(r.station, r.line) for r in before(logs.rows(), 8, 2, 2)] == [(7, 5), (8, 2)]
+
+
+def test_the_end_a_gap_and_a_line_that_cannot_be_read_are_rows(tmp_path: Path) -> None:
+    path = log(tmp_path, 7, event("restart"), event("restart"), event("restart"))
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:2], lines[3], "rubbish\n"]))
+    shown = Shown(Logs([path]), Filter())
+    words = [row.words for row in shown]
+    assert words[1].startswith("-- seq: 3 after 1, expected 2: 1 missing")
+    assert words[3].startswith("-- UNREADABLE: not JSON") and not shown.good
+
+
+def test_filters(tmp_path: Path) -> None:
+    cam = {"type": "CAM", "v": 1, "src": 7, "marks": [[7, 1]]}
+    events = [
+        event("send", tx="7:1", message=cam),  # line 2
+        event("timer", op="arm", timer={"name": "cam"}, deadline=9),
+        event("receive", tx="8:1", message=fin(8, 7)),
+        event("timer", op="arm", timer={"name": "hold"}, deadline=9),
+        event("receive", tx="8:2", message=fin(8, 7, session=(8, 5))),
+        event("indication", indication={"name": "ended"}),
+        event("receive", tx="8:3", raw="AAAA"),
+        event("receive", tx="8:4", message=cam),
+        event("timer", op="expire", timer={"name": "cam"}),
+    ]
+    path = log(tmp_path, 7, *events)
+
+    def lines(**wanted: Any) -> list[int]:
+        return [line for _, line in placed(rows(path, **wanted))]
+
+    assert lines() == [4, 5, 6, 7, 8, 10]
+    assert lines(cams=True) == list(range(2, 11))
+    assert lines(timers=False) == [4, 6, 7, 8]
+    assert lines(session=(7, 1)) == [4, 5]
+    assert lines(session=(7, 1), cams=True) == [2, 4, 5, 9]
+    assert lines(session=(8, 5)) == [6, 7]
+    assert lines(types=frozenset({"Fin"})) == [4, 6]
+    assert lines(from_line=7) == [7, 8, 10]
+    assert lines(stations=frozenset({8})) == []
+    wanted = Filter()
+    list(Shown(Logs([path]), wanted))
+    assert wanted.hidden_cams == 2
+
+
+def test_the_last_rows_know_the_phase_before_them(tmp_path: Path) -> None:
+    path = log(tmp_path, 7, event("restart", phase="WAITING"), event("restart", phase="WAITING"))
+    shown = Shown(Logs([path]), Filter(), last=2)
+    assert [(row.line, shown.phases) for row in shown] == [(3, {7: "WAITING"}), (4, {7: "WAITING"})]
+
+
+def test_two_logs_of_one_station_are_refused_and_two_runs_are_warned_of(tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    one, same = log(tmp_path, 7), log(tmp_path / "b", 7)
+    with pytest.raises(LogError, match="7 is the station of"):
+        Logs([one, same])
+    assert Logs([one, log(tmp_path, 8, run="s")]).warnings == ["not one run: 'r' and 's'"]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("a\x1b[31mb", "a\\x1b[31mb"),
+        ("a\nb\r", "a\\nb\\r"),
+        ("\u202eabc", "\\u202eabc"),
+        ("\u05d0\u05d1", "\\u05d0\\u05d1"),
+        ("\u6f22\u5b57", "\u6f22\u5b57"),
+        ("é", "é"),
+        ("x" * 1000, "x" * 300),
+    ],
+)
+def test_no_text_moves_the_cursor_or_turns_the_line(text: str, shown: str) -> None:
+    assert safe(text) == shown
+
+
+@pytest.mark.parametrize("text", ["abc", "abcdefghijklmn", "\u6f22\u5b57" * 5, "e\u0301" * 9, ""])
+@pytest.mark.parametrize("width", [4, 9, 10])
+def test_a_cell_is_as_wide_as_its_column(text: str, width: int) -> None:
+    assert cell_len(fitted(text, width)) == width
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"type": "Fin"},
+        {"type": "CAM", "marks": 3},
+        {"type": "Ack", "of": 5, "session": {"a": 1}, "src": [1], "dst": {}},
+        {"type": "\x1b[2J", "session": [1, [2]], "proposal": True, "reason": ["x" * 10_000]},
+    ],
+)
+def test_any_message_has_words(tmp_path: Path, message: Line) -> None:
+    for ev in ("send", "receive"):
+        one = RECORD.validate_json(json.dumps(event(ev, seq=1, tx="7:1", message=message)))
+        assert isinstance(one, Send | Receive)
+        assert said(one).isprintable() and len(said(one)) <= 300
+    both = [log(tmp_path, s, event("send", tx=f"{s}:1", message=message)) for s in (7, 8)]
+    assert len(placed(rows(*both, session=(7, 1), cams=True))) in (0, 2)
+    assert len(placed(rows(*both, cams=True))) == 2
+
+
+def test_long_logs_are_merged_in_bounded_memory(tmp_path: Path) -> None:
+    said_ = {"message": fin(7, 8), "x_pad": "x" * 400}
+    sent = [event("send", n, tx=f"7:{n}", **said_) for n in range(2000)]
+    received = [event("receive", n, tx=f"7:{n}", **said_) for n in range(2000)]
+    paths = [log(tmp_path, 7, *sent), log(tmp_path, 8, *received)]
+    tracemalloc.start()
+    assert sum(1 for _ in Shown(Logs(paths), Filter(), last=3)) == 3
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1_000_000
