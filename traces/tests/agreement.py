@@ -1,6 +1,7 @@
 """Generated logs for tests: good ones, of models and of the reference, and edits of them.
 
-The same seed gives the same logs.  Nothing here asks the engines.
+The same seed gives the same logs.  ``python agreement.py 2000`` has the engine judge so many good
+and so many edited ones, and counts why each verdict is right.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ import copy
 import json
 import random
 import re
+import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -142,6 +145,12 @@ def mutated(lines: Lines, seed: int) -> tuple[Lines, str, int]:
                 records[at]["t_ms"], records[at + 1]["t_ms"] = times
         case "edited":
             _edit(records[at], chance)
+        case "shifted" if chance.random() < 0.5:
+            late = chance.choice([30, 120, 900])
+            for record in records[at:]:
+                for name in ("t_ms", "deadline"):
+                    if name in record:
+                        record[name] += late
         case "shifted":
             room = records[at + 1]["t_ms"] if at + 1 in body else records[at]["t_ms"] + 500
             first = records[at - 1]["t_ms"] if at - 1 in body else 0
@@ -202,6 +211,157 @@ def _other(key: Any, value: Json, chance: random.Random) -> Json:
     if isinstance(value, bool):
         return not value
     if isinstance(value, int):
-        return value + chance.choice([1, 2, 1000]) if chance.random() < 0.7 else max(0, value - 1)
+        less = chance.random() < 0.3 and value > 0
+        return value - 1 if less else value + chance.choice([1, 2, 1000])
     others = [name for name in _NAMES.get(str(key), ()) if name != value]
     return chance.choice(others) if others else value + "x"
+
+
+# -- why a verdict on an edited log is right
+
+
+INPUT = ("receive", "command", "restart")
+FREE = {
+    "CAM": "a CAM is judged by its marks, version and sender alone",
+    "time": "no rule says when, within what the timers allow",
+    "order": "what follows an input has no order",
+    "input": "this input changes nothing here, or is another that calls for the same",
+    "content": "content that no rule judges",
+    "untold": "a duration that the header does not tell",
+    "restart": "the stops after a restart are not wanted",
+    "end": "no input comes after that would show that the timer was due",
+    "nothing": "the edit changed nothing",
+}
+"""Why an edited log may be allowed."""
+
+
+def reason(good: Lines, edited: Lines, kind: str, line: int, verdict: str, named: int) -> str:
+    """Why the verdict on an edited log is right, in words; "" if no reason is known.
+
+    ``verdict`` and ``named`` are what an engine said, ``line`` is where the edit was made.
+    """
+    records = [json.loads(text) for text in edited]
+    if verdict in ("diverges", "unreadable"):
+        if named == line:
+            return "at the line"
+        if kind == "swapped" and named == line + 1:
+            return "at the line swapped with it"
+        first, last = _step(records, line)
+        before, end = _step(records, line - 1)
+        if named in (first, before) or first <= named <= end:
+            return "at the input whose step it was in"
+        if first <= named <= last or before <= named <= end:
+            return "later in the same step"
+        if named > line and kind in ("dropped", "edited", "shifted", "duplicated", "swapped"):
+            return _later(records, json.loads(good[line - 1]), kind, named)
+        return ""
+    if verdict == "allowed":
+        return _allowed([json.loads(text) for text in good], records, kind, line)
+    return ""
+
+
+def _is_input(record: Json) -> bool:
+    return record.get("ev") in INPUT or record.get("op") == "expire"
+
+
+def _is_cam(record: Json) -> bool:
+    return bool(record.get("message", {}).get("type") == "CAM")
+
+
+def _step(records: list[Json], line: int) -> tuple[int, int]:
+    """The first and the last line of the step that a line is in."""
+    first = min(line, len(records))
+    while first > 2 and not _is_input(records[first - 1]):
+        first -= 1
+    last = first
+    while last < len(records) - 1 and not _is_input(records[last]):
+        last += 1
+    return first, last
+
+
+def _later(records: list[Json], was: Json, kind: str, named: int) -> str:
+    if was.get("ev") == "timer":
+        return "later, when the timer is due or missed"
+    if kind == "shifted":
+        return "later, when a timer is due"
+    if was.get("ev") == "receive" and _is_cam(was):
+        return "later, by what the CAM should have done"
+    if was.get("ev") in ("receive", "command", "send"):
+        return "later, by what follows from the content"
+    return ""
+
+
+def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
+    one = good[line - 1] if kind != "duplicated" else edited[line - 1]
+    two = edited[line - 1] if line <= len(edited) else {}
+    if kind == "shifted":
+        return FREE["time"]
+    if kind == "swapped":
+        other = edited[line]
+        if _is_cam(two) or _is_cam(other):
+            return FREE["CAM"]
+        if not _is_input(two) and not _is_input(other):
+            return FREE["order"]
+        if _is_input(two) and _is_input(other):
+            return FREE["input"]
+        return ""
+    if _is_cam(one):
+        return FREE["CAM"]
+    if kind == "edited" and _inner(one) == _inner(two):
+        return FREE["nothing"]
+    if kind in ("dropped", "duplicated"):
+        if one["ev"] == "receive":
+            return FREE["input"]
+        at, _ = _step(good, line)
+        if one.get("op") == "stop" and good[at - 1].get("ev") == "restart":
+            return FREE["restart"]
+        if one.get("op") == "expire" and not any(map(_is_input, good[line:])):
+            return FREE["end"]
+        return ""
+    if one.get("op") == "arm" and one["deadline"] != two["deadline"]:
+        return FREE["untold"]
+    if one["ev"] == "receive":
+        return FREE["content"]
+    if one["ev"] == "indication" and one["indication"]["name"] == two["indication"]["name"]:
+        return FREE["content"]
+    if one["ev"] == "command" and one["command"]["name"] == two["command"]["name"]:
+        return FREE["content"]
+    at, _ = _step(good, line)
+    if one.get("op") == "stop" and good[at - 1].get("ev") == "restart":
+        return FREE["restart"]
+    return ""
+
+
+def main(number: int) -> int:
+    """Judge; returns how many verdicts have no reason."""
+    from automcm_traces.explain import explain_files
+
+    good = good_logs(number, 1)
+    counts: Counter[tuple[str, str, str]] = Counter()
+    odd = 0
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.ndjson"
+
+        def judge(lines: Lines) -> tuple[str, int]:
+            path.write_text("\n".join(lines) + "\n")
+            (verdict,) = explain_files([path])
+            return verdict.verdict, verdict.line
+
+        for n, lines in enumerate(good):
+            verdict, named = judge(lines)
+            counts["good", verdict, ""] += 1
+            odd += verdict != "allowed"
+            edited, kind, line = mutated(lines, n)
+            verdict, named = judge(edited)
+            why = reason(lines, edited, kind, line, verdict, named)
+            counts[kind, verdict, why or "no reason known"] += 1
+            if not why:
+                odd += 1
+                print(f"log {n}, {kind} at line {line}: {verdict} at {named}")
+    for key in sorted(counts):
+        print(f"{counts[key]:6} {' | '.join(key)}")
+    return odd
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(int(sys.argv[1])) > 0)
