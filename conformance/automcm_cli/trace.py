@@ -76,6 +76,7 @@ def _prefix(verdict: Verdict, out: Path) -> dict[str, str]:
         path = telling.prefix(verdict, out)
     except OSError as error:
         typer.echo(f"explain: {error}: the prefix is not written", err=True)
+        return {}
     return {"prefix": str(path), "replay": telling.replay(path)}
 
 
