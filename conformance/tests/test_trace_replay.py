@@ -522,6 +522,13 @@ def test_the_text(logs: Path, tmp_path: Path) -> None:
     done = cli.invoke(app, [*args, "--", *station(MUTANTS["marks nothing"][2])])
     assert done.exit_code == 1 and "DIVERGES: send CAM: marks" in done.stdout
     assert "by an" not in done.stdout and "last input" in done.stdout
+    bell = """
+def answer(command):
+    return {"error": "\\x07"} if received(command, "CAM") else right(command)
+"""
+    done = cli.invoke(app, [*args, "--", *station(bell)])
+    assert done.exit_code == 3 and "answered with an error" in done.stdout
+    assert "\x07" not in done.stdout, "what a station says does not steer a terminal"
     assert cli.invoke(app, args).exit_code == 2
     helped = cli.invoke(app, ["trace", "replay", "--help"])
     assert helped.exit_code == 0 and "Example: automcm trace replay" in helped.stdout
