@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -26,6 +26,10 @@ def explain(
     out: Annotated[
         Path, typer.Option(help="Folder for the failing prefix of a log that diverges.")
     ] = Path("runs/explain"),
+    engine: Annotated[
+        Literal["oracle", "tlc"],
+        typer.Option(help="Who judges: the oracle, or TLC on the specification itself."),
+    ] = "oracle",
     json_: Json = None,
 ) -> None:
     """Is each log allowed by the specification?  If not: the first event that is not, and why.
@@ -34,14 +38,16 @@ def explain(
     and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.
     """
     from automcm_spec.oracle import OracleError
+    from automcm_spec.tlc import TlcError
     from automcm_traces import explain as explain_
-    from automcm_traces import telling
+    from automcm_traces import telling, tlc_engine
 
+    judge = tlc_engine.explain_files if engine == "tlc" else explain_.explain_files
     try:
-        verdicts = explain_.explain_files(logs, late)
+        verdicts = judge(logs, late)
         system = explain_.together(logs) if len(logs) > 1 else None
         written = [_prefix(verdict, out) for verdict in verdicts]
-    except OracleError as error:
+    except (OracleError, TlcError) as error:
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None
     told = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
@@ -70,6 +76,7 @@ def _prefix(verdict: Verdict, out: Path) -> dict[str, str]:
         path = telling.prefix(verdict, out)
     except OSError as error:
         typer.echo(f"explain: {error}: the prefix is not written", err=True)
+        return {}
     return {"prefix": str(path), "replay": telling.replay(path)}
 
 

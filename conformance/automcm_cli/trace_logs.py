@@ -138,7 +138,7 @@ def _print(shown: Shown, stations: Sequence[int], width: int) -> None:
     table = Table(stations, width or (console.width if console.is_terminal else 80))
 
     def put(kind: str, line: str) -> None:
-        if console.is_terminal:
+        if console.is_terminal and not console.no_color:
             console.print(Text(line, STYLES[kind]), soft_wrap=True)
         else:
             typer.echo(line)

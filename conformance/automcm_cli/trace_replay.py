@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from automcm_conformance.replay_log import Replayed
 
 EPILOG = "Example: automcm trace replay 2002.ndjson -- automcm adapter.  " + CODES
+LONGEST = 2_000
+"""Characters of a line that is printed; what it quotes is somebody else's."""
 
 
 def replay(
@@ -29,6 +31,7 @@ def replay(
     What the log's own station sent is only compared.  The new log goes into --out.
     """
     from automcm_conformance.replay_log import replay as replay_
+    from automcm_conformance.report import visible
     from automcm_spec.oracle import OracleError
     from automcm_traces.reader import LogError
 
@@ -46,7 +49,7 @@ def replay(
     write_json(json_, result.as_dict())
     if str(json_) != "-":
         for text in _text(result):
-            typer.echo(text)
+            typer.echo(visible(text, limit=LONGEST))
     raise typer.Exit(result.exit_code)
 
 

@@ -50,11 +50,12 @@ def test_each_takes_a_folder(command: str, folder: Path) -> None:
     [
         (b"", "empty file"),
         (b"\x89PNG\r\n\x1a\n\x00", "this is a PNG image"),
-        (gzip.compress(b"{}"), "this is a gzip file"),
+        (gzip.compress(b"{}", mtime=0), "this is a gzip file"),
         (b"\xef\xbb\xbf{}\n", "byte order mark"),
         (b"\x00" * 3000, "not JSON"),
         (b"\xff" * 3000, "not UTF-8"),
     ],
+    ids=["empty", "PNG", "gzip", "BOM", "zeros", "rubbish"],
 )
 def test_each_says_what_the_wrong_file_is(
     command: str, content: bytes, problem: str, tmp_path: Path
@@ -147,3 +148,13 @@ def test_coverage_as_json(folder: Path, tmp_path: Path) -> None:
     assert value["rules"]["NEG-2"] == 1 and value["rules"]["NEG-4"] == 0
     assert value["graphs"]["one-peer"]["transitions"] > 10
     assert "rules" in answer.output
+
+
+def test_no_color_means_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = ["trace", "show", str(folder), "--last", "3"]
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert "\x1b" in run.invoke(app, arguments, color=True).output
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert "\x1b" not in run.invoke(app, arguments, color=True).output

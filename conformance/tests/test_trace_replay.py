@@ -17,6 +17,7 @@ from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_cli.main import app
+from automcm_conformance.log_compare import Compared
 from automcm_conformance.log_names import Names
 from automcm_conformance.wire import LARGE
 from automcm_spec.rules import RULES
@@ -380,6 +381,42 @@ def test_a_log_of_inputs_alone(tmp_path: Path) -> None:
     assert sent[0] == "Advertisement" and "refused" not in Path(result["log"]).read_text()
 
 
+def test_a_restart_at_a_deadline(tmp_path: Path) -> None:
+    """END-8: a timer due then is lost, unless the log says that it expired before."""
+    asks = {"v": 1, "type": "Advertisement", "src": 9, "session": [9, 1], "seq": 1}
+    asks |= {"scenario": "merge", "details": {}}
+    heard = {"ev": "receive", "message": asks, "planned": {"t0": 0, "points": [[0, 0, 0]]}}
+    about = {"type": "Intention", "to": 9, "session": [9, 1], "seq": 1}
+    expires = {"ev": "timer", "op": "expire", "timer": {"name": "resend", "message": about}}
+    for between, copies in (([], 1), ([{**expires, "t": 1_100}], 2)):
+        events = [{**heard, "t": 1_000}, *between, {"ev": "restart", "t": 1_100}]
+        code, result = replay(inputs(tmp_path / "x", *events), REFERENCE, tmp_path)
+        assert (code, verdict(result)) == (0, "allowed")
+        sent = [r["message"]["type"] for r in records(Path(result["log"])) if r.get("ev") == "send"]
+        assert sent.count("Intention") == copies
+
+
+def test_which_of_several_new_messages_has_the_lower_seq_is_free() -> None:
+    def sent(first: int, second: int) -> list[Json]:
+        new = ((8, first, "Prescription"), (9, second, "Cancel"))
+        common = {"src": 7, "session": [7, 1]}
+        return [{**common, "type": type_, "dst": to, "seq": seq} for to, seq, type_ in new]
+
+    for log, own, same in ((sent(2, 3), sent(3, 2), True), (sent(2, 3), sent(2, 3)[:1], False)):
+        names = Names(7)
+        compared = Compared(names, late_ms=50)
+        opens = {"type": "Advertisement", "src": 7, "session": [7, 1], "seq": 1}
+        for m in (opens, *log):
+            names.logged(m)
+        for m in (opens, *own):
+            names.sent(m)
+        for line, m in enumerate(log, 2):
+            compared.logged(line, 100, "send", m)
+        compared.done(1, 100, own, [])
+        compared.settle(100, ends=True)
+        assert (compared.first is None) is same
+
+
 def test_what_is_no_message_has_no_effect(tmp_path: Path) -> None:
     """END-5: bytes and messages that are malformed; bytes that no adapter can be given."""
 
@@ -485,6 +522,13 @@ def test_the_text(logs: Path, tmp_path: Path) -> None:
     done = cli.invoke(app, [*args, "--", *station(MUTANTS["marks nothing"][2])])
     assert done.exit_code == 1 and "DIVERGES: send CAM: marks" in done.stdout
     assert "by an" not in done.stdout and "last input" in done.stdout
+    bell = """
+def answer(command):
+    return {"error": "\\x07"} if received(command, "CAM") else right(command)
+"""
+    done = cli.invoke(app, [*args, "--", *station(bell)])
+    assert done.exit_code == 3 and "answered with an error" in done.stdout
+    assert "\x07" not in done.stdout, "what a station says does not steer a terminal"
     assert cli.invoke(app, args).exit_code == 2
     helped = cli.invoke(app, ["trace", "replay", "--help"])
     assert helped.exit_code == 0 and "Example: automcm trace replay" in helped.stdout

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from automcm_spec.oracle import Oracle
 from automcm_traces.asking import state_place
 from automcm_traces.engine import Diverges
-from automcm_traces.guards import Nearest, armed_in, causes, names, nearest, unarmed
+from automcm_traces.guards import armed_in, causes, names, nearest, timer_in, unarmed
 from automcm_traces.inputs import other
-from automcm_traces.log import Header
 from automcm_traces.track import CannotTell, Track, View
 
 Json = Any
-_FATE = {"indication": "told"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,92 +35,49 @@ class Why:
         return [*found, f"state before: {self.state}"] if self.state else found
 
 
-def why(d: Diverges, track: Track, header: Header) -> Why:
+def why(d: Diverges, track: Track) -> Why:
     """What is known of a divergence of a station that was in the state of ``track``."""
-    view = _view(d, track)
-    state = _state(view.track)
+    step = d.step
+    view = _view(d, track) if step is None else step.view
+    told = _state(view.track)
     try:
         graph, place = state_place(view)
     except CannotTell:
-        return Why(state=state)
-    before, seen = graph.states[place], _observed(d)
-    written = names(view, _limits(header))
-    if not seen:
-        return Why(state=state)
-    found: Nearest | None = None
-    after: list[str] = []
-    if d.step is not None:
-        found = nearest(graph, before, _lists(d.step.input), seen)
-    elif seen[0] == "expire":
-        found, after = _expiry(graph, before, view, seen[1])
-    if found is None and seen[0] != "without" and seen[0] != "expire":
+        return Why(state=told)
+    before, seen = graph.states[place], d.seen or _lacking(d)
+    found, after = None, []
+    if step is not None and seen:
+        full = step.rule == "MEM-1"
+        found = nearest(graph, before, step.input, seen, full=full)
+    elif seen and seen[0] == "expire":
+        timer = timer_in(view, seen[1])
+        found = unarmed(graph, before, timer)
+        phases = armed_in(graph, timer) if len(timer) == 1 else []
+        after = [f"a step into {', '.join(phases)}"] if phases else []
+    written = names(view, step.given if step else None)
+    if found is None and seen and seen[0] not in ("without", "expire"):
         after = causes(graph, before, seen, written)
-    return Why(found.text(written) if found else "", tuple(after), state)
-
-
-def _expiry(
-    graph: Oracle, before: Json, view: View, timer: dict[str, Json]
-) -> tuple[Nearest | None, list[str]]:
-    """Why a timer does not run; if it is one that runs in some phases only, in which."""
-    if timer["name"] in ("resend", "giveup", "forget"):
-        return None, []
-    value = [timer["name"]]
-    phases = armed_in(graph, value)
-    where = [f"this timer runs in {', '.join(phases)}"] if len(phases) < 8 else []
-    return unarmed(graph, before, value), where
+    return Why(found.text(written) if found else "", tuple(after), told)
 
 
 def _view(d: Diverges, track: Track) -> View:
-    if d.step is not None:
-        return d.step.view
+    """What an effect that nothing called for is about."""
     named = d.seen[1] if d.seen and isinstance(d.seen[1], dict) else {}
     y = named.get("dst") or named.get("station") or track.peer
-    session = named.get("session")
-    return View(track, y, other(track, y), session, named.get("proposal", 0))
+    return View(track, y, other(track, y), named.get("session"), named.get("proposal", 0))
 
 
-def _observed(d: Diverges) -> list[Json]:
-    """What the log has, or lacks, in the words of ``guards``."""
-    if not d.seen:
-        return _lacking(d)
-    kind, what = d.seen
-    if kind == "send":
-        if what["type"] == "CAM":
-            return []
-        words = ["send", what["type"]]
-        words += [what.get("accepted", False)] if what["type"] == "Acceptance" else []
-        return words + ([what["reason"]] if "reason" in what else [])
-    if kind == "expire":
-        return ["expire", what]
-    if kind in ("arm", "stop"):
-        return [kind, what["name"]]
-    return [_FATE.get(kind, kind), what]
-
-
-def _lacking(d: Diverges) -> list[Json]:
+def _lacking(d: Diverges) -> tuple[Json, ...]:
+    """The first thing that is missing after a step, in the words of ``guards``."""
     step = d.step
     if step is None:
-        return []
+        return ()
     if step.messages:
-        return ["without", "send", step.messages[0].type]
+        return ("without", "send", step.messages[0].type)
     for kind, pool in (("arm", step.arm), ("stop", step.stop)):
         if pool:
-            return ["without", kind, pool[0][1][0]]
-    return ["without", "told", *step.told[:1]]
-
-
-def _limits(header: Header) -> dict[str, int]:
-    p = header.parameters
-    told = {
-        "MaxParticipants": p.max_participants,
-        "OutboxLimit": p.outbox_limit,
-        "MemoryLimit": p.memory_limit,
-    }
-    return {name: n for name, n in told.items() if n is not None}
-
-
-def _lists(value: Json) -> Json:
-    return [_lists(v) for v in value] if isinstance(value, tuple) else value
+            return ("without", kind, pool[0][1][0])
+    return ("without", "told", *step.told[:1])
 
 
 def _state(t: Track) -> str:

@@ -273,7 +273,7 @@ class Engine:
         step = self._step
         if step is None:
             return
-        missing = self.outstanding()
+        missing = self.outstanding() if step.messages or step.arm or step.stop or step.told else []
         if missing:
             text = f"{step.what}: not everything followed"
             raise Diverges(step.at, text, step.rule, missing, step.guard, step)
@@ -427,7 +427,9 @@ class Engine:
         step = self._current(at, t_ms, event, seen)
         problems = []
         for e in step.messages:
-            problem = difference(e, m, self.track, step.content, step.fresh) or malformed(m)
+            problem = difference(e, m, self.track, step.content, step.fresh)
+            if problem is None and not well_formed(m):
+                problem = malformed(m)
             if problem is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))
@@ -441,9 +443,10 @@ class Engine:
 
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
-        wanted, odd = self.track.marks, malformed(m)
-        if odd:
-            raise Diverges(at, f"send CAM ({odd})", "END-5", [], RULES["END-5"], None, ("send", m))
+        wanted = self.track.marks
+        if not well_formed(m):
+            text = f"send CAM ({malformed(m)})"
+            raise Diverges(at, text, "END-5", [], RULES["END-5"], None, ("send", m))
         if sorted(m["marks"]) != wanted:
             event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
             raise Diverges(at, event, "ACT-5", wants, RULES["ACT-5"], None, ("send", m))

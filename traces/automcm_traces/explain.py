@@ -105,7 +105,11 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
             recent.append((at, event))
             states = follow.states
             follow.feed(at, event)
-        at = _after(log, at)
+        if isinstance(log, LogStream) and log.gap is not None:
+            at, missing_records = log.gap
+            raise CannotTell(f"records are missing before this line: {missing_records}")
+        if not at:
+            raise CannotTell("the log holds no event")
         if log.ended:
             follow.finish()
         states = follow.states
@@ -125,7 +129,7 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
             number_of_sessions=sessions.number,
             recent=tuple(recent),
             seen=at,
-            why=why(d, follow.track, log.header),
+            why=why(d, follow.track),
             **about,
         )
     except CannotTell as error:
@@ -156,16 +160,6 @@ def _follower(header: Header, late_ms: int | None, sessions: Sessions) -> Engine
 
 def _events(log: Log | LogStream) -> Iterator[tuple[int, Event]]:
     return iter(log) if isinstance(log, LogStream) else iter(log.events)
-
-
-def _after(log: Log | LogStream, at: int) -> int:
-    """The last line but for the end.  Raises CannotTell where nothing can be concluded."""
-    if isinstance(log, LogStream) and log.gap is not None:
-        line, what = log.gap
-        raise CannotTell(f"records are missing before line {line}: {what}")
-    if not at:
-        raise CannotTell("the log holds no event")
-    return at
 
 
 def _read_to_the_end(log: LogStream) -> None:

@@ -41,7 +41,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "json": ("error", "a line is one JSON object"),
     "schema": ("error", "a record has the fields of its kind, of the right type, and no others"),
     "key": ("error", "no object has a key twice"),
-    "message": ("error", "a message has the form that the protocol gives its type (END-5)"),
+    "message": ("warning", "a message has the form that the protocol gives its type (END-5)"),
     "order": ("error", "one header first, then events, then one end, and nothing after it"),
     "seq": ("error", "seq counts from 1, without a gap and without repetition"),
     "t_ms": ("error", "t_ms never goes back"),
@@ -49,7 +49,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "deadline": ("error", "a timer is not armed for a time that is past"),
     "cut": ("warning", "the last line was being written when the log broke off"),
     "end": ("warning", "the log has an end, and it says that nothing was lost"),
-    "unknown": ("warning", "events, hints and kinds of message are known here"),
+    "unknown": ("warning", "kinds of event, and the hints rule, phase and role, are known here"),
     "complete": ("warning", "what `complete` promises is there, as far as one can see"),
 }
 """By name: what breaks the format and what is merely odd, and what each check wants."""

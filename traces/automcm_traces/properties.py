@@ -123,7 +123,13 @@ class SystemReport:
         lines += [f"session {text}" for text in self.sessions]
         held = [j.property for j in self.properties if j.outcome == "holds"]
         lines += [f"hold: {', '.join(held)}"] if held else []
-        lines += [j.text() for j in self.properties if j.outcome != "holds"]
+        lines += [j.text() for j in self.properties if j.outcome == "violated"]
+        untold: dict[tuple[str, ...], list[str]] = {}
+        for j in self.properties:
+            if j.outcome == "cannot_tell":
+                untold.setdefault(j.where, []).append(j.property)
+        for where, names in untold.items():
+            lines.append(f"cannot tell: {', '.join(names)}: {'; '.join(where)}")
         for way, counts in self.deliveries.items():
             told = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items())
             lines.append(f"messages {way}: {told}")

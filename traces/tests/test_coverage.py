@@ -119,13 +119,8 @@ def test_a_log_that_diverges_is_named(logs: list[Path], tmp_path: Path) -> None:
     assert f"{wrong}:{number}: DIVERGES: send Acceptance" in "\n".join(text(both))
 
 
-def test_lost_records_and_a_partial_promise_cannot_be_told(
-    logs: list[Path], tmp_path: Path
-) -> None:
+def test_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
     lines = logs[0].read_text().splitlines()
     end = json.dumps({**json.loads(lines[-1]), "lost_records": 3}).encode() + b"\n"
     lost = changed(logs[0], tmp_path, len(lines), end)
     assert [what for _, _, what, _ in measure([lost]).problems] == ["cannot_tell"]
-    header = json.dumps({**json.loads(lines[0]), "complete": ["send"]}).encode() + b"\n"
-    partial = changed(logs[0], tmp_path, 1, header)
-    assert exit_code(measure([partial])) == 4

@@ -162,6 +162,12 @@ def test_every_check_is_shown_here() -> None:
     assert {check for _, _, wanted in CASES for _, check, _ in wanted} == set(CHECKS)
 
 
+def test_the_documentation_has_every_check() -> None:
+    text = (Path(__file__).parents[2] / "docs/trace-format.md").read_text()
+    for name, (level, wanted) in CHECKS.items():
+        assert f"| `{name}` | {level} | {wanted} |" in text
+
+
 def test_what_is_clean_can_be_read_and_what_cannot_be_read_is_not_clean(tmp_path: Path) -> None:
     """The lint is never milder than the reader."""
     for _, lines, _ in CASES:
@@ -213,6 +219,11 @@ def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> No
         "2 a second time",
         "goes back from 2 to 1",
     ]
+
+
+def test_a_log_of_a_station_that_sends_rubbish_is_a_good_log(tmp_path: Path) -> None:
+    one = report(write(tmp_path, HEADER, send(1, dst=0, x=1), arm(2), end(2)))
+    assert (one.verdict, one.warnings) == ("clean", 2)
 
 
 def test_warnings_leave_a_log_clean(tmp_path: Path) -> None:

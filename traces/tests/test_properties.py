@@ -18,8 +18,9 @@ from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_traces import durations
-from automcm_traces.properties import NAMES, SystemReport, judge
+from automcm_traces.properties import NAMES, SystemReport, agreement, commitment, judge
 from automcm_traces.reader import Log, read
+from automcm_traces.timeline import Moment, Timeline
 from automcm_traces.world import World
 
 TRAJECTORY = Straight().trajectory()
@@ -129,6 +130,36 @@ def test_t_4_the_target_took_a_shorter_lease(tmp_path: Path) -> None:
     assert hazard.length is not None and hazard.length.best == run.hazard()
 
 
+def test_s_2_a_cancel_of_somebody_else_ends_no_commitment() -> None:
+    held = Moment(1, 2, 0, "ACTUATING", "receiver", (1, 1), 0, 1)
+    for src, about, allowed in ((1, (1, 1), True), (3, (1, 1), False), (1, (1, 2), False)):
+        left = Moment(2, 3, 5, cause="receive Cancel", src=src, about=about)
+        line = Timeline(2, "2.ndjson", [held, left])
+        assert [holds for holds, _ in commitment([line])] == [allowed]
+
+
+def test_s_4_the_prescriber_acts_with_another_target(tmp_path: Path) -> None:
+    world = World(Run(tmp_path).logs())
+    assert [holds for holds, _ in agreement(world)] == [True]
+    line = world.timelines[1]
+    line.moments = [replace(m, target=3 if m.target else 0) for m in line.moments]
+    assert [holds for holds, _ in agreement(world)] == [False]
+
+
+def test_what_messages_order_needs_no_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first session of the prescriber is over before the second of its target begins."""
+    run = Run(tmp_path, maneuver_ms=1000)
+    run.simulation.request(1, at=7000)
+    world = World(run.logs(until=14_000))
+    monkeypatch.setattr(world, "elapsed", lambda *_: None)
+    first, second = world.timelines[1].spells("ACTUATING", "prescriber")
+    one, two = world.timelines[2].spells("ACTUATING", "receiver")
+    assert world.apart(first, two) is True and world.apart(second, one) is True
+    assert world.apart(first, one) is not True
+
+
 def lines_of(world: World, station: int) -> list[Any]:
     return world.timelines[station].moments
 
@@ -173,9 +204,11 @@ def test_t_3_a_message_sent_too_often(tmp_path: Path) -> None:
 
 
 def test_t_3_copies_sent_as_answers_do_not_count(tmp_path: Path) -> None:
-    """The prescriber sends its Cancel again for every late copy of an Intention (ADV-5)."""
-    run = Run(tmp_path, drop=lambda src, dst, m, now: m.type in ("Ack", "Cancel"))
+    """The prescriber sends its Fin again for every copy of an Acceptance too (NEG-6)."""
+    run = Run(tmp_path, drop=lambda src, dst, m, now: m.type in ("Ack", "Fin"), maneuver_ms=500)
     report = judge(run.logs())
+    fins = [r for r in records(tmp_path / "1.ndjson") if r.get("ev") == "send"]
+    assert sum(r["message"]["type"] == "Fin" for r in fins) > 21
     assert "T-3" not in broken(report)
 
 

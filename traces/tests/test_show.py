@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import tracemalloc
 from pathlib import Path
@@ -246,6 +247,12 @@ def test_two_logs_of_one_station_are_refused_and_two_runs_are_warned_of(tmp_path
     with pytest.raises(LogError, match="7 is the station of"):
         Logs([one, same])
     assert Logs([one, log(tmp_path, 8, run="s")]).warnings == ["not one run: 'r' and 's'"]
+
+
+def test_a_pipe_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(LogError, match="is a pipe"):
+        Logs([tmp_path / "pipe"])
 
 
 @pytest.mark.parametrize(

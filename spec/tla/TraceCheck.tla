@@ -1,0 +1,407 @@
+------------------------------ MODULE TraceCheck ------------------------------
+(***************************************************************************)
+(* Logs of single stations, held against Station.tla: the second engine of *)
+(* "automcm trace explain".  Each behaviour follows one log, line by line. *)
+(* Where no line can be taken any more, it prints DIVERGES with the line;  *)
+(* at the end of the log it prints ALLOWED.                                *)
+(*                                                                         *)
+(* Logs is written by traces/automcm_traces/tlc_engine.py.  There stations *)
+(* are small numbers, times begin at 1, and contents are numbers too: the  *)
+(* same content, the same number.                                          *)
+(*                                                                         *)
+(* What Station.tla leaves out is checked here: the counter behind seq, a  *)
+(* copy byte for byte, what an Ack names, the content given by a command,  *)
+(* the number of a new session, deadlines, and which CAM is newer.         *)
+(*                                                                         *)
+(* If a log promises every kind of event, there is one behaviour for it.   *)
+(* Kinds that it does not promise (commands, timers, restarts) are guessed:*)
+(* the log is allowed if one of its behaviours reaches the end.            *)
+(***************************************************************************)
+EXTENDS Station, Integers, Sequences, TLC
+
+CONSTANT Logs
+
+VARIABLES
+  log,    \* which log
+  at,     \* its next event
+  st,     \* the station
+  step,   \* the last input, and what still has to follow it
+  box,    \* the messages behind the entries of the outbox
+  armed,  \* timers and their deadlines
+  count,  \* seq of the last new message in the session
+  lease,  \* lease_ms of the current Prescription, or Untold
+  heard   \* generation time of the last CAM that counted
+
+vars == <<log, at, st, step, box, armed, count, lease, heard>>
+
+(***************************************************************************)
+(* Logs                                                                    *)
+(***************************************************************************)
+Untold == -1    \* a duration that the header does not tell
+
+\* A message: that of Station.tla with its real seq, the number of its bytes,
+\* the numbers of its contents, its lease, and whether it is well formed.
+M(type, src, dst, session, seq, proposal, accepted, reason, of,
+  body, content, ms, formed) ==
+  [ type |-> type, src |-> src, dst |-> dst, session |-> session, seq |-> seq,
+    proposal |-> proposal, accepted |-> accepted, reason |-> reason, of |-> of,
+    body |-> body, content |-> content, lease |-> ms, formed |-> formed ]
+
+\* A timer as a log names it; seq is the real one.
+T(name, type, to, session, seq, station) ==
+  [ name |-> name, type |-> type, to |-> to, session |-> session, seq |-> seq,
+    station |-> station ]
+
+\* Events.  m and timer are places in the tables of the log.
+Event(kind, line, t)           == [kind |-> kind, line |-> line, t |-> t]
+Received(line, t, m, concerned, given) ==
+  [ kind |-> "receive", line |-> line, t |-> t, m |-> m,
+    concerned |-> concerned, given |-> given ]
+Malformed(line, t, must)       ==     \* must: it is reported for certain
+  [kind |-> "malformed", line |-> line, t |-> t, must |-> must]
+CamReceived(line, t, src, marks, generation) ==
+  [ kind |-> "cam", line |-> line, t |-> t, src |-> src, marks |-> marks,
+    generation |-> generation ]
+Commanded(line, t, name, session, proposal, target, given, ms, opens) ==
+  [ kind |-> "command", line |-> line, t |-> t, name |-> name,
+    session |-> session, proposal |-> proposal, target |-> target,
+    given |-> given, lease |-> ms, opens |-> opens ]
+Sent(line, t, m)               == [kind |-> "send", line |-> line, t |-> t, m |-> m]
+CamSent(line, t, src, marks)   ==
+  [kind |-> "beacon", line |-> line, t |-> t, src |-> src, marks |-> marks]
+Armed_(line, t, timer, lasts)  ==
+  [kind |-> "arm", line |-> line, t |-> t, timer |-> timer, lasts |-> lasts]
+Stopped(line, t, timer)        ==
+  [kind |-> "stop", line |-> line, t |-> t, timer |-> timer]
+Expires(line, t, timer)        ==
+  [kind |-> "expire", line |-> line, t |-> t, timer |-> timer]
+Told(line, t, name, reason)    ==
+  [kind |-> "told", line |-> line, t |-> t, name |-> name, reason |-> reason]
+
+\* The logs are kept in a register: each definition that names the constant
+\* would have TLC look through all of them once more.
+LOGS == 1
+
+This        == TLCGet(LOGS)[log]
+Me          == This.me
+Promised(k) == k \in This.complete
+
+(***************************************************************************)
+(* The step that goes on                                                   *)
+(***************************************************************************)
+NoStep ==
+  [ line |-> 0, rule |-> "", out |-> {}, arm |-> {}, stop |-> {}, free |-> {},
+    told |-> Nothing, must |-> FALSE, given |-> <<>>, of |-> <<"none", 0>> ]
+
+Missing ==
+  \/ step.out # {}
+  \/ Promised("timer") /\ (step.arm # {} \/ step.stop # {})
+  \/ step.must /\ step.told # Nothing
+
+\* The messages behind the station's outbox, and its Advertisement.
+Kept ==
+  {b \in box : \/ b.entry \in st.outbox
+               \/ /\ b.entry.type = "Advertisement"
+                  /\ st.phase = "ADVERTISING" /\ b.entry.session = st.session}
+
+Behind(messages, type, to, session, seq) ==
+  {b \in messages : /\ b.entry.type = type /\ b.entry.to = to
+                    /\ b.entry.session = session /\ b.seq = seq}
+
+\* A timer of the log as Station.tla has it.
+Named(n) ==
+  IF n.name \in {"resend", "giveup"}
+  THEN LET found == Behind(box, n.type, n.to, n.session, n.seq) IN
+       IF found = {} THEN <<"unknown">>
+                     ELSE <<n.name, (CHOOSE b \in found : TRUE).entry>>
+  ELSE IF n.name = "forget" THEN Forget(n.station)
+  ELSE Timer(n.name)
+
+Duration(timer, ms) == IF timer[1] = "lease" THEN ms ELSE This.lasts[timer[1]]
+
+Due(timer, t, ms) ==
+  LET lasts == Duration(timer, ms) IN
+  [ timer |-> timer, due |-> IF lasts = Untold THEN t ELSE t + lasts,
+    sure |-> lasts # Untold ]
+
+Without(timers) == {a \in armed : a.timer \notin timers}
+
+\* The timers after a step: they are told by the lines that follow, or else
+\* by the step itself.
+Runs(r, t, ms, expired) ==
+  IF Promised("timer") THEN Without(expired)
+  ELSE Without(expired \cup r.arm \cup r.stop)
+       \cup {Due(timer, t, ms) : timer \in r.arm}
+
+Missed(t) ==
+  {a \in armed : a.sure /\ t > a.due + This.late}
+
+(***************************************************************************)
+(* Verdicts                                                                *)
+(***************************************************************************)
+EntryT(e)   == <<e.type, e.to, e.session, e.seq, e.accepted>>
+MessageT(m) == <<m.type, m.dst, m.session, m.seq, m.proposal, m.accepted,
+                 m.reason>>
+TimerT(t)   == IF Len(t) = 1 \/ t[1] = "forget" THEN t
+               ELSE <<t[1], EntryT(t[2])>>
+
+Wanted(s) ==
+  << {MessageT(m) : m \in s.out}, {TimerT(t) : t \in s.arm},
+     {TimerT(t) : t \in s.stop}, IF s.must THEN s.told ELSE Nothing >>
+
+Verdict(what, line, rule, wanted) ==
+  PrintT(ToString(<<what, log, line, rule, wanted>>)) /\ FALSE
+
+Diverges(line)  == Verdict("DIVERGES", line, step.rule, Wanted(step))
+Overdue(line, late) ==
+  Verdict("DIVERGES", line, "overdue", <<{TimerT(a.timer) : a \in late}>>)
+NotArmed(line)  ==
+  Verdict("DIVERGES", line, "not armed", <<{TimerT(a.timer) : a \in armed}>>)
+
+(***************************************************************************)
+(* Inputs                                                                  *)
+(***************************************************************************)
+Begin(line, r, must, given, of) ==
+  /\ st' = r.st
+  /\ step' = [ line |-> line, rule |-> r.rule, out |-> r.out, arm |-> r.arm,
+               stop |-> r.stop, free |-> {}, told |-> r.told, must |-> must,
+               given |-> given, of |-> of ]
+  /\ box' = Kept
+  /\ count' = IF Bound(st) THEN count ELSE 0
+
+\* Between two steps: nothing follows.
+Rest ==
+  /\ step' = NoStep /\ box' = Kept
+  /\ UNCHANGED <<st, armed, count, lease, heard>>
+
+\* What an Ack names, as Station.tla numbers it: what is not in the outbox has
+\* the number of an answer, which counts for nothing (END-6).
+Acked(m) ==
+  LET found == Behind(Kept, m.of[1], m.src, m.session, m.of[2])
+  IN <<m.of[1], IF found = {} THEN 0 ELSE (CHOOSE b \in found : TRUE).entry.seq>>
+
+Heard(m) ==
+  [ type |-> m.type, src |-> m.src, dst |-> m.dst, session |-> m.session,
+    seq |-> IF m.seq = 0 THEN 0
+            ELSE IF m.type \in {"Prescription", "Acceptance"} THEN m.proposal
+            ELSE 1,
+    proposal |-> m.proposal, accepted |-> m.accepted, reason |-> m.reason,
+    of |-> IF m.type = "Ack" THEN Acked(m) ELSE <<"none", 0>> ]
+
+OnReceive(e) ==
+  LET m == This.messages[e.m]
+      r == Step(Me, st, [ kind |-> "receive", message |-> Heard(m),
+                          concerned |-> e.concerned ])
+      ms == IF /\ m.type = "Prescription" /\ r.st.phase = "NEGOTIATING"
+               /\ st.phase # "NEGOTIATING" THEN m.lease ELSE lease
+  IN /\ Begin(e.line, r, Promised("indication"), e.given, <<m.type, m.seq>>)
+     /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED heard
+
+\* END-5: bytes that are no message.  One that names another station may be
+\* dropped silently.
+OnMalformed(e) ==
+  /\ step' = [NoStep EXCEPT !.line = e.line, !.rule = "END-5",
+                !.told = <<"discarded">>,
+                !.must = e.must /\ Promised("indication")]
+  /\ box' = Kept /\ UNCHANGED <<st, armed, count, lease, heard>>
+
+OnCamReceived(e) ==                                            \* ACT-5
+  LET r == Step(Me, st, [ kind |-> "cam", src |-> e.src, marks |-> e.marks,
+                          newer |-> ~st.heard \/ e.generation > heard ])
+  IN /\ Begin(e.line, r, FALSE, <<>>, <<"none", 0>>)
+     /\ armed' = Runs(r, e.t, lease, {}) /\ UNCHANGED lease
+     /\ heard' = IF Timer("cam") \in r.arm THEN e.generation ELSE heard
+
+\* A new session may have any number above the last one: opens is that of the
+\* Advertisement that follows, or 0.
+Numbered(number) == IF number > st.number THEN [st EXCEPT !.number = number - 1]
+                                          ELSE st
+
+Command(name, session, proposal, target) ==
+  [ kind |-> "command", name |-> name, session |-> session,
+    proposal |-> proposal, target |-> target ]
+
+Obeys(c, opens) ==
+  LET r == Step(Me, Numbered(opens), c)
+  IN IF c.name = "request" /\ r.told # <<"refused">> THEN r ELSE Step(Me, st, c)
+
+OnCommanded(e) ==
+  LET r == Obeys(Command(e.name, e.session, e.proposal, e.target), e.opens)
+      ms == IF e.name = "prescribe" /\ r.out # {} THEN e.lease ELSE lease
+  IN /\ Begin(e.line, r, Promised("indication"), e.given, <<"none", 0>>)
+     /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED heard
+
+Expire(line, t, timer) ==
+  LET r == Step(Me, st, [kind |-> "expire", timer |-> timer])
+  IN /\ Begin(line, r, Promised("indication"), <<>>, <<"none", 0>>)
+     /\ armed' = Runs(r, t, lease, {timer}) /\ UNCHANGED <<lease, heard>>
+
+OnExpires(e) ==
+  LET timer == Named(This.timers[e.timer]) IN
+  IF \E a \in armed : a.timer = timer /\ a.due <= e.t
+  THEN Expire(e.line, e.t, timer)
+  ELSE NotArmed(e.line)
+
+\* END-8: all timers stop, whether the log says so or not.
+Restarted(line, t) ==
+  LET r == Step(Me, st, [kind |-> "restart"]) IN
+  /\ st' = r.st
+  /\ step' = [NoStep EXCEPT !.line = line, !.rule = r.rule, !.arm = r.arm,
+                !.free = {a.timer : a \in armed}]
+  /\ armed' = IF Promised("timer") THEN {}
+              ELSE {Due(timer, t, lease) : timer \in r.arm}
+  /\ count' = 0 /\ UNCHANGED <<box, lease, heard>>
+
+OnCamSent(e) ==                                                \* ACT-5
+  IF e.src = Me /\ e.marks = Marks(st) THEN Rest
+  ELSE Verdict("DIVERGES", e.line, "ACT-5", <<Marks(st)>>)
+
+(***************************************************************************)
+(* What follows an input                                                   *)
+(***************************************************************************)
+Carries(type) ==
+  CASE type = "Advertisement" -> {"scenario", "details", "planned"}
+    [] type = "Intention"     -> {"planned"}
+    [] type = "Prescription"  -> {"prescribed", "hold_ms", "lease_ms"}
+    [] type = "Acceptance"    -> {"selected"}
+    [] OTHER                  -> {}
+
+AsGiven(m) ==
+  \A f \in Carries(m.type) \cap DOMAIN step.given :
+    f \in DOMAIN m.content /\ m.content[f] = step.given[f]
+
+\* Whether the message m of the log is the message x of the specification.
+Fits(x, m) ==
+  LET first == {b \in box : b.entry = Entry(x)} IN
+  /\ m.formed
+  /\ m.type = x.type /\ m.src = Me /\ m.dst = x.dst /\ m.session = x.session
+  /\ m.proposal = x.proposal /\ m.accepted = x.accepted
+  /\ IF first # {} THEN \E b \in first : m.body = b.body      \* a copy
+     ELSE /\ m.reason = x.reason
+          /\ m.of = IF x.type = "Ack" THEN step.of ELSE <<"none", 0>>
+          /\ m.seq = IF x.seq = 0 THEN 0 ELSE count + 1       \* END-6
+          /\ AsGiven(m)
+
+OnSent(e) ==
+  LET m == This.messages[e.m]
+      fits == {x \in step.out : Fits(x, m)}
+  IN IF fits = {} THEN Diverges(e.line)
+     ELSE LET x == CHOOSE y \in fits : TRUE
+              new == x.seq # 0 /\ ~ \E b \in box : b.entry = Entry(x)
+          IN /\ step' = [step EXCEPT !.out = @ \ {x}]
+             /\ box' = IF new THEN box \cup {[ entry |-> Entry(x),
+                                               seq |-> m.seq, body |-> m.body ]}
+                              ELSE box
+             /\ count' = IF new THEN m.seq ELSE count
+             /\ lease' = IF new /\ m.type = "Prescription" THEN m.lease
+                                                           ELSE lease
+             /\ UNCHANGED <<st, armed, heard>>
+
+OnArmed(e) ==
+  LET timer == Named(This.timers[e.timer])
+      lasts == Duration(timer, lease)
+  IN IF timer \in step.arm /\ lasts \in {Untold, e.lasts}
+     THEN /\ step' = [step EXCEPT !.arm = @ \ {timer}]
+          /\ armed' = Without({timer}) \cup
+                      {[timer |-> timer, due |-> e.t + e.lasts, sure |-> TRUE]}
+          /\ UNCHANGED <<st, box, count, lease, heard>>
+     ELSE Diverges(e.line)
+
+OnStopped(e) ==
+  LET timer == Named(This.timers[e.timer]) IN
+  IF timer \in step.stop \cup step.free
+  THEN /\ step' = [step EXCEPT !.stop = @ \ {timer}, !.free = @ \ {timer}]
+       /\ armed' = IF timer \in step.stop THEN Without({timer}) ELSE armed
+       /\ UNCHANGED <<st, box, count, lease, heard>>
+  ELSE Diverges(e.line)
+
+OnTold(e) ==
+  IF /\ step.told[1] = e.name /\ step.told # Nothing
+     /\ e.name = "fallback" /\ e.reason # "" => e.reason = step.told[2]
+  THEN /\ step' = [step EXCEPT !.told = Nothing]
+       /\ UNCHANGED <<st, box, armed, count, lease, heard>>
+  ELSE Diverges(e.line)
+
+(***************************************************************************)
+(* What a log may leave out                                                *)
+(***************************************************************************)
+Guesses ==
+  {Command("request", NoSession, 0, Nobody)}
+  \cup {Command("prescribe", st.session, NextProposal(st.proposal), p) :
+          p \in st.recorded \cup {st.target}}
+  \cup {Command(name, st.session, st.proposal, Nobody) :
+          name \in {"accept", "refuse", "proceed", "complete", "abort"}}
+
+\* The number of the Advertisement that comes next, or 0.
+Opens(e) == IF e.kind = "send" /\ This.messages[e.m].type = "Advertisement"
+            THEN This.messages[e.m].session[2] ELSE 0
+
+Refused(e) == e.kind = "told" /\ e.name = "refused"
+
+Unlogged(e) ==
+  /\ ~Missing /\ UNCHANGED <<log, at>>
+  /\ \/ /\ ~Promised("timer")
+        /\ \E a \in armed :
+             /\ a.due <= e.t
+             /\ Expire(e.line, IF a.sure /\ e.kind # "send" THEN a.due ELSE e.t,
+                       a.timer)
+     \/ /\ ~Promised("command")
+        /\ \E c \in Guesses : \E r \in {Obeys(c, Opens(e))} :
+             /\ (r.told = <<"refused">>) = Refused(e)
+             /\ Begin(e.line, r, Promised("indication"), <<>>, <<"none", 0>>)
+             /\ armed' = Runs(r, e.t, Untold, {})
+             /\ lease' = IF c.name = "prescribe" THEN Untold ELSE lease
+             /\ UNCHANGED heard
+     \/ ~Promised("restart") /\ Restarted(e.line, e.t)
+
+(***************************************************************************)
+(* The next line                                                           *)
+(***************************************************************************)
+Effects == {"send", "arm", "stop", "told"}
+
+Follows(e) ==
+  CASE e.kind = "send" -> OnSent(e)
+    [] e.kind = "arm"  -> OnArmed(e)
+    [] e.kind = "stop" -> OnStopped(e)
+    [] e.kind = "told" -> OnTold(e)
+
+Input(e) ==
+  CASE e.kind = "receive"   -> OnReceive(e)
+    [] e.kind = "malformed" -> OnMalformed(e)
+    [] e.kind = "cam"       -> OnCamReceived(e)
+    [] e.kind = "command"   -> OnCommanded(e)
+    [] e.kind = "expire"    -> OnExpires(e)
+
+\* A restart loses what was due, and a CAM is sent by a clock of its own.
+Line(e) ==
+  IF e.kind \in Effects THEN Follows(e)
+  ELSE IF Missing THEN Diverges(step.line)
+  ELSE IF e.kind = "beacon" THEN OnCamSent(e)
+  ELSE IF e.kind = "restart" THEN Restarted(e.line, e.t)
+  ELSE IF Missed(e.t) # {} THEN Overdue(e.line, Missed(e.t))
+  ELSE IF e.kind = "unreadable" THEN Verdict("UNREADABLE", e.line, "", <<>>)
+  ELSE Input(e)
+
+\* Where a line says phase and role, they are those after the step.
+AsSaid(e) ==
+  \/ This.says[at] = 0
+  \/ LET said == This.said[This.says[at]] IN
+     IF said[1] \in {"", st'.phase} /\ said[2] \in {"", st'.role} THEN TRUE
+     ELSE Verdict("DIVERGES", e.line, step'.rule, <<st'.phase, st'.role>>)
+
+\* Without its end a log may lack what followed the last input.
+AtEnd == IF This.ended /\ Missing THEN Diverges(step.line)
+                                  ELSE Verdict("ALLOWED", 0, "", <<>>)
+
+Init ==
+  /\ TLCSet(LOGS, Logs)
+  /\ log \in DOMAIN Logs /\ at = 1
+  /\ st = Initial /\ step = NoStep /\ box = {} /\ armed = {}
+  /\ count = 0 /\ lease = Untold /\ heard = 0
+
+Next ==
+  IF at > Len(This.events) THEN AtEnd /\ UNCHANGED vars
+  ELSE \E e \in {This.events[at]} :
+         \/ Line(e) /\ at' = at + 1 /\ UNCHANGED log /\ AsSaid(e)
+         \/ Unlogged(e)
+==============================================================================
