@@ -182,7 +182,7 @@ def _lost(log: Log) -> tuple[int, bytes | None]:
 def _seq(change: int) -> Edit:
     def edit(log: Log) -> tuple[int, bytes | None]:
         log.records[9]["seq"] += change
-        return 10 if change < 0 else 9, log.as_it_is()  # of a gap: what came before it
+        return 10, log.as_it_is()
 
     return edit
 
@@ -322,7 +322,7 @@ SEEDS: tuple[tuple[str, str, str, Edit, str, str, int], ...] = (
      _raw(lambda lines: (len(lines) + 1, b"".join([*lines, lines[1]]))), "unreadable", "", 0),
     ("seq_twice", "pair-1001", "An event has the seq of the one before.",
      _seq(-1), "unreadable", "", 0),
-    ("seq_gap", "pair-1001", "A seq is left out: an event is missing after line 9.",
+    ("seq_gap", "pair-1001", "A seq is left out: an event is missing before line 10.",
      _seq(1), "cannot_tell", "", 0),
     ("time_backwards", "pair-1001", "The clock goes back by a millisecond.",
      _back, "unreadable", "", 0),

@@ -29,6 +29,14 @@ log: `file`, `story`, `verdict`, `line` (0: none), `rule` (absent: no rule calle
 
 Whoever writes an engine of their own for this format can measure it by the index.
 
+`automcm trace itf` turns a counterexample in ITF (`traces/counterexamples/`, `automcm spec check`)
+into the logs of its stations, as here, with TLC; and a log into ITF, in which each state is the
+station after a step, with the operator (`action`), what the event carried (`args`), the rule, the
+line of the log and the place in Station.tla in its `#meta`.
+
+    automcm trace itf traces/counterexamples/no_busy_refusal.itf.json --out runs
+    automcm trace itf traces/corpus/pair/2002.ndjson --out runs
+
 ## Behaviours
 
 Every transition of the stations of the closed models, at least once. A transition is a station's

@@ -260,6 +260,51 @@ def reason(good: Lines, edited: Lines, kind: str, line: int, verdict: str, named
     return ""
 
 
+CONTENT = {
+    *("scenario", "details", "planned", "prescribed", "selected", "hold_ms", "lease_ms", "reason"),
+    *("generation_ms", "x_mm", "y_mm", "heading_mrad", "speed_mm_s"),
+}
+"""Fields of a message that mean nothing to who receives it; a lease counts when it is armed."""
+
+
+def _alone(records: list[Json], line: int) -> bool:
+    """Whether nothing follows from an input."""
+    first, last = _step(records, line)
+    return all(_is_cam(record) for record in records[first:last])
+
+
+def timely(records: list[Json]) -> bool:
+    """Whether each timer expires when due, is not overtaken, and lasts as the header tells."""
+    p = records[0]["parameters"]
+    late = p.get("t_resend", 100) // 2
+    told = {
+        "advertise": p.get("t_advertise"),
+        "resend": p.get("t_resend"),
+        "giveup": p.get("t_giveup"),
+        "decide": p.get("t_decide"),
+        "hold": p.get("t_hold"),
+        "cam": p.get("t_cam_loss"),
+    }
+    due: dict[str, int] = {}
+    for record in records[1:]:
+        key = json.dumps(record.get("timer"))
+        if record.get("ev") == "restart":
+            due.clear()
+        elif record.get("op") == "arm":
+            due[key] = record["deadline"]
+            lasts = told.get(record["timer"]["name"])
+            if lasts is not None and record["deadline"] != record["t_ms"] + lasts:
+                return False
+        elif record.get("op") == "stop":
+            due.pop(key, None)
+        elif _is_input(record):
+            if any(record["t_ms"] > deadline + late for deadline in due.values()):
+                return False
+            if record.get("op") == "expire" and record["t_ms"] < due.pop(key):
+                return False
+    return True
+
+
 def _is_input(record: Json) -> bool:
     return record.get("ev") in INPUT or record.get("op") == "expire"
 
@@ -295,7 +340,7 @@ def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
     one = good[line - 1] if kind != "duplicated" else edited[line - 1]
     two = edited[line - 1] if line <= len(edited) else {}
     if kind == "shifted":
-        return FREE["time"]
+        return FREE["time"] if timely(edited) else ""
     if kind == "swapped":
         other = edited[line]
         if _is_cam(two) or _is_cam(other):
@@ -303,15 +348,16 @@ def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
         if not _is_input(two) and not _is_input(other):
             return FREE["order"]
         if _is_input(two) and _is_input(other):
-            return FREE["input"]
+            return FREE["input"] if _alone(edited, line) or _alone(edited, line + 1) else ""
         return ""
-    if _is_cam(one):
-        return FREE["CAM"]
+    at_edit = good if kind == "dropped" else edited
+    if _is_cam(one) and kind != "edited":
+        return FREE["CAM"] if one["ev"] == "send" or _alone(at_edit, line) else ""
     if kind == "edited" and _inner(one) == _inner(two):
         return FREE["nothing"]
     if kind in ("dropped", "duplicated"):
         if one["ev"] == "receive":
-            return FREE["input"]
+            return FREE["input"] if _alone(at_edit, line) else ""
         at, _ = _step(good, line)
         if one.get("op") == "stop" and good[at - 1].get("ev") == "restart":
             return FREE["restart"]
@@ -320,8 +366,14 @@ def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
         return ""
     if one.get("op") == "arm" and one["deadline"] != two["deadline"]:
         return FREE["untold"]
-    if one["ev"] == "receive":
-        return FREE["content"]
+    if one["ev"] == "receive" or _is_cam(one):
+        message = one["message"], two["message"]
+        changed = {name for name in message[0] if message[0][name] != message[1].get(name)}
+        opaque = (
+            changed <= CONTENT or set(one) - set(two) or one.get("planned") != two.get("planned")
+        )
+        alone = one["ev"] == "receive" and _alone(edited, line)
+        return FREE["content"] if opaque or alone else ""
     if one["ev"] == "indication" and one["indication"]["name"] == two["indication"]["name"]:
         return FREE["content"]
     if one["ev"] == "command" and one["command"]["name"] == two["command"]["name"]:

@@ -43,12 +43,14 @@ def test_each_edit_is_caught_at_its_line_or_there_is_a_reason(
         if not reason(lines, edited, kind, line, verdict.verdict, verdict.line):
             odd.append((n, kind, line, verdict.verdict, verdict.line))
     assert kinds == set(KINDS) and caught > NUMBER
-    assert [o for o in odd if not names_another(good[o[0] % NUMBER][o[2] - 1])] == []
+    assert [o for o in odd if not may_go_unseen(good[o[0] % NUMBER][o[2] - 1])] == []
 
 
-def names_another(line: str) -> bool:
-    """A resend or giveup timer: that it names another session or seq may go unseen as yet."""
-    return json.loads(line).get("timer", {}).get("name") in ("resend", "giveup")
+def may_go_unseen(line: str) -> bool:
+    """That a resend or giveup timer names another session or seq, a CAM sent another station."""
+    record = json.loads(line)
+    cam = record["ev"] == "send" and record["message"]["type"] == "CAM"
+    return cam or record.get("timer", {}).get("name") in ("resend", "giveup")
 
 
 def test_an_edit_keeps_the_log_readable_and_is_the_same_for_the_same_seed(
