@@ -358,7 +358,7 @@ class Engine:
             early = f"{what}: {deadline.first - event.t_ms} ms too early"
             wanted = [f"{what} at {deadline.first} ms"]
             rule = TIMER_RULES[timer["name"]]
-            raise Diverges(at, early, rule, wanted, RULES[rule], None, seen)
+            raise Diverges(at, early, rule, wanted, _by(rule), None, seen)
         entry = None
         if "message" in timer and timer["message"]["type"] != "Advertisement":
             entry = self.track.entry_by_seq(timer["message"])
@@ -446,10 +446,13 @@ class Engine:
         wanted = self.track.marks
         if not well_formed(m):
             text = f"send CAM ({malformed(m)})"
-            raise Diverges(at, text, "END-5", [], RULES["END-5"], None, ("send", m))
+            raise Diverges(at, text, "END-5", [], _by("END-5"), None, ("send", m))
+        if m["src"] != self.track.me:
+            text, wants = f"send CAM: src {m['src']}", [f"src {self.track.me}"]
+            raise Diverges(at, text, "ACT-2", wants, _by("ACT-2"), None, ("send", m))
         if sorted(m["marks"]) != wanted:
             event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
-            raise Diverges(at, event, "ACT-5", wants, RULES["ACT-5"], None, ("send", m))
+            raise Diverges(at, event, "ACT-5", wants, _by("ACT-5"), None, ("send", m))
 
     def _told(self, at: int, event: ApplicationIndication) -> None:
         name = event.indication.name
@@ -537,11 +540,14 @@ class Engine:
         type_, to, session, k, _ = entry
         if named["type"] != type_ or named.get("to", 0) != (view.real_id(to) if to else 0):
             return False
-        if type_ == "Advertisement":
+        about = named["seq"], list(named["session"])
+        sent = [m for e, m in step.sent if (e.type, e.dst) == (type_, named.get("to", 0))]
+        if type_ == "Advertisement" and self.track.advertisement is not None:
+            sent.append(self.track.advertisement)
+        if any((m["seq"], m["session"]) == about for m in sent):
             return True
-        for e, m in step.sent:
-            if (e.type, e.dst, m["seq"]) == (type_, named["to"], named["seq"]):
-                return True
+        if type_ == "Advertisement":
+            return False
         found = self.track.entry_by_seq(named)
         return found is not None and view.entry(found)[2:4] == (session, k)
 
@@ -560,7 +566,11 @@ class Engine:
                 wanted = [f"expire {name} at {deadline.last} ms"]
                 rule = TIMER_RULES[name.split("(")[0]]
                 text = f"{name} was due at {deadline.last} ms"
-                raise Diverges(at, text, rule, wanted, RULES[rule])
+                raise Diverges(at, text, rule, wanted, _by(rule))
+
+
+def _by(rule: str) -> str:
+    return f"{rule}: {RULES[rule]}"
 
 
 def _sum(a: int | None, b: int | None) -> int | None:
