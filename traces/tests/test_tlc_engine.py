@@ -28,7 +28,7 @@ Records = list[dict[str, Json]]
 
 
 def simulate(folder: Path) -> dict[str, Records]:
-    """Logs by name: a session of two rounds, one that is aborted after a restart, two in a row."""
+    """Logs by name: a session of two rounds, one aborted with a restart in it, three in a row."""
     runs = {"rounds": 4, "abort": 5, "twice": 6}
     for run, seed in runs.items():
         (folder / run).mkdir()
@@ -39,12 +39,12 @@ def simulate(folder: Path) -> dict[str, Records]:
             simulation.add(station, driver, short if run == "twice" else None)
         simulation.request(1001, at=500)
         if run == "abort":
-            simulation.restart(1001, at=100)
+            simulation.restart(3003, at=1000)
             simulation.command(1001, Abort(session=(1001, 1)), at=3500)
         if run == "twice":
             simulation.request(1001, at=5000)
             simulation.request(3003, at=6700)
-        simulation.run(until=12_000 if run == "twice" else 7000)
+        simulation.run(until=12_000 if run == "twice" else 9000)
     return {
         f"{run}/{path.stem}": [json.loads(line) for line in path.read_text().splitlines()]
         for run in runs
@@ -180,6 +180,26 @@ def a_timer_of_another_session_is_armed(r: Records) -> int:
     return n + 1
 
 
+@wrong(RECEIVER)
+def a_timer_is_stopped_that_goes_on(r: Records) -> int:
+    n = find(r, "timer", op="arm", name="lease")
+    stop = {key: r[n][key] for key in ("rec", "t_ms", "ev", "timer")} | {"op": "stop"}
+    r.insert(n + 1, stop)
+    return n + 2
+
+
+@wrong(PRESCRIBER)
+def adv_5_an_intention_is_not_acked(r: Records) -> int:
+    n = find(r, "send", type="Ack")
+    del r[n]
+    return n
+
+
+@wrong(RECEIVER)
+def end_5_a_message_sent_has_an_unknown_field(r: Records) -> int:
+    return change(r, find(r, "send", type="Intention"), "message", note=1)
+
+
 @wrong(PRESCRIBER)
 def the_advertisement_is_sent_again_too_early(r: Records) -> int:
     n = find(r, "timer", op="expire", name="resend")
@@ -250,7 +270,7 @@ def end_5_a_message_of_another_version_is_obeyed(r: Records) -> int:
     return change(r, find(r, "receive", type="Prescription"), "message", v=2)
 
 
-@wrong("abort/1001")
+@wrong("abort/3003")
 def end_8_no_quarantine_after_a_restart(r: Records) -> int:
     del r[find(r, "timer", op="arm", name="quarantine")]
     return find(r, "restart") + 1
@@ -357,11 +377,11 @@ def no_stops(r: Records) -> Records:
 RIGHT: dict[str, tuple[str, Callable[[Records], Records]]] = {
     "large numbers": (PRESCRIBER, large),
     "no end": (RECEIVER, cut),
-    "a restart that stops no timer": ("abort/1001", no_stops),
+    "a restart that stops no timer": ("abort/3003", no_stops),
     "no indications": (RECEIVER, without("indication")),
     "no commands": (PRESCRIBER, without("command")),
     "no timers": (RECEIVER, without("timer")),
-    "no restarts": ("abort/1001", without("restart")),
+    "no restarts": ("abort/3003", without("restart")),
     "no commands and timers": (RECEIVER, without("command", "indication", "timer")),
 }
 
