@@ -10,11 +10,13 @@ from typing import Any
 from automcm_cli import spec
 from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
 from automcm_spec import generate, models, oracle, steps
-from automcm_traces import itf, schema
+from automcm_traces import corpus, corpus_page, itf, schema
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
-CORPUS = ROOT / "traces" / "corpus" / "four-vehicles"
+CORPUS_ROOT = ROOT / "traces" / "corpus"
+CORPUS = CORPUS_ROOT / "four-vehicles"
+CORPUS_PAGE = ROOT / "docs" / "corpus.md"
 SCHEMA = ROOT / "traces" / "automcm_traces" / "trace-1.schema.json"
 ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
 MODELS_PAGE = ROOT / "docs" / "models.md"
@@ -73,12 +75,73 @@ def four_vehicles(folder: Path) -> None:
     simulation.run(until=10_000)
 
 
+def pair(folder: Path) -> None:
+    """The logs of a prescriber and a receiver that refuses once; the bad logs are edits of them."""
+    from automcm.links.simulated import Channel
+    from automcm.parameters import Parameters
+    from automcm.simulation import Simulation
+    from automcm.straight import Straight
+
+    simulation = Simulation(seed=5, channel=Channel(loss=0.25, duplicate=0.1), logs=folder)
+    for station in FOUR_VEHICLES[:2]:
+        driver = Straight(refuse_first=1, maneuver_ms=900)
+        simulation.add(station, driver, Parameters(t_timeout=500, t_cam=500, max_rounds=2))
+    simulation.request(FOUR_VEHICLES[0], at=300)
+    simulation.run(until=4000)
+
+
+def _corpus() -> dict[Path, bytes]:
+    """What of the corpus is generated in seconds, from the logs on disk that need TLC."""
+    runs = {}
+    for name, run in (("four-vehicles", four_vehicles), ("pair", pair)):
+        with tempfile.TemporaryDirectory() as folder:
+            run(Path(folder))
+            for path in sorted(Path(folder).iterdir()):
+                runs[f"{name}/{path.name}"] = path.read_bytes()
+    files = corpus.rest(CORPUS_ROOT, runs)
+    found = {CORPUS_ROOT / name: data for name, data in files.items()}
+    return found | {CORPUS_PAGE: corpus_page.page(CORPUS_ROOT, files["index.json"]).encode()}
+
+
+def _corpus_of_tlc(say: Callable[[str], None]) -> dict[Path, bytes]:
+    """The logs of the closed and of the must-fail models; minutes."""
+    files = corpus.behaviours(say) | corpus.counterexamples(COUNTEREXAMPLES, say)
+    return {CORPUS_ROOT / name: data for name, data in files.items()}
+
+
+def _superfluous(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
+    """Files in these folders of the corpus that nothing generates any more."""
+    there = [p for kind in kinds for p in (CORPUS_ROOT / kind).rglob("*") if p.is_file()]
+    return sorted(path for path in there if path not in files)
+
+
+_FROM_TLC = ("behaviours", "counterexamples")
+_AT_ONCE = ("bad", "four-vehicles", "pair")
+
+
+def _stale_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[str]:
+    stale = [p for p, data in files.items() if not p.exists() or p.read_bytes() != data]
+    return [_stale(path) for path in sorted([*stale, *_superfluous(kinds, files)])]
+
+
+def _write_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
+    changed = _superfluous(kinds, files)
+    for path in changed:
+        path.unlink()
+    for path, data in files.items():
+        if not path.exists() or path.read_bytes() != data:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+            changed.append(path)
+    return changed
+
+
 def _texts() -> dict[Path, str]:
     """What is generated within a second; the diagrams come from the graph as it is on disk."""
     from automcm import phases, sizes
     from automcm import schema as messages_schema
 
-    texts = {
+    return {
         SCHEMA: schema.text(),
         ADAPTER_SCHEMA: adapter_schema.schema_text(),
         MESSAGES_SCHEMA: messages_schema.text(),
@@ -87,16 +150,14 @@ def _texts() -> dict[Path, str]:
         MODELS_PAGE: spec.models_page(models.load()),
         DIAGRAMS: diagrams.text(oracle.load(generate.ONE_PEER.path), phases.WAYS),
     } | vectors.texts()
-    with tempfile.TemporaryDirectory() as folder:
-        four_vehicles(Path(folder))
-        for path in sorted(Path(folder).iterdir()):
-            texts[CORPUS / path.name] = path.read_text()
-    return texts
 
 
 def drift(profile: str, one_peer: bytes, say: Callable[[str], None]) -> list[str]:
     """Which generated files are stale.  Quick: graphs but the one-peer one by their hash alone."""
     stale = [_stale(path) for path, text in _texts().items() if _differs(path, text)]
+    stale += _stale_corpus(_AT_ONCE, _corpus())
+    if profile != "quick":
+        stale += _stale_corpus(_FROM_TLC, _corpus_of_tlc(say))
     fresh = {generate.ONE_PEER: one_peer}
     for graph in (generate.TIGHT, generate.TWO_PEERS) if profile != "quick" else ():
         say(f"oracle: {graph.name}")
@@ -139,7 +200,13 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text)
             changed.append(path)
-    return changed
+    return changed + write_corpus(say)
+
+
+def write_corpus(say: Callable[[str], None]) -> list[Path]:
+    """Renew the corpus; returns the files that changed or are gone."""
+    changed = _write_corpus(_FROM_TLC, _corpus_of_tlc(say))
+    return changed + _write_corpus(_AT_ONCE, _corpus())
 
 
 def _differs(path: Path, text: str) -> bool:

@@ -19,6 +19,7 @@ from automcm_cli import (
     station,
     station_bench,
     trace,
+    trace_bench,
     vectors,
 )
 from automcm_cli.common import CODES, Json, progress, write_json
@@ -37,6 +38,7 @@ app.add_typer(vectors.app, name="vectors", no_args_is_help=True)
 app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
 station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
+station_bench.bench.command(epilog=trace_bench.EPILOG)(trace_bench.traces)
 conform.app.command(cls=conform.WithCommand, epilog=conform_explore.EPILOG)(conform_explore.explore)
 conform.app.command(cls=conform.WithCommand, epilog=conform_live.EPILOG)(conform_live.live)
 app.add_typer(conform.app, name="conform", no_args_is_help=True)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from automcm_cli import trace_logs
+from automcm_cli import trace_itf, trace_logs, trace_replay
 from automcm_cli.common import CODES, Json, write_json
+
+if TYPE_CHECKING:
+    from automcm_traces.explain import Verdict
 
 app = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
 
@@ -20,6 +23,9 @@ def explain(
         int | None,
         typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
     ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the failing prefix of a log that diverges.")
+    ] = Path("runs/explain"),
     engine: Annotated[
         Literal["oracle", "tlc"],
         typer.Option(help="Who judges: the oracle, or TLC on the specification itself."),
@@ -28,27 +34,52 @@ def explain(
 ) -> None:
     """Is each log allowed by the specification?  If not: the first event that is not, and why.
 
-    With several logs, what was received is also compared with what was sent.
+    Several logs of one run are also judged together: what was received against what was sent,
+    and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.
     """
     from automcm_spec.oracle import OracleError
     from automcm_spec.tlc import TlcError
     from automcm_traces import explain as explain_
-    from automcm_traces import tlc_engine
+    from automcm_traces import telling, tlc_engine
 
     judge = tlc_engine.explain_files if engine == "tlc" else explain_.explain_files
     try:
         verdicts = judge(logs, late)
+        system = explain_.together(logs) if len(logs) > 1 else None
+        written = [_prefix(verdict, out) for verdict in verdicts]
     except (OracleError, TlcError) as error:
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None
-    if len(verdicts) == 1:
-        write_json(json_, verdicts[0].as_dict())
+    told = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
+    if system is None:
+        write_json(json_, told[0])
     else:
-        write_json(json_, [verdict.as_dict() for verdict in verdicts])
+        write_json(json_, {"logs": told, "system": system.as_dict()})
     if str(json_) != "-":
-        for verdict in verdicts:
-            typer.echo(explain_.text(verdict))
-    raise typer.Exit(explain_.exit_code(verdicts))
+        for verdict, where in zip(verdicts, written, strict=True):
+            typer.echo(telling.text(verdict))
+            for name, value in where.items():
+                typer.echo(f"  {name}: {value}")
+        if system is not None:
+            typer.echo(system.text())
+    code = explain_.exit_code(verdicts)
+    raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
 
 
+def _prefix(verdict: Verdict, out: Path) -> dict[str, str]:
+    """The failing prefix of a log that diverges, and how to replay it."""
+    from automcm_traces import telling
+
+    if verdict.verdict != "diverges" or not verdict.seen:
+        return {}
+    try:
+        path = telling.prefix(verdict, out)
+    except OSError as error:
+        typer.echo(f"explain: {error}: the prefix is not written", err=True)
+        return {}
+    return {"prefix": str(path), "replay": telling.replay(path)}
+
+
+trace_itf.register(app)
 trace_logs.register(app)
+trace_replay.register(app)

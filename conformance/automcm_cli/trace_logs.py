@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.common import CODES, Json, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_traces.show import Shown
@@ -25,6 +25,7 @@ def register(app: typer.Typer) -> None:
     epilog = "Example: automcm trace {}.  " + CODES
     app.command(epilog=epilog.format("lint 1001.ndjson logs/"))(lint)
     app.command(epilog=epilog.format("show 1001.ndjson 2002.ndjson --session 1001/1"))(show)
+    app.command(epilog=epilog.format("coverage logs/ --json coverage.json"))(coverage)
 
 
 def _files(command: str, logs: list[Path]) -> list[Path]:
@@ -137,7 +138,7 @@ def _print(shown: Shown, stations: Sequence[int], width: int) -> None:
     table = Table(stations, width or (console.width if console.is_terminal else 80))
 
     def put(kind: str, line: str) -> None:
-        if console.is_terminal:
+        if console.is_terminal and not console.no_color:
             console.print(Text(line, STYLES[kind]), soft_wrap=True)
         else:
             typer.echo(line)
@@ -156,3 +157,38 @@ def _session(text: str) -> tuple[int, int] | None:
     if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
         raise typer.BadParameter(f"{text!r} is no session; 1001/1 is one", param_hint="--session")
     return int(parts[0]), int(parts[1])
+
+
+def coverage(
+    logs: Logs,
+    late: Annotated[
+        int | None,
+        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
+    ] = None,
+    json_: Json = None,
+) -> None:
+    """How much of the specification do these logs exercise, and what never happens in them?
+
+    A log that diverges, or cannot be told or read, is counted up to there.
+    """
+    from automcm_spec.oracle import OracleError
+    from automcm_traces import coverage as coverage_
+
+    files = _files("coverage", logs)
+    try:
+        with progress() as status:
+            found = coverage_.measure(_told(files, status), late)
+    except OracleError as error:
+        typer.echo(f"coverage: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, found.as_dict())
+    if str(json_) != "-":
+        for line in coverage_.text(found):
+            typer.echo(line)
+    raise typer.Exit(coverage_.exit_code(found))
+
+
+def _told(files: Sequence[Path], status: Callable[[str], None]) -> Iterator[Path]:
+    for n, path in enumerate(files, 1):
+        status(f"{n} of {len(files)}")
+        yield path

@@ -18,7 +18,7 @@ from automcm_conformance.opened import Opened
 from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.records import COMPLETE, bare
 from automcm_conformance.results import Line
-from automcm_conformance.wire import encode
+from automcm_conformance.wire import encode, encode_line
 from automcm_spec.oracle import canonical
 from automcm_spec.rules import RULES
 from automcm_traces.engine import Diverges, Engine, Step
@@ -63,6 +63,11 @@ class Followed:
         """What the last answer held, CAMs too, each with the id of its transmission."""
         self.told: list[dict[str, Json]] = []
         """The indications of the last answer."""
+        self.backoffs = 0
+        """How often a back-off was armed."""
+        self.backoff = 0
+        """How long each lasts, in ms; 0 if that is left to the station."""
+        self._sends_cams = "cam" in hello.features
         self._process = process
         self._lines = lines
         self._backoff = parameters["backoff_min"], parameters["backoff_max"]
@@ -85,40 +90,56 @@ class Followed:
         self._cam_ms = now
         self._answer = Answer(messages=[], indications=[], deadline=None)
         reset = {"station": station, "seed": seed, "parameters": dict(parameters)}
-        self.give(now, {"cmd": "reset", **reset})
+        try:
+            self.give(now, {"cmd": "reset", **reset})
+        except Exception as error:
+            self.end("clean" if isinstance(error, Diverges) else "crash")
+            raise
 
     @property
     def track(self) -> Track:
         """Where the specification says that it is."""
         return self._engine.track
 
-    def give(self, now: int, command: dict[str, Json], tx: str | None = None) -> None:
+    def give(
+        self, now: int, command: dict[str, Json], tx: str | None = None, raw: str | None = None
+    ) -> None:
         """Say a line, ``now`` not in it, and follow the answer: it is in ``sent`` and ``told``.
-        ``tx`` is the transmission of a message received.
+        ``tx`` is the transmission of a message received; ``raw`` is what the log is to hold, in
+        base64, if that is no message (END-5).
 
         Raises Diverges, CannotTell if the oracle knows no such situation, AdapterError and
         ProtocolError.
         """
         line = encode(command, now)
         self._lines.append(Line(now, "kit", f"{self.id}: {words.said(line)}"))
-        raw = self._process.exchange([line])[0]
-        self._lines.append(Line(now, "station", f"{self.id}: {words.answered(raw)}"))
-        answer = self._answer = read_answer(raw)
+        said = self._process.exchange([line])[0]
+        self._lines.append(Line(now, "station", f"{self.id}: {words.answered(said)}"))
+        answer = self._answer = read_answer(said)
         answer.indications = [bare(told) for told in answer.indications]
         self.sent, self.told = [], list(answer.indications)
         self.deadline = answer.deadline
         session = self.track.session
-        self._follow(now, command, tx)
+        self._follow(now, command, tx, raw)
         if self.track.role == "receiver" and self.track.session not in (None, session):
             self._joined_at[self.track.peer] = now
         if _quiet(command) and not self.told and all(m["type"] == "CAM" for _, m in self.sent):
             del self._lines[-2:]
 
+    def set_backoff(self, ms: int) -> None:
+        """Every back-off from now on lasts so long; needs the feature ``durations``.
+
+        Raises AdapterError and ProtocolError.
+        """
+        line = encode_line({"cmd": "durations", "durations": {"backoff": ms}})
+        read_answer(self._process.exchange([line])[0])
+        self._backoff, self.backoff = (ms, ms), ms
+
     def end(self, reason: str) -> None:
         """The log ends: ``clean``, or ``crash`` if the adapter broke."""
         self._log.end(reason)
 
-    def _follow(self, now: int, command: dict[str, Json], tx: str | None) -> None:
+    def _follow(self, now: int, command: dict[str, Json], tx: str | None, raw: str | None) -> None:
         """Timers that are due, then the command.  CAMs were due before that, or with the timers."""
         before = [cam for cam in self._answer.cams if self._marks(cam)]
         for cam in before:
@@ -127,7 +148,9 @@ class Followed:
         while kind != "restart" and (timer := self._due(now)) is not None:
             del self._timers[canonical(timer)]
             self._input(now, "timer", op="expire", timer=timer)
-        if kind == "receive":
+        if kind == "receive" and raw is not None:
+            self._malformed(now, tx, raw)
+        elif kind == "receive":
             planned, message = command.get("planned"), command["message"]
             self._input(now, kind, tx=tx, message=message, planned=planned)
         elif kind == "command":
@@ -176,6 +199,18 @@ class Followed:
             self._answer.indications.remove(told)
             self._event(now, "indication", indication=told)
 
+    def _malformed(self, now: int, tx: str | None, raw: str) -> None:
+        """What is no message has no effect (END-5): all that is answered is too much."""
+        self._engine.finish()
+        self.last = None
+        self._event(now, "receive", tx=tx, raw=raw)
+        if self._answer.messages:
+            m = self._answer.messages[0]
+            try:
+                self._send(now, m)
+            except Diverges as d:
+                raise self._diverges(d.event, ["nothing is sent"], "END-5") from None
+
     def _rest(self, now: int) -> None:
         """What was answered and nothing called for."""
         for m in self._answer.messages:
@@ -188,6 +223,7 @@ class Followed:
         advertises = message is not None and message["type"] == "Advertisement"
         about = canonical(message)
         deadline = now + duration if duration is not None else self._unsettled(now, timer)
+        self.backoffs += timer["name"] == "backoff"
         key, age = canonical(timer), self._ages.setdefault(about, len(self._ages))
         self._timers[key] = Running(timer, deadline, rank(timer["name"], advertises), age)
         self._event(now, "timer", op="arm", timer=timer, deadline=deadline)
@@ -258,7 +294,7 @@ class Followed:
                 self.last = self._expiry(first)
             text = f"deadline: {_number(wanted)} is expected, not {_number(answer.deadline)}"
             raise self._diverges(text, [f"next deadline {_number(wanted)} ({name})"])
-        if now > self._cam_ms + SILENT_MS:
+        if self._sends_cams and now > self._cam_ms + SILENT_MS:
             text = f"no CAM since {self._cam_ms} ms"
             raise self._diverges(text, ["a CAM every t_cam"], "ACT-2")
 

@@ -425,4 +425,9 @@ class Wire:
 
 def encode(command: dict[str, Json], now: int) -> bytes:
     """The line of a command."""
-    return to_json({**command, "now": now}) + b"\n"
+    return encode_line({**command, "now": now})
+
+
+def encode_line(command: dict[str, Json]) -> bytes:
+    """The line of a command that has no time, or has it already."""
+    return to_json(command) + b"\n"

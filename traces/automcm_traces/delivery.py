@@ -183,24 +183,26 @@ def forged_receptions(logs: Sequence[Log]) -> dict[str, tuple[int, Receive, Json
     Only transmissions of stations whose logs promise to be complete in ``send`` are looked at; of
     a log without an end only those up to the last that it shows.
     """
-    sent: dict[str, dict[str, Json]] = {}
-    last: dict[int, int | None] = {}
+    sent: dict[tuple[str, str], dict[str, Json]] = {}
+    last: dict[tuple[str, int], int | None] = {}
     for log in logs:
+        run = log.header.run
         own = [e for _, e in log.events if isinstance(e, Send)]
-        sent |= {e.tx: e.message for e in own}
+        sent |= {(run, e.tx): e.message for e in own}
         if "send" in log.header.complete:
             count = max((number(e.tx) for e in own), default=0)
-            last[log.header.station] = None if log.ended else count
+            last[run, log.header.station] = None if log.ended else count
     found: dict[str, tuple[int, Receive, Json]] = {}
     for log in logs:
         for at, e in log.events:
             if not isinstance(e, Receive) or e.tx is None or e.message is None:
                 continue
-            original = sent.get(e.tx)
+            original = sent.get((log.header.run, e.tx))
             station, count = (int(part) for part in e.tx.split(":"))
-            if original == e.message or station not in last:
+            sender = log.header.run, station
+            if original == e.message or sender not in last:
                 continue
-            limit = last[station]
+            limit = last[sender]
             if original is None and limit is not None and count > limit:
                 continue
             found[log.file] = (at, e, original)

@@ -168,5 +168,17 @@ def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Fi
             if begun is None or over is None:
                 return None, f"{where}: the clocks of {p} and {line.station} are not compared"
             if begun.low > 0 and over.high < 0:
-                return False, f"{where}: station {p} still advertises {spell.session}"
+                text = f"{where}: station {p} still advertises {spell.session}"
+                return False, text + _unequal(world, line.station, p)
     return True, where
+
+
+def _unequal(world: World, station: int, prescriber: int) -> str:
+    """Why a session may be forgotten too early: the two count with other durations."""
+    own, other = (world.log(s).header.parameters for s in (station, prescriber))
+    if own.t_advertise == other.t_advertise and own.t_life == other.t_life:
+        return ""
+    return (
+        f" for t_advertise = {other.t_advertise} ms, and station {station} forgets after"
+        f" {own.t_advertise} + {own.t_life} ms: the timers assume equal parameters"
+    )

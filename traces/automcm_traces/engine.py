@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from automcm_spec.oracle import Answer
 from automcm_spec.rules import RULES, handler, line
 from automcm_traces.asking import ask
+from automcm_traces.form import malformed, well_formed
 from automcm_traces.inputs import (
     TIMER_RULES,
     Asked,
@@ -272,7 +273,7 @@ class Engine:
         step = self._step
         if step is None:
             return
-        missing = self.outstanding()
+        missing = self.outstanding() if step.messages or step.arm or step.stop or step.told else []
         if missing:
             text = f"{step.what}: not everything followed"
             raise Diverges(step.at, text, step.rule, missing, step.guard, step)
@@ -317,10 +318,10 @@ class Engine:
 
     def _input(self, at: int, event: Event) -> None:
         match event:
-            case Receive(message=None):
-                pass  # END-5: nothing may follow but "discarded"
-            case Receive(message=message) if message is not None:
+            case Receive(message=dict(message)) if well_formed(message):
                 self._start(at, event.t_ms, received(self.track, event, message))
+            case Receive():
+                pass  # END-5: nothing may follow but "discarded"
             case ApplicationCommand(command=given):
                 c = {"name": given.name, **(given.model_extra or {})}
                 self._start(at, event.t_ms, command(self.track, c))
@@ -427,6 +428,8 @@ class Engine:
         problems = []
         for e in step.messages:
             problem = difference(e, m, self.track, step.content, step.fresh)
+            if problem is None and not well_formed(m):
+                problem = malformed(m)
             if problem is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))
@@ -441,6 +444,9 @@ class Engine:
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
         wanted = self.track.marks
+        if not well_formed(m):
+            text = f"send CAM ({malformed(m)})"
+            raise Diverges(at, text, "END-5", [], RULES["END-5"], None, ("send", m))
         if sorted(m["marks"]) != wanted:
             event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
             raise Diverges(at, event, "ACT-5", wants, RULES["ACT-5"], None, ("send", m))

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from automcm_traces.delivery import forged_receptions
+from automcm_traces.divergence import Why, why
 from automcm_traces.engine import Diverges, Engine
 from automcm_traces.log import Event, Header
 from automcm_traces.possible import Possible, unobserved
+from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log, LogError, LogStream, read
 from automcm_traces.sessions import Session, Sessions
 from automcm_traces.track import CannotTell
@@ -47,7 +49,9 @@ class Verdict:
     header: Header | None = None
     recent: tuple[tuple[int, Event], ...] = ()
     """The last events up to the divergence, with their lines."""
-    divergence: Diverges | None = field(default=None, compare=False)
+    seen: int = 0
+    """The last line that was read: that of the divergence, or of the event that showed it."""
+    why: Why = field(default_factory=Why)
 
     def as_dict(self) -> dict[str, Json]:
         return {
@@ -58,6 +62,9 @@ class Verdict:
             "rule": self.rule,
             "expected": list(self.expected),
             "guard": self.guard,
+            "nearest": self.why.nearest,
+            "allowed_after": list(self.why.causes),
+            "state": self.why.state,
             "possible_states": self.possible_states,
             "events": self.events,
             "sessions": [session.as_dict() for session in self.sessions],
@@ -90,31 +97,39 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
     at = events = states = 0
     try:
         follow = _follower(log.header, late_ms, sessions)
+    except CannotTell as error:
+        return Verdict("cannot_tell", log.file, 1, str(error), **about)
+    try:
         for at, event in _events(log):
             events += 1
             recent.append((at, event))
             states = follow.states
             follow.feed(at, event)
-        at = _after(log, at)
+        if isinstance(log, LogStream) and log.gap is not None:
+            at, missing_records = log.gap
+            raise CannotTell(f"records are missing before this line: {missing_records}")
+        if not at:
+            raise CannotTell("the log holds no event")
         if log.ended:
             follow.finish()
         states = follow.states
     except Diverges as d:
-        found = tuple(d.wanted)
+        wanted = tuple(d.wanted)
         return Verdict(
             "diverges",
             log.file,
             d.at,
             d.event,
             d.rule,
-            found,
+            wanted,
             d.guard,
             states,
             events,
             sessions=tuple(sessions.kept),
             number_of_sessions=sessions.number,
             recent=tuple(recent),
-            divergence=d,
+            seen=at,
+            why=why(d, follow.track),
             **about,
         )
     except CannotTell as error:
@@ -145,16 +160,6 @@ def _follower(header: Header, late_ms: int | None, sessions: Sessions) -> Engine
 
 def _events(log: Log | LogStream) -> Iterator[tuple[int, Event]]:
     return iter(log) if isinstance(log, LogStream) else iter(log.events)
-
-
-def _after(log: Log | LogStream, at: int) -> int:
-    """The last line but for the end.  Raises CannotTell where nothing can be concluded."""
-    if isinstance(log, LogStream) and log.gap is not None:
-        line, what = log.gap
-        raise CannotTell(f"records are missing before line {line}: {what}")
-    if not at:
-        raise CannotTell("the log holds no event")
-    return at
 
 
 def _read_to_the_end(log: LogStream) -> None:
@@ -209,6 +214,17 @@ def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Ver
     return verdicts
 
 
+def together(paths: Sequence[Path]) -> SystemReport:
+    """What the logs of one run say together; one that cannot be read is left out."""
+    logs = []
+    for path in paths:
+        try:
+            logs.append(read(path))
+        except LogError:
+            continue  # its own verdict says so
+    return judge(logs)
+
+
 EXIT = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
 
 
@@ -216,32 +232,3 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
     """Of several verdicts the one that weighs most: diverges, unreadable, cannot tell."""
     codes = Counter(EXIT[v.verdict] for v in verdicts)
     return next((code for code in (1, 3, 4) if codes[code]), 0)
-
-
-def text(verdict: Verdict) -> str:
-    """A verdict for a person, with what the reader had to overlook."""
-    return "\n".join([_text(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)])
-
-
-def _text(verdict: Verdict) -> str:
-    if verdict.verdict == "allowed":
-        lines = [f"{verdict.file}: ALLOWED, {verdict.events} events"]
-        if verdict.unobserved:
-            kinds, n = ", ".join(verdict.unobserved), verdict.possible_states
-            states = (
-                "1 state of the specification" if n == 1 else f"{n} states of the specification"
-            )
-            lines.append(f"  not logged: {kinds}; at its end the log fits {states}")
-        if verdict.number_of_sessions > len(verdict.sessions):
-            lines.append(f"  {verdict.number_of_sessions} sessions; the last of them:")
-        lines += [f"  {session}" for session in verdict.sessions]
-        return "\n".join(lines)
-    if verdict.verdict == "unreadable":
-        return f"UNREADABLE  {verdict.event}"
-    where = f"{verdict.file}:{verdict.line}"
-    if verdict.verdict == "cannot_tell":
-        return f"{where}: CANNOT TELL: {verdict.event}"
-    lines = [f"{where}: DIVERGES at {verdict.event}"]
-    lines += [f"  expected one of: {'; '.join(verdict.expected)}"] if verdict.expected else []
-    lines += [f"  by {verdict.guard}"] if verdict.guard else []
-    return "\n".join(lines)

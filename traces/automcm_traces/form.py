@@ -113,16 +113,24 @@ _CAM: dict[str, Check] = {
 }
 
 
+_HEAD: dict[str, Check] = {"session": _session, "seq": _at_least(0)}
+_FIELDS = {"CAM": _COMMON | _CAM} | {
+    type_: _COMMON | _HEAD | own | ({} if type_ == "Advertisement" else {"dst": _station})
+    for type_, own in _OWN.items()
+}
+
+
+_NEEDED = {
+    type_: {name for name in fields if (type_, name) not in _OPTIONAL}
+    for type_, fields in _FIELDS.items()
+}
+
+
 def problems(m: Mapping[str, Json]) -> Iterator[tuple[str, str]]:
     """Each field in which a message is not what the protocol says, and what is wrong with it."""
     type_ = m["type"]
-    if type_ == "CAM":
-        fields = _COMMON | _CAM
-    elif type_ in _OWN:
-        fields = _COMMON | {"session": _session, "seq": _at_least(0)} | _OWN[type_]
-        if type_ != "Advertisement":
-            fields["dst"] = _station
-    else:
+    fields = _FIELDS.get(type_)
+    if fields is None:
         yield "type", f"{type_!r} is no message of the protocol"
         return
     bad = False
@@ -140,6 +148,24 @@ def problems(m: Mapping[str, Json]) -> Iterator[tuple[str, str]]:
         bad = True
     if not bad and type_ != "CAM":
         yield from _together(m, type_)
+
+
+def malformed(m: Mapping[str, Json]) -> str | None:
+    """The first field that is not as it should be, and how it should be; None if all are."""
+    return next((f"{field}: {problem}" for field, problem in problems(m)), None)
+
+
+def well_formed(m: Mapping[str, Json]) -> bool:
+    """Whether a message is what the protocol says; what is not is discarded (END-5)."""
+    type_ = m["type"]
+    fields = _FIELDS.get(type_)
+    if fields is None or not _NEEDED[type_] <= m.keys():
+        return False
+    for name, value in m.items():
+        check = fields.get(name)
+        if check is None or check(value):
+            return False
+    return type_ == "CAM" or next(_together(m, type_), None) is None
 
 
 def _together(m: Mapping[str, Json], type_: str) -> Iterator[tuple[str, str]]:

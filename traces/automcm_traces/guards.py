@@ -10,8 +10,9 @@ to it.  What is observed is given as a tuple:
 - ``("arm", timer)``, ``("stop", timer)``; ``("phase", name)``, the phase after the step;
 - ``("without", …)``: the log lacks this; ``("nothing",)``: it has nothing at all.
 
-Less is a question about all that begins so.  States, inputs and ids are the oracle's;
-``Names`` says how ids are written.
+Less is a question about all that begins so; a whole message or timer of a log may stand for its
+type or name, ``indication`` for ``told``, tuples for lists.  States, inputs and ids are the
+oracle's; ``Names`` says how ids are written.  ``observed`` reads the tuple from an event of a log.
 """
 
 from __future__ import annotations
@@ -25,52 +26,58 @@ from automcm_spec.rules import handler, place
 from automcm_traces.guards_end import HANDLERS
 from automcm_traces.guards_timers import armed
 from automcm_traces.guards_tree import Facts, Guard, Leaf, Way, done, ways
+from automcm_traces.log import ApplicationIndication, Event, Send, TimerArm, TimerEnd
 from automcm_traces.track import NUMBERED, STRANGER, View
 
 Json = Any
 MOST = 8
 _LIMITS = ("MaxRounds", "MaxParticipants", "OutboxLimit", "MemoryLimit", "Reserve")
+_MISSING = ("nothing", "without")
 _KINDS = ("expire", "command", "receive", "cam", "restart")
 
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """How the oracle's ids are written: stations, sessions and proposals as they are.
+    """How the oracle's ids are written: stations, sessions, proposals, and the seq of an entry.
 
-    ``limits`` holds what the station tells of MaxRounds, MaxParticipants, OutboxLimit and
-    MemoryLimit; without it those of the oracle are shown.
+    ``limits`` holds the station's MaxRounds, MaxParticipants, OutboxLimit, MemoryLimit and Reserve;
+    without it those of the oracle are shown.  ``given`` is the message received, as the log has it.
     """
 
     station: Callable[[int], int] = lambda p: p
     session: Callable[[Json], Sequence[int]] = lambda s: s
     proposal: Callable[[int], int] = lambda k: k
+    seq: Callable[[Json], int] = lambda e: int(e[3])
     limits: Mapping[str, int] | None = None
+    given: Mapping[str, Json] | None = None
 
     def of_station(self, p: int) -> str:
         """A station, as a log has it."""
         if p == 0:
             return "nobody"
-        return str(self.station(p)) if p != STRANGER else "a stranger"
+        return str(self.station(p) or "another station") if p != STRANGER else "a stranger"
 
     def of_session(self, s: Json) -> str:
         """A session as PRESCRIBER/NUMBER."""
         if s == [0, 0]:
             return "none"
-        if s[0] == STRANGER:
-            return "another one"
-        prescriber, number = self.session(s)
-        return f"{prescriber}/{number}"
+        prescriber, number = self.session(s) if s[0] != STRANGER else (0, 0)
+        return f"{prescriber}/{number}" if prescriber else "another one"
 
     def of_entry(self, e: Json) -> str:
         """An entry of the outbox."""
         number = f" proposal={self.proposal(e[3])}" if e[0] in NUMBERED else ""
-        return f"{e[0]} to {self.of_station(e[1])} session={self.of_session(e[2])}{number}"
+        to, session = self.of_station(e[1]), self.of_session(e[2])
+        return f"{e[0]} to {to} session={session}{number} seq={self.seq(e)}"
 
     def of_value(self, name: str, value: Json) -> str:
         """A value of ``Nearest.values``."""
+        record, _, field = name.rpartition(".")
         if self.limits is not None and name in _LIMITS:
-            return str(self.limits.get(name, "not told"))
-        match name.rsplit(".", 1)[-1]:
+            return str(self.limits[name])
+        if self.given is not None and record == "m":
+            return _given(self.given, field)
+        match field:
             case "src" | "target" | "to" | "Peer(st)" | "t[2]":
                 return self.of_station(value)
             case "dst":
@@ -86,25 +93,77 @@ class Names:
             case "outbox":
                 return _set(self.of_entry(e) for e in value)
             case "of":
-                return f"{value[0]} {value[1]}"
+                return f"{value[0]} seq={value[1]}"
         return str(value).upper() if isinstance(value, bool) else str(value)
+
+
+def _given(message: Mapping[str, Json], field: str) -> str:
+    """A field of a message of a log."""
+    value = message.get(field, {"dst": "all", "accepted": False}.get(field, "none"))
+    match field, value:
+        case "session", [prescriber, number]:
+            return f"{prescriber}/{number}"
+        case "of", {"type": type_, "seq": seq}:
+            return f"{type_} seq={seq}"
+    return str(value).upper() if isinstance(value, bool) else str(value)
 
 
 PLAIN = Names()
 """The oracle's own ids: 1 the station, 2 the peer, 3 the other one."""
 
 
-def names(view: View, limits: Mapping[str, int] | None = None) -> Names:
-    """The real ids behind those of a view; ``limits`` as for ``Names``, MaxRounds is known."""
-    known = {"MaxRounds": view.track.max_rounds, **(limits or {})}
-    if "MaxParticipants" in known:
-        known["Reserve"] = 1 + max(known["MaxRounds"], known["MaxParticipants"])
+def names(view: View, given: Mapping[str, Json] | None = None) -> Names:
+    """The real ids behind those of a view, and the station's limits; ``given`` as in ``Names``."""
+    t = view.track
+    limits = {
+        "MaxRounds": t.max_rounds,
+        "MaxParticipants": t.limits.participants,
+        "OutboxLimit": t.limits.outbox,
+        "MemoryLimit": t.limits.memory,
+        "Reserve": 1 + max(t.max_rounds, t.limits.participants),
+    }
 
     def proposal(k: int) -> int:
-        real = (view.track.proposal, *(e.k for e in view.entries()))
+        real = (t.proposal, *(e.k for e in view.entries()))
         return next((n for n in real if n and view.proposals(n) == k), k)
 
-    return Names(view.real_id, view.real_session, proposal, known)
+    def seq(entry: Json) -> int:
+        real = (e.message["seq"] for e in view.entries() if plain(view.entry(e)) == plain(entry))
+        return int(next(real, entry[3]))
+
+    return Names(view.real_id, view.real_session, proposal, seq, limits, given)
+
+
+def plain(value: Json) -> Json:
+    """Lists where the engine has tuples."""
+    return [plain(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def observed(event: Event) -> tuple[Json, ...]:
+    """What an event of a log shows, as ``nearest`` and ``causes`` want it; else it is empty."""
+    match event:
+        case Send(message=m):
+            return ("send", *_message(m))
+        case ApplicationIndication(indication=indication):
+            return ("told", indication.name, (indication.model_extra or {}).get("reason"))
+        case TimerArm(timer=timer):
+            return ("arm", timer.name)
+        case TimerEnd(op="stop", timer=timer):
+            return ("stop", timer.name)
+    return ()
+
+
+def timer_in(view: View, timer: Mapping[str, Json]) -> Json:
+    """A timer of a log in the oracle's ids; of a message that is not in the outbox, roughly."""
+    t, m = view.track, timer.get("message")
+    if m is None:
+        station = timer.get("station")
+        return [timer["name"], view.ids.get(station, STRANGER)] if station else [timer["name"]]
+    entry = t.entry_by_seq(dict(m))
+    if entry is not None and entry in view.entries():
+        return [timer["name"], plain(view.entry(entry))]
+    to = view.ids.get(m["to"], STRANGER) if "to" in m else 0
+    return [timer["name"], [m["type"], to, list(view.sessions(m["session"])), 1, False]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +193,7 @@ class Nearest:
         """One line for a person."""
         what = f"{self.rule} {self.action}".strip()
         if not self.guard:
-            return f"nearest allowed: {what} ({self.handler}), but not in this form"
+            return f"nearest allowed: {what} ({self.handler}), but not in this form, or not again"
         shown = ", ".join(f"{name} = {names.of_value(name, value)}" for name, value in self.values)
         inside = f" of {self.where}" if self.where != self.handler else ""
         return (
@@ -144,21 +203,25 @@ class Nearest:
         )
 
 
-def nearest(oracle: Oracle, state: Json, i: Json, observed: Sequence[Json]) -> Nearest | None:
+def nearest(
+    oracle: Oracle, state: Json, i: Json, observed: Sequence[Json], full: bool = False
+) -> Nearest | None:
     """The branch for input ``i`` that does what was observed and has the fewest guards against it.
 
     None if no branch of the input's handler does that; ``causes`` may tell more then.  A timer that
-    is not armed is answered as by ``unarmed``.
+    is not armed is answered as by ``unarmed``.  ``full`` says that the station has no room, though
+    the oracle's has (MEM-1).
     """
+    state, i = plain(state), plain(i)
     if i[0] == "expire" and (blocked := unarmed(oracle, state, i[1])) is not None:
         return blocked
-    facts, wanted, to = Facts(state, i, oracle.constants), _words(observed), handler(i)
+    facts, wanted, to = Facts(state, i, oracle.constants, full), _words(observed), handler(i)
     best: tuple[tuple[int, bool, int], list[int], Way, Leaf] | None = None
     for way, leaf in ways(HANDLERS[to]):
         if not _does(wanted, leaf, state[0]):
             continue
         against = [n for n, (guard, holds) in enumerate(way) if guard.test(facts) != holds]
-        if not against and not _happens(oracle, state, i, wanted):
+        if not against and not full and not _happens(oracle, state, i, wanted):
             continue
         # few guards against it; not for want of memory; as far as possible along the handler
         distance = len(against), leaf.rule == "MEM-1", -against[0] if against else 0
@@ -176,6 +239,7 @@ def nearest(oracle: Oracle, state: Json, i: Json, observed: Sequence[Json]) -> N
 
 def unarmed(oracle: Oracle, state: Json, timer: Json) -> Nearest | None:
     """Why this timer is not armed; None if it is."""
+    state, timer = plain(state), plain(timer)
     facts, guard = Facts(state, ["expire", timer], oracle.constants), armed(timer)
     if guard.test(facts):
         return None
@@ -193,19 +257,20 @@ def armed_in(oracle: Oracle, timer: Json) -> list[str]:
 def causes(
     oracle: Oracle, state: Json, observed: Sequence[Json], names: Names = PLAIN
 ) -> list[str]:
-    """Which inputs would have led to what was observed, at most ``MOST``, timers first.
+    """Which inputs would have led to what was observed, at most ``MOST``.
 
-    Empty if none would, or if the state is not in the oracle.
+    First those that change something, of these timers first.  Empty if none would, if the state is
+    not in the oracle, or if something is missing rather than observed.
     """
-    at = oracle.state_index.get(canonical(state))
-    if at is None:
+    at, wanted = _place(oracle, state), _words(observed)
+    if at is None or not wanted or wanted[0] in _MISSING:
         return []
-    wanted, found = _words(observed), {kind: dict[str, None]() for kind in _KINDS}
+    found: list[tuple[bool, int, str]] = []
     for answer in oracle.answers(at):
         i = oracle.inputs[answer.input]
-        if _among(wanted, done(state, answer.effect, oracle.states[answer.next]), state[0]):
-            found[i[0]][_input(i, names)] = None
-    return [text for kind in _KINDS for text in found[kind]][:MOST]
+        if _among(wanted, done(oracle, answer), state[0]):
+            found.append((not answer.changes, _KINDS.index(i[0]), _input(i, names)))
+    return list(dict.fromkeys(text for _, _, text in sorted(found, key=lambda f: f[:2])))[:MOST]
 
 
 def lines(way: Way) -> list[int]:
@@ -251,17 +316,28 @@ def _value(facts: Facts, name: str) -> Json:
 
 
 def _words(observed: Sequence[Json]) -> list[str]:
-    words = [str(word) for word in observed if word not in (None, "", "none")]
+    given = list(observed)
+    if len(given) > 1 and isinstance(given[1], Mapping):  # a message or a timer of a log
+        m = given[1]
+        given[1:] = [m["name"]] if "name" in m else _message(m)
+    words = [str(word) for word in given if word not in (None, "", "none")]
+    if words[:1] == ["indication"]:
+        words[0] = "told"
     if "Acceptance" in words:
         answer = {"True": "accepted", "False": "refused"}
         words = [answer.get(word, word) for word in words]
     return words
 
 
+def _message(m: Mapping[str, Json]) -> list[Json]:
+    answer = [m["accepted"]] if m["type"] == "Acceptance" and "accepted" in m else []
+    return [m["type"], *answer, m.get("reason")]
+
+
 def _does(wanted: list[str], leaf: Leaf, phase: str) -> bool:
     """Whether a leaf may do what is wanted."""
     surely = {text for text in leaf.does if not text.endswith("?")}
-    if wanted[0] in ("nothing", "without"):
+    if wanted[0] in _MISSING:
         return _among(wanted, surely, phase)
     return _among(wanted, {text.removesuffix("?") for text in leaf.does}, phase)
 
@@ -285,11 +361,15 @@ def _same(wanted: list[str], words: list[str]) -> bool:
 
 def _happens(oracle: Oracle, state: Json, i: Json, wanted: list[str]) -> bool:
     """Whether the oracle itself answers with this."""
-    try:
-        answer = oracle.ask(state, i)
-    except KeyError:
-        return False
-    return _among(wanted, done(state, answer.effect, oracle.states[answer.next]), state[0])
+    at, place_ = _place(oracle, state), oracle.input_index.get(canonical(i))
+    answer = None if at is None or place_ is None else oracle.answer(at, place_)
+    return answer is not None and _among(wanted, done(oracle, answer), state[0])
+
+
+def _place(oracle: Oracle, state: Json) -> int | None:
+    """The place of a state in the oracle; the order of its outbox does not matter."""
+    outbox = sorted(plain(state[11]), key=canonical) if len(state) > 11 else []
+    return oracle.state_index.get(canonical([*state[:11], outbox, *state[12:]]))
 
 
 def _action(wanted: list[str]) -> str:

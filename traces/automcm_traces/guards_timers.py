@@ -130,7 +130,7 @@ def _sent_still(text: str) -> Guard:
         "Armed",
         text,
         lambda f: list(f.e) in f.st.outbox,
-        ("e.type", "e.to", "e.session", "e.seq", "st.outbox"),
+        ("e.type", "e.to", "e.session", "st.outbox"),
         "the message is still being sent",
         "no such message is being sent any more",
     )

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from automcm_spec.oracle import Effect
+from automcm_spec.oracle import Answer, Oracle
 
 Json = Any
 ME, NOBODY, BROADCAST = 1, 0, 0
@@ -83,14 +83,15 @@ class Entry(NamedTuple):
 class Facts:
     """What guards look at: a state, an input, and the constants of the oracle.
 
-    The names are those of Station.tla; what the input is not is empty.
+    The names are those of Station.tla; what the input is not is empty.  ``full``: no guard finds
+    room, whatever the constants.
     """
 
-    __slots__ = ("c", "concerned", "e", "i", "limits", "m", "st", "t")
+    __slots__ = ("c", "concerned", "e", "full", "i", "limits", "m", "st", "t")
 
-    def __init__(self, state: Json, i: Json, limits: dict[str, Json]) -> None:
+    def __init__(self, state: Json, i: Json, limits: dict[str, Json], full: bool = False) -> None:
         self.st = State(*state)
-        self.limits = limits
+        self.limits, self.full = limits, full
         self.m, self.concerned, self.c, self.i = Message(), False, Command(), Cam()
         self.t: Json = [""]
         self.e = Entry()
@@ -132,19 +133,20 @@ class Facts:
     @property
     def room(self) -> bool:
         """Room(st)."""
-        return bool(len(self.st.outbox) + self.reserve <= self.limits["OutboxLimit"])
+        used = len(self.st.outbox) + self.reserve
+        return not self.full and bool(used <= self.limits["OutboxLimit"])
 
     @property
     def room_to_record(self) -> bool:
         """RoomToRecord(st)."""
         known = len(self.st.recorded) + len(self.st.withdrawn)
-        return bool(known < self.limits["MaxParticipants"])
+        return not self.full and bool(known < self.limits["MaxParticipants"])
 
     @property
     def room_to_remember(self) -> bool:
         """RoomToRemember(st, m.src)."""
         known = any(j[0] == self.m.src for j in self.st.joined)
-        return known or bool(len(self.st.joined) < self.limits["MemoryLimit"])
+        return known or (not self.full and len(self.st.joined) < self.limits["MemoryLimit"])
 
     @property
     def joined_since(self) -> bool:
@@ -254,12 +256,13 @@ def ways(tree: Tree, way: Way = ()) -> Iterator[tuple[Way, Leaf]]:
     yield from ways(tree.otherwise, (*way, (tree.guard, False)))
 
 
-def done(state: Json, effect: Effect, after: Json) -> set[str]:
-    """What a step of the oracle does, in the words of a leaf."""
-    told = effect.told
+def done(oracle: Oracle, answer: Answer) -> set[str]:
+    """What an answer of the oracle does, in the words of a leaf."""
+    effect, told = answer.effect, answer.effect.told
+    before, after = oracle.states[answer.state][0], oracle.states[answer.next][0]
     what = {sent(m) for m in effect.messages}
     what |= {" ".join(["told", *told])} if told != ["nothing"] else set()
-    what |= {f"phase {after[0]}"} if after[0] != state[0] else set()
+    what |= {f"phase {after}"} if after != before else set()
     what |= {f"arm {t[0]}" for t in effect.arm} | {f"stop {t[0]}" for t in effect.stop}
     return what
 

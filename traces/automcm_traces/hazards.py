@@ -328,8 +328,8 @@ def _last_cam(world: World, acts: Spell, target: int) -> str:
     last = acts.end.at if acts.end is not None else len(log.events)
     for line, e in reversed(log.events[:last]):
         if isinstance(e, Receive) and e.message is not None and e.message.get("src") == target:
-            m: dict[str, Json] = e.message
-            if m["type"] == "CAM" and list(acts.session or ()) in m["marks"]:
+            marks = e.message.get("marks")
+            if isinstance(marks, list) and list(acts.session or ()) in marks:
                 return f"the last CAM that counts came at {log.file}:{line} ({e.t_ms} ms)"
     return f"no CAM of station {target} that counts has come"
 

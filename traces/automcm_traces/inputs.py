@@ -83,13 +83,15 @@ def command(t: Track, c: dict[str, Json]) -> Asked:
     """A command of the application."""
     name, session = c["name"], c.get("session")
     proposal, target = c.get("proposal", 0), c.get("target", 0)
-    if target == t.me:
+    if target == t.me or (name == "prescribe" and not target):
         target = NOBODY  # whom it has not recorded (PRE-2)
     y = target or t.peer
     view = View(t, y, other(t, y), session, proposal)
     real = view.sessions(session) if name != "request" else (0, 0)
     k = view.proposals(proposal)
-    if k > ROUNDS:  # a wrong one, then; the oracle knows commands up to 3 (PRE-5)
+    about_proposal = name in ("prescribe", "accept", "refuse")
+    if k > ROUNDS or (about_proposal and not k):
+        # a wrong one, then; the oracle knows commands from 1 to 3 (PRE-5)
         current = view.proposals(t.proposal)
         k = current or 2 if name == "prescribe" else current % ROUNDS + 1
     value = ("command", name, real, k, view.ids.get(target, 0))

@@ -41,7 +41,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "json": ("error", "a line is one JSON object"),
     "schema": ("error", "a record has the fields of its kind, of the right type, and no others"),
     "key": ("error", "no object has a key twice"),
-    "message": ("error", "a message has the form that the protocol gives its type (END-5)"),
+    "message": ("warning", "a message has the form that the protocol gives its type (END-5)"),
     "order": ("error", "one header first, then events, then one end, and nothing after it"),
     "seq": ("error", "seq counts from 1, without a gap and without repetition"),
     "t_ms": ("error", "t_ms never goes back"),
@@ -49,7 +49,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "deadline": ("error", "a timer is not armed for a time that is past"),
     "cut": ("warning", "the last line was being written when the log broke off"),
     "end": ("warning", "the log has an end, and it says that nothing was lost"),
-    "unknown": ("warning", "events, hints and kinds of message are known here"),
+    "unknown": ("warning", "kinds of event, and the hints rule, phase and role, are known here"),
     "complete": ("warning", "what `complete` promises is there, as far as one can see"),
 }
 """By name: what breaks the format and what is merely odd, and what each check wants."""
@@ -361,10 +361,9 @@ class _Lint:
         if "timer" in self._header.complete and self._reliable and not self._kinds["timer"]:
             problem = "promises every timer, but what is sent again has none in this log (REL-1)"
             yield self._promise(problem)
-        if "send" in self._header.complete and self._kinds["timer"] and not self._kinds["send"]:
-            yield self._promise(
-                "promises every send, but timers run in this log and nothing is sent"
-            )
+        if "send" in self._header.complete and self._resent and not self._kinds["send"]:
+            problem = "promises every send, but timers of messages run and nothing is sent"
+            yield self._promise(problem)
 
     def _promise(self, problem: str) -> Finding:
         return Finding(self._file, 1, "complete", "complete", problem)

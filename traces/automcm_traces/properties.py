@@ -123,7 +123,13 @@ class SystemReport:
         lines += [f"session {text}" for text in self.sessions]
         held = [j.property for j in self.properties if j.outcome == "holds"]
         lines += [f"hold: {', '.join(held)}"] if held else []
-        lines += [j.text() for j in self.properties if j.outcome != "holds"]
+        lines += [j.text() for j in self.properties if j.outcome == "violated"]
+        untold: dict[tuple[str, ...], list[str]] = {}
+        for j in self.properties:
+            if j.outcome == "cannot_tell":
+                untold.setdefault(j.where, []).append(j.property)
+        for where, names in untold.items():
+            lines.append(f"cannot tell: {', '.join(names)}: {'; '.join(where)}")
         for way, counts in self.deliveries.items():
             told = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items())
             lines.append(f"messages {way}: {told}")
@@ -172,8 +178,18 @@ def _report(world: World) -> SystemReport:
         tuple(world.merged.cycles),
         tuple(_sessions(world)),
         world.deliveries.counts(),
-        (*world.merged.notices, *world.clocks.notices),
+        (*world.merged.notices, *world.clocks.notices, *_unequal(world)),
     )
+
+
+def _unequal(world: World) -> Iterator[str]:
+    """Parameters that are not the same at all stations, which every bound takes them to be."""
+    headers = [log.header for log in world.merged.logs]
+    for name in ("t_advertise", "t_giveup", "t_life", "t_cam_loss", "t_resend", "max_rounds"):
+        values = {h.station: getattr(h.parameters, name) for h in headers}
+        if len(set(values.values()) - {None}) > 1:
+            told = ", ".join(f"{value} at {station}" for station, value in values.items())
+            yield f"{name} differs ({told}); the bounds assume equal parameters"
 
 
 def _judged(name: str, found: Iterable[Finding], partly: Sequence[str]) -> Judged:

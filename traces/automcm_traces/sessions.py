@@ -42,7 +42,7 @@ class Session:
         name = f"session {self.session[0]}/{self.session[1]} as {self.role}"
         way = " > ".join(self.phases)
         if not self.last:
-            return f"{name}, from line {self.first}: {way}, and there the log ends"
+            return f"{name}, from line {self.first}: {way}, still in it"
         why = RULES.get(self.rule, "")
         return f"{name}, lines {self.first} to {self.last}: {way}; ended by {self.rule}: {why}"
 

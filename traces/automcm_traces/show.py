@@ -83,6 +83,10 @@ class Logs:
         runs: dict[str, Path] = {}
         self.warnings: list[str] = []
         for path in paths:
+            if path.is_fifo():
+                raise LogError(
+                    path, 0, "", "is a pipe; it is read more than once, so save it first"
+                )
             header = next(iter(records(path))).record
             assert isinstance(header, Header), "records() gives the header first"
             if header.station in self._paths:

@@ -17,6 +17,8 @@ from automcm_traces.track import CannotTell, Track
 
 Json = Any
 Session = tuple[int, int]
+NEEDED = ("command", "receive", "restart", "send", "timer")
+"""Kinds of event with all of which a log says what the one state of its station is."""
 Ending = Literal["clean", "stopped", "diverges", "cannot_tell"]
 
 
@@ -109,6 +111,14 @@ class Timeline:
             yield Spell(self.station, start, None)
 
 
+def session_of(message: dict[str, Json]) -> Session | None:
+    """The session that a message names, if it names one."""
+    match message.get("session"):
+        case [int(prescriber), int(number)]:
+            return prescriber, number
+    return None
+
+
 def key_of(message: dict[str, Json]) -> str:
     """What a reliable message is, of its sender: addressee, session, type and seq."""
     m = message
@@ -123,6 +133,9 @@ def timeline(log: Log) -> Timeline:
     made = Timeline(log.header.station, log.file)
     at, line, t_ms = 0, 0, 0
     try:
+        missing = [kind for kind in NEEDED if kind not in log.header.complete]
+        if missing:
+            raise CannotTell(f"it does not promise to hold all of: {', '.join(missing)}")
         if log.end is not None and log.end.lost_records:
             raise CannotTell(f"it lost {log.end.lost_records} records")
         engine = Engine(log)
@@ -142,7 +155,7 @@ def timeline(log: Log) -> Timeline:
         made.ending, made.why = "diverges", f"{log.file}:{d.at} diverges"
     except CannotTell as error:
         made.ending, made.why = "cannot_tell", f"{log.file}:{line}: {error}"
-    except (KeyError, TypeError, IndexError, ValueError) as error:
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
         made.ending, made.why = "cannot_tell", f"{log.file}:{line}: a message lacks {error}"
     if made.ending in ("diverges", "cannot_tell"):
         known = made.moments[-1] if made.moments else Moment(0, 0, 0)
@@ -184,8 +197,8 @@ class _Recorder:
         event = self._events[place][1]
         src, about = 0, None
         if isinstance(event, Receive) and event.message is not None:
-            m: dict[str, Json] = event.message
-            src, about = m["src"], tuple(m["session"]) if "session" in m else None
+            sender = event.message.get("src")
+            src, about = sender if isinstance(sender, int) else 0, session_of(event.message)
         cause = cause_of(step.input)
         acked = [(e.to, key_of(e.message)) for e in gone] if cause == "receive Ack" else []
         late = forgot = 0

@@ -11,7 +11,7 @@ from automcm_traces.delivery import Deliveries
 from automcm_traces.log import ApplicationIndication, Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.merge import Merged, merge
 from automcm_traces.reader import Log
-from automcm_traces.timeline import Moment, Session, Spell, key_of, timeline
+from automcm_traces.timeline import Moment, Session, Spell, key_of, session_of, timeline
 
 Json = Any
 
@@ -43,9 +43,10 @@ class World:
             found = self._acceptances[station] = {}
             for at, (_, e) in enumerate(self.log(station).events):
                 m: dict[str, Json] = e.message if isinstance(e, Send) else {}
-                if m.get("type") == "Acceptance" and m.get("accepted"):
-                    key = (m["dst"], (m["session"][0], m["session"][1]), m["proposal"])
-                    found.setdefault(key, at)
+                session, dst, proposal = session_of(m), m.get("dst"), m.get("proposal")
+                accepts = m.get("type") == "Acceptance" and m.get("accepted")
+                if accepts and session and isinstance(dst, int) and isinstance(proposal, int):
+                    found.setdefault((dst, session, proposal), at)
         return self._acceptances[station]
 
     def leases(self, station: int) -> dict[tuple[Session, int], int]:
@@ -54,9 +55,12 @@ class World:
             found = self._leases[station] = {}
             for _, e in self.log(station).events:
                 m: dict[str, Json] = (isinstance(e, Send | Receive) and e.message) or {}
-                if m.get("type") == "Prescription" and isinstance(m.get("lease_ms"), int):
-                    key = ((m["session"][0], m["session"][1]), m["proposal"])
-                    found.setdefault(key, m["lease_ms"])
+                session = session_of(m)
+                proposal: Json = m.get("proposal")
+                lease: Json = m.get("lease_ms")
+                whole = isinstance(proposal, int) and isinstance(lease, int)
+                if m.get("type") == "Prescription" and session and whole:
+                    found.setdefault((session, proposal), lease)
         return self._leases[station]
 
     def committed(self, station: int, session: Session | None, proposal: int) -> list[Spell]:
@@ -74,9 +78,10 @@ class World:
         got: dict[tuple[int, int, str], int] = {}
         for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
             for at, (_, e) in enumerate(log.events):
-                m: dict[str, Json] | None = e.message if isinstance(e, Receive) else None
-                if m is not None and not {"src", "dst", "session", "seq"} - m.keys():
-                    got.setdefault((station, m["src"], key_of(m)), at)
+                m: dict[str, Json] = (isinstance(e, Receive) and e.message) or {}
+                src, whole = m.get("src"), {"type", "seq", "dst", "session"} <= m.keys()
+                if whole and isinstance(src, int):
+                    got.setdefault((station, src, key_of(m)), at)
         return got
 
     def elapsed(self, a: int, t_a: int, b: int, t_b: int) -> Span | None:

@@ -19,10 +19,12 @@ from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.station import Station
 from automcm.straight import LANE_CHANGE, Straight
-from automcm_traces.explain import exit_code, explain, explain_files, text
+from automcm_traces.explain import exit_code, explain, explain_files
 from automcm_traces.reader import read
+from automcm_traces.telling import text
 from automcm_traces.writer import LogWriter
 
+ALL = ("command", "indication", "receive", "restart", "send", "timer")
 STATIONS = (1001, 2002, 3003, 4004)
 
 
@@ -248,7 +250,9 @@ def test_a_log_that_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path
     assert verdict.verdict == "cannot_tell" and "lost 5 records" in verdict.event
 
 
-def test_a_message_without_its_fields_is_unreadable(logs: list[Path], tmp_path: Path) -> None:
+def test_end_5_a_message_without_its_fields_calls_for_nothing(
+    logs: list[Path], tmp_path: Path
+) -> None:
     lines = logs[1].read_text().splitlines()
     number = find(logs[1], "receive", type="Advertisement")
     record = json.loads(lines[number - 1])
@@ -257,7 +261,8 @@ def test_a_message_without_its_fields_is_unreadable(logs: list[Path], tmp_path: 
     path = tmp_path / "bad.ndjson"
     path.write_text("\n".join(lines) + "\n")
     verdict = explain(read(path))
-    assert (verdict.verdict, verdict.line) == ("unreadable", number)
+    assert (verdict.verdict, verdict.line) == ("diverges", number)
+    assert (verdict.event, verdict.expected) == ("phase INTENDING", ("phase STANDALONE",))
 
 
 def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:
@@ -354,3 +359,22 @@ def test_act_5_an_own_cam_as_an_echo_is_nobody_s(tmp_path: Path) -> None:
 
     path = alone(tmp_path, Parameters(), first=(1000, echo), second=(3000, echo))
     assert explain(read(path)).verdict == "allowed"
+
+
+def test_pre_5_a_choice_without_a_proposal_is_a_wrong_one(tmp_path: Path) -> None:
+    """The station refuses it, and nothing else follows."""
+    with LogWriter(
+        tmp_path / "1.ndjson", run="r", station=1, implementation="x", version="1", complete=ALL
+    ) as log:
+        for name in ("prescribe", "accept", "refuse"):
+            log.event("command", 10, command={"name": name, "session": [1, 1], "proposal": 0})
+            log.event("indication", 10, indication={"name": "refused"})
+    assert explain_files([tmp_path / "1.ndjson"])[0].verdict == "allowed"
+
+
+def test_logs_of_other_runs_forge_nothing(logs: list[Path], tmp_path: Path) -> None:
+    """The same transmission ids in another run are other transmissions."""
+    other = tmp_path / "other.ndjson"
+    text_ = four_stations(tmp_path, 4)[0].read_text()
+    other.write_text(text_)
+    assert {v.verdict for v in explain_files([*logs[1:], other])} == {"allowed"}

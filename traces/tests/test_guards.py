@@ -1,27 +1,36 @@
-"""The handlers as decision trees: held against every answer of the oracle."""
+"""What was allowed instead: in states of the oracle, and where logs diverge."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import pytest
 
-from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, Graph
+from automcm.links.simulated import Channel
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_spec.generate import ONE_PEER, TIGHT, Graph
 from automcm_spec.oracle import STATE_FIELDS, Oracle, load
-from automcm_spec.paths import TLA
-from automcm_spec.rules import RULES, handler, place
-from automcm_traces.guards import MOST, armed_in, causes, lines, names, nearest, unarmed
+from automcm_spec.rules import place
+from automcm_traces.engine import Diverges, Engine
+from automcm_traces.guards import (
+    MOST,
+    armed_in,
+    causes,
+    names,
+    nearest,
+    observed,
+    timer_in,
+    unarmed,
+)
 from automcm_traces.guards_end import HANDLERS
-from automcm_traces.guards_timers import ARMED, armed
-from automcm_traces.guards_tree import Choice, Facts, Leaf, Tree, decide, done, ways
+from automcm_traces.guards_tree import ways
+from automcm_traces.log import Receive
+from automcm_traces.reader import Log, read
 from automcm_traces.track import Entry, Track, View
 
 Json = Any
-Seen = dict[tuple[str, str, tuple[str, ...]], tuple[set[str], set[str]]]
-"""What each leaf of a handler does always, and ever."""
 ADVERTISEMENT = ["receive", ["Advertisement", 2, 0, [2, 1], 1, 0, False, "none", ["none", 0]], True]
 PRESCRIPTION = ["receive", ["Prescription", 2, 1, [2, 1], 1, 1, False, "none", ["none", 0]], True]
 
@@ -36,201 +45,6 @@ def state(**wanted: Json) -> Json:
     places = {STATE_FIELDS.index(name): value for name, value in wanted.items()}
     states = oracle().states
     return next(s for s in states if all(s[n] == value for n, value in places.items()))
-
-
-def pairs(
-    graph: Graph, step: int = 1, only: str | None = None
-) -> Iterator[tuple[str, Facts, str, set[str]]]:
-    """Offered inputs of every ``step``-th state: handler, facts, the rule, what is done."""
-    o = oracle(graph)
-    inputs = [(n, handler(i)) for n, i in enumerate(o.inputs)]
-    for at in range(0, len(o.states), step):
-        for n, to in inputs:
-            if only is not None and to != only:
-                continue
-            answer = o.answer(at, n)
-            if answer is not None:
-                facts = Facts(o.states[at], o.inputs[n], o.constants)
-                does = done(o.states[at], answer.effect, o.states[answer.next])
-                yield to, facts, answer.effect.rule, does
-
-
-def agrees(leaf: Leaf, rule: str, does: set[str]) -> bool:
-    """Whether a leaf says what the oracle answers."""
-    surely = {text for text in leaf.does if not text.endswith("?")}
-    may = {text.removesuffix("?") for text in leaf.does}
-    return leaf.rule == rule and surely <= does <= may
-
-
-@cache
-def walked() -> tuple[list[Json], Seen]:
-    """Every answer of the oracle held against the trees: where they disagree, and what is done."""
-    wrong: list[Json] = []
-    seen: Seen = {}
-    for graph, step in ((ONE_PEER, 1), (TIGHT, 1), (TWO_PEERS, 40)):
-        for to, facts, rule, does in pairs(graph, step):
-            leaf = decide(HANDLERS[to], facts)
-            if not agrees(leaf, rule, does):
-                wrong.append((graph.name, facts.st, facts.m, facts.c, facts.t, leaf, rule, does))
-            always, ever = seen.setdefault((to, leaf.rule, leaf.does), (set(does), set()))
-            always &= does
-            ever |= does
-    return wrong, seen
-
-
-def test_the_trees_decide_as_the_oracle() -> None:
-    wrong, seen = walked()
-    assert wrong == []
-    assert {rule for _, rule, _ in seen} == set(RULES) - {"ACT-1", "END-4"}  # these decide nothing
-
-
-def test_a_leaf_does_no_more_and_no_less_than_it_says() -> None:
-    """What may be done is done somewhere, and somewhere not (over all handlers that share it)."""
-    _, seen = walked()
-    both: Seen = {}
-    for (_, rule, declared), (always, ever) in seen.items():
-        always_, ever_ = both.setdefault(("", rule, declared), (set(always), set()))
-        always_ &= always
-        ever_ |= ever
-    for (_, rule, declared), (always, ever) in both.items():
-        for text in declared:
-            assert text.removesuffix("?") in ever, (rule, text)
-            assert text.endswith("?") != (text in always), (rule, text)
-
-
-def test_every_leaf_is_reached_but_by_answers_that_nobody_gives() -> None:
-    """An answer (seq 0) is a refusal without a session, or the prescriber's Cancel (closed)."""
-    _, seen = walked()
-    missing = {
-        (to, leaf.rule, leaf.does)
-        for to, tree in HANDLERS.items()
-        for way, leaf in ways(tree)
-        if (to, leaf.rule, leaf.does) not in seen
-    }
-    assert {(to, rule) for to, rule, _ in missing} == {
-        ("OnAcceptance", "NEG-6"),
-        ("OnAcceptance", "NEG-7"),
-        ("OnCancel", "PRE-1"),
-        ("OnCancel", "END-2"),
-    }
-    assert not any("send Ack" in does for _, _, does in missing)
-
-
-@pytest.mark.parametrize("graph", [ONE_PEER, TIGHT], ids=lambda graph: graph.name)
-def test_a_timer_is_offered_where_its_guard_says_that_it_is_armed(graph: Graph) -> None:
-    o = oracle(graph)
-    timers = [(n, i) for n, i in enumerate(o.inputs) if i[0] == "expire"]
-    assert {i[1][0] for _, i in timers} == set(ARMED)
-    for at, s in enumerate(o.states):
-        for n, i in timers:
-            given_up_first = i[1][0] == "forget" and any(e[2][0] == i[1][1] for e in s[11])
-            if not given_up_first:  # OpenStation: one order of two timers is assumed
-                runs = armed(i[1]).test(Facts(s, i, o.constants))
-                assert runs == (o.answer(at, n) is not None), (s, i)
-
-
-def test_each_guard_stands_in_station_tla_in_this_order() -> None:
-    text = (TLA / "Station.tla").read_text().splitlines()
-    for to, tree in HANDLERS.items():
-        for way, _ in ways(tree):
-            for (guard, _), line in zip(way, lines(way), strict=True):
-                assert guard.text in text[line - 1], (to, guard.text)
-    for guard in ARMED.values():
-        line, _ = place(guard.where, guard.text)
-        assert guard.text.split(' \\/ st.phase = "N')[0] in text[line - 1]
-
-
-def test_a_guard_that_stands_nowhere_is_an_error() -> None:
-    with pytest.raises(ValueError, match=r"OnRequest in Station\.tla: no Bound"):
-        place("OnRequest", "Bound(s)")
-    line, end = place("OnPrescribe", 'st.phase = "CHOOSING"')
-    assert place("OnPrescribe", 'st.phase = "CHOOSING"', end)[0] > line
-
-
-def changed(tree: Tree, way: tuple[bool, ...], change: Any) -> Tree:
-    """A copy of a tree with the choice at the end of a way changed."""
-    assert isinstance(tree, Choice)
-    if not way:
-        result: Tree = change(tree)
-        return result
-    if way[0]:
-        return Choice(tree.guard, changed(tree.then, way[1:], change), tree.otherwise)
-    return Choice(tree.guard, tree.then, changed(tree.otherwise, way[1:], change))
-
-
-def choices(tree: Tree, way: tuple[bool, ...] = ()) -> Iterator[tuple[tuple[bool, ...], Choice]]:
-    if isinstance(tree, Choice):
-        yield way, tree
-        yield from choices(tree.then, (*way, True))
-        yield from choices(tree.otherwise, (*way, False))
-
-
-def negated(choice: Choice) -> Choice:
-    return Choice(choice.guard, choice.otherwise, choice.then)
-
-
-def swapped(choice: Choice) -> Choice:
-    """The guard after its ELSE IF first."""
-    second = choice.otherwise
-    assert isinstance(second, Choice)
-    return Choice(second.guard, second.then, Choice(choice.guard, choice.then, second.otherwise))
-
-
-@cache
-def sample(to: str) -> list[tuple[Facts, str, set[str]]]:
-    """Answers to the inputs of one handler."""
-    return [
-        (facts, rule, does)
-        for graph, step in ((TIGHT, 1), (ONE_PEER, 7))
-        for _, facts, rule, does in pairs(graph, step, to)
-    ]
-
-
-def caught(to: str, tree: Tree) -> bool:
-    return not all(agrees(decide(tree, facts), rule, does) for facts, rule, does in sample(to))
-
-
-def test_a_negated_guard_is_caught() -> None:
-    """Three are not: those that only such an answer would reach."""
-    tried, missed = 0, []
-    for to, tree in HANDLERS.items():
-        for way, choice in choices(tree):
-            tried += 1
-            if not caught(to, changed(tree, way, negated)):
-                missed.append((to, choice.guard.text.split(" \\/ ")[0]))
-    assert tried > 100
-    assert missed == [
-        ("OnAcceptance", "RoundLeft(st)"),
-        ("OnCancel", "m.src \\in st.withdrawn"),
-        ("OnCancel", "st.recorded = {m.src}"),
-    ]
-
-
-def test_two_guards_in_the_wrong_order_are_caught() -> None:
-    """The others commute: they exclude each other, or lead to the same."""
-    found = Counter(
-        to
-        for to, tree in HANDLERS.items()
-        for way, choice in choices(tree)
-        if isinstance(choice.otherwise, Choice) and caught(to, changed(tree, way, swapped))
-    )
-    assert found == {
-        "OnRequest": 2,
-        "OnPrescribe": 2,
-        "OnProceed": 1,
-        "OnAccept": 1,
-        "OnRefuse": 1,
-        "OnComplete": 1,
-        "OnAbort": 1,
-        "OnAdvertisement": 3,
-        "OnIntention": 2,
-        "OnPrescription": 2,
-        "OnAcceptance": 6,
-        "OnCancel": 3,
-    }
-
-
-# -- nearest
 
 
 def test_adv_4_a_bound_station_that_joins_another_session() -> None:
@@ -283,11 +97,29 @@ def test_what_the_rule_does_but_in_another_form() -> None:
     found = nearest(oracle(), oracle().states[0], ADVERTISEMENT, ("send", "Intention"))
     assert found is not None
     assert (found.rule, found.guard) == ("ADV-3", "")
-    assert found.text().endswith("(OnAdvertisement), but not in this form")
+    assert found.text().endswith("(OnAdvertisement), but not in this form, or not again")
 
 
 def test_what_no_branch_of_the_handler_does() -> None:
     assert nearest(oracle(), oracle().states[0], ADVERTISEMENT, ("send", "Fin")) is None
+
+
+def test_rel_1_a_copy_may_carry_any_reason_but_is_of_what_was_sent() -> None:
+    cancel = ["Cancel", 2, [1, 1], 1, False]
+    sending = state(phase="STANDALONE", outbox=[cancel])
+    resend = ["expire", ["resend", cancel]]
+    found = nearest(oracle(), sending, resend, ("send", "Cancel", "abort"))
+    assert found is not None
+    assert (found.rule, found.guard) == ("REL-1", "")
+    assert nearest(oracle(), sending, resend, ("send", "Fin")) is None  # of some states only
+    assert nearest(oracle(), sending, resend, ("send", "Cancel", "abort", "more")) is None
+
+
+def test_the_phase_that_it_stays_in() -> None:
+    waiting = state(phase="WAITING")
+    found = nearest(oracle(), waiting, PRESCRIPTION, ("phase", "WAITING"))
+    assert found is not None
+    assert (found.rule, found.must_hold, found.guard[:8]) == ("END-5", False, "st.phase")
 
 
 def test_a_timer_that_is_not_armed() -> None:
@@ -309,17 +141,25 @@ def test_what_would_have_caused_it() -> None:
         "receive Cancel from 2",
     ]
     assert causes(oracle(), receiver, ("send", "Cancel", "abort")) == ["command abort"]
+    assert causes(oracle(), receiver, ("send", "Ack")) == [  # first what changes something
+        "receive Cancel from 2",
+        "receive Fin from 2",
+        "receive Acceptance from 2 (refused)",
+        "receive Prescription from 2",
+    ]
     assert causes(oracle(), receiver, ("send", "Prescription")) == []
+    assert causes(oracle(), receiver, ("without", "send", "Fin")) == []
     assert causes(oracle(), ["no state"], ("send", "Fin")) == []
 
 
 def test_the_values_are_given_with_the_ids_of_the_log() -> None:
     """ADV-8: real ids, sessions and limits instead of the oracle's."""
-    track = Track(2002, 5, "ACTUATING", "receiver", (1001, 7), proposal=4, joined={1001: 7})
+    track = Track(2002, 5, phase="ACTUATING", role="receiver", session=(1001, 7), proposal=4)
+    track.joined = {1001: 7}
     sent = {"seq": 3, "proposal": 4, "accepted": True}
     track.outbox.append(Entry("Acceptance", 1001, (1001, 7), 4, sent))
     view = View(track, 1001, session=(1001, 7), k=4)
-    real = names(view, {"OutboxLimit": 64})
+    real = names(view)
     given = [
         "receive",
         [*PRESCRIPTION[1][:3], view.sessions((1001, 7)), 1, 1, *PRESCRIPTION[1][6:]],
@@ -328,12 +168,12 @@ def test_the_values_are_given_with_the_ids_of_the_log() -> None:
     assert found is not None
     assert "m.proposal = 4, st.proposal = 4" in found.text(real)
     shown = {
-        ("st.outbox", "{Acceptance to 1001 session=1001/7 proposal=4}"),
+        ("st.outbox", "{Acceptance to 1001 session=1001/7 proposal=4 seq=3}"),
         ("st.joined", "{1001/7}"),
         ("m.dst", "2002"),
         ("m.src", "1001"),
         ("OutboxLimit", "64"),
-        ("MemoryLimit", "not told"),
+        ("MemoryLimit", "64"),
         ("MaxRounds", "5"),
         ("st.deciding", "FALSE"),
     }
@@ -342,6 +182,131 @@ def test_the_values_are_given_with_the_ids_of_the_log() -> None:
     assert {(name, real.of_value(name, value)) for name, value in values.items()} == shown
     assert causes(oracle(), view.state(), ("told", "fallback"), real)[-1] == (
         "receive Cancel from 1001"
+    )
+
+
+def test_what_was_received_is_shown_as_the_log_has_it() -> None:
+    """END-6: the seq of the wire, not what stands for it in the oracle."""
+    track = Track(1001, phase="STANDALONE", number=7)
+    track.outbox.append(Entry("Fin", 2002, (1001, 7), 1, {"seq": 5}))
+    ack = {"type": "Ack", "src": 2002, "dst": 1001, "session": [1001, 7], "seq": 0}
+    ack |= {"of": {"type": "Fin", "seq": 5}}
+    view = View(track, 2002, session=(1001, 7))
+    given = ["receive", ["Ack", 2, 1, [1, 1], 0, 0, False, "none", ["Fin", 1]], False]
+    found = nearest(oracle(), view.state(), given, ("without", "stop"))
+    assert found is not None
+    assert found.text(names(view, ack)) == (
+        "nearest allowed: END-6 without stop (OnAck) blocked by guard acked = {}, which must hold; "
+        "it matches a message that is still being sent: m.src = 2002, m.session = 1001/7, "
+        "m.of = Fin seq=5, st.outbox = {Fin to 2002 session=1001/7 seq=5}  "
+        f"Station.tla:{place('OnAck', 'acked = {}')[0]}"
+    )
+
+
+def test_a_timer_of_a_log_in_the_ids_of_the_oracle() -> None:
+    """REL-1: of a message in the outbox, of one that is not, of the Advertisement."""
+    track = Track(1001, phase="ADVERTISING", role="prescriber", session=(1001, 7), number=7)
+    track.outbox.append(Entry("Cancel", 2002, (1001, 7), 1, {"seq": 5}))
+    view = View(track, 2002, session=(1001, 7))
+    key = {"type": "Cancel", "to": 2002, "session": [1001, 7], "seq": 5}
+    entry = ["Cancel", 2, [1, 1], 1, False]
+    assert timer_in(view, {"name": "giveup", "message": key}) == ["giveup", entry]
+    other = timer_in(view, {"name": "giveup", "message": {**key, "type": "Fin"}})
+    assert other == ["giveup", ["Fin", *entry[1:]]]
+    found = unarmed(oracle(), view.state(), other)
+    assert found is not None
+    assert (found.action, found.why) == (
+        "expire giveup(Fin)",
+        "no such message is being sent any more",
+    )
+    again = {"type": "Advertisement", "session": [1001, 7], "seq": 1}
+    resend = timer_in(view, {"name": "resend", "message": again})
+    assert unarmed(oracle(), view.state(), resend) is None
+    assert timer_in(view, {"name": "forget", "station": 2002}) == ["forget", 2]
+    assert timer_in(view, {"name": "forget", "station": 3003}) == ["forget", 9]
+
+
+def test_mem_1_a_real_station_may_be_full() -> None:
+    """Its limits decide, not those of the oracle."""
+    standing = oracle().states[0]
+    found = nearest(oracle(), standing, ADVERTISEMENT, ("send", "Intention"), full=True)
+    assert found is not None
+    assert (found.rule, found.guard[:8]) == ("ADV-3", "~(Room(s")
+    request = ["command", "request", [0, 0], 0, 0]
+    found = nearest(oracle(), standing, request, ("send", "Advertisement"), full=True)
+    assert found is not None
+    assert found.guard == "~Room(st)"
+    found = nearest(oracle(), standing, request, ("told", "refused"), full=True)
+    assert found is not None
+    assert (found.rule, found.guard) == ("MEM-1", "")
+
+
+def tuples(value: Json) -> Json:
+    return tuple(tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def test_what_the_engine_gives_means_the_same() -> None:
+    """Tuples for lists, an outbox in another order, whole messages and timers."""
+    entries = [["Cancel", 2, [2, 1], 1, False], ["Cancel", 2, [2, 2], 1, False]]
+    sending = state(phase="STANDALONE", outbox=entries)
+    other = [*sending[:11], entries[::-1], *sending[12:]]
+    cancel = {"type": "Cancel", "reason": "abort", "seq": 3}
+    resend = ["expire", ["resend", entries[1]]]
+    found = nearest(oracle(), sending, resend, ("send", "Cancel", "abort"))
+    assert found is not None
+    assert nearest(oracle(), tuples(other), tuples(resend), ("send", cancel)) == found
+    told = causes(oracle(), sending, ("arm", "resend"))
+    assert told[0] == "expire resend(Cancel)"
+    assert causes(oracle(), tuples(other), ("arm", {"name": "resend"})) == told
+    acceptance = {"type": "Acceptance", "accepted": False, "reason": "busy", "seq": 0}
+    assert causes(oracle(), state(phase="WAITING"), ("send", acceptance)) == [
+        "receive Prescription from 2"
+    ]
+    finished = causes(oracle(), state(phase="WAITING"), ("indication", "finished"))
+    assert finished == ["receive Fin from 2"]
+    assert unarmed(oracle(), tuples(other), tuples(["giveup", entries[0]])) is None
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """A receiver's log."""
+    folder = tmp_path_factory.mktemp("logs")
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2), logs=folder)
+    for station in (1001, 2002):
+        simulation.add(station, Straight())
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    return read(folder / "2002.ndjson")
+
+
+def test_what_an_event_of_a_log_shows(log: Log) -> None:
+    shown = {observed(event) for _, event in log.events}
+    assert {
+        (),
+        ("send", "Intention", None),
+        ("send", "Acceptance", True, None),
+        ("arm", "giveup"),
+        ("stop", "hold"),
+        ("told", "verify", None),
+    } <= shown
+
+
+def test_adv_3_where_a_log_diverges_the_guard_is_found(log: Log) -> None:
+    """The application's trajectory is missing, so the Advertisement does not concern it."""
+    engine = Engine(log.header)
+    with pytest.raises(Diverges) as caught_:
+        for at, event in log.events:
+            if isinstance(event, Receive):
+                event = event.model_copy(update={"planned": None})
+            engine.feed(at, event)
+    d = caught_.value
+    assert d.step is not None
+    found = nearest(oracle(), d.step.view.state(), d.step.input, d.seen)
+    assert found is not None
+    assert (found.rule, found.action) == ("ADV-3", "phase INTENDING")  # what it says first
+    assert found.text(names(d.step.view, d.step.given)).endswith(
+        "the Advertisement does not concern it: concerned = FALSE  "
+        f"Station.tla:{place('OnAdvertisement', '~concerned')[0]}"
     )
 
 

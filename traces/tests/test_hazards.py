@@ -10,9 +10,12 @@ from merged_runs import Run, killed, records, rewritten, without_tx
 
 from automcm.interface import Abort
 from automcm.messages import Cam, encode
+from automcm_traces.clocks import Span
 from automcm_traces.hazards import Hazard
+from automcm_traces.hazards import hazard as hazard_of
 from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log
+from automcm_traces.world import World
 
 CUT = 4000
 """Between the acceptance and the Fin of every run, ms."""
@@ -113,6 +116,42 @@ def test_act_4_a_short_lease_is_the_bound(tmp_path: Path) -> None:
     hazard = only(judge(run.logs()))
     assert hazard.bound is not None and hazard.bound.text == "lease = 1540: 1540 ms"
     assert measured(hazard, run) <= 1540
+
+
+def test_a_target_may_be_gone_before_the_prescriber_acts(tmp_path: Path) -> None:
+    """It aborts while its Acceptance is under way: the hazard begins where the prescriber acts."""
+
+    def aborted(name: str, at: int | None) -> tuple[Run, SystemReport]:
+        run = Run(tmp_path / name, drop=no_cancel, maneuver_ms=9000)
+        if at is not None:
+            run.simulation.command(2, Abort(session=(1, 1)), at=at)
+        return run, judge(run.logs())
+
+    entered = dict((phase, ms) for ms, phase in aborted("first", None)[0].phases[2])
+    run, report = aborted("second", entered["ACTUATING"] + 1)
+    (hazard,) = report.hazards
+    begin = dict((phase, ms) for ms, phase in run.phases[1])["ACTUATING"]
+    assert run.left(2) + 2 < begin == hazard.since_ms and "before station 1 acts" in hazard.fault
+    assert hazard.length is not None and hazard.excused and hazard.outcome == "within"
+    assert hazard.length.low == hazard.length.high == run.left(1) - begin
+
+
+def test_t_2_cannot_be_told_where_the_clocks_leave_the_bound_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    world = World(run.logs())
+    elapsed = world.elapsed
+
+    def vague(*args: int) -> Span | None:
+        span = elapsed(*args)
+        return span and Span(span.low - 200, span.high + 200, span.best)
+
+    monkeypatch.setattr(world, "elapsed", vague)
+    (acts,) = world.timelines[1].spells("ACTUATING", "prescriber")
+    found = hazard_of(world, acts)
+    assert found is not None and found.outcome == "cannot_tell" and "clocks" in found.why
 
 
 def test_a_station_that_dies_leaves_a_log_that_stops(tmp_path: Path) -> None:

@@ -142,6 +142,11 @@ CASES: list[tuple[str, list[Line | bytes], list[tuple[int, str, str]]]] = [
     ("message", [HEADER, send(1, dst=0), arm(2), end(2)], [(2, "message", "message.dst")]),
     ("no timer", [HEADER, send(1), end(1)], [(1, "complete", "complete")]),
     ("no send", [HEADER, arm(1), end(1)], [(1, "complete", "complete")]),
+    (
+        "a timer that needs no send",
+        [HEADER, event(1, "timer", op="arm", timer={"name": "quarantine"}, deadline=9), end(1)],
+        [],
+    ),
     ("no promise", [{**HEADER, "complete": []}, send(1), end(1)], []),
 ]
 
@@ -155,6 +160,12 @@ def test_finds(
 
 def test_every_check_is_shown_here() -> None:
     assert {check for _, _, wanted in CASES for _, check, _ in wanted} == set(CHECKS)
+
+
+def test_the_documentation_has_every_check() -> None:
+    text = (Path(__file__).parents[2] / "docs/trace-format.md").read_text()
+    for name, (level, wanted) in CHECKS.items():
+        assert f"| `{name}` | {level} | {wanted} |" in text
 
 
 def test_what_is_clean_can_be_read_and_what_cannot_be_read_is_not_clean(tmp_path: Path) -> None:
@@ -200,6 +211,19 @@ def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> 
     ]
     assert exit_code([one]) == 1
     assert one.as_dict()["findings"][0]["check"] == "seq"
+
+
+def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, event(1), event(2), event(2), event(1), event(2), end(2))
+    assert [finding.problem for finding in lint(path) if finding.check == "seq"] == [
+        "2 a second time",
+        "goes back from 2 to 1",
+    ]
+
+
+def test_a_log_of_a_station_that_sends_rubbish_is_a_good_log(tmp_path: Path) -> None:
+    one = report(write(tmp_path, HEADER, send(1, dst=0, x=1), arm(2), end(2)))
+    assert (one.verdict, one.warnings) == ("clean", 2)
 
 
 def test_warnings_leave_a_log_clean(tmp_path: Path) -> None:

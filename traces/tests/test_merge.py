@@ -80,6 +80,21 @@ def test_before_is_what_chains_of_messages_say(logs: list[Log]) -> None:
     assert 0.3 < sum(answers) / len(answers) < 0.6
 
 
+def test_the_lowest_station_that_can_go_on_does(logs: list[Log]) -> None:
+    merged = merge(logs)
+    at = [0] * len(logs)
+
+    def free(i: int) -> bool:
+        match = merged.matches.get((i, at[i]))
+        return at[i] < len(logs[i].events) and (
+            match is None or match.first[1] < at[match.first[0]]
+        )
+
+    for i, k in merged.order:
+        assert (i, k) == next((j, at[j]) for j in range(len(logs)) if free(j))
+        at[i] += 1
+
+
 def test_ties_are_broken_by_station_and_seq(tmp_path: Path) -> None:
     """Without a message between them, all of station 1 comes first."""
     silent = Run(tmp_path, drop=lambda src, dst, m, now: True).logs(until=1000)

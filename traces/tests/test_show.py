@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import tracemalloc
 from pathlib import Path
@@ -212,6 +213,7 @@ def test_filters(tmp_path: Path) -> None:
         event("receive", tx="8:2", message=fin(8, 7, session=(8, 5))),
         event("indication", indication={"name": "ended"}),
         event("receive", tx="8:3", raw="AAAA"),
+        event("receive", tx="8:4", message=cam),
         event("timer", op="expire", timer={"name": "cam"}),
     ]
     path = log(tmp_path, 7, *events)
@@ -219,18 +221,18 @@ def test_filters(tmp_path: Path) -> None:
     def lines(**wanted: Any) -> list[int]:
         return [line for _, line in placed(rows(path, **wanted))]
 
-    assert lines() == [4, 5, 6, 7, 8, 9]
-    assert lines(cams=True) == list(range(2, 10))
+    assert lines() == [4, 5, 6, 7, 8, 10]
+    assert lines(cams=True) == list(range(2, 11))
     assert lines(timers=False) == [4, 6, 7, 8]
     assert lines(session=(7, 1)) == [4, 5]
-    assert lines(session=(7, 1), cams=True) == [2, 4, 5]
+    assert lines(session=(7, 1), cams=True) == [2, 4, 5, 9]
     assert lines(session=(8, 5)) == [6, 7]
     assert lines(types=frozenset({"Fin"})) == [4, 6]
-    assert lines(from_line=7) == [7, 8, 9]
+    assert lines(from_line=7) == [7, 8, 10]
     assert lines(stations=frozenset({8})) == []
     wanted = Filter()
     list(Shown(Logs([path]), wanted))
-    assert wanted.hidden_cams == 1
+    assert wanted.hidden_cams == 2
 
 
 def test_the_last_rows_know_the_phase_before_them(tmp_path: Path) -> None:
@@ -245,6 +247,12 @@ def test_two_logs_of_one_station_are_refused_and_two_runs_are_warned_of(tmp_path
     with pytest.raises(LogError, match="7 is the station of"):
         Logs([one, same])
     assert Logs([one, log(tmp_path, 8, run="s")]).warnings == ["not one run: 'r' and 's'"]
+
+
+def test_a_pipe_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(LogError, match="is a pipe"):
+        Logs([tmp_path / "pipe"])
 
 
 @pytest.mark.parametrize(
@@ -290,8 +298,8 @@ def test_any_message_has_words(tmp_path: Path, message: Line) -> None:
 
 def test_long_logs_are_merged_in_bounded_memory(tmp_path: Path) -> None:
     said_ = {"message": fin(7, 8), "x_pad": "x" * 400}
-    sent = [event("send", n, tx=f"7:{n}", **said_) for n in range(5000)]
-    received = [event("receive", n, tx=f"7:{n}", **said_) for n in range(5000)]
+    sent = [event("send", n, tx=f"7:{n}", **said_) for n in range(2000)]
+    received = [event("receive", n, tx=f"7:{n}", **said_) for n in range(2000)]
     paths = [log(tmp_path, 7, *sent), log(tmp_path, 8, *received)]
     tracemalloc.start()
     assert sum(1 for _ in Shown(Logs(paths), Filter(), last=3)) == 3

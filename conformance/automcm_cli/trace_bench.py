@@ -1,0 +1,174 @@
+"""``automcm bench traces``: what judging logs costs, beside reading them and beside TLC."""
+
+from __future__ import annotations
+
+import json
+import random
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from automcm_cli.common import CODES, Json, progress, write_json
+
+EVENTS = 50
+"""Events of each log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Seconds for the same logs."""
+
+    logs: int
+    events: int
+    json_s: float
+    """json.loads of every line: the floor."""
+    read_s: float
+    """LogStream: the format checked, line by line."""
+    explain_s: float
+    """Read, and held against the oracle."""
+    tlc_s: float | None
+    """TLC's batch, its start and the reading included; None if it was not asked for."""
+
+    def rows(self) -> list[tuple[str, float]]:
+        """What was measured, and its seconds."""
+        rows = [
+            ("json.loads alone", self.json_s),
+            ("reading (the format checked)", self.read_s),
+            ("explain (reading and engine)", self.explain_s),
+            ("the engine alone", self.explain_s - self.read_s),
+        ]
+        return rows if self.tlc_s is None else [*rows, ("TLC, one batch", self.tlc_s)]
+
+    def as_dict(self) -> dict[str, Any]:
+        engine = self.explain_s - self.read_s
+        return asdict(self) | {
+            "explain_events_per_s": round(self.events / self.explain_s),
+            "engine_events_per_s": round(self.events / engine),
+            "engine_by_reading": round(engine / self.read_s, 2),
+        }
+
+
+def logs(number: int, folder: Path) -> list[Path]:
+    """``number`` complete logs of EVENTS events each, of stations in lane changes with loss."""
+    return [path for path, _ in zip(_logs(folder), range(number), strict=False)]
+
+
+def _logs(folder: Path) -> Iterator[Path]:
+    from automcm.links.simulated import Channel
+    from automcm.parameters import Parameters
+    from automcm.simulation import Simulation
+    from automcm.straight import Straight
+
+    seed = 0
+    while True:
+        seed += 1
+        chance = random.Random(seed)
+        part = folder / str(seed)
+        part.mkdir()
+        channel = Channel(loss=chance.choice([0.0, 0.2, 0.4]), duplicate=0.05)
+        simulation = Simulation(seed=seed, channel=channel, logs=part)
+        for station in (1001, 2002, 3003, 4004):
+            parameters = Parameters(t_cam=900, t_timeout=chance.choice([0, 1000, 2000]))
+            simulation.add(station, Straight(target=3003, maneuver_ms=1500), parameters)
+        simulation.request(1001, at=300)
+        simulation.run(until=9_000)
+        for path in sorted(part.iterdir()):
+            lines = path.read_bytes().splitlines(keepends=True)
+            if len(lines) > EVENTS + 1:
+                path.write_bytes(b"".join(lines[: EVENTS + 1]))
+                yield path
+
+
+def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
+    """Measure.  Raises what the second engine raises if it is asked for and cannot be run."""
+    from automcm_traces.explain import explain_file
+    from automcm_traces.reader import LogStream, read
+
+    with tempfile.TemporaryDirectory() as folder:
+        say(f"making {number} logs")
+        paths = logs(number, Path(folder))
+        explain_file(paths[0])  # the oracle is read once
+
+        def parse() -> None:
+            for path in paths:
+                for line in path.read_bytes().splitlines():
+                    json.loads(line)
+
+        def stream() -> None:
+            for path in paths:
+                for _ in LogStream(path):
+                    pass
+
+        def judge() -> None:
+            for path in paths:
+                verdict = explain_file(path)
+                assert verdict.verdict == "allowed", verdict
+
+        def batch() -> None:
+            from automcm_traces.tlc_engine import explain_batch
+
+            verdicts = explain_batch([read(path) for path in paths])
+            assert all(verdict.verdict == "allowed" for verdict in verdicts)
+
+        say("reading and judging")
+        json_s, read_s, explain_s = _best([parse, stream, judge])
+        tlc_s = None
+        if tlc:
+            say("TLC")
+            (tlc_s,) = _best([batch], 1)
+        return Measured(len(paths), len(paths) * EVENTS, json_s, read_s, explain_s, tlc_s)
+
+
+def _best(tasks: list[Callable[[], None]], rounds: int = 3) -> list[float]:
+    """The shortest of some rounds of each, in turns."""
+    best = [float("inf")] * len(tasks)
+    for _ in range(rounds):
+        for n, task in enumerate(tasks):
+            start = time.perf_counter()
+            task()
+            best[n] = min(best[n], time.perf_counter() - start)
+    return best
+
+
+EPILOG = "Example: automcm bench traces --logs 200 --no-tlc.  " + CODES
+
+
+def traces(
+    number: Annotated[
+        int, typer.Option("--logs", help=f"How many logs of {EVENTS} events.", min=1)
+    ] = 1000,
+    tlc: Annotated[bool, typer.Option(help="Measure TLC's batch too.")] = True,
+    json_: Json = None,
+) -> None:
+    """Events a second of the oracle engine, beside parsing alone and TLC on the same logs.
+
+    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    """
+    from automcm_spec.tlc import TlcError
+    from automcm_spec.toolchain import ToolError
+
+    try:
+        with progress() as say:
+            measured = measure(number, tlc, say)
+    except (TlcError, ToolError) as error:
+        typer.echo(f"bench traces: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, measured.as_dict())
+    if str(json_) == "-":
+        return
+    console = Console()
+    console.print(f"{measured.logs} logs of {EVENTS} events, one process, best of three rounds")
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("", "events a second", "times reading"):
+        table.add_column(column, justify="left" if not column else "right")
+    for name, seconds in measured.rows():
+        ratio = f"{seconds / measured.read_s:.2f}"
+        table.add_row(name, f"{measured.events / seconds:,.0f}", ratio)
+    console.print(table)

@@ -1,0 +1,103 @@
+"""``automcm trace replay``: the inputs of a log into any station."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.conform import Limit, WithCommand, command_of
+
+if TYPE_CHECKING:
+    from automcm_conformance.replay_log import Replayed
+
+EPILOG = "Example: automcm trace replay 2002.ndjson -- automcm adapter.  " + CODES
+LONGEST = 2_000
+"""Characters of a line that is printed; what it quotes is somebody else's."""
+
+
+def replay(
+    ctx: typer.Context,
+    log: Annotated[Path, typer.Argument(help="A log in the format automcm.trace/1.")],
+    out: Annotated[Path, typer.Option(help="Folder for the new log.")] = Path("runs/replay"),
+    limit: Limit = 10.0,
+    seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
+    json_: Json = None,
+) -> None:
+    """Give the inputs of a log to a station, and follow it on the specification.
+
+    What the log's own station sent is only compared.  The new log goes into --out.
+    """
+    from automcm_conformance.replay_log import replay as replay_
+    from automcm_conformance.report import visible
+    from automcm_spec.oracle import OracleError
+    from automcm_traces.reader import LogError
+
+    command = command_of(ctx)
+    try:
+        result = replay_(log, command, out, limit_s=limit, seed=seed, well_formed=_well_formed)
+    except LogError as error:
+        verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
+        write_json(json_, verdict | {"event": str(error), "exit_code": 3})
+        typer.echo(f"replay: {error}", err=True)
+        raise typer.Exit(3) from None
+    except (OracleError, OSError) as error:
+        typer.echo(f"replay: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, result.as_dict())
+    if str(json_) != "-":
+        for text in _text(result):
+            typer.echo(visible(text, limit=LONGEST))
+    raise typer.Exit(result.exit_code)
+
+
+def _well_formed(message: dict[str, Any]) -> bool:
+    """Whether it keeps the bounds of messages.md (END-5)."""
+    from pydantic_core import to_json
+
+    from automcm.messages import MessageError, decode
+
+    try:
+        decode(to_json(message))
+    except MessageError:
+        return False
+    return True
+
+
+def _text(result: Replayed) -> list[str]:
+    place = f"{result.file}:{result.line}" if result.line else result.file
+    head = {
+        "allowed": f"{result.file}: FOLLOWS the specification, {result.inputs} inputs",
+        "diverges": f"{place}: DIVERGES: {result.event}",
+        "cannot_tell": f"{place}: CANNOT TELL: {result.event}",
+        "error": f"{place}: ERROR: {result.event}",
+    }
+    lines = [head[result.verdict]]
+    if result.verdict != "allowed" and result.input:
+        lines.append(f"  last input, {result.inputs} of {result.total}: {result.input}")
+    lines += [f"  expected one of: {'; '.join(result.expected)}"] if result.expected else []
+    lines += [f"  by {result.guard}"] if result.guard else []
+    lines += [f"  standard error: {text!r}" for text in result.stderr]
+    if result.difference is not None:
+        d = result.difference
+        lines.append(f"  not as in the log, first at {result.file}:{d.line}, {d.t_ms} ms")
+        lines += [f"    log:     {d.log or 'nothing'}", f"    station: {d.station or 'nothing'}"]
+    elif result.same:
+        lines.append("  as in the log: the same is sent and told")
+    elif result.verdict == "allowed":
+        lines.append("  not compared with the log, which does not hold all that was sent")
+    lines += [f"  note: {note}" for note in result.notes]
+    if result.log:
+        lines.append(
+            f"  its log: {result.log}" + (f":{result.log_line}" if result.log_line else "")
+        )
+        if result.verdict == "diverges" and not result.in_log:
+            lines.append("  the new log alone does not show it: no log holds the next deadline")
+    return lines
+
+
+def register(app: typer.Typer) -> None:
+    """Put it among the commands of ``app``."""
+    app.command(cls=WithCommand, epilog=EPILOG)(replay)

@@ -1,0 +1,64 @@
+"""The corpus is what would be generated now; a changed, missing or superfluous file is told."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from automcm_cli import generated
+
+CODE = (
+    "import hashlib; from automcm_cli import generated as g;"
+    "print(sorted((str(p), hashlib.sha256(d).hexdigest()) for p, d in g._corpus().items()))"
+)
+
+
+def test_what_needs_no_tlc_is_not_stale_and_each_drift_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    files = generated._corpus()
+    assert generated._stale_corpus(generated._AT_ONCE, files) == []
+    changed = generated.CORPUS_ROOT / "bad" / "cut.ndjson"
+    missing = generated.CORPUS_ROOT / "bad" / "none.ndjson"
+    stale = generated._stale_corpus(
+        generated._AT_ONCE,
+        {p: d for p, d in files.items() if p.name != "empty.ndjson"} | {changed: b"", missing: b""},
+    )
+    assert [text.split(":")[0].split("/")[-1] for text in stale] == [
+        "cut.ndjson",
+        "empty.ndjson",
+        "none.ndjson",
+    ]
+    assert all("make generate" in text for text in stale)
+
+
+def test_the_full_profile_compares_what_tlc_tells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The behaviours are minutes of work, so here the logs on disk stand in for them."""
+    there = {
+        path: path.read_bytes()
+        for kind in generated._FROM_TLC
+        for path in (generated.CORPUS_ROOT / kind).rglob("*")
+        if path.is_file()
+    }
+    assert len(there) > 700 and generated._stale_corpus(generated._FROM_TLC, there) == []
+    gone = there.popitem()[0]
+    (text,) = generated._stale_corpus(generated._FROM_TLC, there)
+    assert gone.name in text
+
+
+def test_the_corpus_does_not_depend_on_the_hash_seed() -> None:
+    texts = {
+        subprocess.run(
+            [sys.executable, "-c", CODE],
+            env=os.environ | {"PYTHONHASHSEED": seed},
+            cwd=Path(__file__).parents[2],
+            capture_output=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(texts) == 1

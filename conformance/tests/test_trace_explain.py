@@ -1,0 +1,87 @@
+"""``automcm trace explain`` at the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli.main import app
+
+run = CliRunner()
+CORPUS = Path(__file__).resolve().parents[2] / "traces" / "corpus" / "four-vehicles"
+LOGS = sorted(str(path) for path in CORPUS.iterdir())
+
+
+@pytest.fixture
+def wrong(tmp_path: Path) -> Path:
+    """NEG-2: an Acceptance of another proposal than was prescribed."""
+    path = tmp_path / "wrong.ndjson"
+    text = (CORPUS / "3003.ndjson").read_text()
+    at = text.index('"type":"Acceptance"')
+    path.write_text(text[:at] + text[at:].replace('"proposal":1', '"proposal":2', 1))
+    return path
+
+
+def explained(*args: str | Path) -> tuple[int, Any]:
+    answer = run.invoke(app, ["trace", "explain", *map(str, args), "--json", "-"])
+    return answer.exit_code, json.loads(answer.output)
+
+
+def test_a_divergence_is_exit_1_and_leaves_its_prefix(wrong: Path, tmp_path: Path) -> None:
+    code, told = explained(wrong, "--out", tmp_path / "out")
+    assert code == 1
+    asked = {"verdict", "file", "line", "event", "rule", "expected", "guard", "possible_states"}
+    assert asked <= told.keys()
+    assert (told["verdict"], told["rule"]) == ("diverges", "NEG-2")
+    assert "OnAccept" in told["guard"] and told["possible_states"] == 1
+    prefix = Path(told["prefix"])
+    assert prefix.parent == tmp_path / "out" and told["replay"].startswith("automcm trace replay")
+    assert explained(prefix, "--out", tmp_path / "out")[1]["line"] == told["line"]
+
+
+def test_a_prefix_that_cannot_be_written_is_told(wrong: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("no folder")
+    answer = run.invoke(app, ["trace", "explain", str(wrong), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 1 and "is not written" in answer.output
+
+
+def test_several_logs_are_judged_together() -> None:
+    code, told = explained(*LOGS)
+    assert code == 0 and told["system"]["verdict"] == "allowed"
+    assert [log["verdict"] for log in told["logs"]] == ["allowed"] * 4
+    assert {p["outcome"] for p in told["system"]["properties"]} == {"holds"}
+
+
+def test_the_worst_verdict_is_the_exit_code(wrong: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty.ndjson").write_text("")
+    out = ("--out", tmp_path / "out")
+    assert explained(tmp_path / "empty.ndjson")[0] == 3
+    assert explained(tmp_path / "empty.ndjson", LOGS[0])[0] == 3
+    assert explained(tmp_path / "empty.ndjson", wrong, *out)[0] == 1
+
+
+def test_a_gap_cannot_be_told_and_what_diverges_before_it_is(wrong: Path, tmp_path: Path) -> None:
+    for source, verdict, code in ((Path(LOGS[2]), "cannot_tell", 4), (wrong, "diverges", 1)):
+        lines = source.read_text().splitlines(keepends=True)
+        path = tmp_path / "gap.ndjson"
+        path.write_text("".join(lines[:80] + lines[83:]))
+        found, told = explained(path, "--out", tmp_path / "out")
+        assert (found, told["verdict"]) == (code, verdict)
+        assert told["line"] == (81 if verdict == "cannot_tell" else 54)
+
+
+def test_what_cannot_be_read_further_is_unreadable_only_if_all_before_was_allowed(
+    wrong: Path, tmp_path: Path
+) -> None:
+    for source, verdict in ((Path(LOGS[2]), "unreadable"), (wrong, "diverges")):
+        lines = source.read_bytes().splitlines(keepends=True)
+        path = tmp_path / "rubbish.ndjson"
+        path.write_bytes(b"".join(lines[:80]) + b"\x00\xff\x7frubbish\n" + b"".join(lines[80:]))
+        _, told = explained(path, "--out", tmp_path / "out")
+        assert told["verdict"] == verdict
+        if verdict == "unreadable":
+            assert told["line"] == 81 and "rubbish.ndjson:81" in told["event"]

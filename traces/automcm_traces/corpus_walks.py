@@ -1,0 +1,294 @@
+"""Behaviours of a closed model that take every transition of its stations at least once.
+
+TLC prints the graph of the model: each state, and each step from it with its input.  A transition
+is what one station does: the station, its state and the input.  An input that changes nothing
+anywhere (a copy sent again, a message heard twice) is no step of the model, but it is a transition
+here: it is taken on the way, where the walk passes a state that offers it.
+
+A walk goes from the start to the nearest state that still has a transition to show, and on from
+there; where there is none left to reach, the next walk begins.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import tempfile
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from automcm_spec import simulate, tlc, values
+from automcm_spec.models import Model
+from automcm_spec.oracle import canonical
+from automcm_spec.paths import TLA
+from automcm_traces import story
+from automcm_traces.story_effects import Question, ask, cfg_of, state
+from automcm_traces.story_steps import Move, happenings_of_all, plain
+
+Json = Any
+MODULE = """---- MODULE Graph ----
+EXTENDS {module}, TLC
+VARIABLE place
+GInit == Init /\\ place = 0 /\\ TLCSet(9, 0)
+Node == /\\ PrintT(ToString(<<"node", place>>))
+        /\\ \\E v \\in {{view}} : v = v /\\ PrintT(ToString(<<v>>))
+        /\\ \\A s \\in Stations : \\A i \\in Inputs(s) : PrintT(ToString(<<"may", s, i>>))
+GNext == \\E s \\in Stations : \\E i \\in Inputs(s) :
+  /\\ Do(s, i)
+  /\\ TLCSet(9, TLCGet(9) + 1) /\\ place' = TLCGet(9)
+  /\\ PrintT(ToString(<<"step", place, s, i>>)) 
+  /\\ \\E v \\in {{view'}} : v = v /\\ PrintT(ToString(<<v>>))
+====
+"""
+"""``place`` numbers the states, and the VIEW hides it.  Node is an invariant, so TLC looks at it
+once for each state.  ``v = v`` brings a value into the form in which equal ones print alike."""
+
+
+Walk = list[tuple[int, tuple[int, str], int]]
+"""Steps: a node, the station and its input (as text), the next node."""
+
+
+class Transition(NamedTuple):
+    """What one station does: its state and the input, as texts, as the station sees them.
+
+    To itself it is 1; the others are 2, 3, … in the order in which state and input name them.  So
+    what two stations do alike is one transition.  Whether the application is concerned counts with
+    an Advertisement alone.
+    """
+
+    state: str
+    input: str
+
+    @property
+    def digest(self) -> str:
+        """A short name for it."""
+        return hashlib.sha256("\n".join(self).encode()).hexdigest()[:12]
+
+
+def transition(station: int, at: Json, value: Json) -> Transition:
+    """The transition of a station in a state (in the form of the oracle) with this input."""
+    ids = {0: 0, station: 1}
+
+    def one(of: int) -> int:
+        return ids.setdefault(of, len(ids))
+
+    def session(of: Json) -> Json:
+        return [one(of[0]), of[1]]
+
+    def entry(of: Json) -> Json:
+        return [of[0], one(of[1]), session(of[2]), *of[3:]]
+
+    seen = list(at)
+    seen[2], seen[5] = session(at[2]), one(at[5])
+    for place in (3, 4):
+        seen[place] = sorted(one(s) for s in at[place])
+    seen[10] = sorted(session(s) for s in at[10])
+    seen[11] = sorted((entry(e) for e in at[11]), key=canonical)
+    kind, *rest = value
+    if kind == "receive":
+        type_, src, dst, of, *more = rest[0]
+        concerned = rest[1] and type_ == "Advertisement"
+        rest = [[type_, one(src), one(dst), session(of), *more], concerned]
+    elif kind == "command":
+        rest = [rest[0], session(rest[1]), rest[2], one(rest[3])]
+    elif kind == "expire":
+        name, *about = rest[0]
+        rest = [[name, *(entry(a) if isinstance(a, list) else one(a) for a in about)]]
+    return Transition(canonical(seen), canonical([kind, *rest]))
+
+
+@dataclass
+class Node:
+    """A state of the model: the stations and the radio, its inputs and where they lead.
+
+    ``idle`` are the inputs that change nothing.
+    """
+
+    st: dict[int, Json]
+    net: frozenset[str]
+    steps: dict[tuple[int, str], int] = field(default_factory=dict)
+    idle: list[tuple[int, str]] = field(default_factory=list)
+    _known: dict[tuple[int, str], Transition] = field(default_factory=dict)
+
+    def transition(self, key: tuple[int, str]) -> Transition:
+        if key not in self._known:
+            self._known[key] = transition(key[0], self.st[key[0]], json.loads(key[1]))
+        return self._known[key]
+
+
+class Graph:
+    """The graph of a closed model, as TLC prints it.  Node 0 is the start."""
+
+    def __init__(self, model: Model, tla: Path = TLA) -> None:
+        self.model = model
+        self.cfg = cfg_of(model.cfg)
+        self.nodes: dict[int, Node] = {}
+        self._inputs: dict[str, tuple[int, str]] = {}
+        self._by_view: dict[str, int] = {}
+        self._steps: list[tuple[int, tuple[int, str], str]] = []
+        self._open: tuple[Any, ...] = ()
+        self._node = Node({}, frozenset())
+        self._run(tla)
+        for source, key, view in self._steps:
+            self.nodes[source].steps[key] = self._by_view[view]
+        for node in self.nodes.values():
+            node.idle = [key for key in node.idle if key not in node.steps]
+
+    def _run(self, tla: Path) -> None:
+        text = re.sub(r"^INIT \w+$", "INIT GInit", self.cfg, flags=re.M)
+        text = re.sub(r"^NEXT \w+$", "NEXT GNext", text, flags=re.M)
+        text = re.sub(r"^(PROPERTIES|PROPERTY|INVARIANTS?) .*\n", "", text, flags=re.M)
+        with tempfile.TemporaryDirectory(prefix="automcm-graph-") as folder:
+            place = Path(folder)
+            for path in tla.glob("*.tla"):
+                shutil.copy(path, place)
+            (place / "Graph.tla").write_text(MODULE.format(module=self.model.module))
+            (place / "Graph.cfg").write_text(text + "INVARIANT Node\n")
+            tlc.run("Graph", place / "Graph.cfg", tla_dir=place, on_print=self._line)
+
+    def _line(self, line: str) -> None:
+        if line.startswith('"<<\\"node'):
+            self._open = ("node", int(line.split(",")[1].split(">")[0]))
+        elif line.startswith('"<<\\"step'):
+            _, source, rest = line.split(", ", 2)
+            self._open = ("step", int(source), self._input(rest))
+        elif line.startswith('"<<\\"may'):
+            self._node.idle.append(self._input(line.split(", ", 1)[1]))
+        elif line.startswith('"<<') and self._open:
+            if self._open[0] == "node":
+                self._by_view[line] = self._open[1]
+                self._node = self.nodes[self._open[1]] = _node(line)
+            else:
+                self._steps.append((self._open[1], self._open[2], line))
+            self._open = ()
+
+    def _input(self, text: str) -> tuple[int, str]:
+        """The station and the input that the end of a printed tuple names."""
+        if text not in self._inputs:
+            unquoted = values.parse(f'"{text}')
+            who, value = _pair(values.parse(f"<<{unquoted}"))
+            self._inputs[text] = who, canonical(simulate.input_(value))
+        return self._inputs[text]
+
+    @property
+    def max_rounds(self) -> int:
+        found = re.search(r"^  MaxRounds = (\d+)$", self.cfg, re.M)
+        assert found is not None, "every model says it"
+        return int(found[1])
+
+    @property
+    def transitions(self) -> set[Transition]:
+        """All that the stations do in some reachable state."""
+        return {
+            node.transition(key)
+            for node in self.nodes.values()
+            for key in (*node.steps, *node.idle)
+        }
+
+    def walks(self, seen: Iterable[Transition] = ()) -> list[Walk]:
+        """Walks that take every transition but those seen elsewhere."""
+        missing = self.transitions - set(seen)
+        walks = []
+        while missing:
+            at, walk = 0, []
+            while (path := self._nearest(at, missing)) is not None:
+                for source, key, target in path:
+                    walk += self._take_idle(source, missing)
+                    walk.append((source, key, target))
+                    missing.discard(self.nodes[source].transition(key))
+                    at = target
+                walk += self._take_idle(at, missing)
+            walks.append(walk)
+        return walks
+
+    def _take_idle(self, at: int, missing: set[Transition]) -> Walk:
+        node, taken = self.nodes[at], []
+        for key in node.idle:
+            if (transition := node.transition(key)) in missing:
+                missing.discard(transition)
+                taken.append((at, key, at))
+        return taken
+
+    def _nearest(self, at: int, missing: set[Transition]) -> Walk | None:
+        """The shortest way from a node that takes something missing; None if there is none."""
+        came: dict[int, tuple[int, tuple[int, str], int] | None] = {at: None}
+        queue = deque([at])
+        while queue:
+            n = queue.popleft()
+            node = self.nodes[n]
+            for key, target in node.steps.items():
+                if node.transition(key) in missing:
+                    return [*_way(came, n), (n, key, target)]
+            if any(node.transition(key) in missing for key in node.idle):
+                return _way(came, n)
+            for key, target in node.steps.items():
+                if target not in came:
+                    came[target] = (n, key, target)
+                    queue.append(target)
+        return None
+
+    def logs(self, run: str, walk: Walk) -> dict[int, bytes]:
+        """The logs of a walk, by station.  Raises tlc.TlcError, story.StoryError."""
+        return self.all_logs([(run, walk)])[0]
+
+    def all_logs(self, walks: list[tuple[str, Walk]]) -> list[dict[int, bytes]]:
+        """The logs of several named walks; TLC is asked about all of them at once."""
+        reduced = "Reduced = TRUE" in self.cfg
+        asker = _Cached(partial(ask, self.model.module, self.cfg))
+        moves = [[self._move(*step) for step in walk] for _, walk in walks]
+        told = happenings_of_all(moves, asker, reduced)
+        return [
+            story.logs(
+                run,
+                some,
+                sorted(self.nodes[0].st),
+                {"max_rounds": self.max_rounds},
+            )
+            for (run, _), some in zip(walks, told, strict=True)
+        ]
+
+    def _move(self, source: int, key: tuple[int, str], target: int) -> Move:
+        one, two = self.nodes[source], self.nodes[target]
+        return Move(key[0], json.loads(key[1]), one.st, two.st, one.net, two.net)
+
+
+class _Cached:
+    """Asks TLC only what has not been asked."""
+
+    def __init__(self, asker: Any) -> None:
+        self._ask = asker
+        self._known: dict[str, story.Effects] = {}
+
+    def __call__(self, questions: Iterable[Question]) -> dict[str, story.Effects]:
+        missing = [q for q in questions if q.key not in self._known]
+        for first in range(0, len(missing), 1500):
+            self._known |= self._ask(missing[first : first + 1500])
+        return self._known
+
+
+def _way(came: dict[int, tuple[int, tuple[int, str], int] | None], n: int) -> Walk:
+    way = []
+    while (step := came[n]) is not None:
+        way.append(step)
+        n = step[0]
+    return way[::-1]
+
+
+def _node(line: str) -> Node:
+    text = values.parse(line)
+    assert isinstance(text, str)
+    parsed: Any = values.parse(text)
+    stations, net, *_ = parsed[0]
+    st = {s: state(value) for s, value in enumerate(stations, 1)}
+    messages = frozenset(plain(simulate.message(m)) for m in net)
+    return Node(st, messages)
+
+
+def _pair(value: Any) -> tuple[int, Any]:
+    return value[0], value[1]

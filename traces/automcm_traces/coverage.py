@@ -1,0 +1,262 @@
+"""How much of the specification a fleet's logs exercise, and what they never do.
+
+Each log is followed on the oracle as ``automcm trace explain`` does; what is counted of it ends
+where it diverges, or can no longer be told or read.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
+from automcm_spec.oracle import Oracle, load
+from automcm_spec.rules import RULES
+from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.form import TYPES
+from automcm_traces.log import Receive, Send
+from automcm_traces.reader import Log, LogError, LogStream, one_line
+from automcm_traces.track import CannotTell, Track
+
+Json = Any
+Problem = Literal["diverges", "cannot_tell", "unreadable"]
+ALL_TYPES = (*TYPES, "CAM")
+GRAPHS = {graph.name: graph for graph in (ONE_PEER, TWO_PEERS)}
+"""A step is looked up in the second if two other stations matter to it, else in the first."""
+
+
+@cache
+def _oracle(graph: str) -> Oracle:
+    return load(GRAPHS[graph].path, spec_hash())
+
+
+@dataclass(frozen=True)
+class Possible:
+    """What the oracle knows, to hold what was seen against."""
+
+    rules: tuple[str, ...]
+    """Those that decide an input in a graph; the others no graph can show."""
+    phases: tuple[str, ...]
+    ways: tuple[str, ...]
+    """``A -> B`` for each pair of phases that some transition joins."""
+    inputs: tuple[str, ...]
+
+
+@cache
+def possible() -> Possible:
+    """Raises automcm_spec.oracle.OracleError if there is no oracle."""
+    rules: set[str] = set()
+    phases: set[str] = set()
+    ways: set[str] = set()
+    inputs: set[str] = set()
+    for name in GRAPHS:
+        oracle = _oracle(name)
+        rules |= {effect.rule for effect in oracle.effects}
+        phase = [state[0] for state in oracle.states]
+        phases |= set(phase)
+        for state, was in enumerate(phase):
+            ways |= {f"{was} -> {phase[to]}" for to in set(oracle.moves(state).values())}
+        inputs |= {kind(value) for value in oracle.inputs}
+    known = tuple(rule for rule in RULES if rule in rules)
+    return Possible(known, tuple(sorted(phases)), tuple(sorted(ways)), tuple(sorted(inputs)))
+
+
+def kind(value: Json) -> str:
+    """What sort of input of the oracle it is: ``receive Fin``, ``command abort``, ``restart``."""
+    match value[0]:
+        case "receive":
+            return f"receive {value[1][0]}"
+        case "cam":
+            return "receive CAM"
+        case "expire":
+            return f"expire {value[1][0]}"
+        case "command":
+            return f"command {value[1]}"
+    return str(value[0])
+
+
+@dataclass
+class Coverage:
+    """What the logs given to ``add`` have exercised, all together."""
+
+    logs: int = 0
+    events: int = 0
+    steps: int = 0
+    problems: list[tuple[str, int, Problem, str]] = field(default_factory=list)
+    """File, line, what kind, and why: logs that were not counted to their end."""
+    transitions: dict[str, set[tuple[int, int]]] = field(
+        default_factory=lambda: {name: set() for name in GRAPHS}
+    )
+    """By graph: pairs of state and input that changed something."""
+    refusals: dict[str, set[tuple[int, int]]] = field(
+        default_factory=lambda: {name: set() for name in GRAPHS}
+    )
+    """By graph: those that changed nothing."""
+    rules: Counter[str] = field(default_factory=Counter)
+    phases: Counter[str] = field(default_factory=Counter)
+    """In which the inputs came."""
+    ways: Counter[str] = field(default_factory=Counter)
+    inputs: Counter[str] = field(default_factory=Counter)
+    sent: Counter[str] = field(default_factory=Counter)
+    received: Counter[str] = field(default_factory=Counter)
+
+    def add(self, path: Path, late_ms: int | None = None) -> None:
+        """Count one log, read as it is followed.  ``late_ms`` is as for ``Engine``."""
+        self.logs += 1
+        at = 0
+        try:
+            stream = LogStream(path)
+            engine = Engine(Log(stream.file, stream.header, [], None, False, []), late_ms)
+            engine.observer = self._step
+            for at, event in stream:
+                self.events += 1
+                match event:
+                    case Send(message=m):
+                        self.sent[str(m["type"])] += 1
+                    case Receive(message=m) if m is not None:
+                        self.received[str(m["type"])] += 1
+                engine.feed(at, event)
+            if stream.gap is not None:
+                at = stream.gap[0]
+                raise CannotTell(stream.gap[1])
+            if stream.end is not None:
+                if stream.end.lost_records:
+                    raise CannotTell(f"the log lost {stream.end.lost_records} records")
+                engine.finish()
+        except LogError as error:
+            self._problem(path, error.line, "unreadable", error.problem)
+        except Diverges as error:
+            self._problem(path, error.at, "diverges", error.event)
+        except CannotTell as error:
+            self._problem(path, at, "cannot_tell", str(error))
+        except (KeyError, TypeError, IndexError, ValueError) as error:
+            text = f"a message lacks or misuses a field: {error}"
+            self._problem(path, at, "unreadable", text)
+
+    def _problem(self, path: Path, line: int, what: Problem, why: str) -> None:
+        self.problems.append((str(path), line, what, one_line(why)))
+
+    def _step(self, step: Step, track: Track) -> None:
+        answer = step.answer
+        graph = TWO_PEERS.name if len(step.view.ids) > 2 else ONE_PEER.name
+        states = _oracle(graph).states
+        was, then = states[answer.state][0], states[answer.next][0]
+        self.steps += 1
+        self.rules[answer.effect.rule] += 1
+        self.phases[was] += 1
+        self.inputs[kind(step.input)] += 1
+        if answer.changes:
+            self.ways[f"{was} -> {then}"] += 1
+            self.transitions[graph].add((answer.state, answer.input))
+        else:
+            self.refusals[graph].add((answer.state, answer.input))
+
+    def tables(self) -> dict[str, dict[str, int]]:
+        """By what is counted: how often each thing that is possible was seen, 0 for never."""
+        all_ = possible()
+        return {
+            "rules": {rule: self.rules[rule] for rule in all_.rules},
+            "phases": {phase: self.phases[phase] for phase in all_.phases},
+            "ways": {way: self.ways[way] for way in all_.ways},
+            "inputs": {what: self.inputs[what] for what in all_.inputs},
+            "sent": {type_: self.sent[type_] for type_ in ALL_TYPES},
+            "received": {type_: self.received[type_] for type_ in ALL_TYPES},
+        }
+
+    def graphs(self) -> dict[str, dict[str, int]]:
+        """By graph: transitions and refusals seen, and how many there are."""
+        return {
+            name: {
+                "transitions": len(self.transitions[name]),
+                "of_transitions": _oracle(name).transitions,
+                "refusals": len(self.refusals[name]),
+                "of_refusals": _oracle(name).refusals,
+            }
+            for name in GRAPHS
+        }
+
+    def as_dict(self) -> dict[str, Json]:
+        return {
+            "logs": self.logs,
+            "events": self.events,
+            "steps": self.steps,
+            "problems": [
+                {"file": file, "line": line, "verdict": what, "reason": why}
+                for file, line, what, why in self.problems
+            ],
+            "graphs": self.graphs(),
+            **self.tables(),
+            "no_graph": [rule for rule in RULES if rule not in possible().rules],
+        }
+
+
+def measure(paths: Iterable[Path], late_ms: int | None = None) -> Coverage:
+    """What these logs exercise together.
+
+    Raises automcm_spec.oracle.OracleError if there is no oracle.
+    """
+    possible()
+    coverage = Coverage()
+    for path in paths:
+        coverage.add(path, late_ms)
+    return coverage
+
+
+EXIT: dict[Problem, int] = {"diverges": 1, "unreadable": 3, "cannot_tell": 4}
+
+
+def exit_code(coverage: Coverage) -> int:
+    """0 if each log was counted to its end, else what weighs most: 1, 3, 4."""
+    codes = {EXIT[what] for _, _, what, _ in coverage.problems}
+    return next((code for code in (1, 3, 4) if code in codes), 0)
+
+
+MOST_PROBLEMS = 10
+_PROBLEMS: dict[Problem, str] = {
+    "diverges": "diverge",
+    "unreadable": "cannot be read to their end",
+    "cannot_tell": "cannot be told to their end",
+}
+
+
+def text(coverage: Coverage) -> list[str]:
+    """The report for a person: each figure with its whole, and what was never seen."""
+    c = coverage
+    lines = [f"{c.logs:,} logs, {c.events:,} events, {c.steps:,} steps of the specification"]
+    counts = Counter(what for _, _, what, _ in c.problems)
+    for what, words in _PROBLEMS.items():
+        if counts[what]:
+            lines.append(f"  {counts[what]:,} {words}; counted up to there")
+    for file, line, problem, why in c.problems[:MOST_PROBLEMS]:
+        lines.append(f"  {one_line(file)}:{line}: {problem.replace('_', ' ').upper()}: {why}")
+    if len(c.problems) > MOST_PROBLEMS:
+        lines.append(f"  {len(c.problems) - MOST_PROBLEMS:,} more")
+    for name, n in c.graphs().items():
+        for part in ("transitions", "refusals"):
+            lines.append(_share(f"{name} {part}", n[part], n[f"of_{part}"]))
+    for name, table in c.tables().items():
+        lines.append(_share(name, sum(1 for count in table.values() if count), len(table)))
+        never = [thing for thing, count in table.items() if not count]
+        lines += _wrapped("  never: ", never)
+    return lines
+
+
+def _share(what: str, part: int, whole: int) -> str:
+    return f"{what:<22} {part:>9,} of {whole:>10,} {100 * part / whole:>6.1f} %"
+
+
+def _wrapped(start: str, words: Sequence[str]) -> list[str]:
+    """Words with commas between them, in lines of at most 80 characters."""
+    lines: list[str] = []
+    line = start
+    for n, word in enumerate(words):
+        piece = word + ("," if n + 1 < len(words) else "")
+        if len(line) + len(piece) > 80:
+            lines.append(line.rstrip())
+            line = " " * len(start)
+        line += piece + " "
+    return [*lines, line.rstrip()] if words else []

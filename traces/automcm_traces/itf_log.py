@@ -1,0 +1,252 @@
+"""Counterexamples in ITF as logs of their stations, and logs as ITF."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from automcm_spec import models, simulate
+from automcm_spec.oracle import STATE_FIELDS, canonical
+from automcm_spec.paths import MODELS
+from automcm_spec.rules import handler, line
+from automcm_traces import itf, story
+from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.reader import Log
+from automcm_traces.story_effects import ask, cfg_of, state
+from automcm_traces.story_steps import Move, happenings, plain
+from automcm_traces.track import Track
+
+Json = Any
+TICK_MS = 100
+"""A tick of a timed model."""
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """A counterexample: the name of its model, and its steps."""
+
+    model: str
+    module: str
+    cfg: str
+    moves: list[Move]
+
+    @property
+    def timed(self) -> bool:
+        return any(move.at_ms is not None for move in self.moves)
+
+    @property
+    def reduced(self) -> bool:
+        return not self.timed and "Reduced = TRUE" in self.cfg
+
+    def constant(self, name: str) -> int:
+        """A number among the constants of the model."""
+        found = re.search(rf"^  {name} = (\d+)$", self.cfg, re.M)
+        if found is None:
+            raise itf.ItfError(f"{self.model}.cfg: no number {name}")
+        return int(found[1])
+
+    def logs(self) -> dict[int, bytes]:
+        """The log of each station, by its real id.
+
+        Raises automcm_spec.tlc.TlcError, story.StoryError.
+        """
+        told = happenings(self.moves, partial(ask, self.module, self.cfg), self.reduced)
+        parameters = {"max_rounds": self.constant("MaxRounds")}
+        lease = None
+        if self.timed:
+            resend, sendings = self.constant("ResendTime"), self.constant("Sendings")
+            lease = self.constant("Lease") * TICK_MS
+            parameters |= {
+                "t_resend": resend * TICK_MS,
+                "t_giveup": sendings * resend * TICK_MS,
+                "t_decide": self.constant("Deciding") * TICK_MS,
+                "t_cam_loss": self.constant("CamLoss") * TICK_MS,
+            }
+            if "AdvertiseTime <-" not in self.cfg:
+                hold = 3 * sendings * resend + self.constant("Deciding")
+                parameters |= {"t_advertise": parameters["t_giveup"], "t_hold": hold * TICK_MS}
+        stations = sorted(self.moves[0].before)
+        return story.logs(self.model, told, stations, parameters, lease)
+
+
+def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
+    """The counterexample in a file that ``automcm spec`` or ``make generate`` wrote.
+
+    Raises itf.ItfError naming the file and the state, OSError.
+    """
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise itf.ItfError(f"{path}: not JSON: {error}") from None
+    try:
+        return _behaviour(value, models_dir)
+    except itf.ItfError as error:
+        raise itf.ItfError(f"{path}: {error}") from None
+
+
+def _behaviour(value: Json, models_dir: Path) -> Behaviour:
+    if not isinstance(value, dict):
+        raise itf.ItfError("not an object")
+    states = itf.from_itf(value)
+    meta = value.get("#meta")
+    source = meta.get("source") if isinstance(meta, dict) else None
+    found = re.fullmatch(r"spec/models/(\w+)\.cfg", source) if isinstance(source, str) else None
+    listed = {m.cfg: m for m in models.load(models_dir)}
+    if found is None or found[1] not in listed:
+        raise itf.ItfError("#meta: source: not a model of spec/models")
+    if not states:
+        raise itf.ItfError("'states' is empty")
+    model = listed[found[1]]
+    moves, ticks = [], 0
+    for index, (one, two) in enumerate(pairwise(states), 1):
+        try:
+            ticks += two.meta["input"] == ["tick"]
+            moves.append(_move(one, two, ticks))
+        except (KeyError, TypeError, IndexError, ValueError) as error:
+            raise itf.ItfError(f"state {index}: not a step of a station: {error!r}") from None
+    return Behaviour(model.cfg, model.module, cfg_of(model.cfg, models_dir), moves)
+
+
+def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
+    before, after = _stations(one), _stations(two)
+    station: Any = two.meta.get("station", 0)
+    value: Any = two.meta["input"]
+    if "clock" not in two.values:
+        return Move(station, value, before, after, _net(one), _net(two))
+    at_ms = ticks * TICK_MS
+    env: Any = two.values["env"]
+    if not station:
+        cams = _cams(one) if value == ["tick"] else ()
+        return Move(0, value, before, after, at_ms=at_ms, cams=cams)
+    left, was = _clock(two, station), _clock(one, station)
+    deadlines = {text: at_ms + ticks * TICK_MS for text, ticks in left.items()}
+    anew = tuple(json.loads(t) for t in sorted(left) if t in was and left[t] > was[t])
+    judged = None
+    if value[0] == "cam" and not env["marks"]:
+        judged = [*value[:2], [before[station][2]], value[3]]
+    return Move(
+        station,
+        value,
+        before,
+        after,
+        judged=judged,
+        at_ms=at_ms,
+        deadlines=deadlines,
+        also_armed=anew,
+    )
+
+
+def _clock(at: itf.ItfState, station: int) -> dict[str, int]:
+    """By timer: the ticks until it is due."""
+    clock: Any = at.values["clock"]
+    own = clock[station - 1]
+    items = own.items() if isinstance(own, Mapping) else ()
+    return {canonical(_timer(t)): left for t, left in items}
+
+
+def _stations(at: itf.ItfState) -> dict[int, Json]:
+    stations: Any = at.values["st"]
+    return {n: state(value) for n, value in enumerate(stations, 1)}
+
+
+def _net(at: itf.ItfState) -> frozenset[str]:
+    net: Any = at.values["net"]
+    return frozenset(plain(simulate.message(m)) for m in net)
+
+
+def _cams(at: itf.ItfState) -> tuple[int, ...]:
+    """The stations that send a CAM with the tick that follows."""
+    due: Any = at.values["next"]
+    return tuple(s for s, left in enumerate(due, 1) if left == 1)
+
+
+def _timer(value: Any) -> Json:
+    name, *about = value
+    entry = ("type", "to", "session", "seq", "accepted")
+    return [name, *([_plain(a[f]) for f in entry] if isinstance(a, Mapping) else a for a in about)]
+
+
+def _plain(value: Any) -> Json:
+    return [_plain(v) for v in value] if isinstance(value, tuple) else value
+
+
+def from_log(log: Log) -> str:
+    """A log as ITF: the station after each step, as the specification has it, with real ids.
+
+    The ``#meta`` of a state holds ``action`` (the operator of Station.tla), ``args`` (what the
+    event carries), ``rule``, ``t_ms``, the ``line`` of the log and the ``location`` in
+    Station.tla.  A log that diverges ends with the last step that is allowed, and the
+    description says so.  Raises automcm_traces.track.CannotTell,
+    automcm_spec.oracle.OracleError.
+    """
+    events = {at: event.model_dump(exclude_none=True) for at, event in log.events}
+    engine = Engine(log)
+    states = [itf.ItfState(_values(engine.track))]
+
+    def step(done: Step, track: Track) -> None:
+        event = events[done.at]
+        shown = ("message", "planned", "command", "timer", "raw")
+        meta: dict[str, Json] = {
+            "action": handler(done.input),
+            "args": {name: _frozen(event[name]) for name in shown if name in event},
+            "rule": done.rule,
+            "t_ms": done.t_ms,
+            "line": done.at,
+            "location": {"module": "Station", "line": line(done.rule, done.input)},
+        }
+        states.append(itf.ItfState(_values(track), meta))
+
+    engine.observer = step
+    ending = ""
+    try:
+        for at, event in log.events:
+            engine.feed(at, event)
+        if log.ended:
+            engine.finish()
+    except Diverges as d:
+        ending = f" It diverges at line {d.at}: {d.event}."
+    about = {
+        "description": f"Station {log.header.station} of run {log.header.run}.{ending}",
+        "source": Path(log.file).name,
+    }
+    return itf.dumps(itf.to_itf(states, about))
+
+
+def _values(t: Track) -> dict[str, Json]:
+    """The variables of a station, named as in Station.tla."""
+    outbox = frozenset(
+        itf.FrozenMap(
+            {"type": e.type, "to": e.to, "session": e.session, "seq": e.k, "accepted": e.accepted}
+        )
+        for e in t.outbox
+    )
+    values = (
+        t.phase,
+        t.role,
+        t.session or (0, 0),
+        frozenset(t.recorded),
+        frozenset(t.withdrawn),
+        t.target,
+        t.proposal,
+        t.deciding,
+        t.heard_ms is not None,
+        t.number,
+        frozenset(t.joined.items()),
+        outbox,
+        t.quarantine,
+        t.backoff,
+    )
+    return dict(zip(STATE_FIELDS, values, strict=True))
+
+
+def _frozen(value: Json) -> Json:
+    """Plain JSON as ITF holds it."""
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return [_frozen(item) for item in value] if isinstance(value, list | tuple) else value

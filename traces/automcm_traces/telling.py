@@ -1,0 +1,86 @@
+"""A verdict for a person, and what he can do with it: the failing prefix, and how to replay it."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from automcm_traces.explain import Verdict
+from automcm_traces.show import Row, columns
+
+Json = Any
+
+
+def text(verdict: Verdict) -> str:
+    """The verdict in lines of a terminal, with what the reader had to overlook."""
+    lines = [*_lines(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)]
+    return "\n".join(lines)
+
+
+def _lines(verdict: Verdict) -> Iterator[str]:
+    where = f"{verdict.file}:{verdict.line}"
+    match verdict.verdict:
+        case "allowed":
+            yield f"{verdict.file}: ALLOWED, {verdict.events} events"
+            yield from _allowed(verdict)
+        case "unreadable":
+            yield f"UNREADABLE  {verdict.event}"
+        case "cannot_tell":
+            yield f"{where}: CANNOT TELL: {verdict.event}"
+        case "diverges":
+            yield f"{where}: DIVERGES at {verdict.event}"
+            yield from _diverges(verdict)
+
+
+def _allowed(verdict: Verdict) -> Iterator[str]:
+    if verdict.unobserved:
+        kinds, n = ", ".join(verdict.unobserved), verdict.possible_states
+        states = f"{n} state{'' if n == 1 else 's'} of the specification"
+        yield f"  not logged: {kinds}; at its end the log fits {states}"
+    if verdict.number_of_sessions > len(verdict.sessions):
+        yield f"  {verdict.number_of_sessions} sessions; the last of them:"
+    yield from (f"  {session}" for session in verdict.sessions)
+
+
+def _diverges(verdict: Verdict) -> Iterator[str]:
+    if verdict.expected:
+        yield f"  expected one of: {'; '.join(verdict.expected)}"
+    if verdict.guard:
+        yield f"  by {verdict.guard}"
+    yield from (f"  {line}" for line in verdict.why.lines())
+    n = verdict.possible_states
+    if n != 1 or verdict.unobserved:
+        yield f"  {n} state{'' if n == 1 else 's'} of the specification fitted before"
+    if verdict.sessions:
+        yield f"  in {verdict.sessions[-1]}"
+    if verdict.recent and verdict.header is not None:
+        station = verdict.header.station
+        rows = [Row(station, line, event) for line, event in verdict.recent]
+        yield from (f"  {line}" for line in columns(rows, [station], 78))
+
+
+def prefix(verdict: Verdict, folder: Path) -> Path:
+    """Write what the log says up to the divergence as a log of its own; the verdict on it is the
+    same.
+
+    Raises OSError.
+    """
+    lines = max(verdict.seen, verdict.line)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{Path(verdict.file).stem}-{verdict.line}.ndjson"
+    with open(verdict.file, "rb") as stream:
+        kept = list(islice(stream, lines))
+    last: dict[str, Json] = json.loads(kept[-1])
+    end = {"rec": "end", "seq": last["seq"], "reason": "prefix", "lost_records": 0}
+    kept.append(json.dumps(end).encode() + b"\n")
+    path.write_bytes(b"".join(kept))
+    return path
+
+
+def replay(path: Path) -> str:
+    """The command that gives the inputs of a log to an implementation."""
+    return f"automcm trace replay {shlex.quote(str(path))} -- YOUR_ADAPTER"

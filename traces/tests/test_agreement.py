@@ -1,0 +1,70 @@
+"""Generated logs: the good ones are allowed, and each edit is caught or rightly allowed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from agreement import KINDS, Lines, good_logs, mutated, of_the_model, of_the_reference, reason
+
+from automcm_traces.explain import Verdict, explain_files
+
+NUMBER = 60
+
+
+@pytest.fixture(scope="module")
+def good() -> list[Lines]:
+    return good_logs(NUMBER, seed=7)
+
+
+def judged(lines: Lines, folder: Path) -> Verdict:
+    path = folder / "log.ndjson"
+    path.write_text("\n".join(lines) + "\n")
+    (verdict,) = explain_files([path])
+    return verdict
+
+
+def test_good_logs_of_model_and_reference_are_allowed(good: list[Lines], tmp_path: Path) -> None:
+    assert len(good) == NUMBER and sum(map(len, good)) > 20 * NUMBER
+    verdicts = [judged(lines, tmp_path) for lines in good]
+    assert [v for v in verdicts if v.verdict != "allowed"] == []
+
+
+def test_each_edit_is_caught_at_its_line_or_there_is_a_reason(
+    good: list[Lines], tmp_path: Path
+) -> None:
+    kinds, caught, odd = set(), 0, []
+    for n, lines in enumerate(good * 3):
+        edited, kind, line = mutated(lines, n)
+        verdict = judged(edited, tmp_path)
+        kinds.add(kind)
+        caught += verdict.verdict != "allowed"
+        if not reason(lines, edited, kind, line, verdict.verdict, verdict.line):
+            odd.append((n, kind, line, verdict.verdict, verdict.line))
+    assert kinds == set(KINDS) and caught > NUMBER
+    assert [o for o in odd if not may_go_unseen(good[o[0] % NUMBER][o[2] - 1])] == []
+
+
+def may_go_unseen(line: str) -> bool:
+    """That a resend or giveup timer names another session or seq, a CAM sent another station."""
+    record = json.loads(line)
+    cam = record["ev"] == "send" and record["message"]["type"] == "CAM"
+    return cam or record.get("timer", {}).get("name") in ("resend", "giveup")
+
+
+def test_an_edit_keeps_the_log_readable_and_is_the_same_for_the_same_seed(
+    good: list[Lines],
+) -> None:
+    for n, lines in enumerate(good):
+        edited, kind, line = mutated(lines, n)
+        assert (edited, kind, line) == mutated(lines, n)
+        numbers = [json.loads(text)["seq"] for text in edited[1:-1]]
+        assert numbers == list(range(1, len(edited) - 1)), kind
+        times = [json.loads(text)["t_ms"] for text in edited[1:-1]]
+        assert times == sorted(times), kind
+
+
+def test_the_same_seed_gives_the_same_logs() -> None:
+    assert of_the_reference(10, 3) == of_the_reference(10, 3) != of_the_reference(10, 4)
+    assert of_the_model(8, 3, depth=20) == of_the_model(8, 3, depth=20)

@@ -1,0 +1,126 @@
+"""How much of the specification a fleet's logs exercise."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from automcm.links.simulated import Channel
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_spec.rules import RULES
+from automcm_traces.coverage import EXIT, Coverage, exit_code, measure, possible, text
+from automcm_traces.form import TYPES
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("logs")
+    simulation = Simulation(seed=3, channel=Channel(), logs=folder)
+    for station in (1001, 2002):
+        simulation.add(station, Straight())
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    return sorted(folder.glob("*.ndjson"))
+
+
+@pytest.fixture(scope="module")
+def covered(logs: list[Path]) -> Coverage:
+    return measure(logs)
+
+
+def test_what_a_plain_maneuver_exercises(covered: Coverage) -> None:
+    assert (covered.logs, covered.problems, exit_code(covered)) == (2, [], 0)
+    tables = covered.tables()
+    for rule in ("ADV-1", "ADV-3", "PRE-2", "NEG-1", "NEG-2", "NEG-6", "ACT-3", "ADV-2"):
+        assert tables["rules"][rule] > 0, rule
+    assert tables["rules"]["NEG-4"] == tables["rules"]["END-1"] == 0
+    assert all(tables["phases"].values())
+    assert tables["ways"]["NEGOTIATING -> ACTUATING"] == 2  # each of the two
+    assert tables["ways"]["ACTUATING -> STANDALONE"] == tables["rules"]["ACT-3"] > 0
+    assert tables["inputs"]["restart"] == 0
+    assert tables["sent"]["Fin"] >= 1 and tables["received"]["CAM"] > 10
+
+
+def test_nothing_is_counted_twice(logs: list[Path], covered: Coverage) -> None:
+    again = measure([*logs, *logs])
+    assert again.transitions == covered.transitions and again.refusals == covered.refusals
+    assert again.steps == 2 * covered.steps
+    assert covered.transitions["one-peer"] and covered.refusals["one-peer"]
+    assert not covered.transitions["one-peer"] & covered.refusals["one-peer"]
+
+
+def test_every_figure_has_its_whole(covered: Coverage) -> None:
+    one = covered.graphs()["one-peer"]
+    assert 0 < one["transitions"] < one["of_transitions"] == 27276
+    assert 0 < one["refusals"] < one["of_refusals"]
+    all_ = possible()
+    assert len(all_.phases) == 8 and "restart" in all_.inputs
+    assert set(RULES) - set(all_.rules) == {"ACT-1", "END-4"}  # nothing decides by them
+    for name, table in covered.tables().items():
+        counted = getattr(covered, name)
+        assert set(counted) <= set(table), name  # nothing was seen that is not possible
+    assert set(covered.tables()["sent"]) == {*TYPES, "CAM"}
+    json.dumps(covered.as_dict())
+
+
+def test_the_text_names_what_never_happened(covered: Coverage) -> None:
+    lines = text(covered)
+    assert lines[0].startswith("2 logs, ")
+    assert max(len(line) for line in lines) <= 80
+    whole = "\n".join(lines)
+    never = next(line for line in lines if line.startswith("  never: "))
+    assert "NEG-4" in whole and "restart" in whole and "NEG-2" not in never
+
+
+def changed(path: Path, folder: Path, number: int, line: bytes) -> Path:
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[number - 1 : number] = [line]
+    (folder / path.name).write_bytes(b"".join(lines))
+    return folder / path.name
+
+
+@pytest.mark.parametrize(
+    ("line", "what", "reason"),
+    [
+        (b"\x00\x01\n", "unreadable", "not JSON"),
+        (b"", "cannot_tell", "missing"),
+        (b'{"rec":"event","seq":58,"t_ms":2000,"ev":"restart"}\n', "unreadable", "seq"),
+    ],
+)
+def test_a_log_counts_up_to_where_it_goes_wrong(
+    logs: list[Path], tmp_path: Path, line: bytes, what: str, reason: str
+) -> None:
+    one = measure([changed(logs[0], tmp_path, 60, line)])
+    [(file, at, found, why)] = one.problems
+    assert (file, at, found) == (str(tmp_path / logs[0].name), 60, what)
+    assert one.events == 58 and one.steps > 0
+    assert exit_code(one) == EXIT[found]
+    assert reason in why or reason == "seq"
+
+
+def test_a_log_that_diverges_is_named(logs: list[Path], tmp_path: Path) -> None:
+    records = [json.loads(line) for line in logs[1].read_text().splitlines()]
+    number, record = next(
+        (number, record)
+        for number, record in enumerate(records, 1)
+        if record.get("ev") == "send" and record["message"]["type"] == "Acceptance"
+    )
+    record["message"]["proposal"] = 2
+    wrong = changed(logs[1], tmp_path, number, json.dumps(record).encode() + b"\n")
+    both = measure([wrong, logs[0], tmp_path / "none.ndjson"])
+    assert [(at, what) for _, at, what, _ in both.problems] == [
+        (number, "diverges"),
+        (0, "unreadable"),
+    ]
+    assert exit_code(both) == 1
+    assert f"{wrong}:{number}: DIVERGES: send Acceptance" in "\n".join(text(both))
+
+
+def test_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
+    lines = logs[0].read_text().splitlines()
+    end = json.dumps({**json.loads(lines[-1]), "lost_records": 3}).encode() + b"\n"
+    lost = changed(logs[0], tmp_path, len(lines), end)
+    assert [what for _, _, what, _ in measure([lost]).problems] == ["cannot_tell"]

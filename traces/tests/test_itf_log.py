@@ -1,0 +1,142 @@
+"""Counterexamples as logs and back: what a station of the model is, its log says it is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli.main import app
+from automcm_traces import itf
+from automcm_traces.explain import explain
+from automcm_traces.itf_log import behaviour, from_log
+from automcm_traces.reader import read
+from automcm_traces.story import StoryError
+from automcm_traces.story_steps import Move, happenings
+
+ROOT = Path(__file__).resolve().parents[2]
+COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
+CORPUS = ROOT / "traces" / "corpus"
+run = CliRunner()
+
+
+def real(value: Any) -> Any:
+    """A station of a model, with the ids of the log."""
+    match value:
+        case itf.FrozenMap() | dict():
+            fields = {name: real(item) for name, item in value.items()}
+            for name in ("to", "target"):
+                if name in fields:
+                    fields[name] *= 1001
+            return itf.FrozenMap(fields)
+        case frozenset() if all(isinstance(item, int) for item in value):
+            return frozenset(item * 1001 for item in value)
+        case frozenset():
+            return frozenset(real(item) for item in value)
+        case (int(station), int(number)):
+            return (station * 1001, number)
+    return value
+
+
+@pytest.mark.parametrize("model", ["no_lease", "no_decide", "no_give_up", "any_lease_order"])
+def test_each_station_of_a_counterexample_is_found_again_in_the_itf_of_its_log(model: str) -> None:
+    """No station of these does what it must not; any_lease_order is reduced: more steps."""
+    states = itf.from_itf(json.loads((COUNTEREXAMPLES / f"{model}.itf.json").read_text()))
+    for path in sorted((CORPUS / "counterexamples" / model).iterdir()):
+        station = int(path.stem) // 1001
+        stations: list[Any] = [state.values["st"] for state in states]
+        wanted = [real(st[station - 1]) for st in stations]
+        again = itf.from_itf(json.loads(from_log(read(path))))
+        rest = iter([itf.FrozenMap(dict(state.values)) for state in again])
+        changes = [w for w, before in zip(wanted, [None, *wanted], strict=False) if w != before]
+        assert all(any(w == state for state in rest) for w in changes), path
+
+
+def test_the_itf_of_a_log_says_by_what_each_state_was_reached() -> None:
+    value = json.loads(from_log(read(CORPUS / "pair" / "2002.ndjson")))
+    accepted = next(s for s in value["states"] if s["phase"] == "ACTUATING")
+    meta = accepted["#meta"]
+    assert meta["action"] == "OnAccept" and meta["rule"] == "NEG-2"
+    assert meta["location"]["module"] == "Station" and meta["location"]["line"] > 0
+    assert meta["args"]["command"]["name"] == "accept"
+    assert itf.dumps(itf.to_itf(itf.from_itf(value), {})).count("\n") > len(value["states"])
+
+
+def test_the_itf_of_a_log_that_diverges_ends_there_and_says_so() -> None:
+    path = CORPUS / "bad" / "wrong_addressee.ndjson"
+    value = json.loads(from_log(read(path)))
+    assert f"diverges at line {explain(read(path)).line}" in value["#meta"]["description"]
+    assert len(value["states"]) == 1
+
+
+@pytest.mark.parametrize("model", ["bare_ack", "plain_cams"])
+def test_the_command_writes_the_logs_of_the_corpus(model: str, tmp_path: Path) -> None:
+    """Untimed and timed; TLC works out what follows."""
+    source = COUNTEREXAMPLES / f"{model}.itf.json"
+    answer = run.invoke(app, ["trace", "itf", str(source), "--out", str(tmp_path)])
+    assert answer.exit_code == 0, answer.output
+    for path in (CORPUS / "counterexamples" / model).iterdir():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_the_command_writes_the_itf_of_a_log(tmp_path: Path) -> None:
+    source = CORPUS / "pair" / "1001.ndjson"
+    command = ["trace", "itf", str(source), "--out", str(tmp_path), "--json", "-"]
+    answer = run.invoke(app, command)
+    assert answer.exit_code == 0, answer.output
+    (path,) = json.loads(answer.output)["written"]
+    assert Path(path).read_text() == from_log(read(source))
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        (lambda v: "[]", "not an object"),
+        (lambda v: v[:-9], "not JSON"),
+        (lambda v: v.replace("spec/models/", "models/"), "#meta: source"),
+        (lambda v: v.replace('"index":2,"input":', '"index":2,"output":'), "state 2"),
+        (lambda v: v.replace('"#tup":["none",0]', '"#tup":"none"', 1), "state 1"),
+        (lambda v: v.replace('"states":[', '"states":{},"stated":['), "'states'"),
+    ],
+)
+def test_a_broken_itf_is_named_with_its_place(change: Any, place: str, tmp_path: Path) -> None:
+    source = tmp_path / "broken.itf.json"
+    source.write_text(change((COUNTEREXAMPLES / "bare_ack.itf.json").read_text()))
+    answer = run.invoke(app, ["trace", "itf", str(source), "--out", str(tmp_path)])
+    assert answer.exit_code == 3, answer.output
+    assert str(source) in answer.output and place in answer.output
+    assert answer.output.count("\n") == 1
+
+
+def test_a_file_that_is_not_there_is_3(tmp_path: Path) -> None:
+    for name in ("none.itf.json", "none.ndjson"):
+        answer = run.invoke(app, ["trace", "itf", str(tmp_path / name)])
+        assert answer.exit_code == 3 and name in answer.output
+
+
+def test_a_log_that_cannot_be_told_is_4(tmp_path: Path) -> None:
+    command = ["trace", "itf", str(CORPUS / "bad" / "no_timers_promised.ndjson")]
+    answer = run.invoke(app, [*command, "--out", str(tmp_path)])
+    assert answer.exit_code in (0, 4), "an engine may tell more"
+
+
+def test_a_message_received_that_nobody_sent_is_no_story() -> None:
+    found = behaviour(COUNTEREXAMPLES / "bare_ack.itf.json")
+    found.moves[0:1] = []  # the request, and with it the Advertisement
+    with pytest.raises(StoryError, match="never sent"):
+        found.logs()
+
+
+def test_a_step_that_the_model_does_not_take_is_no_story() -> None:
+    found = behaviour(COUNTEREXAMPLES / "bare_ack.itf.json")
+    move = found.moves[0]
+    wrong = Move(1, move.input, move.before, move.before)
+    from functools import partial
+
+    from automcm_traces.story_effects import ask
+
+    with pytest.raises(StoryError, match="leads to"):
+        happenings([wrong], partial(ask, found.module, found.cfg), False)

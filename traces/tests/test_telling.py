@@ -1,0 +1,133 @@
+"""What is said at a divergence: the guard in the way, the session, the failing prefix."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm_spec.paths import TLA
+from automcm_traces.explain import Verdict, explain_file
+from automcm_traces.telling import prefix, replay, text
+
+CORPUS = Path(__file__).resolve().parents[1] / "corpus" / "four-vehicles"
+PRESCRIBER, TARGET = CORPUS / "1001.ndjson", CORPUS / "3003.ndjson"
+Records = list[dict[str, Any]]
+
+
+def records(path: Path) -> Records:
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def written(log: Records, folder: Path, name: str = "log.ndjson") -> Path:
+    """The log in a file, its events numbered anew."""
+    events = [r for r in log if r["rec"] == "event"]
+    for seq, record in enumerate(events, 1):
+        record["seq"] = seq
+    log[-1]["seq"] = len(events)
+    path = folder / name
+    path.write_text("".join(json.dumps(record) + "\n" for record in log))
+    return path
+
+
+def place(log: Records, ev: str, type_: str) -> int:
+    return next(
+        n
+        for n, r in enumerate(log)
+        if r.get("ev") == ev and r.get("message", {}).get("type") == type_
+    )
+
+
+def without_ack(folder: Path) -> Verdict:
+    """ADV-5: an Intention that is recorded and not acked."""
+    log = records(PRESCRIBER)
+    del log[place(log, "send", "Ack")]
+    return explain_file(written(log, folder))
+
+
+def joins_again(folder: Path) -> Verdict:
+    """ADV-4: a bound station that answers a second Advertisement with another Intention."""
+    log = records(TARGET)
+    again = place(log[12:], "receive", "Advertisement") + 12
+    intention = log[place(log, "send", "Intention")] | {"t_ms": log[again]["t_ms"]}
+    log.insert(again + 1, intention | {"tx": "3003:999"})
+    return explain_file(written(log, folder))
+
+
+def test_adv_4_the_nearest_allowed_and_the_guard_in_the_way(tmp_path: Path) -> None:
+    verdict = joins_again(tmp_path)
+    assert (verdict.verdict, verdict.rule) == ("diverges", "ADV-4")
+    nearest = verdict.why.nearest
+    assert "ADV-3 send Intention" in nearest and "Bound(st)" in nearest
+    line = int(nearest.rsplit(":", 1)[1])
+    assert "Bound(st)" in (TLA / "Station.tla").read_text().splitlines()[line - 1]
+    assert nearest in text(verdict)
+
+
+def test_adv_5_a_missing_ack_names_the_guard_that_would_excuse_it(tmp_path: Path) -> None:
+    verdict = without_ack(tmp_path)
+    assert (verdict.verdict, verdict.rule) == ("diverges", "ADV-5")
+    assert "without send Ack" in verdict.why.nearest
+
+
+def test_rel_1_an_effect_without_a_step_names_what_would_have_caused_it(tmp_path: Path) -> None:
+    log = records(PRESCRIBER)
+    expiry = next(
+        n
+        for n, r in enumerate(log)
+        if r.get("op") == "expire" and r["timer"].get("message", {}).get("type") == "Advertisement"
+    )
+    del log[expiry]
+    verdict = explain_file(written(log, tmp_path))
+    assert verdict.verdict == "diverges"
+    assert "expire resend(Advertisement)" in verdict.why.causes
+
+
+def test_a_timer_that_is_not_armed_says_when_it_is(tmp_path: Path) -> None:
+    log = records(TARGET)
+    cam = place(log, "send", "CAM")
+    expiry = {"rec": "event", "t_ms": log[cam]["t_ms"], "ev": "timer", "op": "expire"}
+    log.insert(cam + 1, expiry | {"timer": {"name": "hold"}})
+    verdict = explain_file(written(log, tmp_path))
+    assert verdict.verdict == "diverges" and verdict.rule == "ADV-7"
+    assert verdict.why.causes == ("a step into WAITING",)
+    assert "blocked by guard" in verdict.why.nearest
+
+
+def test_the_last_events_and_the_session_are_shown(tmp_path: Path) -> None:
+    verdict = joins_again(tmp_path)
+    shown = text(verdict)
+    assert "in session 1001/1 as receiver" in shown and "Intention ->1001" in shown
+    assert all(len(line) <= 80 for line in shown.splitlines() if line.startswith("   "))
+
+
+@pytest.mark.parametrize("wrong", [without_ack, joins_again])
+def test_the_prefix_diverges_in_the_same_way(wrong: Any, tmp_path: Path) -> None:
+    verdict = wrong(tmp_path)
+    path = prefix(verdict, tmp_path / "new" / "folder")
+    again = explain_file(path)
+    assert (again.line, again.event, again.rule) == (verdict.line, verdict.event, verdict.rule)
+    assert not again.warnings
+    assert len(records(path)) < len(records(Path(verdict.file)))
+    assert replay(path) == f"automcm trace replay {path} -- YOUR_ADAPTER"
+
+
+def test_what_is_missing_at_the_end_is_in_the_prefix(tmp_path: Path) -> None:
+    log = records(TARGET)
+    fin = place(log, "receive", "Fin")
+    log[fin + 1 : -1] = []
+    verdict = explain_file(written(log, tmp_path))
+    assert (verdict.verdict, verdict.line) == ("diverges", fin + 1)
+    again = explain_file(prefix(verdict, tmp_path / "prefix"))
+    assert (again.line, again.event) == (verdict.line, verdict.event)
+
+
+def test_several_sessions_of_one_log_are_told_apart() -> None:
+    verdict = explain_file(PRESCRIBER)
+    assert [s.session for s in verdict.sessions] == [(1001, 1)]
+    session = verdict.sessions[0]
+    assert session.role == "prescriber" and session.rule == "ACT-3"
+    assert session.phases == ["ADVERTISING", "CHOOSING", "PRESCRIBING", "NEGOTIATING", "ACTUATING"]
+    assert verdict.as_dict()["sessions"] == [session.as_dict()]
