@@ -1,0 +1,470 @@
+"""TLC as the second engine: what it allows, each kind of wrong log, and agreement with the oracle.
+
+All logs of a kind are judged in one run of TLC, as it is meant to be used.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import random
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm.interface import Abort
+from automcm.links.simulated import Channel
+from automcm.parameters import Parameters
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_traces.explain import Verdict, explain
+from automcm_traces.reader import Log, read
+from automcm_traces.tlc_engine import explain_batch, explain_files
+
+Json = Any
+Records = list[dict[str, Json]]
+
+
+def simulate(folder: Path) -> dict[str, Records]:
+    """Logs by name: a session of two rounds, one aborted with a restart in it, three in a row."""
+    runs = {"rounds": 4, "abort": 5, "twice": 6}
+    for run, seed in runs.items():
+        (folder / run).mkdir()
+        simulation = Simulation(seed=seed, channel=Channel(loss=0.2), logs=folder / run)
+        short = Parameters(t_timeout=300)
+        for station in (1001, 2002, 3003):
+            driver = Straight(target=2002, refuse_first=run == "rounds", maneuver_ms=1000)
+            simulation.add(station, driver, short if run == "twice" else None)
+        simulation.request(1001, at=500)
+        if run == "abort":
+            simulation.restart(3003, at=1000)
+            simulation.command(1001, Abort(session=(1001, 1)), at=3500)
+        if run == "twice":
+            simulation.request(1001, at=5000)
+            simulation.request(3003, at=6700)
+        simulation.run(until=12_000 if run == "twice" else 9000)
+    return {
+        f"{run}/{path.stem}": [json.loads(line) for line in path.read_text().splitlines()]
+        for run in runs
+        for path in (folder / run).glob("*.ndjson")
+    }
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Records]:
+    return simulate(tmp_path_factory.mktemp("good"))
+
+
+def written(records: Records, path: Path) -> Log:
+    """The records as a log, with seq counted anew."""
+    seq = 0
+    for record in records:
+        if record["rec"] == "event":
+            seq += 1
+            record["seq"] = seq
+        if record["rec"] == "end":
+            record["seq"] = seq
+    path.write_text("".join(json.dumps(record) + "\n" for record in records))
+    return read(path)
+
+
+def find(records: Records, ev: str, nth: int = 0, start: int = 0, **wanted: Json) -> int:
+    """The index of an event with these fields, its message's, timer's, and so on."""
+    for n, record in enumerate(records):
+        inner = dict(record)
+        for part in ("message", "timer", "indication", "command"):
+            inner |= record.get(part, {})
+        if n >= start and record.get("ev") == ev and wanted.items() <= inner.items():
+            if nth == 0:
+                return n
+            nth -= 1
+    raise LookupError(wanted)
+
+
+# -- wrong logs: each is given the records, spoils them, and says the line where it shows
+
+Spoil = Callable[[Records], int]
+WRONG: dict[str, tuple[str, Spoil]] = {}
+
+
+def wrong(base: str) -> Callable[[Spoil], Spoil]:
+    def note(spoil: Spoil) -> Spoil:
+        WRONG[spoil.__name__] = (base, spoil)
+        return spoil
+
+    return note
+
+
+RECEIVER, PRESCRIBER = "rounds/2002", "rounds/1001"
+
+
+def change(records: Records, n: int, part: str, **fields: Json) -> int:
+    """The line of record n, with fields of a part of it changed."""
+    inner = records[n] if part == "" else records[n][part]
+    inner |= fields
+    return n + 1
+
+
+@wrong(RECEIVER)
+def new_content_skips_a_seq(r: Records) -> int:
+    return change(r, find(r, "send", type="Acceptance"), "message", seq=3)
+
+
+@wrong(PRESCRIBER)
+def rel_1_a_copy_differs_in_its_content(r: Records) -> int:
+    return change(r, find(r, "send", 1, type="Advertisement"), "message", scenario="other")
+
+
+@wrong(RECEIVER)
+def end_6_an_ack_names_another_seq(r: Records) -> int:
+    n = find(r, "send", type="Ack")
+    return change(r, n, "message", of={"type": "Prescription", "seq": 9})
+
+
+@wrong(RECEIVER)
+def end_6_an_answer_has_a_seq(r: Records) -> int:
+    return change(r, find(r, "send", type="Ack"), "message", seq=1)
+
+
+@wrong("twice/1001")
+def a_session_number_is_used_again(r: Records) -> int:
+    n = find(r, "send", type="Advertisement", session=[1001, 2])
+    text = json.dumps(r[n:]).replace("[1001, 2]", "[1001, 1]")
+    r[n:] = json.loads(text)
+    return n + 1
+
+
+@wrong(PRESCRIBER)
+def pre_2_the_prescribed_trajectory_is_not_the_one_given(r: Records) -> int:
+    prescribed = {"t0": 0, "points": [[0, 0, 0]]}
+    return change(r, find(r, "send", type="Prescription"), "message", prescribed=prescribed)
+
+
+@wrong(PRESCRIBER)
+def pre_2_the_lease_is_not_the_one_given(r: Records) -> int:
+    return change(r, find(r, "send", type="Prescription"), "message", lease_ms=1)
+
+
+@wrong(RECEIVER)
+def a_timer_is_armed_that_nothing_calls_for(r: Records) -> int:
+    return change(r, find(r, "timer", op="arm", name="hold"), "timer", name="answer")
+
+
+@wrong(RECEIVER)
+def a_timer_that_is_called_for_is_not_armed(r: Records) -> int:
+    n = find(r, "timer", op="arm", name="hold")
+    del r[n]
+    while r[n]["ev"] != "receive" and r[n].get("op") != "expire":
+        n -= 1
+    return n + 1
+
+
+@wrong(RECEIVER)
+def a_deadline_is_not_that_of_the_parameters(r: Records) -> int:
+    n = find(r, "timer", op="arm", name="hold")
+    return change(r, n, "", deadline=r[n]["deadline"] + 1)
+
+
+@wrong(RECEIVER)
+def act_4_the_lease_lasts_otherwise_than_the_prescription_says(r: Records) -> int:
+    n = find(r, "timer", op="arm", name="lease")
+    return change(r, n, "", deadline=r[n]["deadline"] - 1)
+
+
+@wrong(RECEIVER)
+def a_timer_of_another_session_is_armed(r: Records) -> int:
+    n = find(r, "timer", op="arm", name="resend")
+    r[n]["timer"]["message"]["session"] = [1001, 7]
+    return n + 1
+
+
+@wrong(RECEIVER)
+def a_timer_is_stopped_that_goes_on(r: Records) -> int:
+    n = find(r, "timer", op="arm", name="lease")
+    stop = {key: r[n][key] for key in ("rec", "t_ms", "ev", "timer")} | {"op": "stop"}
+    r.insert(n + 1, stop)
+    return n + 2
+
+
+@wrong(PRESCRIBER)
+def adv_5_an_intention_is_not_acked(r: Records) -> int:
+    n = find(r, "send", type="Ack")
+    del r[n]
+    return n
+
+
+@wrong(RECEIVER)
+def end_5_a_message_sent_has_an_unknown_field(r: Records) -> int:
+    return change(r, find(r, "send", type="Intention"), "message", note=1)
+
+
+@wrong(PRESCRIBER)
+def the_advertisement_is_sent_again_too_early(r: Records) -> int:
+    n = find(r, "timer", op="expire", name="resend")
+    r[n]["t_ms"] = r[n - 1]["t_ms"]
+    return n + 1
+
+
+@wrong(PRESCRIBER)
+def rel_1_the_advertisement_is_not_sent_again(r: Records) -> int:
+    n = find(r, "timer", op="expire", name="resend")
+    due = r[n]["t_ms"]
+    del r[n : n + 3]  # it, the copy, and the timer armed anew
+    inputs = ("receive", "command")
+    return next(
+        k + 1
+        for k, x in enumerate(r)
+        if x.get("t_ms", 0) > due + 50 and (x["ev"] in inputs or x.get("op") == "expire")
+    )
+
+
+@wrong(PRESCRIBER)
+def act_5_a_cam_lacks_the_mark(r: Records) -> int:
+    n = next(k for k, x in enumerate(r) if x.get("ev") == "send" and x["message"].get("marks"))
+    return change(r, n, "message", marks=[])
+
+
+@wrong(PRESCRIBER)
+def a_cam_is_sent_under_another_id(r: Records) -> int:
+    return change(r, find(r, "send", type="CAM"), "message", src=5)
+
+
+@wrong(RECEIVER)
+def act_5_a_cam_that_is_older_counts(r: Records) -> int:
+    n = find(r, "timer", 2, op="arm", name="cam")
+    assert r[n - 1]["message"]["type"] == "CAM"
+    r[n - 1]["message"]["generation_ms"] = 0
+    return n + 1
+
+
+@wrong(RECEIVER)
+def neg_1_the_application_is_not_told(r: Records) -> int:
+    del r[find(r, "indication", name="verify")]
+    return find(r, "receive", type="Prescription") + 1
+
+
+@wrong("abort/2002")
+def end_2_the_reason_told_is_not_that_of_the_cancel(r: Records) -> int:
+    return change(r, find(r, "indication", name="fallback"), "indication", reason="timeout")
+
+
+@wrong(RECEIVER)
+def what_must_follow_the_last_input_is_missing(r: Records) -> int:
+    n = find(r, "receive", type="Prescription")
+    r[n + 1 : -1] = []
+    return n + 1
+
+
+@wrong(RECEIVER)
+def end_5_bytes_that_are_no_message_are_answered(r: Records) -> int:
+    n = find(r, "receive", type="Prescription")
+    del r[n]["message"], r[n]["phase"], r[n]["role"]
+    r[n]["raw"] = "AAAA"
+    return n + 2
+
+
+@wrong(RECEIVER)
+def end_5_a_message_of_another_version_is_obeyed(r: Records) -> int:
+    return change(r, find(r, "receive", type="Prescription"), "message", v=2)
+
+
+@wrong("abort/3003")
+def end_8_no_quarantine_after_a_restart(r: Records) -> int:
+    del r[find(r, "timer", op="arm", name="quarantine")]
+    return find(r, "restart") + 1
+
+
+@wrong(RECEIVER)
+def the_phase_told_is_not_that_of_the_specification(r: Records) -> int:
+    return change(r, find(r, "receive", type="Prescription"), "", phase="WAITING")
+
+
+@wrong(RECEIVER)
+def cmd_1_a_command_out_of_place_is_not_refused(r: Records) -> int:
+    command = {"name": "complete", "session": [1001, 1]}
+    n = find(r, "receive", type="Prescription")
+    event = {"rec": "event", "t_ms": r[n]["t_ms"], "ev": "command", "command": command}
+    r.insert(n, event)
+    return n + 1
+
+
+@wrong(PRESCRIBER)
+def mem_1_a_station_too_many_is_recorded(r: Records) -> int:
+    r[0]["parameters"]["max_participants"] = 1
+    first = find(r, "receive", type="Intention")
+    other = {2002: 3003, 3003: 2002}[r[first]["message"]["src"]]
+    return find(r, "send", type="Ack", dst=other) + 1
+
+
+@wrong(PRESCRIBER)
+def mem_1_a_session_is_opened_without_room(r: Records) -> int:
+    r[0]["parameters"]["outbox_limit"] = 32
+    return find(r, "command", name="request") + 1
+
+
+@wrong("twice/2002")
+def mem_1_a_prescriber_too_many_is_remembered(r: Records) -> int:
+    r[0]["parameters"]["memory_limit"] = 1
+    return find(r, "receive", type="Advertisement", src=3003, phase="INTENDING") + 1
+
+
+@pytest.fixture(scope="module")
+def judged(
+    good: dict[str, Records], tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, tuple[int, Verdict]]:
+    folder = tmp_path_factory.mktemp("wrong")
+    logs, lines = [], []
+    for name, (base, spoil) in WRONG.items():
+        records = copy.deepcopy(good[base])
+        lines.append(spoil(records))
+        logs.append(written(records, folder / f"{name}.ndjson"))
+    return dict(zip(WRONG, zip(lines, explain_batch(logs), strict=True), strict=True))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_log_diverges_at_its_line(
+    name: str, judged: dict[str, tuple[int, Verdict]]
+) -> None:
+    line, verdict = judged[name]
+    assert (verdict.verdict, verdict.line) == ("diverges", line), verdict
+
+
+def test_a_divergence_says_what_was_called_for(judged: dict[str, tuple[int, Verdict]]) -> None:
+    _, verdict = judged["new_content_skips_a_seq"]
+    assert (verdict.event, verdict.rule) == ("send Acceptance to 1001", "NEG-3")
+    assert "send Acceptance to 1001 session=1001/1 (proposal=1, refused, unsafe)" in (
+        verdict.expected
+    )
+    assert verdict.guard.startswith("NEG-3: ")
+    _, verdict = judged["act_5_a_cam_lacks_the_mark"]
+    assert (verdict.rule, verdict.expected) == ("ACT-5", ("marks 1001/1",))
+
+
+# -- logs that are right, though they look odd
+
+
+def large(r: Records) -> Records:
+    """Numbers that TLC's 31 bits do not hold."""
+    text = json.dumps(r).replace("[1001, 1]", "[1001, 900719925474099]")
+    records: Records = json.loads(text)
+    for record in records:
+        for name in ("t_ms", "deadline"):
+            if name in record:
+                record[name] += 10**15
+    return records
+
+
+def without(*kinds: str) -> Callable[[Records], Records]:
+    def strip(r: Records) -> Records:
+        r[0]["complete"] = [kind for kind in r[0]["complete"] if kind not in kinds]
+        return [x for x in r if x.get("ev") not in kinds]
+
+    return strip
+
+
+def cut(r: Records) -> Records:
+    return r[: find(r, "receive", type="Prescription") + 1]
+
+
+def no_stops(r: Records) -> Records:
+    """END-8: all timers stop at a restart; a station that crashed cannot log it."""
+    n = find(r, "restart")
+    return [x for k, x in enumerate(r) if not (n < k < n + 20 and x.get("op") == "stop")]
+
+
+RIGHT: dict[str, tuple[str, Callable[[Records], Records]]] = {
+    "large numbers": (PRESCRIBER, large),
+    "no end": (RECEIVER, cut),
+    "a restart that stops no timer": ("abort/3003", no_stops),
+    "no indications": (RECEIVER, without("indication")),
+    "no commands": (PRESCRIBER, without("command")),
+    "no timers": (RECEIVER, without("timer")),
+    "no restarts": ("abort/3003", without("restart")),
+    "no commands and timers": (RECEIVER, without("command", "indication", "timer")),
+}
+
+
+def test_what_is_right_is_allowed(good: dict[str, Records], tmp_path: Path) -> None:
+    logs = [written(copy.deepcopy(r), tmp_path / name[-4:]) for name, r in good.items()]
+    for name, (base, edit) in RIGHT.items():
+        logs.append(written(edit(copy.deepcopy(good[base])), tmp_path / name))
+    verdicts = explain_batch(logs)
+    assert [v for v in verdicts if v.verdict != "allowed"] == []
+    assert [v.events for v in verdicts] == [len(log.events) for log in logs]
+
+
+def test_without_timers_and_commands_a_wrong_log_still_diverges(
+    good: dict[str, Records], tmp_path: Path
+) -> None:
+    records = copy.deepcopy(good[RECEIVER])
+    change(records, find(records, "send", type="Acceptance"), "message", proposal=2)
+    stripped = without("command", "timer")(records)
+    line = find(stripped, "send", type="Acceptance") + 1
+    (verdict,) = explain_batch([written(stripped, tmp_path / "log")])
+    assert (verdict.verdict, verdict.line) == ("diverges", line)
+
+
+def test_what_tlc_cannot_tell_and_cannot_read(good: dict[str, Records], tmp_path: Path) -> None:
+    lost = copy.deepcopy(good[RECEIVER])
+    lost[-1]["lost_records"] = 3
+    unread = copy.deepcopy(good[RECEIVER])
+    n = find(unread, "receive", type="Prescription")
+    del unread[n]["message"]["session"]
+    logs = [
+        written(lost, tmp_path / "lost"),
+        written(without("send")(copy.deepcopy(good[RECEIVER])), tmp_path / "unsent"),
+        written(unread, tmp_path / "unread"),
+    ]
+    verdicts = [(v.verdict, v.line) for v in explain_batch(logs)]
+    assert verdicts == [("cannot_tell", 0), ("cannot_tell", 0), ("unreadable", n + 1)]
+
+
+def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -> None:
+    """What comes before the missing records is judged, what comes after is not."""
+    path = tmp_path / "gap.ndjson"
+    written(copy.deepcopy(good[RECEIVER]), path)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:20] + lines[30:]))
+    (verdict,) = explain_files([path])
+    assert verdict.verdict == "cannot_tell" and "before line 21" in verdict.event
+
+
+# -- agreement
+
+
+def mutated(records: Records, r: random.Random) -> Records:
+    """An event dropped, repeated, exchanged with the next, or shifted in time."""
+    events = [
+        n
+        for n, x in enumerate(records[:-2])
+        if x["rec"] == "event" and x.get("message", {}).get("type") not in ("CAM", "Advertisement")
+    ]
+    n = r.choice(events)
+    match r.choice(("drop", "repeat", "exchange", "shift")):
+        case "drop":
+            del records[n]
+        case "repeat":
+            records.insert(n, copy.deepcopy(records[n]))
+        case "exchange":
+            records[n], records[n + 1] = records[n + 1], records[n]
+            times = records[n + 1]["t_ms"], records[n]["t_ms"]
+            records[n]["t_ms"], records[n + 1]["t_ms"] = times
+        case "shift":
+            later = records[n + 1]["t_ms"]
+            records[n]["t_ms"] = r.randint(records[n]["t_ms"], later)
+    return records
+
+
+def test_both_engines_agree_on_verdict_and_line(good: dict[str, Records], tmp_path: Path) -> None:
+    r = random.Random(1)
+    logs = [
+        written(mutated(copy.deepcopy(base), r), tmp_path / f"{n}")
+        for n in range(15)
+        for base in good.values()
+    ]
+    oracle = [explain(log) for log in logs]
+    tlc = explain_batch(logs)
+    assert [(v.verdict, v.line) for v in tlc] == [(v.verdict, v.line) for v in oracle]
+    assert {v.verdict for v in tlc} == {"allowed", "diverges"}
