@@ -21,9 +21,10 @@ from automcm_conformance.results import Line
 from automcm_conformance.wire import encode, encode_line
 from automcm_spec.oracle import canonical
 from automcm_spec.rules import RULES
-from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.engine import Engine
 from automcm_traces.log import RECORD, Event
 from automcm_traces.reader import read
+from automcm_traces.step import Diverges, Step
 from automcm_traces.track import CannotTell, Track
 from automcm_traces.writer import LogWriter
 

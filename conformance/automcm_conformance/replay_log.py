@@ -33,7 +33,6 @@ from automcm_conformance.protocol import (
     read_hello,
 )
 from automcm_conformance.results import Line
-from automcm_traces.engine import Diverges
 from automcm_traces.explain import explain
 from automcm_traces.log import (
     ApplicationCommand,
@@ -45,6 +44,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import read
+from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell
 
 Json = Any

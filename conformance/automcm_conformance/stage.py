@@ -24,7 +24,7 @@ from automcm_conformance.radio import Radio, Rule
 from automcm_conformance.results import Line, Verdict
 from automcm_conformance.wire import HOLD_MS
 from automcm_spec.rules import handler, line
-from automcm_traces.engine import Diverges
+from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell, Track
 
 Json = Any

@@ -20,9 +20,10 @@ from automcm.state import State, key
 from automcm.station import Effects, Station
 from automcm_spec.rules import RULES as EVERY_RULE
 from automcm_traces import asking
-from automcm_traces.engine import Diverges, Engine
+from automcm_traces.engine import Engine
 from automcm_traces.log import RECORD, Header
 from automcm_traces.reader import Log
+from automcm_traces.step import Diverges
 from automcm_traces.track import Track
 
 IDS = (1001, 2002, 3003, 4004)

@@ -16,10 +16,11 @@ from typing import Any, Literal
 from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, load
 from automcm_spec.rules import RULES
-from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.engine import Engine
 from automcm_traces.form import TYPES
 from automcm_traces.log import Receive, Send
 from automcm_traces.reader import Log, LogError, LogStream, one_line
+from automcm_traces.step import Diverges, Step
 from automcm_traces.track import CannotTell, Track
 
 Json = Any

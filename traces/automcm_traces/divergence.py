@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from automcm_traces.asking import state_place
-from automcm_traces.engine import Diverges
 from automcm_traces.guards import armed_in, causes, names, nearest, timer_in, unarmed
 from automcm_traces.inputs import other
+from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell, Track, View
 
 Json = Any

@@ -8,11 +8,9 @@ they are missing.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
-from automcm_spec.oracle import Answer
-from automcm_spec.rules import RULES, handler, line
+from automcm_spec.rules import RULES
 from automcm_traces.asking import ask
 from automcm_traces.form import malformed, well_formed
 from automcm_traces.inputs import (
@@ -37,6 +35,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
+from automcm_traces.step import Deadline, Diverges, Step
 from automcm_traces.track import (
     ROUNDS,
     Expected,
@@ -50,90 +49,6 @@ from automcm_traces.track import (
 )
 
 Json = Any
-
-
-class Diverges(Exception):
-    """The log leaves the specification here.
-
-    ``step`` is the step that did not go on as it must, None if nothing called for anything, and
-    ``seen`` what the log has instead: ``("send", message)``, ``("arm" | "stop" | "expire",
-    timer)``, ``("indication", name)``, ``("phase", name)``; empty if something is missing.
-    """
-
-    def __init__(
-        self,
-        at: int,
-        event: str,
-        rule: str,
-        wanted: Sequence[str],
-        guard: str,
-        step: Step | None = None,
-        seen: tuple[str, Json] | tuple[()] = (),
-    ) -> None:
-        super().__init__(event)
-        self.at, self.event, self.rule, self.wanted, self.guard = at, event, rule, wanted, guard
-        self.step, self.seen = step, seen
-
-
-class Deadline(NamedTuple):
-    """When an armed timer expires, in ms of the station's clock: not before ``first``, and at
-    ``last`` at the latest; None if that is not known."""
-
-    first: int
-    last: int | None
-
-
-@dataclass(slots=True)
-class Step:
-    """One input and what is still expected to follow it."""
-
-    at: int
-    t_ms: int
-    input: Json
-    what: str
-    view: View
-    answer: Answer
-    after: Json
-    """The state of the oracle that comes next."""
-    messages: list[Expected]
-    arm: list[tuple[View, Json]]
-    stop: list[tuple[View, Json]]
-    told: list[str]
-    given: dict[str, Json] | None
-    content: dict[str, Json]
-    since_ms: int
-    """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
-    unseen: bool = False
-    """Neither the input nor an effect was observed so far."""
-    fresh: int = 0
-    sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
-
-    @property
-    def rule(self) -> str:
-        return self.answer.effect.rule
-
-    @property
-    def guard(self) -> str:
-        rule = self.rule
-        where = line(rule, self.input)
-        return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"
-
-    def copy(self, track: Track) -> Step:
-        """The same step of a copy of the station."""
-        views: dict[int, View] = {}
-
-        def on(view: View) -> View:
-            return views.setdefault(id(view), view.on(track))
-
-        return replace(
-            self,
-            view=on(self.view),
-            messages=list(self.messages),
-            arm=[(on(view), timer) for view, timer in self.arm],
-            stop=[(on(view), timer) for view, timer in self.stop],
-            told=list(self.told),
-            sent=list(self.sent),
-        )
 
 
 class Engine:
@@ -449,7 +364,7 @@ class Engine:
             raise Diverges(at, text, "END-5", [], _by("END-5"), None, ("send", m))
         if m["src"] != self.track.me:
             text, wants = f"send CAM: src {m['src']}", [f"src {self.track.me}"]
-            raise Diverges(at, text, "ACT-2", wants, _by("ACT-2"), None, ("send", m))
+            raise Diverges(at, text, "ACT-5", wants, _by("ACT-5"), None, ("send", m))
         if sorted(m["marks"]) != wanted:
             event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
             raise Diverges(at, event, "ACT-5", wants, _by("ACT-5"), None, ("send", m))

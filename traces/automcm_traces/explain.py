@@ -10,12 +10,13 @@ from typing import Any, Literal
 
 from automcm_traces.delivery import forged_receptions
 from automcm_traces.divergence import Why, why
-from automcm_traces.engine import Diverges, Engine
+from automcm_traces.engine import Engine
 from automcm_traces.log import Event, Header
 from automcm_traces.possible import Possible, unobserved
 from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log, LogError, LogStream, read
 from automcm_traces.sessions import Session, Sessions
+from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell
 
 Json = Any

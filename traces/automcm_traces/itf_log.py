@@ -16,8 +16,9 @@ from automcm_spec.oracle import STATE_FIELDS, canonical
 from automcm_spec.paths import MODELS
 from automcm_spec.rules import handler, line
 from automcm_traces import itf, story
-from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.engine import Engine
 from automcm_traces.reader import Log
+from automcm_traces.step import Diverges, Step
 from automcm_traces.story_effects import ask, cfg_of, state
 from automcm_traces.story_steps import Move, happenings, plain
 from automcm_traces.track import Track

@@ -14,7 +14,7 @@ from typing import Any
 
 from automcm_spec.oracle import Answer, Oracle, canonical
 from automcm_traces.asking import frozen, state_place
-from automcm_traces.engine import Deadline, Diverges, Engine
+from automcm_traces.engine import Engine
 from automcm_traces.inputs import Asked, other, timer_key
 from automcm_traces.log import (
     ApplicationCommand,
@@ -27,6 +27,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
+from automcm_traces.step import Deadline, Diverges
 from automcm_traces.track import NUMBERED, STRANGER, CannotTell, Track, View, Y
 
 Json = Any

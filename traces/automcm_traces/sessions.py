@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from automcm_spec.rules import RULES
-from automcm_traces.engine import Step
+from automcm_traces.step import Step
 from automcm_traces.track import Track
 
 Json = Any

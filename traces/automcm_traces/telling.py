@@ -13,6 +13,8 @@ from automcm_traces.explain import Verdict
 from automcm_traces.show import Row, columns
 
 Json = Any
+SESSIONS = 10
+"""Sessions of a log that are shown, the last ones."""
 
 
 def text(verdict: Verdict) -> str:
@@ -41,9 +43,10 @@ def _allowed(verdict: Verdict) -> Iterator[str]:
         kinds, n = ", ".join(verdict.unobserved), verdict.possible_states
         states = f"{n} state{'' if n == 1 else 's'} of the specification"
         yield f"  not logged: {kinds}; at its end the log fits {states}"
-    if verdict.number_of_sessions > len(verdict.sessions):
+    shown = verdict.sessions[-SESSIONS:]
+    if verdict.number_of_sessions > len(shown):
         yield f"  {verdict.number_of_sessions} sessions; the last of them:"
-    yield from (f"  {session}" for session in verdict.sessions)
+    yield from (f"  {session}" for session in shown)
 
 
 def _diverges(verdict: Verdict) -> Iterator[str]:

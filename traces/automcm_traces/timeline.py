@@ -10,9 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from automcm_traces.engine import Diverges, Engine, Step
+from automcm_traces.engine import Engine
 from automcm_traces.log import Event, ForgetTimer, Receive, TimerArm, TimerEnd
 from automcm_traces.reader import Log
+from automcm_traces.step import Diverges, Step
 from automcm_traces.track import CannotTell, Track
 
 Json = Any

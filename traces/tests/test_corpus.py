@@ -12,16 +12,15 @@ from automcm_traces.corpus import COVERAGE, Entry, index, index_text
 from automcm_traces.corpus_bad import Log as Records
 from automcm_traces.corpus_bad import bases_among
 from automcm_traces.corpus_walks import transition
-from automcm_traces.engine import Engine, Step
+from automcm_traces.engine import Engine
 from automcm_traces.explain import explain_files
 from automcm_traces.log import Receive, Send
 from automcm_traces.reader import read
+from automcm_traces.step import Step
 from automcm_traces.track import Track, number_of
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 ENTRIES = index(CORPUS)
-OPEN = {"cam_of_another", "timer_of_another_session"}
-"""What an engine need not see yet; a pass is welcome."""
 
 
 def of(kind: str) -> list[Entry]:
@@ -35,13 +34,7 @@ def test_the_index_names_every_log_and_no_other() -> None:
     assert all(entry.story.endswith(".") and "\n" not in entry.story for entry in ENTRIES)
 
 
-def marked(entry: Entry) -> Any:
-    name = Path(entry.file).stem
-    marks = [pytest.mark.xfail(strict=False)] if name in OPEN else []
-    return pytest.param(entry, id=name, marks=marks)
-
-
-@pytest.mark.parametrize("entry", [marked(e) for e in of("bad")])
+@pytest.mark.parametrize("entry", of("bad"), ids=lambda entry: Path(entry.file).stem)
 def test_what_is_wrong_is_named_at_its_line(entry: Entry) -> None:
     beside = [CORPUS / entry.beside] if entry.beside else []
     verdict = explain_files([*beside, CORPUS / entry.file])[-1]

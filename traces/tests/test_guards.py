@@ -13,7 +13,7 @@ from automcm.straight import Straight
 from automcm_spec.generate import ONE_PEER, TIGHT, Graph
 from automcm_spec.oracle import STATE_FIELDS, Oracle, load
 from automcm_spec.rules import place
-from automcm_traces.engine import Diverges, Engine
+from automcm_traces.engine import Engine
 from automcm_traces.guards import (
     MOST,
     armed_in,
@@ -28,6 +28,7 @@ from automcm_traces.guards_end import HANDLERS
 from automcm_traces.guards_tree import ways
 from automcm_traces.log import Receive
 from automcm_traces.reader import Log, read
+from automcm_traces.step import Diverges
 from automcm_traces.track import Entry, Track, View
 
 Json = Any
