@@ -121,22 +121,17 @@ def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
     if "clock" not in two.values:
         return Move(station, value, before, after, _net(one), _net(two))
     at_ms = ticks * TICK_MS
-    env: Any = two.values["env"]
     if not station:
         cams = _cams(one) if value == ["tick"] else ()
         return Move(0, value, before, after, at_ms=at_ms, cams=cams)
     left, was = _clock(two, station), _clock(one, station)
     deadlines = {text: at_ms + ticks * TICK_MS for text, ticks in left.items()}
     anew = tuple(json.loads(t) for t in sorted(left) if t in was and left[t] > was[t])
-    judged = None
-    if value[0] == "cam" and not env["marks"]:
-        judged = [*value[:2], [before[station][2]], value[3]]
     return Move(
         station,
         value,
         before,
         after,
-        judged=judged,
         at_ms=at_ms,
         deadlines=deadlines,
         also_armed=anew,

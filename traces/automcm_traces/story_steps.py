@@ -26,8 +26,8 @@ ANSWERED = ("Intention", "Prescription", "Acceptance")
 class Move:
     """One step of a model: the stations and the messages on the radio before and after it.
 
-    ``station`` is 0 for an event of the radio or of time.  ``judged`` is the input as an ablated
-    model takes it, if that is another one.  The other fields are those of ``Happening``.
+    ``station`` is 0 for an event of the radio or of time.  The other fields are those of
+    ``Happening``.
     """
 
     station: int
@@ -36,7 +36,6 @@ class Move:
     after: dict[int, Json]
     net_before: frozenset[str] = frozenset()
     net_after: frozenset[str] = frozenset()
-    judged: Json = None
     at_ms: int | None = None
     deadlines: dict[str, int] | None = None
     cams: tuple[int, ...] = ()
@@ -82,10 +81,9 @@ def happenings_of_all(
 
 
 def _main(move: Move) -> Question:
-    """What the step itself asks; unreduced, the model's word on what comes next counts."""
-    value = move.judged or move.input
+    """What the step itself asks; with time, the model's word on what comes next counts."""
     after = move.after[move.station] if move.at_ms is not None else None
-    return Question(move.station, move.before[move.station], value, after)
+    return Question(move.station, move.before[move.station], move.input, after)
 
 
 def _tell(told: _Told, effects: dict[str, Effects]) -> list[Happening]:

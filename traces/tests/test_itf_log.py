@@ -62,6 +62,7 @@ def test_the_itf_of_a_log_says_by_what_each_state_was_reached() -> None:
     assert meta["action"] == "OnAccept" and meta["rule"] == "NEG-2"
     assert meta["location"]["module"] == "Station" and meta["location"]["line"] > 0
     assert meta["args"]["command"]["name"] == "accept"
+    assert any(s["heard"] for s in value["states"])
     assert itf.dumps(itf.to_itf(itf.from_itf(value), {})).count("\n") > len(value["states"])
 
 
@@ -72,9 +73,9 @@ def test_the_itf_of_a_log_that_diverges_ends_there_and_says_so() -> None:
     assert len(value["states"]) == 1
 
 
-@pytest.mark.parametrize("model", ["bare_ack", "plain_cams"])
+@pytest.mark.parametrize("model", ["bare_ack", "plain_cams", "memory_dropped", "retarget"])
 def test_the_command_writes_the_logs_of_the_corpus(model: str, tmp_path: Path) -> None:
-    """Untimed and timed; TLC works out what follows."""
+    """Untimed, timed, and reduced twice; TLC works out what follows."""
     source = COUNTEREXAMPLES / f"{model}.itf.json"
     answer = run.invoke(app, ["trace", "itf", str(source), "--out", str(tmp_path)])
     assert answer.exit_code == 0, answer.output
