@@ -19,7 +19,7 @@ def test_a_log_is_allowed_and_an_edited_one_is_not(tmp_path: Path) -> None:
         app, ["trace", "explain", "--engine", "tlc", "--json", "-", str(good), str(bad)]
     )
     assert run.exit_code == 1
-    first, second = json.loads(run.stdout)
+    first, second = json.loads(run.stdout)["logs"]
     assert (first["verdict"], first["events"] > 100) == ("allowed", True)
     assert (second["verdict"], second["file"], second["rule"]) == ("diverges", str(bad), "PRE-2")
     oracle = CliRunner().invoke(app, ["trace", "explain", "--json", "-", str(bad)])

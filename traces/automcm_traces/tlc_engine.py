@@ -75,27 +75,38 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
 
 def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """As ``automcm_traces.explain.explain_files``, with TLC in the place of the oracle."""
+    verdicts, logs = _each(paths, late_ms)
+    foreign = forged(logs) if len(paths) > 1 else {}
+    for n, verdict in enumerate(verdicts):
+        other = foreign.get(verdict.file)
+        if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
+            verdicts[n] = replace(other, warnings=verdict.warnings, header=verdict.header)
+    return verdicts
+
+
+def explain_each(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
+    """A verdict for each file on its own: not all of one run, and not compared with another."""
+    return _each(paths, late_ms)[0]
+
+
+def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], list[Log]]:
+    """The verdicts, and the logs that could be read."""
     found: dict[Path, Verdict] = {}
     logs: dict[Path, Log] = {}
-    broken: dict[Path, Verdict] = {}
     for path in paths:
         try:
-            stream = LogStream(path)
+            logs[path], problem = _whole(LogStream(path))
         except LogError as error:
-            found[path] = Verdict("unreadable", str(path), error.line, str(error))
-            continue
-        logs[path], problem = _whole(stream)
+            problem = Verdict("unreadable", str(path), error.line, str(error))
         if problem is not None:
-            broken[path] = problem
-    foreign = forged(list(logs.values())) if len(paths) > 1 else {}
+            found[path] = problem
     for path, verdict in zip(logs, explain_batch(list(logs.values()), late_ms), strict=True):
-        other = foreign.get(str(path))
-        if path in broken and verdict.verdict in ("allowed", "cannot_tell"):
-            verdict = replace(broken[path], header=verdict.header)
-        if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
-            verdict = replace(other, header=verdict.header)
-        found[path] = replace(verdict, warnings=tuple(logs[path].warnings))
-    return [found[path] for path in paths]
+        if path not in found or verdict.verdict in ("diverges", "unreadable"):
+            found[path] = verdict
+        found[path] = replace(
+            found[path], warnings=tuple(logs[path].warnings), header=verdict.header
+        )
+    return [found[path] for path in paths], list(logs.values())
 
 
 def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
@@ -108,9 +119,8 @@ def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
         problem = Verdict("unreadable", stream.file, error.line, str(error))
     if problem is None and stream.gap is not None:
         line, what = stream.gap
-        at = events[-1][0] if events else 0
-        text = f"records are missing before line {line}: {what}"
-        problem = Verdict("cannot_tell", stream.file, at, text)
+        text = f"records are missing before this line: {what}"
+        problem = Verdict("cannot_tell", stream.file, line, text)
     log = Log(
         stream.file, stream.header, events, stream.end, stream.truncated, list(stream.warnings)
     )

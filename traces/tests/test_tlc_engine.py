@@ -21,7 +21,7 @@ from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_traces.explain import Verdict, explain
 from automcm_traces.reader import Log, read
-from automcm_traces.tlc_engine import explain_batch, explain_files
+from automcm_traces.tlc_engine import explain_batch, explain_each, explain_files
 
 Json = Any
 Records = list[dict[str, Json]]
@@ -428,10 +428,23 @@ def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:20] + lines[30:]))
     (verdict,) = explain_files([path])
-    assert verdict.verdict == "cannot_tell" and "before line 21" in verdict.event
+    assert (verdict.verdict, verdict.line) == ("cannot_tell", 21)
+    assert verdict.event.startswith("records are missing before this line")
 
 
 # -- agreement
+
+CORPUS = Path(__file__).parents[1] / "corpus"
+
+
+def test_tlc_gives_each_log_of_the_corpus_its_verdict_and_line() -> None:
+    """Forged messages show only beside the log of their sender, without any engine."""
+    index = json.loads((CORPUS / "index.json").read_text())
+    index = [entry for entry in index if "beside" not in entry]
+    verdicts = explain_each([CORPUS / entry["file"] for entry in index])
+    found = [(entry["file"], v.verdict, v.line) for entry, v in zip(index, verdicts, strict=True)]
+    assert found == [(e["file"], e["verdict"], e.get("line", 0)) for e in index]
+    assert len(found) > 800
 
 
 def mutated(records: Records, r: random.Random) -> Records:
