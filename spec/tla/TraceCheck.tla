@@ -372,13 +372,13 @@ Input(e) ==
     [] e.kind = "command"   -> OnCommanded(e)
     [] e.kind = "expire"    -> OnExpires(e)
 
-\* A restart loses what was due, and a CAM is sent by a clock of its own.
+\* A restart loses what was due.
 Line(e) ==
   IF e.kind \in Effects THEN Follows(e)
   ELSE IF Missing THEN Diverges(step.line)
-  ELSE IF e.kind = "beacon" THEN OnCamSent(e)
   ELSE IF e.kind = "restart" THEN Restarted(e.line, e.t)
   ELSE IF Missed(e.t) # {} THEN Overdue(e.line, Missed(e.t))
+  ELSE IF e.kind = "beacon" THEN OnCamSent(e)
   ELSE IF e.kind = "unreadable" THEN Verdict("UNREADABLE", e.line, "", <<>>)
   ELSE Input(e)
 

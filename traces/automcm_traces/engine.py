@@ -163,6 +163,7 @@ class Engine:
         match event:
             case Send(message=message) if message["type"] == "CAM":
                 self.finish()
+                self._missed(at, event)
                 self._cam_sent(at, message)
                 self._phase_is(at, event)
                 return
@@ -202,6 +203,7 @@ class Engine:
     def _lift(self, step: Step) -> None:
         t, before = self.track, self.track.phase
         if step.input[0] == "restart":
+            self.timers = {k: d for k, d in self.timers.items() if k == "quarantine"}
             t.outbox, t.joined, t.recorded = [], {}, []
         elif step.answer.next == step.answer.state and not step.sent:
             if step.input[0] == "cam" and step.answer.changes and step.given is not None:

@@ -206,6 +206,9 @@ def _after(world: World, acts: Spell, target: int, gone: _Gone) -> Hazard | None
     certain = ended is not None and world.before(target, gone.at, acts.station, ended.at)
     excused = gone.cause in EXCUSES
     if length is not None and length.high <= 0:
+        if ended is None:
+            why = f"station {acts.station} acts where its log ends, and later {gone.text}"
+            raise CannotJudge(f"{why} ({line.file}:{gone.line})")
         return None
     if length is None or (length.low <= 0 and not certain):
         if length is not None and excused and length.best <= 0:
