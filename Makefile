@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test test-deep test-foreign test-explore generate fuzz clean
+.PHONY: verify test test-deep test-foreign test-explore test-traces generate fuzz clean
 .DELETE_ON_ERROR:
 
 verify: .venv/ready
@@ -26,6 +26,10 @@ test-foreign: .venv/ready
 # Exploration against stations with two mistakes each: found in a minute, shortened; minutes in all.
 test-explore: .venv/ready
 	@$(BIN)/python conformance/tests/explored.py $(ARGS)
+
+# Two thousand good logs and as many with an edit, judged by both engines; another number in ARGS.
+test-traces: .venv/ready
+	@$(BIN)/python traces/tests/agreement.py $(or $(ARGS),2000)
 
 generate: .venv/ready
 	@$(BIN)/automcm generate $(ARGS)

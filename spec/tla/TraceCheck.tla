@@ -379,7 +379,6 @@ Line(e) ==
   ELSE IF e.kind = "restart" THEN Restarted(e.line, e.t)
   ELSE IF Missed(e.t) # {} THEN Overdue(e.line, Missed(e.t))
   ELSE IF e.kind = "beacon" THEN OnCamSent(e)
-  ELSE IF e.kind = "unreadable" THEN Verdict("UNREADABLE", e.line, "", <<>>)
   ELSE Input(e)
 
 \* Where a line says phase and role, they are those after the step.

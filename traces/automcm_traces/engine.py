@@ -82,6 +82,8 @@ class Engine:
         self.observer: Callable[[Step, Track], None] | None = None
         """Called after each step is complete, with the station as it is then."""
         self._step: Step | None = None
+        self.odd: tuple[int, bool] | None = None
+        """The line of a message that is malformed, until it is reported, and whether it must be."""
 
     def copy(self) -> Engine:
         """The same, to go on from here on its own."""
@@ -186,7 +188,11 @@ class Engine:
 
     def finish(self) -> None:
         """No more effects of the last input: what is still expected is missing."""
-        step = self._step
+        step, odd = self._step, self.odd
+        self.odd = None
+        if odd is not None and odd[1] and "indication" in self.promised:
+            text = "receive a malformed message: not everything followed"
+            raise Diverges(odd[0], text, "END-5", ["indication discarded"], _by("END-5"))
         if step is None:
             return
         missing = self.outstanding() if step.messages or step.arm or step.stop or step.told else []
@@ -237,8 +243,8 @@ class Engine:
         match event:
             case Receive(message=dict(message)) if well_formed(message):
                 self._start(at, event.t_ms, received(self.track, event, message))
-            case Receive():
-                pass  # END-5: nothing may follow but "discarded"
+            case Receive(message=m):  # END-5: nothing may follow but "discarded"
+                self.odd = at, m is not None and m.get("dst", self.track.me) == self.track.me
             case ApplicationCommand(command=given):
                 c = {"name": given.name, **(given.model_extra or {})}
                 self._start(at, event.t_ms, command(self.track, c))
@@ -367,13 +373,14 @@ class Engine:
         if m["src"] != self.track.me:
             text, wants = f"send CAM: src {m['src']}", [f"src {self.track.me}"]
             raise Diverges(at, text, "ACT-5", wants, _by("ACT-5"), None, ("send", m))
-        if sorted(m["marks"]) != wanted:
+        if sorted({(q, n) for q, n in m["marks"]}) != [tuple(mark) for mark in wanted]:
             event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
             raise Diverges(at, event, "ACT-5", wants, _by("ACT-5"), None, ("send", m))
 
     def _told(self, at: int, event: ApplicationIndication) -> None:
         name = event.indication.name
-        if self._step is None and name == "discarded":
+        if self._step is None and name == "discarded" and self._may_be_odd():
+            self.odd = None
             return
         seen = ("indication", name)
         step = self._current(at, event.t_ms, f"indication {name}", seen)
@@ -391,6 +398,9 @@ class Engine:
             if fields["reason"] != reason:
                 text, wants = f"indication fallback ({fields['reason']})", [f"fallback ({reason})"]
                 raise Diverges(at, text, step.rule, wants, step.guard, step, seen)
+
+    def _may_be_odd(self) -> bool:
+        return self.odd is not None or "receive" not in self.promised
 
     def _timer_changed(self, at: int, event: TimerArm | TimerEnd) -> None:
         timer = event.timer.model_dump(exclude_none=True)

@@ -83,7 +83,7 @@ _OWN: dict[str, dict[str, Check]] = {
         "proposal": _at_least(1),
         "prescribed": _trajectory,
         "hold_ms": _at_least(0),
-        "lease_ms": _at_least(0),
+        "lease_ms": _at_least(1),
     },
     "Acceptance": {
         "proposal": _at_least(1),

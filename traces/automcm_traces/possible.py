@@ -178,7 +178,7 @@ def _kind(engine: Engine) -> Json:
         about = tuple(step.view.ids), step.view.event_session
         left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
         calls = step.input, about, left, len(step.arm), (step.given or {}).get("proposal")
-    return engine.track.key(), tuple(sorted(engine.timers)), calls
+    return engine.track.key(), tuple(sorted(engine.timers)), calls, engine.odd
 
 
 def _merge(engines: dict[Json, Engine], engine: Engine) -> None:

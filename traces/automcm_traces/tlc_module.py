@@ -8,7 +8,7 @@ each content is a number: the same content, the same number.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from automcm_traces.form import REASONS, TYPES, problems
@@ -141,10 +141,9 @@ class Translation:
             case Receive():
                 return self._received(at, event)
             case Send(message={"type": "CAM"} as m):
-                if not _LOOKED_AT["marks"](m.get("marks")):
-                    return f'Event("unreadable",{at})'
-                src = self.station(m["src"]) if _is_good(m) else 0
-                return f"CamSent({at},{src},{self._marks(m)})"
+                if not _is_good(m):
+                    return f"CamSent({at},0,{{}})"
+                return f"CamSent({at},{self.station(m['src'])},{self._marks(m)})"
             case Send(message=m):
                 return f"Sent({at},{self._message(m)})"
             case TimerArm(timer=timer, deadline=deadline):
@@ -175,8 +174,7 @@ class Translation:
         assert m is not None
         if not _is_good(m):
             mine = m.get("dst", self._me) == self._me  # else it may be dropped silently (MSG-1)
-            unreadable = mine and _is_unreadable(m)
-            return f'Event("unreadable",{at})' if unreadable else f"Malformed({at},{_bool(mine)})"
+            return f"Malformed({at},{_bool(mine)})"
         if m["type"] == "CAM":
             generation = self._generations[_whole(m["generation_ms"])]
             return f"CamReceived({at},{self.station(m['src'])},{self._marks(m)},{generation})"
@@ -334,33 +332,6 @@ def _whole(value: Json) -> int:
 def _is_good(m: dict[str, Json]) -> bool:
     """Whether it has the form of section 2.  Where it goes is for Station.tla to judge (END-5)."""
     return all(name == "dst" for name, _ in problems(m))
-
-
-def _is_unreadable(m: dict[str, Json]) -> bool:
-    """Whether a field that the specification looks at is missing, or of another kind."""
-    return any(
-        name in _LOOKED_AT
-        and (name in m or problem.startswith("missing"))
-        and not (name == "dst" and name not in m)
-        and not _LOOKED_AT[name](m.get(name))
-        for name, problem in problems(m)
-    )
-
-
-def _is_named(value: Json) -> bool:
-    return (
-        isinstance(value, dict) and _is_int(value.get("seq")) and isinstance(value.get("type"), str)
-    )
-
-
-_LOOKED_AT: dict[str, Callable[[Json], bool]] = {
-    **dict.fromkeys(("src", "dst", "seq", "proposal", "generation_ms"), _is_int),
-    "session": lambda value: _session(value) is not None,
-    "marks": lambda value: isinstance(value, list) and all(_session(s) for s in value),
-    "accepted": lambda value: isinstance(value, bool),
-    "reason": lambda value: isinstance(value, str),
-    "of": _is_named,
-}
 
 
 def _bool(value: bool) -> str:

@@ -385,34 +385,48 @@ def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
 
 
 def main(number: int) -> int:
-    """Judge; returns how many verdicts have no reason."""
-    from automcm_traces.explain import explain_files
+    """Have both engines judge; returns how many verdicts have no reason, or are not the same."""
+    from automcm_traces.explain import explain_file
+    from automcm_traces.reader import read
+    from automcm_traces.tlc_engine import explain_batch
 
-    good = good_logs(number, 1)
     counts: Counter[tuple[str, str, str]] = Counter()
     odd = 0
+    logs, verdicts = [], []
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "log.ndjson"
 
-        def judge(lines: Lines) -> tuple[str, int]:
+        def judge(lines: Lines, name: str) -> tuple[str, int]:
+            path = Path(folder) / f"{name}.ndjson"
             path.write_text("\n".join(lines) + "\n")
-            (verdict,) = explain_files([path])
+            verdict = explain_file(path)
+            if verdict.verdict != "unreadable":  # both have the same reader
+                logs.append(read(path))
+                verdicts.append(verdict)
             return verdict.verdict, verdict.line
 
-        for n, lines in enumerate(good):
-            verdict, named = judge(lines)
+        for n, lines in enumerate(good_logs(number, 1)):
+            verdict, named = judge(lines, f"{n}-good")
             counts["good", verdict, ""] += 1
             odd += verdict != "allowed"
             edited, kind, line = mutated(lines, n)
-            verdict, named = judge(edited)
+            verdict, named = judge(edited, f"{n}-{kind}-{line}")
             why = reason(lines, edited, kind, line, verdict, named)
             counts[kind, verdict, why or "no reason known"] += 1
             if not why:
                 odd += 1
                 print(f"log {n}, {kind} at line {line}: {verdict} at {named}")
-    for key in sorted(counts):
-        print(f"{counts[key]:6} {' | '.join(key)}")
-    return odd
+        for key in sorted(counts):
+            print(f"{counts[key]:6} {' | '.join(key)}")
+        differ = 0
+        for one, two in zip(verdicts, explain_batch(logs), strict=True):
+            if (one.verdict, one.line) != (two.verdict, two.line):
+                differ += 1
+                print(f"{Path(one.file).name}: {one.verdict} at {one.line}: {one.event}")
+                print(f"    TLC: {two.verdict} at {two.line}: {two.event}")
+    print(
+        f"{len(logs)} logs, {sum(len(log.events) for log in logs)} events; engines differ: {differ}"
+    )
+    return odd + differ
 
 
 if __name__ == "__main__":

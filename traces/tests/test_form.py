@@ -18,7 +18,7 @@ MESSAGES: dict[str, dict[str, Any]] = {
         "proposal": 1,
         "prescribed": TRAJECTORY,
         "hold_ms": 0,
-        "lease_ms": 0,
+        "lease_ms": 1,
     },
     "Acceptance": {**COMMON, "proposal": 1, "accepted": True, "selected": TRAJECTORY},
     "Fin": dict(COMMON),

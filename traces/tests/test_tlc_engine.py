@@ -207,16 +207,20 @@ def the_advertisement_is_sent_again_too_early(r: Records) -> int:
     return n + 1
 
 
+def is_cam(record: dict[str, Any]) -> bool:
+    return bool(record.get("message", {}).get("type") == "CAM")
+
+
 @wrong(PRESCRIBER)
 def rel_1_the_advertisement_is_not_sent_again(r: Records) -> int:
     n = find(r, "timer", op="expire", name="resend")
     due = r[n]["t_ms"]
     del r[n : n + 3]  # it, the copy, and the timer armed anew
-    inputs = ("receive", "command")
     return next(
         k + 1
         for k, x in enumerate(r)
-        if x.get("t_ms", 0) > due + 50 and (x["ev"] in inputs or x.get("op") == "expire")
+        if x.get("t_ms", 0) > due + 50
+        and (x["ev"] in ("receive", "command") or x.get("op") == "expire" or is_cam(x))
     )
 
 
@@ -406,19 +410,25 @@ def test_without_timers_and_commands_a_wrong_log_still_diverges(
     assert (verdict.verdict, verdict.line) == ("diverges", line)
 
 
-def test_what_tlc_cannot_tell_and_cannot_read(good: dict[str, Records], tmp_path: Path) -> None:
+def test_what_tlc_cannot_tell(good: dict[str, Records], tmp_path: Path) -> None:
     lost = copy.deepcopy(good[RECEIVER])
     lost[-1]["lost_records"] = 3
-    unread = copy.deepcopy(good[RECEIVER])
-    n = find(unread, "receive", type="Prescription")
-    del unread[n]["message"]["session"]
     logs = [
         written(lost, tmp_path / "lost"),
         written(without("send")(copy.deepcopy(good[RECEIVER])), tmp_path / "unsent"),
-        written(unread, tmp_path / "unread"),
     ]
     verdicts = [(v.verdict, v.line) for v in explain_batch(logs)]
-    assert verdicts == [("cannot_tell", 0), ("cannot_tell", 0), ("unreadable", n + 1)]
+    assert verdicts == [("cannot_tell", 0), ("cannot_tell", 0)]
+
+
+def test_end_5_a_received_message_without_a_field_must_be_reported(
+    good: dict[str, Records], tmp_path: Path
+) -> None:
+    odd = copy.deepcopy(good[RECEIVER])
+    n = find(odd, "receive", type="Prescription")
+    del odd[n]["message"]["session"]
+    (verdict,) = explain_batch([written(odd, tmp_path / "odd")])
+    assert (verdict.verdict, verdict.line, verdict.rule) == ("diverges", n + 1, "END-5")
 
 
 def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -> None:
