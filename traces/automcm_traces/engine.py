@@ -7,21 +7,19 @@ they are missing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from automcm_spec.rules import RULES
 from automcm_traces.asking import ask
 from automcm_traces.form import malformed, well_formed
 from automcm_traces.inputs import (
-    TIMER_RULES,
     Asked,
     command,
     expired,
+    marked_and_newer,
     received,
     restarted,
-    timer_key,
-    timer_name,
 )
 from automcm_traces.log import (
     ApplicationCommand,
@@ -36,9 +34,9 @@ from automcm_traces.log import (
 )
 from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges, Step
+from automcm_traces.timers import TIMER_RULES, match, named, short, timer_key, timer_name
 from automcm_traces.track import (
     ROUNDS,
-    Expected,
     Limits,
     Track,
     View,
@@ -49,6 +47,8 @@ from automcm_traces.track import (
 )
 
 Json = Any
+QUIET = 1000
+"""Senders of CAMs whose question is remembered."""
 
 
 class Engine:
@@ -84,6 +84,8 @@ class Engine:
         self._step: Step | None = None
         self.odd: tuple[int, bool] | None = None
         """The line of a message that is malformed, until it is reported, and whether it must be."""
+        self._quiet: dict[tuple[int, bool, bool], Step] = {}
+        """CAMs that change nothing as the station is: by sender, marked, newer."""
 
     def copy(self) -> Engine:
         """The same, to go on from here on its own."""
@@ -91,6 +93,7 @@ class Engine:
         other.__dict__.update(self.__dict__)
         other.track = self.track.copy()
         other.timers = dict(self.timers)
+        other._quiet = {}
         other._step = None if self._step is None else self._step.copy(other.track)
         return other
 
@@ -122,9 +125,9 @@ class Engine:
         step = self._step
         if step is None:
             return [], []
-        armed = [self.named(step.sent, view, value) for view, value in step.arm]
+        armed = [named(self.track, step.sent, view, value) for view, value in step.arm]
         return (
-            [self.named(step.sent, view, value) for view, value in step.stop],
+            [named(self.track, step.sent, view, value) for view, value in step.stop],
             [(timer, self._duration(step, timer)) for timer in armed],
         )
 
@@ -135,28 +138,10 @@ class Engine:
             return []
         missing = [f"send {m}" for m in step.messages] if "send" in self.promised else []
         if "timer" in self.promised:
-            missing += [f"arm {_name(t)}" for _, t in step.arm]
-            missing += [f"stop {_name(t)}" for _, t in step.stop]
+            missing += [f"arm {short(t)}" for _, t in step.arm]
+            missing += [f"stop {short(t)}" for _, t in step.stop]
         missing += [f"indication {t}" for t in step.told if "indication" in self.promised]
         return missing
-
-    def named(
-        self, sent: Sequence[tuple[Expected, dict[str, Json]]], view: View, value: Json
-    ) -> dict[str, Json]:
-        """A timer of the oracle as a log names it; ``sent`` is what the step sent."""
-        if value[0] == "forget":
-            return {"name": value[0], "station": view.real_id(value[1])}
-        if value[0] not in ("resend", "giveup"):
-            return {"name": value[0]}
-        type_, to = value[1][0], view.real_id(value[1][1])
-        waiting = [e for e in self.track.outbox if e.to in view.ids and view.entry(e) == value[1]]
-        messages = [e.message for e in waiting]
-        messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
-        if type_ == "Advertisement" and self.track.advertisement is not None:
-            messages.append(self.track.advertisement)
-        m = messages[0]
-        about: dict[str, Json] = {"type": type_, "to": to} if to else {"type": type_}
-        return {"name": value[0], "message": about | {"session": m["session"], "seq": m["seq"]}}
 
     # -- events
 
@@ -184,7 +169,8 @@ class Engine:
                 self._input(at, event)
         if not (isinstance(event, Receive) and event.message and event.message["type"] == "CAM"):
             self.since_ms = event.t_ms
-        self._phase_is(at, event)
+        if event.phase is not None or event.role is not None:
+            self._phase_is(at, event)
 
     def finish(self) -> None:
         """No more effects of the last input: what is still expected is missing."""
@@ -214,7 +200,9 @@ class Engine:
         elif step.answer.next == step.answer.state and not step.sent:
             if step.input[0] == "cam" and step.answer.changes and step.given is not None:
                 t.heard_ms = step.given["generation_ms"]
+                self._quiet.clear()
             return
+        self._quiet.clear()
         lift(t, step.view, step.after, step.sent)
         m = step.given
         if m is None:
@@ -226,8 +214,6 @@ class Engine:
 
     def _phase_is(self, at: int, event: Event) -> None:
         """Phase and role after the step, where the log has them, are those of the specification."""
-        if event.phase is None and event.role is None:
-            return
         step = self._step
         wanted = (self.track.phase, self.track.role) if step is None else step.after[:2]
         found = event.phase, event.role
@@ -241,8 +227,11 @@ class Engine:
 
     def _input(self, at: int, event: Event) -> None:
         match event:
-            case Receive(message=dict(message)) if well_formed(message):
-                self._start(at, event.t_ms, received(self.track, event, message))
+            case Receive(message=dict(m)) if well_formed(m):
+                if m["type"] == "CAM":
+                    self._cam_received(at, event, m)
+                else:
+                    self._start(at, event.t_ms, received(self.track, event, m))
             case Receive(message=m):  # END-5: nothing may follow but "discarded"
                 self.odd = at, m is not None and m.get("dst", self.track.me) == self.track.me
             case ApplicationCommand(command=given):
@@ -252,6 +241,19 @@ class Engine:
                 self._expired(at, event, timer.model_dump(exclude_none=True))
             case Restart():
                 self._start(at, event.t_ms, restarted(self.track))
+
+    def _cam_received(self, at: int, event: Receive, m: dict[str, Json]) -> None:
+        """A CAM.  Most change nothing, and then the same one again is no new question."""
+        key = m["src"], *marked_and_newer(self.track, m)
+        known, t_ms = self._quiet.get(key), event.t_ms
+        if known is None:
+            step = self._start(at, t_ms, received(self.track, event, m))
+            if not step.answer.changes and len(self._quiet) < QUIET:
+                self._quiet[key] = step
+            return
+        k = known
+        parts = k.input, k.what, k.view, k.answer, k.after, k.messages, k.arm, k.stop, k.told
+        self._step = Step(at, t_ms, *parts, m, k.content, t_ms)
 
     def suppose(self, asked: Asked, at: int, until_ms: int, timer: str = "") -> None:
         """An input that was not observed, before the event of line ``at`` at ``until_ms``; the
@@ -265,9 +267,8 @@ class Engine:
             self.since_ms = max(self.since_ms, deadline.first)
             if deadline.last is not None:
                 until_ms = min(until_ms, deadline.last + self._late_ms)
-        self._start(at, until_ms, asked._replace(what=f"{asked.what}, not logged"), self.since_ms)
-        assert self._step is not None
-        self._step.unseen = True
+        asked = asked._replace(what=f"{asked.what}, not logged")
+        self._start(at, until_ms, asked, self.since_ms).unseen = True
 
     def _expired(self, at: int, event: Event, timer: dict[str, Json]) -> None:
         what = f"expire {timer_name(timer)}"
@@ -290,7 +291,7 @@ class Engine:
                 raise Diverges(at, gone, "END-6", [], "", None, seen)
         self._start(at, event.t_ms, expired(self.track, timer, entry))
 
-    def _start(self, at: int, t_ms: int, asked: Asked, since_ms: int | None = None) -> None:
+    def _start(self, at: int, t_ms: int, asked: Asked, since_ms: int | None = None) -> Step:
         """Ask the oracle, for each other recorded station too if the input is about all."""
         view, given = asked.view, asked.given
         answer, after = ask(view, asked.value)
@@ -304,7 +305,7 @@ class Engine:
             messages += [e for e in about_p if e.dst == p]
             arm += [(more, t) for t in also.arm if len(t) > 1 and t[1][1] == more.ids[p]]
         told = effect.told
-        self._step = Step(
+        step = self._step = Step(
             at,
             t_ms,
             asked.value,
@@ -321,6 +322,7 @@ class Engine:
             dict(asked.content),
             t_ms if since_ms is None else since_ms,
         )
+        return step
 
     def _all_recorded(self, view: View, value: Json) -> list[int]:
         """Recorded stations out of view that a choice, an abort or its absence is about."""
@@ -408,7 +410,7 @@ class Engine:
         step = self._current(at, event.t_ms, what, seen)
         armed = isinstance(event, TimerArm)
         pool = step.arm if armed else step.stop
-        value = self._match(step, timer, pool)
+        value = match(self.track, step, timer, pool)
         if step.input[0] == "restart" and not armed and self.timers.pop(timer_key(timer), None):
             return
         if value is None:
@@ -445,39 +447,6 @@ class Engine:
                 self._arm(timer, step.since_ms + duration, step.t_ms + duration)
         step.stop, step.arm = [], []
 
-    def _match(
-        self, step: Step, timer: dict[str, Json], pool: list[tuple[View, Json]]
-    ) -> tuple[View, Json] | None:
-        """The oracle's timer that this one is."""
-        for view, value in pool:
-            if value[0] != timer["name"]:
-                continue
-            if value[0] == "forget" and view.real_id(value[1]) != timer.get("station"):
-                continue
-            if value[0] in ("resend", "giveup") and not self._about(step, view, timer, value[1]):
-                continue
-            return view, value
-        return None
-
-    def _about(self, step: Step, view: View, timer: dict[str, Json], entry: Json) -> bool:
-        """Whether a timer of a message is the oracle's timer of that entry."""
-        named = timer.get("message")
-        if named is None:
-            return False
-        type_, to, session, k, _ = entry
-        if named["type"] != type_ or named.get("to", 0) != (view.real_id(to) if to else 0):
-            return False
-        about = named["seq"], list(named["session"])
-        sent = [m for e, m in step.sent if (e.type, e.dst) == (type_, named.get("to", 0))]
-        if type_ == "Advertisement" and self.track.advertisement is not None:
-            sent.append(self.track.advertisement)
-        if any((m["seq"], m["session"]) == about for m in sent):
-            return True
-        if type_ == "Advertisement":
-            return False
-        found = self.track.entry_by_seq(named)
-        return found is not None and view.entry(found)[2:4] == (session, k)
-
     def _duration(self, step: Step, timer: dict[str, Json]) -> int | None:
         if timer["name"] != "lease":
             return self._durations.get(timer["name"])
@@ -502,10 +471,3 @@ def _by(rule: str) -> str:
 
 def _sum(a: int | None, b: int | None) -> int | None:
     return None if a is None or b is None else a + b
-
-
-def _name(value: Json) -> str:
-    """A timer of the oracle in words."""
-    if value[0] in ("resend", "giveup"):
-        return f"{value[0]}({value[1][0]})"
-    return str(value[0])

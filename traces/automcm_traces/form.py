@@ -158,6 +158,8 @@ def malformed(m: Mapping[str, Json]) -> str | None:
 def well_formed(m: Mapping[str, Json]) -> bool:
     """Whether a message is what the protocol says; what is not is discarded (END-5)."""
     type_ = m["type"]
+    if type_ == "CAM":
+        return _is_cam(m)
     fields = _FIELDS.get(type_)
     if fields is None or not _NEEDED[type_] <= m.keys():
         return False
@@ -165,7 +167,17 @@ def well_formed(m: Mapping[str, Json]) -> bool:
         check = fields.get(name)
         if check is None or check(value):
             return False
-    return type_ == "CAM" or next(_together(m, type_), None) is None
+    return next(_together(m, type_), None) is None
+
+
+def _is_cam(m: Mapping[str, Json]) -> bool:
+    """``well_formed`` for the message that comes most often."""
+    if m.keys() != _NEEDED["CAM"] or type(m["v"]) is not int or m["v"] != 1 or _station(m["src"]):
+        return False
+    for name in ("x_mm", "y_mm", "heading_mrad", "speed_mm_s", "generation_ms"):
+        if type(m[name]) is not int:
+            return False
+    return m["generation_ms"] >= 0 and not _marks(m["marks"])
 
 
 def _together(m: Mapping[str, Json], type_: str) -> Iterator[tuple[str, str]]:

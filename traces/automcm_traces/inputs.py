@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from automcm_traces.log import Receive
+from automcm_traces.timers import timer_name
 from automcm_traces.track import (
     ME,
     NOBODY,
@@ -21,22 +22,6 @@ from automcm_traces.track import (
 )
 
 Json = Any
-
-
-TIMER_RULES = {
-    "advertise": "PRE-1",
-    "answer": "NEG-8",
-    "backoff": "END-7",
-    "cam": "ACT-2",
-    "decide": "PRE-5",
-    "forget": "ADV-8",
-    "giveup": "REL-1",
-    "hold": "ADV-7",
-    "lease": "ACT-4",
-    "quarantine": "END-8",
-    "resend": "REL-1",
-}
-"""The rule that a timer which is too early or too late breaks."""
 
 
 class Asked(NamedTuple):
@@ -58,6 +43,12 @@ def other(track: Track, y: int) -> int:
     return next(iter(others(track, y)), 0)
 
 
+def marked_and_newer(t: Track, m: dict[str, Json]) -> tuple[bool, bool]:
+    """Whether a CAM names the session, and is newer than the last that counted (ACT-5)."""
+    marked = t.session is not None and list(t.session) in m["marks"]
+    return marked, t.heard_ms is None or m["generation_ms"] > t.heard_ms
+
+
 def received(t: Track, event: Receive, m: dict[str, Json]) -> Asked:
     """A message of the seven, or a CAM.  Raises KeyError for a field that it lacks."""
     src = m["src"]
@@ -65,8 +56,7 @@ def received(t: Track, event: Receive, m: dict[str, Json]) -> Asked:
     if m["type"] == "CAM":
         y = NOBODY if src == t.me else src  # an echo is nobody's CAM (ACT-5)
         view = View(t, y, other(t, y), t.session)
-        marked = t.session is not None and list(t.session) in m["marks"]
-        newer = t.heard_ms is None or m["generation_ms"] > t.heard_ms
+        marked, newer = marked_and_newer(t, m)
         marks = (view.sessions(t.session),) if marked else ()
         return Asked(view, ("cam", Y, marks, newer), what, m)
     y = 0 if src == t.me else src
@@ -121,20 +111,6 @@ def expired(t: Track, timer: dict[str, Json], entry: Entry | None) -> Asked:
 def restarted(t: Track) -> Asked:
     """The station comes back without memory of its sessions (END-8)."""
     return Asked(View(t, other(t, 0)), ("restart",), "restart")
-
-
-def timer_name(timer: Mapping[str, Json]) -> str:
-    """A timer of a log in words."""
-    m = timer.get("message")
-    if m is not None:
-        return f"{timer['name']}({m['type']} seq={m['seq']} to {m.get('to', 'all')})"
-    return f"{timer['name']}({timer['station']})" if "station" in timer else str(timer["name"])
-
-
-def timer_key(timer: Mapping[str, Json]) -> str:
-    """The same, told apart from those of other sessions too."""
-    m = timer.get("message")
-    return timer_name(timer) + (f" session={m['session'][0]}/{m['session'][1]}" if m else "")
 
 
 def _misdirected(t: Track, m: dict[str, Json]) -> bool:

@@ -15,7 +15,7 @@ from typing import Any
 from automcm_spec.oracle import Answer, Oracle, canonical
 from automcm_traces.asking import frozen, state_place
 from automcm_traces.engine import Engine
-from automcm_traces.inputs import Asked, other, timer_key
+from automcm_traces.inputs import Asked, other
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -28,6 +28,7 @@ from automcm_traces.log import (
 )
 from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges
+from automcm_traces.timers import named, timer_key
 from automcm_traces.track import NUMBERED, STRANGER, CannotTell, Track, View, Y
 
 Json = Any
@@ -283,7 +284,7 @@ def _due(engine: Engine, view: View, timer: Json, until_ms: int) -> str:
             return ""
     elif timer[0] == "resend" and engine.track.advertisement is None:
         return ""
-    key = timer_key(engine.named([], view, timer))
+    key = timer_key(named(engine.track, [], view, timer))
     deadline = engine.timers.get(key)
     return key if deadline is not None and deadline.first <= until_ms else ""
 

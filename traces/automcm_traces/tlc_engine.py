@@ -18,7 +18,6 @@ from automcm_spec import tlc
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES
 from automcm_traces.explain import Verdict, forged
-from automcm_traces.inputs import TIMER_RULES, timer_name
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -31,6 +30,7 @@ from automcm_traces.log import (
 )
 from automcm_traces.possible import unobserved
 from automcm_traces.reader import Log, LogError, LogStream
+from automcm_traces.timers import TIMER_RULES, timer_name
 from automcm_traces.tlc_module import DEFAULTS, TooLarge, Translation, limits, module
 
 Json = Any
