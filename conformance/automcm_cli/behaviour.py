@@ -19,8 +19,8 @@ from automcm.messages import encode
 from automcm.parameters import Parameters
 from automcm.state import State, Timer, armed
 from automcm.station import Effects, Station
-from automcm_cli.inputs import kind
 from automcm_spec.oracle import Oracle, canonical
+from automcm_spec.rules import kind
 
 Json = Any
 SEED = 11

@@ -18,11 +18,11 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-from automcm_cli.inputs import kind
 from automcm_cli.source_mutants import FOLDER, MODULES, Mutant
 from automcm_conformance.purposes import Owners
 from automcm_spec.generate import GRAPHS, spec_hash
 from automcm_spec.oracle import load
+from automcm_spec.rules import kind
 
 Json = Any
 WALKS = (

@@ -100,6 +100,20 @@ def handler(i: Any) -> str:
     return _HANDLER[i[0]]
 
 
+def kind(i: Any) -> str:
+    """What sort of input of the oracle it is: ``receive Fin``, ``command abort``, ``restart``."""
+    match i[0]:
+        case "receive":
+            return f"receive {i[1][0]}"
+        case "cam":
+            return "receive CAM"
+        case "expire":
+            return f"expire {i[1][0]}"
+        case "command":
+            return f"command {i[1]}"
+    return str(i[0])
+
+
 def line(rule: str, i: Any, tla: Path = TLA) -> int:
     """The line of Station.tla where ``rule`` decides input ``i``; 0 if it is nowhere."""
     where = [(n, operator) for n, operator, text in _lines(tla) if f'"{rule}"' in text]

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, load
-from automcm_spec.rules import RULES
+from automcm_spec.rules import RULES, kind
 from automcm_traces.engine import Engine
 from automcm_traces.form import TYPES
 from automcm_traces.log import Receive, Send
@@ -64,20 +64,6 @@ def possible() -> Possible:
         inputs |= {kind(value) for value in oracle.inputs}
     known = tuple(rule for rule in RULES if rule in rules)
     return Possible(known, tuple(sorted(phases)), tuple(sorted(ways)), tuple(sorted(inputs)))
-
-
-def kind(value: Json) -> str:
-    """What sort of input of the oracle it is: ``receive Fin``, ``command abort``, ``restart``."""
-    match value[0]:
-        case "receive":
-            return f"receive {value[1][0]}"
-        case "cam":
-            return "receive CAM"
-        case "expire":
-            return f"expire {value[1][0]}"
-        case "command":
-            return f"command {value[1]}"
-    return str(value[0])
 
 
 @dataclass
