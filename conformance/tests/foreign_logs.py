@@ -15,7 +15,7 @@ from typing import Any
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
-from automcm_cli.cpp import SECONDS, Mutant, build_mutant, mutants
+from automcm_cli.cpp import SECONDS, SOURCE, Mutant, build_mutant, mutants
 
 Json = Any
 AUTOMCM = Path(sys.executable).parent / "automcm"
@@ -29,6 +29,8 @@ MUTANT, ITS_CASE = "lease_runs_while_deciding", "AMCM/PRE/NEG/BV-03"
 """A timer runs on that should have been stopped (NEG-7): the station's own log says so at once,
 before anything is sent too much."""
 STATIONS = (1001, 2002)
+RESTART = SOURCE.parents[2] / "traces/corpus/behaviours/restarts/032-1001.ndjson"
+"""Of the corpus: a station restarts while its timers run."""
 
 
 def unchanged() -> Mutant:
@@ -120,24 +122,29 @@ def all_kinds(logs: Sequence[Path]) -> str:
 
 
 def replayed(station: Path, folder: Path) -> str:
-    """A session of the reference, replayed: the station logs what the kit logs of it, message by
-    message and timer by timer, and the specification allows it."""
+    """Logs of others, replayed: the station logs what the kit logs of it, message by message and
+    timer by timer, and the specification allows it."""
     folder.mkdir(parents=True)
+    for log in (*simulated(folder), RESTART):
+        own = folder / f"own-{log.name}"
+        automcm(0, "trace", "replay", log, "--out", folder, "--", station, "--log", own)
+        automcm(0, "trace", "lint", own)
+        automcm(0, "trace", "explain", own)
+        of_kit, of_station = (deeds(p) for p in (folder / f"{log.stem}-replayed.ndjson", own))
+        if not of_kit or of_kit != of_station:
+            kit_only, own_only = of_kit - of_station, of_station - of_kit
+            return f"replay of {log.name}: the kit alone has {kit_only}, the station {own_only}"
+    return ""
+
+
+def simulated(folder: Path) -> list[Path]:
+    """The logs of a session of two stations of the reference that lose messages."""
     simulation = Simulation(seed=3, channel=Channel(loss=0.2), logs=folder)
     for number in STATIONS:
         simulation.add(number, Straight())
     simulation.request(STATIONS[0], at=500)
     simulation.run(until=10_000)
-    for number in STATIONS:
-        log, own = folder / f"{number}.ndjson", folder / f"own-{number}.ndjson"
-        automcm(0, "trace", "replay", log, "--out", folder, "--", station, "--log", own)
-        automcm(0, "trace", "lint", own)
-        automcm(0, "trace", "explain", own)
-        of_kit, of_station = (deeds(path) for path in (folder / f"{number}-replayed.ndjson", own))
-        if not of_kit or of_kit != of_station:
-            kit_only, own_only = of_kit - of_station, of_station - of_kit
-            return f"replay of {number}: the kit alone has {kit_only}, the station {own_only}"
-    return ""
+    return [folder / f"{number}.ndjson" for number in STATIONS]
 
 
 def deeds(path: Path) -> Counter[str]:
