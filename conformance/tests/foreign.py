@@ -1,5 +1,5 @@
 """The suite against stations of other people, in C++ and in Go: they pass in full, and each mutant
-of the one in C++ fails in a case whose rule fits.
+of the one in C++ fails in a case whose rule fits.  The logs that the one in C++ writes are allowed.
 
     python conformance/tests/foreign.py [--station-only] [--mutant NAME]...
 
@@ -22,6 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+
+import foreign_logs
 
 from automcm_cli.cpp import SECONDS, SOURCE, Mutant, build, build_mutant, missing, mutants
 
@@ -123,6 +125,24 @@ def check_station(station: Station, folder: Path) -> Row:
     return row
 
 
+def check_logs(folder: Path) -> Row:
+    """The logs of the station in C++ are allowed, and that of a mutant diverges where it must."""
+    row, begun = Row("the logs of the station in C++"), time.monotonic()
+    if lacking := missing():
+        row.failed, row.skipped = f"{lacking} is missing", True
+        return row
+    try:
+        row.failed = foreign_logs.check_logs(folder / "logs")
+        if not row.failed:
+            row.case, row.rule = foreign_logs.check_mutant_log(folder / "logs-mutant")
+            row.failed = "" if row.rule else f"no log of {foreign_logs.MUTANT} shows its mistake"
+        row.verdict = "FAIL" if row.failed else "PASS"
+    except (subprocess.SubprocessError, OSError) as error:
+        row.failed = f"{error} {getattr(error, 'stderr', '')}"
+    row.seconds = time.monotonic() - begun
+    return row
+
+
 def wrong(code: int, report: Json) -> str:
     """What of a report is not as it must be; empty if it is."""
     if code != 0:
@@ -198,6 +218,7 @@ def main() -> int:
         folder = Path(name)
         with ThreadPoolExecutor(TOGETHER) as pool:
             jobs = [pool.submit(check_station, station, folder) for station in stations]
+            jobs += [pool.submit(check_logs, folder)] if stations else []
             if not lacking:
                 jobs += [pool.submit(check_mutant, mutant, folder) for mutant in chosen]
             rows = [job.result() for job in jobs]

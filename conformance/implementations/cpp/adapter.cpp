@@ -1,13 +1,18 @@
 // The adapter of docs/adapter.md: a line becomes a call of the station, its result a line.
 
+#include <cstdio>
 #include <optional>
 #include <stdexcept>
 #include <string>
 
 #include "lines.hpp"
 #include "station.hpp"
+#include "trace_log.hpp"
 
 using namespace automcm;
+
+static const char* const name = "automcm-cpp";
+static const char* const version = "0.1.0";
 
 static Int integer(const json& object, const char* name, Int low = -max_integer, Int high = max_integer) {
     const json& value = object.at(name);
@@ -18,8 +23,8 @@ static Int integer(const json& object, const char* name, Int low = -max_integer,
 static json hello(const json& line) {
     integer(line, "protocol", 1, 1);
     return {{"protocol", 1},
-            {"name", "automcm-cpp"},
-            {"version", "0.1.0"},
+            {"name", name},
+            {"version", version},
             {"issues", "the issues of the AutoMCM project"},
             {"features", {"prescriber", "receiver", "restart", "durations", "cam"}},
             {"scenarios", {"lane_change", "merge"}},
@@ -88,9 +93,23 @@ static Output carry_out(std::optional<Station>& station, const std::string& cmd,
     throw std::invalid_argument("unknown cmd " + cmd);
 }
 
-static json answer_to(std::optional<Station>& station, const std::string& cmd, const json& line) {
+static void record(TraceLog& log, Station& station, const std::string& cmd, const json& line,
+                   const Output& output) {
+    if (cmd == "reset") {
+        station.keep_steps();
+        log.begin(station.id(), station.parameters());
+    } else if (cmd == "durations") {
+        log.set_durations(line.at("durations"));
+    } else {
+        log.write(output.steps);
+    }
+}
+
+static json answer_to(std::optional<Station>& station, std::optional<TraceLog>& log,
+                      const std::string& cmd, const json& line) {
     if (cmd == "hello") return hello(line);
     Output output = carry_out(station, cmd, line);
+    if (log) record(*log, *station, cmd, line, output);
     json answer{{"phase", station->phase()}, {"deadline", nullptr}};
     if (const auto deadline = station->deadline()) answer["deadline"] = *deadline;
     answer["messages"] = std::move(output.messages);
@@ -99,7 +118,14 @@ static json answer_to(std::optional<Station>& station, const std::string& cmd, c
     return answer;
 }
 
-int main() {
+int main(int count, char** words) {
+    std::optional<TraceLog> log;
+    if (count == 3 && words[1] == std::string("--log")) {
+        log.emplace(words[2], name, version);
+    } else if (count != 1) {
+        std::fprintf(stderr, "usage: %s [--log FILE]\n", words[0]);
+        return 2;
+    }
     Lines lines;
     std::optional<Station> station;
     for (std::string text; lines.next(text);) {
@@ -108,7 +134,7 @@ int main() {
             const json line = json::parse(text);
             const std::string cmd = line.at("cmd");
             if (cmd == "stop") break;
-            answer = answer_to(station, cmd, line);
+            answer = answer_to(station, log, cmd, line);
         } catch (const std::exception& error) {
             answer = {{"error", error.what()}};
         }

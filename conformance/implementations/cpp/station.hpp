@@ -44,8 +44,19 @@ enum class Timer {
     forget, backoff
 };
 
+// What happened at one moment, for a log: an input with what followed from it, or a CAM.
+struct Step {
+    Time at = 0;
+    std::string event;      // receive, command, restart, timer (one that expired); cam
+    json input;             // message and planned; command; op and timer
+    json::array_t messages, timers, indications;
+    const char* phase = ""; // after it, as the role
+    const char* role = "";
+};
+
 struct Output {
     json::array_t messages, indications, cams;
+    std::vector<Step> steps;    // the same in the order in which it happened, if it is kept
 };
 
 class Station {
@@ -60,6 +71,10 @@ public:
     // `planned` is there if the message is an Advertisement that concerns the application (ADV-3).
     Output receive(const json& message, const json* planned, Time now) {
         pass_time(now);
+        if (keeps_steps_) {
+            begin_step("receive", {{"message", message}});
+            if (planned != nullptr) step_->input["planned"] = *planned;
+        }
         if (is_for_another(message)) return take_output();                          // MSG-1
         if (const char* fault = fault_of(message)) {                                // END-5
             out_.indications.push_back({{"name", "discarded"}, {"rule", "END-5"}, {"detail", fault}});
@@ -80,6 +95,7 @@ public:
     // The caller has looked the name up in command_fields().
     Output command(const json& command, Time now) {
         pass_time(now);
+        if (keeps_steps_) begin_step("command", {{"command", command}});
         if (const char* refusal = carry_out(command)) {
             out_.indications.push_back({{"name", "refused"}, {"detail", refusal}});
         }
@@ -95,6 +111,10 @@ public:
     Output restart(Time now) {
         send_cams_before(now);
         now_ = now;
+        if (keeps_steps_) {
+            begin_step("restart", json::object());
+            for (const auto& [timer, deadline] : timers_) note_timer("stop", timer);
+        }
         phase_ = Phase::standalone;
         own_ = Own{};
         outbox_.clear();
@@ -110,10 +130,20 @@ public:
         for (Timer timer : timers_called(name)) durations_[timer] = lasts;
     }
 
+    // From now on Output has the steps.
+    void keep_steps() { keeps_steps_ = true; }
+
+    Id id() const { return id_; }
+    const Parameters& parameters() const { return p_; }
+
     std::optional<Time> deadline() const {
         const auto timer = next_timer();
         if (timer == timers_.end()) return std::nullopt;
         return timer->second;
+    }
+
+    const char* role() const {
+        return is_prescriber() ? "prescriber" : is_receiver() ? "receiver" : "none";
     }
 
     const char* phase() const {
@@ -163,6 +193,9 @@ private:
     std::map<TimerId, Time> timers_;     // in the order of the table
     std::map<Timer, Time> durations_;    // those set from outside
     Output out_;
+    bool keeps_steps_ = false;
+    std::optional<Step> step_;           // the one that goes on
+    std::size_t sent_before_ = 0, told_before_ = 0;
 
     bool bound() const { return phase_ != Phase::standalone; }
     bool is_prescriber() const { return bound() && own_.session.first == id_; }
@@ -173,7 +206,10 @@ private:
     bool is_own(const json& session) const {
         return session[0] == own_.session.first && session[1] == own_.session.second;
     }
-    Output take_output() { return std::exchange(out_, Output{}); }
+    Output take_output() {
+        end_step();
+        return std::exchange(out_, Output{});
+    }
 
     // MEM-1: a prescriber needs an entry for each participant, a receiver one for each round, and
     // either one more to end the session.
@@ -188,8 +224,11 @@ private:
         const auto set = durations_.find(timer);
         if (set != durations_.end()) lasts = set->second;
         timers_[{timer, of}] = now_ + std::max<Time>(1, lasts);
+        note_timer("arm", {timer, of});
     }
-    void stop(Timer timer, Int of = 0) { timers_.erase({timer, of}); }
+    void stop(Timer timer, Int of = 0) {
+        if (timers_.erase({timer, of}) > 0) note_timer("stop", {timer, of});
+    }
     bool armed(Timer timer) const { return timers_.count({timer, 0}) > 0; }
 
     static std::vector<Timer> timers_called(const std::string& name) {
@@ -219,7 +258,9 @@ private:
             send_cams_before(deadline);
             now_ = deadline;
             timers_.erase(timer);
+            if (keeps_steps_) begin_step("timer", {{"op", "expire"}, {"timer", described(id)}});
             fire(id.first, id.second);
+            end_step();
         }
         send_cams_before(now + 1);
         now_ = now;
@@ -243,6 +284,51 @@ private:
             case Timer::forget: joined_.erase(of); break;                           // ADV-8
             case Timer::backoff: break;                                             // END-7
         }
+    }
+
+    // ----------------------------------------------------------------------- what a log is told of
+
+    void begin_step(const char* event, json input) {
+        step_ = Step{now_, event, std::move(input), {}, {}, {}};
+        sent_before_ = out_.messages.size();
+        told_before_ = out_.indications.size();
+    }
+
+    void end_step() {
+        if (!step_) return;
+        const auto later = [](const json::array_t& all, std::size_t before) {
+            return json::array_t(all.begin() + static_cast<std::ptrdiff_t>(before), all.end());
+        };
+        step_->messages = later(out_.messages, sent_before_);
+        step_->indications = later(out_.indications, told_before_);
+        step_->phase = phase();
+        step_->role = role();
+        out_.steps.push_back(std::move(*step_));
+        step_.reset();
+    }
+
+    void note_timer(const char* op, const TimerId& id) {
+        if (!step_) return;
+        json change{{"op", op}, {"timer", described(id)}};
+        if (op == std::string("arm")) change["deadline"] = timers_.at(id);
+        step_->timers.push_back(std::move(change));
+    }
+
+    // A timer as a log names it.
+    json described(const TimerId& id) const {
+        static const char* const names[] = {"advertise", "resend", "decide", "hold", "answer", "cam",
+                                            "lease", "giveup", "resend", "quarantine", "forget", "backoff"};
+        const auto [timer, of] = id;
+        json described{{"name", names[static_cast<int>(timer)]}};
+        if (timer == Timer::forget) described["station"] = of;
+        const bool of_entry = timer == Timer::giveup || timer == Timer::resend;
+        if (of_entry || timer == Timer::resend_advertisement) {
+            const json& message = of_entry ? outbox_.at(of) : own_.advertisement;
+            json& about = described["message"] = {{"type", message["type"]}, {"session", message["session"]},
+                                                  {"seq", message["seq"]}};
+            if (of_entry) about["to"] = message["dst"];
+        }
+        return described;
     }
 
     // ------------------------------------------------------------------------------ what goes out
@@ -272,9 +358,9 @@ private:
     }
 
     void drop(Int age) {
-        outbox_.erase(age);
         stop(Timer::giveup, age);
         stop(Timer::resend, age);
+        outbox_.erase(age);
     }
 
     // Only the own session has entries of these types, for leaving ends their sending (END-1).
@@ -330,6 +416,7 @@ private:
             out_.cams.push_back({{"v", 1}, {"type", "CAM"}, {"src", id_}, {"generation_ms", next_cam_},
                                  {"x_mm", 0}, {"y_mm", 0}, {"heading_mrad", 0}, {"speed_mm_s", 0},
                                  {"marks", marks}});
+            if (keeps_steps_) out_.steps.push_back({next_cam_, "cam", json::object(), {out_.cams.back()}, {}, {}});
         }
     }
 
