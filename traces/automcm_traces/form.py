@@ -29,13 +29,44 @@ ANSWERS = ("busy", "unknown_session", "closed")
 """With these reasons the message is an answer, and its seq is 0."""
 
 
-def _is(kind: type, what: str) -> Check:
-    """A value of this very type: true is no integer."""
-    return lambda value: "" if type(value) is kind else what
+LARGEST = 2**53 - 1
+LONGEST_text = 65_507
+DEEPEST = 32
+MOST_MARKS = 255
+"""The bounds of docs/messages.md."""
+
+
+def _integer(value: Json) -> str:
+    """An integer; true is none."""
+    good = type(value) is int and -LARGEST <= value <= LARGEST
+    return "" if good else "an integer within 2^53-1"
 
 
 def _at_least(low: int) -> Check:
-    return lambda v: "" if type(v) is int and v >= low else f"an integer from {low}"
+    what = f"an integer from {low} to 2^53-1"
+    return lambda v: "" if type(v) is int and low <= v <= LARGEST else what
+
+
+def _text(value: Json) -> str:
+    good = type(value) is str and len(value) <= LONGEST_text
+    good = good and (value.isascii() or not any("\ud800" <= c <= "\udfff" for c in value))
+    return "" if good else "a text"
+
+
+def _details(value: Json) -> str:
+    return "" if type(value) is dict and _plain(value, 1) else "an object of plain values"
+
+
+def _plain(value: Json, depth: int) -> bool:
+    if type(value) in (list, dict):
+        inside = value if type(value) is list else value.values()
+        names = () if type(value) is list else value
+        return (
+            depth <= DEEPEST
+            and not any(_text(name) for name in names)
+            and all(_plain(v, depth + 1) for v in inside)
+        )
+    return type(value) is bool or not _integer(value) or not _text(value)
 
 
 def _station(value: Json) -> str:
@@ -44,38 +75,38 @@ def _station(value: Json) -> str:
 
 def _session(value: Json) -> str:
     good = isinstance(value, list) and len(value) == 2 and not _station(value[0])
-    good = good and type(value[1]) is int and value[1] >= 1
+    good = good and type(value[1]) is int and 1 <= value[1] <= LARGEST
     return "" if good else "[prescriber, number]"
 
 
 def _marks(value: Json) -> str:
-    good = isinstance(value, list) and not any(_session(mark) for mark in value)
-    return "" if good else "an array of sessions"
+    good = isinstance(value, list) and len(value) <= MOST_MARKS
+    good = good and not any(_session(mark) for mark in value)
+    return "" if good else f"an array of at most {MOST_MARKS} sessions"
 
 
 def _trajectory(value: Json) -> str:
     good = isinstance(value, dict) and value.keys() == {"t0", "points"}
-    good = good and type(value["t0"]) is int and isinstance(value["points"], list)
+    good = good and not _integer(value["t0"]) and isinstance(value["points"], list)
     good = good and len(value["points"]) > 0 and all(_point(p) for p in value["points"])
     return "" if good else "a trajectory: t0, and points of three integers"
 
 
 def _point(value: Json) -> bool:
-    return isinstance(value, list) and [type(v) for v in value] == [int] * 3
+    return isinstance(value, list) and len(value) == 3 and not any(map(_integer, value))
 
 
 def _of(value: Json) -> str:
     good = isinstance(value, dict) and value.keys() == {"type", "seq"}
-    good = good and value["type"] in TYPES and type(value["seq"]) is int and value["seq"] >= 0
+    good = good and value["type"] in TYPES and not _NATURAL(value["seq"])
     return "" if good else "the type and the seq of a message"
 
 
-_INTEGER = _is(int, "an integer")
-_TEXT = _is(str, "a text")
+_NATURAL = _at_least(0)
 _OWN: dict[str, dict[str, Check]] = {
     "Advertisement": {
-        "scenario": _TEXT,
-        "details": _is(dict, "an object"),
+        "scenario": _text,
+        "details": _details,
         "planned": _trajectory,
     },
     "Intention": {"planned": _trajectory},
@@ -87,12 +118,12 @@ _OWN: dict[str, dict[str, Check]] = {
     },
     "Acceptance": {
         "proposal": _at_least(1),
-        "accepted": _is(bool, "true or false"),
+        "accepted": lambda v: "" if type(v) is bool else "true or false",
         "selected": _trajectory,
-        "reason": _TEXT,
+        "reason": _text,
     },
     "Fin": {},
-    "Cancel": {"reason": _TEXT},
+    "Cancel": {"reason": _text},
     "Ack": {"of": _of},
 }
 TYPES = tuple(_OWN)
@@ -100,15 +131,15 @@ TYPES = tuple(_OWN)
 _OPTIONAL = {("Advertisement", "planned"), ("Acceptance", "selected"), ("Acceptance", "reason")}
 _COMMON: dict[str, Check] = {
     "v": lambda v: "" if v == 1 and type(v) is int else "1",
-    "type": _TEXT,
+    "type": _text,
     "src": _station,
 }
 _CAM: dict[str, Check] = {
     "generation_ms": _at_least(0),
-    "x_mm": _INTEGER,
-    "y_mm": _INTEGER,
-    "heading_mrad": _INTEGER,
-    "speed_mm_s": _INTEGER,
+    "x_mm": _integer,
+    "y_mm": _integer,
+    "heading_mrad": _integer,
+    "speed_mm_s": _integer,
     "marks": _marks,
 }
 
@@ -175,7 +206,7 @@ def _is_cam(m: Mapping[str, Json]) -> bool:
     if m.keys() != _NEEDED["CAM"] or type(m["v"]) is not int or m["v"] != 1 or _station(m["src"]):
         return False
     for name in ("x_mm", "y_mm", "heading_mrad", "speed_mm_s", "generation_ms"):
-        if type(m[name]) is not int:
+        if type(m[name]) is not int or not -LARGEST <= m[name] <= LARGEST:
             return False
     return m["generation_ms"] >= 0 and not _marks(m["marks"])
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import json
+import random
 from typing import Any
 
 import pytest
 
+from automcm import messages
 from automcm_traces import form
 
 TRAJECTORY = {"t0": 0, "points": [[0, 0, 0]]}
@@ -99,3 +103,46 @@ def test_end_5_what_the_protocol_excludes_is_named(
 def test_a_type_of_nobody_is_named() -> None:
     [(field, problem)] = form.problems({"type": "Hello"})
     assert field == "type" and "'Hello'" in problem
+
+
+def _values(chance: random.Random) -> Any:
+    """A value that may or may not fit where it is put."""
+    deep: Any = 1
+    for _ in range(chance.choice([1, 30, 31, 32, 33])):
+        deep = [deep]
+    odd = [0, 1, -1, True, 2**32 - 1, 2**32, 2**53 - 1, 2**53, -(2**53), "", "x", "busy", "closed"]
+    odd += ["x" * 65_507, "x" * 65_508, "é", [], {}, [1, 1], [[1, 1]] * 255, [[1, 1]] * 256]
+    odd += [{"t0": 0, "points": [[0, 0, 0]]}, {"a": deep}, {"type": "Fin", "seq": 0}, "Fin"]
+    return copy.deepcopy(chance.choice(odd))
+
+
+@pytest.mark.parametrize("type_", MESSAGES)
+def test_end_5_it_is_the_form_that_the_reference_takes(type_: str) -> None:
+    """The reference's decoder, written on its own, refuses the same."""
+    chance = random.Random(type_)
+    taken = 0
+    for _ in range(600):
+        m = copy.deepcopy(MESSAGES[type_]) | {"type": type_}
+        for _ in range(chance.choice([1, 1, 2])):
+            name = chance.choice([*m, "dst", "reason", "selected", "other"])
+            if chance.random() < 0.2:
+                m.pop(name, None)
+            else:
+                m[name] = _values(chance)
+        if not isinstance(m.get("type"), str):
+            continue
+        broadcast = m["type"] not in ("CAM", "Advertisement") and "dst" not in m
+        addressed = m["type"] == "Advertisement" and "dst" in m
+        if broadcast or addressed:
+            continue  # the decoder lets these pass, and the station discards them
+        try:
+            messages.decode(json.dumps(m).encode())
+            good = True
+        except messages.MessageError as error:
+            if "bytes" in str(error):
+                continue
+            good = False
+        assert form.well_formed(m) == good, m
+        assert (form.malformed(m) is None) == good, m
+        taken += good
+    assert taken > 20
