@@ -170,6 +170,8 @@ def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Fi
             if begun.low > 0 and over.high < 0:
                 text = f"{where}: station {p} still advertises {spell.session}"
                 return False, text + _unequal(world, line.station, p)
+            if spell.end is None and over.high >= 0:
+                return None, f"{where}: station {p} advertises {spell.session} where its log ends"
     return True, where
 
 
