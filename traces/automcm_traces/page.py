@@ -22,7 +22,7 @@ Json = Any
 VIEWER = Path(__file__).parent / "viewer"
 SCRIPTS = ("data.js", "draw.js", "road.js", "panel.js", "save.js", "main.js")
 """In the order in which they stand in the page."""
-TABLE = 10_000
+TABLE = 100_000
 """Rows of the table that is there without JavaScript: so many around the divergence."""
 
 

@@ -180,6 +180,7 @@ def as_dict(page: Page) -> dict[str, Json]:
         "crowded": page.crowded,
         "verdicts": told["logs"],
         "system": told["system"],
+        "hazards": _renamed(page, [h.text() for h in page.system.hazards] if page.system else []),
         "rows": rows,
         "arrows": _arrows(page, row_of),
         "bars": _bars(page, row_of),

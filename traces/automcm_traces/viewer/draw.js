@@ -1,13 +1,13 @@
 /* The space-time drawing: only what is in the window is in the document. */
 
 const SVG = "http://www.w3.org/2000/svg";
-const HEIGHT = 20, HEAD = 30, GUTTER = 78, LANES = 6, LANE = 6, LIFELINE = 44, TALLEST = 30_000_000;
+const HEIGHT = 20, HEAD = 30, GUTTER = 100, LANES = 6, LANE = 6, LIFELINE = 44, TALLEST = 30_000_000;
 const view = document.getElementById("view"), svg = document.getElementById("svg");
 const room = document.getElementById("room"), map = document.getElementById("map");
 
 /* What is selected and how it is shown. `shown` are the rows that pass the filters, `before` how
    many of them come before a row. */
-const now = { row: 0, time: false, scale: 0.1, shown: [], before: new Int32Array(COUNT + 1) };
+const now = { row: -1, time: false, scale: 0.2, shown: [], before: new Int32Array(COUNT + 1) };
 const layout = { x: [], width: [], total: 0 };
 
 function make(name, attributes, ...children) {
@@ -186,17 +186,24 @@ function drawArrow(layer, arrow, y) {
   if (kind === DELIVERED || kind === DUPLICATE) {
     line(group, x1, y1, to - side * 5, y(arrow.last), true);
   } else if (kind === UNSENT || kind === FORGED) {
-    line(group, from + side * 8, y1, to - side * 5, y1, true);
+    line(group, from + side * 8, y1, side < 0 ? Math.min(from - 20, to + besides(arrow.first)) : to - 5, y1, true);
     sign(group, from, y1, kind === FORGED ? "!" : "?");
   } else {
     const short = kind === UNOBSERVED ? to - side * 9 : from + (to - from) * 0.55;
     const y2 = y1 + (kind === UNOBSERVED ? 0 : HEIGHT * 0.7);
-    if (kind === IN_FLIGHT) fading(group, x1, y1, short, y2);
+    if (kind === UNOBSERVED && side > 0) line(group, Math.min(short - 8, from + besides(arrow.first)), y1, short, y2, false);
+    else if (kind === IN_FLIGHT) fading(group, x1, y1, short, y2);
     else line(group, x1, y1, short - side * (kind === LOST ? 4 : 0), y2, false);
     if (kind === LOST) cross(group, short, y2);
     if (kind === UNOBSERVED) sign(group, to, y2, "?");
   }
   layer.append(group);
+}
+
+/** How far to the right of its lifeline the words of a row end. */
+function besides(row) {
+  const letters = Math.min(rowText(row).length, roomFor(row));
+  return 16 + letters * 6.6;
 }
 
 function line(group, x1, y1, x2, y2, pointed) {
@@ -240,17 +247,23 @@ function drawRows(layer, a, b, y, visible) {
     group.append(make("path", { class: "mark", d: MARKS[name], transform: `translate(${x} ${y(row)})` }));
     if (y(row) - free[column] >= 13 || row === now.row) {
       free[column] = y(row);
-      group.append(words(row, x + 12, y(row) + 4, layout.width[column] - LIFELINE - 14));
+      group.append(words(row, x + 12, y(row) + 4));
     }
     layer.append(group);
   }
 }
 
-function words(row, x, y, width) {
+const roomFor = (row) => Math.floor((layout.width[ROW.log[row]] - LIFELINE - 20) / 6.7);
+
+/** A row in words, with the phase in which it leaves its station. */
+function rowText(row) {
   const phase = phaseChange(row);
   const wrong = row === LOGS[ROW.log[row]].diverges ? "✗ " : "";
-  const full = wrong + text(row) + (phase ? `  = ${phase}` : "");
-  const most = Math.floor(width / 6.3);
+  return wrong + text(row) + (phase ? `  = ${phase}` : "");
+}
+
+function words(row, x, y) {
+  const full = rowText(row), most = roomFor(row);
   return make("text", { x, y }, full.length > most ? `${full.slice(0, most - 1)}…` : full);
 }
 
@@ -279,7 +292,7 @@ function gutter(a, b, y, size) {
     if (y(row) - free < 13 || y(row) < HEAD) continue;
     free = y(row);
     const same = { y: y(row) + 4, "text-anchor": "end", class: row === now.row ? "selected" : "" };
-    group.append(make("text", { x: 32, ...same }, String(row + 1)));
+    group.append(make("text", { x: 42, ...same }, String(row + 1)));
     group.append(make("text", { x: GUTTER - 10, ...same }, String(ROW.t[row])));
   }
   return group;
@@ -297,7 +310,7 @@ function heads(visible, at, size) {
   }
   group.append(inner);
   group.append(make("rect", { class: "cover", x: 0, y: 0, width: GUTTER - 6, height: HEAD - 2 }));
-  group.append(make("text", { x: 32, y: 19, "text-anchor": "end", class: "unit" }, "step"));
+  group.append(make("text", { x: 42, y: 19, "text-anchor": "end", class: "unit" }, "step"));
   group.append(make("text", { x: GUTTER - 10, y: 19, "text-anchor": "end", class: "unit" }, "ms"));
   group.append(make("line", { class: "rule", x1: 0, x2: size.width, y1: HEAD - 2, y2: HEAD - 2 }));
   return group;

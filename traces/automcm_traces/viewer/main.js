@@ -33,7 +33,7 @@ function sift() {
   now.shown = [];
   for (let row = 0; row < COUNT; row++) {
     now.before[row] = now.shown.length;
-    if (row === LOGS[ROW.log[row]].diverges || passes(row, wanted)) now.shown.push(row);
+    if (row === now.row || row === LOGS[ROW.log[row]].diverges || passes(row, wanted)) now.shown.push(row);
   }
   now.before[COUNT] = now.shown.length;
   document.getElementById("count").textContent = `${now.shown.length} of ${COUNT} rows`;
@@ -45,6 +45,7 @@ function sift() {
 function select(row, quietly = false) {
   if (!COUNT) return;
   now.row = Math.max(0, Math.min(COUNT - 1, row));
+  if (!isShown(now.row)) sift();
   if (!quietly) reveal(now.row);
   history.replaceState(null, "", `#step=${now.row + 1}`);
   document.getElementById("where").textContent = `${now.row + 1} / ${COUNT}`;
@@ -64,10 +65,7 @@ function reveal(row) {
 function step(by) {
   const count = now.shown.length;
   if (!count) return;
-  const at = now.before[now.row];
-  const isHidden = now.shown[at] !== now.row;
-  const place = at + by - (isHidden && by > 0 ? 1 : 0);
-  select(now.shown[Math.max(0, Math.min(count - 1, place))]);
+  select(now.shown[Math.max(0, Math.min(count - 1, now.before[now.row] + by))]);
 }
 
 function find(by) {
@@ -108,11 +106,18 @@ function help() {
   box.showModal();
 }
 
+function isDark() {
+  const chosen = document.documentElement.dataset.theme;
+  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+}
+
+function nameTheme() {
+  document.getElementById("theme").textContent = isDark() ? "Light" : "Dark";
+}
+
 function toggleTheme() {
-  const root = document.documentElement;
-  const isDark = root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  root.dataset.theme = isDark ? "light" : "dark";
-  document.getElementById("theme").textContent = isDark ? "Dark" : "Light";
+  document.documentElement.dataset.theme = isDark() ? "light" : "dark";
+  nameTheme();
   resize();
 }
 
@@ -197,7 +202,7 @@ function listen() {
   });
   map.addEventListener("pointerdown", (press) => travel(press.offsetY));
   map.addEventListener("pointermove", (press) => press.buttons && travel(press.offsetY));
-  window.addEventListener("resize", resize);
+  new ResizeObserver(resize).observe(view);
   window.addEventListener("hashchange", fromHash);
   window.addEventListener("beforeprint", () => fillRows(now.shown.slice(0, 2000)));
 }
@@ -263,12 +268,12 @@ function begin() {
   choices(filters.type, "all", types());
   document.getElementById("divergence").disabled = firstDivergence === Infinity;
   filters.cams.checked = COUNT > 0 && ROW.flags.every((flag) => flag & OF_CAM);
+  nameTheme();
   buildPanel();
   legend();
   listen();
   sift();
   if (!fromHash()) select(firstDivergence === Infinity ? now.shown[0] ?? 0 : firstDivergence);
-  view.focus({ preventScroll: true });
 }
 
 begin();

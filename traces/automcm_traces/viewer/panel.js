@@ -63,7 +63,7 @@ function verdictOf(v) {
   return el("div", { class: "verdict" },
     el("p", {}, badge(v.verdict), " ", row === undefined ? where : link(row, where)),
     definitions(terms),
-    v.sessions.length ? folded(`${v.sessions.length} sessions`, false, el("ul", {}, v.sessions.map(sessionOf))) : "");
+    v.sessions.length ? folded(`${v.sessions.length} session${v.sessions.length > 1 ? "s" : ""}`, false, el("ul", {}, v.sessions.map(sessionOf))) : "");
 }
 
 const sessionOf = (s) => el("li", {}, `${s.session.join("/")} as ${s.role}: ${s.phases.join(" › ")}`
@@ -78,9 +78,6 @@ function definitions(terms) {
   return list;
 }
 
-/** A hazard as the system report has it, whatever fields it has. */
-const hazardOf = (hazard) => el("li", {}, tree(hazard, new Set(), true));
-
 function systemOf(report) {
   if (!report) return "";
   const judged = report.properties.map((p) => el("li", { class: p.outcome },
@@ -88,7 +85,7 @@ function systemOf(report) {
     p.outcome === "holds" ? "" : el("div", { class: "dim" }, p.where.slice(0, 5).join("\n"))));
   const ways = Object.entries(report.deliveries).map(([way, counts]) => el("li", {}, `${way}: `
     + Object.entries(counts).map(([name, n]) => `${n} ${name.replace("_", " ")}`).join(", ")));
-  const lists = [["hazards", report.hazards.map(hazardOf)], ["forged", report.forged.map((t) => el("li", {}, t))],
+  const lists = [["hazards", DATA.hazards.map((t) => el("li", { class: "lines" }, t))], ["forged", report.forged.map((t) => el("li", {}, t))],
     ["received before sent", report.cycles.map((t) => el("li", {}, t))], ["properties", judged],
     ["messages", ways], ["notes", report.notices.map((t) => el("li", {}, t))]];
   return folded(el("span", {}, "All logs together ", badge(report.verdict)),
