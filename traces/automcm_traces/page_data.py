@@ -70,14 +70,21 @@ class Page:
 
 def load(paths: Sequence[Path], title: str = "", late_ms: int | None = None) -> Page:
     """Read and judge the logs of one run.  A log that cannot be read to its end is shown up to
-    there.
+    there; of one without a header there is only the verdict.
 
-    Raises PageError, LogError if not even a header can be read, and
-    automcm_spec.oracle.OracleError if there is no oracle.
+    Raises PageError, LogError if no log has a header, and automcm_spec.oracle.OracleError if
+    there is no oracle.
     """
     if len(paths) > MOST_LOGS:
         raise PageError(f"{len(paths)} logs; a page shows at most {MOST_LOGS}")
-    logs = [_whole(path) for path in paths]
+    logs, refused = [], []
+    for path in paths:
+        try:
+            logs.append(_whole(path))
+        except LogError as error:
+            refused.append(error)  # its verdict says so
+    if refused and not logs:
+        raise refused[0]
     if sum(len(log.events) for log in logs) > MOST_EVENTS:
         raise PageError(f"more than {MOST_EVENTS} events; a page shows no more")
     try:
@@ -267,7 +274,7 @@ def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
             sessions[i] = f"{named[0]}/{named[1]}"
         elif event.ev not in ("timer", "indication"):
             sessions[i] = ""
-        hint = "|".join((event.rule or "", event.phase or "", event.role or ""))
+        hint = [event.rule or "", event.phase or "", event.role or ""]
         found["log"].append(i)
         found["line"].append(at - lines[i] - 1)
         found["t"].append(event.t_ms - times)
@@ -356,7 +363,7 @@ def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
 
 def _steps(followed: Followed, strings: Table) -> dict[str, Json]:
     lines = [b - a for a, b in zip([0, *followed.steps], followed.steps, strict=False)]
-    where = [strings.place(f"{rule}|{place[0]}|{place[1]}") for rule, place in _decisions(followed)]
+    where = [strings.place([rule, *place]) for rule, place in _decisions(followed)]
     return {"lines": lines, "where": where, "states": _sparse(followed.states)}
 
 

@@ -33,9 +33,9 @@ class Table:
         self.values.append(value)
         return 0
 
-    def place(self, value: str) -> int:
-        """The place of a text, from 0."""
-        back = self.back(value)
+    def place(self, value: Json) -> int:
+        """The place of a text or a list, from 0."""
+        back = self.back(value, value if isinstance(value, str) else json.dumps(value))
         return len(self.values) - (back or 1)
 
 

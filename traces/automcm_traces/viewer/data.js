@@ -79,7 +79,7 @@ function body(row) {
 const text = (row) => DATA.rows.texts[ROW.text[row]];
 const session = (row) => DATA.strings[ROW.session[row]];
 const kind = (row) => KIND[DATA.rows.kinds[row]];
-const hint = (row) => DATA.strings[ROW.hint[row]].split("|");
+const hint = (row) => DATA.strings[ROW.hint[row]];
 const station = (row) => LOGS[ROW.log[row]].station;
 
 /** The whole event, as it stands in the log. */
@@ -179,8 +179,8 @@ function stateAfter(log, step) {
 
 /** The rule that decided a step, and the operator and line of Station.tla. */
 function decision(log, step) {
-  const [rule, operator, line] = DATA.strings[DATA.steps[log].where[step]].split("|");
-  return { rule, operator, line: Number(line) };
+  const [rule, operator, line] = DATA.strings[DATA.steps[log].where[step]];
+  return { rule, operator, line };
 }
 
 /** Whether a row comes after the divergence of its log. */

@@ -259,7 +259,7 @@ const roomFor = (row) => Math.floor((layout.width[ROW.log[row]] - LIFELINE - 20)
 function rowText(row) {
   const phase = phaseChange(row);
   const wrong = row === LOGS[ROW.log[row]].diverges ? "✗ " : "";
-  return wrong + text(row) + (phase ? `  = ${phase}` : "");
+  return wrong + text(row) + (phase ? `  = ${visible(phase)}` : "");
 }
 
 function words(row, x, y) {
