@@ -20,10 +20,14 @@ def write(report: Report, folder: Path) -> None:
     """
     for case in [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")][:MOST]:
         log = folder / case.log
+        several = case.log.startswith("scenarios/")
+        logs = sorted(log.parent.glob("*.ndjson")) if several else [log]
         try:
-            page = load([log], f"{case.id}: {case.verdict}")
+            page = load(logs, f"{case.id}: {case.verdict}")
         except (LogError, PageError):
             continue  # the log is there all the same
+        if not several and page.verdicts[0].verdict == "allowed":
+            page.title = f"{case.id}, up to where it failed"  # which a log cannot always tell
         page.renamed = f"{folder}/", ""
         path = log.with_suffix(".html")
         path.write_bytes(html(page))

@@ -106,6 +106,7 @@ def the_verdict_is_that_of_explain(browser: Browser, folder: Path) -> None:
         with browser.page(browser.write(log.stem, log)) as page:
             assert "DIVERGES" in page.inner_text("#verdict")
             told = page.inner_text("#judged").replace("\n", " ")
+            assert "\\u000a" not in told, "a line feed of our own is not foreign"
             for words in (verdict.event, *verdict.expected, verdict.guard, verdict.why.state):
                 assert " ".join(words.split()) in " ".join(told.split()), (log.name, words)
             wrong = page.text_content("#svg .row text:text-matches('^✗')")

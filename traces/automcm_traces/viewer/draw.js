@@ -158,8 +158,8 @@ function drawBar(layer, bar, at, height) {
   group.append(make("rect", { x, y: top, width: LANE - 2, height: Math.max(3, bottom - top), rx: 2 }));
   if (bar.how === 1) group.append(make("circle", { class: "fired", cx: x + 2, cy: end - at.top, r: 4 }));
   if (bar.spec !== null && (bar.how === 1 || bar.how === 3 || bar.spec !== bar.ms)) {
-    const tick = downTo(CLOCK[bar.first] + bar.spec) - at.top;
-    if (tick > HEAD && tick < height) {
+    const due = CLOCK[bar.first] + bar.spec, tick = downTo(due) - at.top;
+    if (due <= CLOCK[COUNT - 1] && tick > HEAD && tick < height) {
       group.append(make("path", { class: "deadline", d: `M${x - 4} ${tick}h${LANE + 6}` }));
     }
   }

@@ -56,10 +56,10 @@ const rowOf = (file, line) => {
 function verdictOf(v) {
   const row = rowOf(v.file, v.line);
   const where = v.line ? `${v.file}:${v.line}` : v.file;
-  const terms = [["event", v.event], ["expected", v.expected.join("\n")], ["rule", v.guard || v.rule],
-    ["nearest", v.nearest], ["allowed after", v.allowed_after.join("\n")], ["state before", v.state],
+  const terms = [["event", v.event], ["expected", v.expected], ["rule", v.guard || v.rule],
+    ["nearest", v.nearest], ["allowed after", v.allowed_after], ["state before", v.state],
     ["possible states", v.verdict === "allowed" && v.possible_states === 1 ? "" : v.possible_states],
-    ["not logged", v.unobserved.join(", ")], ["warnings", v.warnings.join("\n")]];
+    ["not logged", v.unobserved.join(", ")], ["warnings", v.warnings]];
   return el("div", { class: "verdict" },
     el("p", {}, badge(v.verdict), " ", row === undefined ? where : link(row, where)),
     definitions(terms),
@@ -69,11 +69,15 @@ function verdictOf(v) {
 const sessionOf = (s) => el("li", {}, `${s.session.join("/")} as ${s.role}: ${s.phases.join(" › ")}`
   + (s.last ? `; lines ${s.first} to ${s.last}, ended by ${s.rule}` : `; from line ${s.first}, still in it`));
 
+/** Each text on a line of its own. */
+const lines = (texts) => texts.map((one) => el("div", {}, one));
+
+/** Terms and what they are: a text, or some; those without are left out. */
 function definitions(terms) {
   const list = el("dl", {});
   for (const [term, value] of terms) {
-    if (value === "" || value === undefined || value === null) continue;
-    list.append(el("dt", {}, term), el("dd", {}, String(value)));
+    if (value === "" || value.length === 0) continue;
+    list.append(el("dt", {}, term), el("dd", {}, lines([value].flat())));
   }
   return list;
 }
@@ -82,10 +86,10 @@ function systemOf(report) {
   if (!report) return "";
   const judged = report.properties.map((p) => el("li", { class: p.outcome },
     `${{ holds: "✓", violated: "✗", cannot_tell: "?" }[p.outcome]} ${p.property} ${p.outcome.replace("_", " ")}`,
-    p.outcome === "holds" ? "" : el("div", { class: "dim" }, p.where.slice(0, 5).join("\n"))));
+    p.outcome === "holds" ? "" : el("div", { class: "dim" }, lines(p.where.slice(0, 5)))));
   const ways = Object.entries(report.deliveries).map(([way, counts]) => el("li", {}, `${way}: `
     + Object.entries(counts).map(([name, n]) => `${n} ${name.replace("_", " ")}`).join(", ")));
-  const lists = [["hazards", DATA.hazards.map((t) => el("li", { class: "lines" }, t))], ["forged", report.forged.map((t) => el("li", {}, t))],
+  const lists = [["hazards", DATA.hazards.map((t) => el("li", {}, lines(t.split("\n"))))], ["forged", report.forged.map((t) => el("li", {}, t))],
     ["received before sent", report.cycles.map((t) => el("li", {}, t))], ["properties", judged],
     ["messages", ways], ["notes", report.notices.map((t) => el("li", {}, t))]];
   return folded(el("span", {}, "All logs together ", badge(report.verdict)),
@@ -175,11 +179,11 @@ function specPart(row) {
   const { rule, operator, line } = decision(log, step);
   const holding = Object.keys(DATA.operators).find((name) => holds(name, line)) ?? operator;
   const [first, source] = DATA.operators[holding] ?? [0, ""];
-  const lines = source.split("\n").map((words, n) => el("li", first + n === line ? { class: "here" } : {},
+  const numbered = source.split("\n").map((words, n) => el("li", first + n === line ? { class: "here" } : {},
     el("span", { class: "number" }, `${first + n}`.padStart(4)), first + n === line ? " ▸ " : "   ", words));
   return folded(`Specification: ${rule || "no rule"}, ${operator}`, true,
     rule ? el("p", {}, `${rule}: ${DATA.rules[rule]} `, line ? el("span", { class: "dim" }, `Station.tla:${line}`) : "") : "",
-    source ? el("ol", { class: "source" }, lines) : "");
+    source ? el("ol", { class: "source" }, numbered) : "");
 }
 
 const holds = (name, line) => {
