@@ -18,9 +18,10 @@ test: .venv/ready
 test-deep: .venv/ready
 	@$(BIN)/python reference/tests/stateful.py $(ARGS)
 
-# The suite against the stations in C++ and Go, and mutants; what is not on this machine is skipped
-# loudly.
+# The suite against the stations in C++ and Go, and mutants, and the page of a log in Chromium; what
+# is not on this machine is skipped loudly.
 test-foreign: .venv/ready
+	@$(BIN)/python traces/tests/browser.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
 # Exploration against stations with two mistakes each: found in a minute, shortened; minutes in all.

@@ -119,8 +119,8 @@ def run(
     json_: Json = None,
 ) -> None:
     """Run the suite, or a part of it, against a station."""
+    from automcm_conformance import pages, show, verdicts
     from automcm_conformance import report as report_
-    from automcm_conformance import show, verdicts
     from automcm_conformance.process import AdapterError
     from automcm_conformance.protocol import ProtocolError
     from automcm_conformance.whole import conform
@@ -143,6 +143,8 @@ def run(
                 selectors=selectors or [],
                 expected=known,
             )
+            say("pages")
+            pages.write(report, folder)
     except (AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError) as error:
         typer.echo(f"conform: {error}", err=True)
         for line in getattr(error, "stderr", ()):

@@ -69,6 +69,8 @@ class CaseResult:
     failures: list[Failure] = field(default_factory=list)
     log: str = ""
     """Log of one exchange of this case, relative to the report."""
+    page: str = ""
+    """The same as a page; only of a case that is no PASS."""
 
     @property
     def expected(self) -> bool:

@@ -100,6 +100,15 @@ def test_a_run_that_fails(bad: Done) -> None:
     assert sum(each.failures for each in suites) == 1
 
 
+def test_the_log_of_a_failure_is_also_a_page_that_the_report_links_to(bad: Done) -> None:
+    failed, passed = sorted(bad.report["cases"], key=lambda case: case["verdict"])
+    assert not passed["page"] and failed["page"] == failed["log"].replace(".ndjson", ".html")
+    page = (bad.folder / failed["page"]).read_text()
+    assert f"<title>{CASE}, up to where it failed</title>" in page, "a malformed message"
+    assert f'"file":"{failed["log"]}"' in page and str(bad.folder) not in page
+    assert f'<a href="{failed["page"]}">' in (bad.folder / "report.html").read_text()
+
+
 def test_logs_are_told_by_trace_explain(good: Done) -> None:
     logs = [str(good.folder / case["log"]) for case in good.report["cases"]]
     for log in logs:

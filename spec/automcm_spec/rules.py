@@ -122,7 +122,7 @@ def line(rule: str, i: Any, tla: Path = TLA) -> int:
 
 
 @cache
-def _operators(tla: Path) -> dict[str, tuple[int, str]]:
+def operators(tla: Path) -> dict[str, tuple[int, str]]:
     """Of every operator of Station.tla the line where it begins, and its text."""
     found: dict[str, tuple[int, list[str]]] = {}
     for number, operator, text in _lines(tla):
@@ -136,7 +136,7 @@ def place(operator: str, text: str, after: int = 0, tla: Path = TLA) -> tuple[in
     ``after`` is an end that ``place`` returned before: what stands earlier does not count.  A blank
     may be a line break.  Raises ValueError if the text is not there.
     """
-    first, body = _operators(tla).get(operator, (0, ""))
+    first, body = operators(tla).get(operator, (0, ""))
     found = re.compile(r"\s+".join(map(re.escape, text.split()))).search(body, after)
     if found is None:
         raise ValueError(f"{operator} in Station.tla: no {text}")

@@ -1,0 +1,34 @@
+"""The log of a case that is no PASS, as a page (docs/trace-format.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from automcm_conformance.results import Report
+from automcm_traces.page import html
+from automcm_traces.page_data import PageError, load
+from automcm_traces.reader import LogError
+
+MOST = 20
+"""Pages of one run; what is beyond has its log."""
+
+
+def write(report: Report, folder: Path) -> None:
+    """Write a page beside the log of each case that is no PASS, and name it in the report.
+
+    Raises OSError if it cannot be written, and automcm_spec.oracle.OracleError.
+    """
+    for case in [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")][:MOST]:
+        log = folder / case.log
+        several = case.log.startswith("scenarios/")
+        logs = sorted(log.parent.glob("*.ndjson")) if several else [log]
+        try:
+            page = load(logs, f"{case.id}: {case.verdict}")
+        except (LogError, PageError):
+            continue  # the log is there all the same
+        if not several and page.verdicts[0].verdict == "allowed":
+            page.title = f"{case.id}, up to where it failed"  # which a log cannot always tell
+        page.renamed = f"{folder}/", ""
+        path = log.with_suffix(".html")
+        path.write_bytes(html(page))
+        case.page = path.relative_to(folder).as_posix()

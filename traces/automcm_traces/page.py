@@ -1,0 +1,90 @@
+"""Logs as one HTML file that shows everything and needs nothing else: no network, no other file.
+
+The page is ``viewer/page.html`` with its style and scripts put in.  Everything that comes from a
+log is in one block of JSON, or escaped in the table that is there without JavaScript.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from automcm_traces.page_data import Page, as_dict
+from automcm_traces.page_pack import compact
+from automcm_traces.words import safe, said
+
+Json = Any
+VIEWER = Path(__file__).parent / "viewer"
+SCRIPTS = ("data.js", "draw.js", "road.js", "panel.js", "save.js", "main.js")
+"""In the order in which they stand in the page."""
+TABLE = 100_000
+"""Rows of the table that is there without JavaScript: so many around the divergence."""
+
+
+def html(page: Page) -> bytes:
+    """The page.  Equal logs give equal bytes."""
+    data = as_dict(page)
+    style = (VIEWER / "page.css").read_text(encoding="utf-8")
+    script = "\n".join((VIEWER / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    environment = Environment(
+        loader=FileSystemLoader(VIEWER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    first, last = _part(page, data)
+    text = environment.get_template("page.html").render(
+        title=safe(page.title),
+        style=style,
+        script=script,
+        policy=policy(script, style),
+        data=compact(data),
+        verdicts=[_verdict(verdict) for verdict in data["verdicts"]],
+        rows=_table(page, first, last),
+        shown=last - first,
+        number=len(page.nodes),
+    )
+    return text.encode("utf-8", "backslashreplace")
+
+
+def policy(script: str, style: str) -> str:
+    """The Content Security Policy: only this script and this style, and nothing from elsewhere."""
+    return (
+        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _part(page: Page, data: dict[str, Json]) -> tuple[int, int]:
+    """Which rows the table without JavaScript has: those around the first divergence, or the
+    first."""
+    at = min((log["diverges"] for log in data["logs"] if log["diverges"] >= 0), default=0)
+    first = max(0, min(at - TABLE // 2, len(page.nodes) - TABLE))
+    return first, min(len(page.nodes), first + TABLE)
+
+
+def _verdict(verdict: dict[str, Json]) -> str:
+    """One line."""
+    where = f"{verdict['file']}:{verdict['line']}" if verdict["line"] else verdict["file"]
+    word = verdict["verdict"].replace("_", " ").upper()
+    return safe(f"{where}: {word}{': ' if verdict['event'] else ''}{verdict['event']}")
+
+
+def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, int, int, int, str]]:
+    """Row, station, line, t_ms and words."""
+    for row in range(first, last):
+        i, k = page.nodes[row]
+        log = page.logs[i]
+        at, event = log.events[k]
+        yield row + 1, log.header.station, at, event.t_ms, said(event)

@@ -1,0 +1,188 @@
+"""A log followed for a page: the state of its station after each step, and its timers as bars."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from automcm_spec.rules import handler, line
+from automcm_traces.engine import Engine
+from automcm_traces.explain import NEEDED
+from automcm_traces.inputs import timer_key
+from automcm_traces.log import Parameters, Restart, TimerArm, TimerEnd
+from automcm_traces.reader import Log
+from automcm_traces.step import Diverges, Step
+from automcm_traces.track import CannotTell, Track
+
+Json = Any
+WHOLE = 100
+"""Steps from one whole state to the next; between them only what changes is written."""
+STOPPED, EXPIRED, REARMED, OPEN, RESTARTED = range(5)
+"""How a bar ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A timer from where it was armed to where it ended."""
+
+    armed: int
+    """Place of the event in ``Log.events``."""
+    ended: int
+    """Likewise; -1 if it never did."""
+    how: int
+    logged_ms: int
+    """How long it was to run, as the log says."""
+    spec_ms: int
+    """As the specification says with the parameters of the header; -1 if they do not tell."""
+
+
+@dataclass(slots=True)
+class Followed:
+    """What is shown of a station beside its events."""
+
+    why_not: str = ""
+    """Why its states are not known; they are known up to a divergence all the same."""
+    steps: list[int] = field(default_factory=list)
+    """Lines of the inputs."""
+    rules: list[str] = field(default_factory=list)
+    places: list[tuple[str, int]] = field(default_factory=list)
+    """The operator of Station.tla and the line in it that decided each."""
+    states: list[Json] = field(default_factory=list)
+    """After each step, what changed; every ``WHOLE`` steps, from the first on, everything."""
+    bars: list[Bar] = field(default_factory=list)
+
+    def state(self, step: int) -> dict[str, Json]:
+        """The whole state after a step."""
+        first = step - step % WHOLE
+        found: dict[str, Json] = {}
+        for change in self.states[first : step + 1]:
+            found |= change
+        return found
+
+
+def follow(log: Log) -> Followed:
+    """Follow a log as far as the specification allows it."""
+    found = Followed()
+    leases = _states(log, found)
+    _bars(log, found, leases)
+    return found
+
+
+def values(t: Track) -> dict[str, Json]:
+    """The variables of a station, named as in Station.tla, as plain JSON."""
+    return {
+        "phase": t.phase,
+        "role": t.role,
+        "session": f"{t.session[0]}/{t.session[1]}" if t.session else "none",
+        "recorded": sorted(t.recorded),
+        "withdrawn": sorted(t.withdrawn),
+        "target": t.target,
+        "proposal": t.proposal,
+        "deciding": t.deciding,
+        "watching": t.heard_ms is not None,
+        "number": t.number,
+        "joined": {str(p): n for p, n in sorted(t.joined.items())},
+        "outbox": [
+            f"{e.type} to {e.to}, {e.session[0]}/{e.session[1]} seq {e.message['seq']}"
+            for e in t.outbox
+        ],
+        "quarantine": t.quarantine,
+        "backoff": t.backoff,
+    }
+
+
+def _states(log: Log, found: Followed) -> dict[int, int]:
+    """Follow; returns, by the line of an input, the lease in force after it."""
+    lacking = set(NEEDED) - set(log.header.complete)
+    leases: dict[int, int] = {}
+    if lacking:
+        kinds = ", ".join(sorted(lacking))
+        found.why_not = f"the log does not promise to hold every event of kind {kinds}"
+        return leases
+    last: dict[str, Json] = {}
+
+    def after(step: Step, track: Track) -> None:
+        nonlocal last
+        now = values(track)
+        whole = len(found.steps) % WHOLE == 0
+        changed = {k: v for k, v in now.items() if whole or last.get(k) != v}
+        found.steps.append(step.at)
+        found.rules.append(step.rule)
+        found.places.append((handler(step.input), line(step.rule, step.input)))
+        found.states.append(changed)
+        leases[step.at] = track.lease_ms
+        last = now
+
+    try:
+        engine = Engine(log)
+        engine.observer = after
+        for at, event in log.events:
+            engine.feed(at, event)
+        if log.ended:
+            engine.finish()
+    except Diverges as d:
+        found.why_not = f"the log leaves the specification at line {d.at}"
+        if d.step is not None and (not found.steps or found.steps[-1] < d.step.at):
+            _decided(found, d.step)
+    except CannotTell as error:
+        found.why_not = str(error)
+    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
+        found.why_not = f"a message lacks or misuses a field: {error}"
+    return leases
+
+
+def _decided(found: Followed, step: Step) -> None:
+    """The step that did not go on as it must: its rule is known, its state is that before."""
+    found.states.append(found.state(len(found.steps) - 1) if len(found.steps) % WHOLE == 0 else {})
+    found.steps.append(step.at)
+    found.rules.append(step.rule)
+    found.places.append((handler(step.input), line(step.rule, step.input)))
+
+
+def spec_ms(p: Parameters, name: str) -> int:
+    """How long a timer runs by section 3 of docs/protocol.md; -1 if the header does not tell."""
+    parts = {
+        "advertise": (p.t_advertise,),
+        "resend": (p.t_resend,),
+        "giveup": (p.t_giveup,),
+        "decide": (p.t_decide,),
+        "hold": (p.t_hold,),
+        "answer": (p.t_decide, p.t_giveup),
+        "cam": (p.t_cam_loss,),
+        "quarantine": (p.t_advertise, p.t_life),
+    }.get(name, (None,))
+    told = [part for part in parts if part is not None]
+    return sum(told) if len(told) == len(parts) else -1
+
+
+def _bars(log: Log, found: Followed, leases: dict[int, int]) -> None:
+    """Every timer armed, with its end: expiry, stop, armed anew, a restart, or none."""
+    open_: dict[str, Bar] = {}
+    done: list[Bar] = found.bars
+    lines = iter([*found.steps, None])
+    step, due = None, next(lines)
+
+    def close(key: str, at: int, how: int) -> None:
+        bar = open_.pop(key, None)
+        if bar is not None:
+            done.append(Bar(bar.armed, at, how, bar.logged_ms, bar.spec_ms))
+
+    for n, (at, event) in enumerate(log.events):
+        while due is not None and due <= at:
+            step, due = due, next(lines)
+        match event:
+            case TimerArm(timer=timer):
+                key = timer_key(timer.model_dump(exclude_none=True))
+                close(key, n, REARMED)
+                wanted = spec_ms(log.header.parameters, timer.name)
+                if timer.name == "lease":
+                    wanted = leases.get(step or 0) or -1
+                open_[key] = Bar(n, -1, OPEN, event.deadline - event.t_ms, wanted)
+            case TimerEnd(timer=timer, op=op):
+                key = timer_key(timer.model_dump(exclude_none=True))
+                close(key, n, EXPIRED if op == "expire" else STOPPED)
+            case Restart():
+                for key in [k for k in open_ if k != "quarantine"]:
+                    close(key, n, RESTARTED)
+    done += open_.values()
+    done.sort(key=lambda bar: (bar.armed, bar.ended))

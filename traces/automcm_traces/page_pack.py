@@ -1,0 +1,73 @@
+"""Events as compact arrays for a page: what repeats is written once.
+
+An object becomes ``[shape, value, …]``, where ``shape`` is the place of its keys among the shapes;
+a list becomes ``[-1, item, …]``.  ``viewer/data.js`` undoes it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+Json = Any
+
+
+@dataclass(slots=True)
+class Table:
+    """Values in order of first use; each use names one by how far back it is."""
+
+    values: list[Json] = field(default_factory=list)
+    _places: dict[str, int] = field(default_factory=dict)
+
+    def back(self, value: Json, key: str | None = None) -> int:
+        """0 if ``value`` is the next new one, else how far before the next new one it stands.
+
+        ``key`` tells values apart; without it ``value`` is its own key.
+        """
+        key = value if key is None else key
+        place = self._places.get(key)
+        if place is not None:
+            return len(self.values) - place
+        self._places[key] = len(self.values)
+        self.values.append(value)
+        return 0
+
+    def place(self, value: Json) -> int:
+        """The place of a text or a list, from 0."""
+        back = self.back(value, value if isinstance(value, str) else json.dumps(value))
+        return len(self.values) - (back or 1)
+
+
+@dataclass(slots=True)
+class Shapes:
+    """The lists of keys of all objects that were packed."""
+
+    keys: list[list[str]] = field(default_factory=list)
+    _places: dict[tuple[str, ...], int] = field(default_factory=dict)
+
+    def pack(self, value: Json) -> Json:
+        """``value`` as said above; numbers, texts and truth values stay."""
+        if isinstance(value, dict):
+            names = tuple(value)
+            place = self._places.get(names)
+            if place is None:
+                place = self._places[names] = len(self.keys)
+                self.keys.append(list(names))
+            return [place, *(self.pack(v) for v in value.values())]
+        if isinstance(value, list | tuple):
+            return [-1, *(self.pack(v) for v in value)]
+        return value
+
+    def unpack(self, packed: Json) -> Json:
+        """What was packed."""
+        if not isinstance(packed, list):
+            return packed
+        if packed[0] == -1:
+            return [self.unpack(v) for v in packed[1:]]
+        return dict(zip(self.keys[packed[0]], map(self.unpack, packed[1:]), strict=True))
+
+
+def compact(value: Json) -> str:
+    """JSON without blanks, in ASCII, that cannot end a ``<script>``."""
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")

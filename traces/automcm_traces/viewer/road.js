@@ -1,0 +1,76 @@
+/* Where the vehicles are, as their CAMs say, at the selected step. */
+
+const ROAD = { width: 600, height: 130, margin: 24 };
+
+/* By station: the rows with its CAMs. */
+const camRows = (function () {
+  const found = new Map();
+  for (let row = 0; row < COUNT; row++) {
+    if (!(ROW.flags[row] & IS_CAM)) continue;
+    const { src, x_mm: x, y_mm: y } = body(row).message;
+    if (!Number.isInteger(src) || !Number.isFinite(x) || !Number.isFinite(y)) continue;
+    if (!found.has(src)) found.set(src, []);
+    found.get(src).push(row);
+  }
+  return found;
+})();
+
+const cam = (row) => body(row).message;
+
+/** The last CAM of a station at or before a row; -1 if there is none. */
+function lastCam(src, row) {
+  const rows = camRows.get(src);
+  const n = search(rows.length, (i) => rows[i] > row);
+  return n ? rows[n - 1] : -1;
+}
+
+/** The part of the road around vehicles, in mm: at least 60 m along and 8 m across. */
+function around(vehicles) {
+  const along = vehicles.map((v) => v.x_mm), across = vehicles.map((v) => v.y_mm);
+  const part = (values, least) => {
+    const low = Math.min(...values), high = Math.max(...values), middle = (low + high) / 2;
+    const half = Math.max(least, (high - low) * 1.2) / 2;
+    return { low: middle - half, size: 2 * half };
+  };
+  return { along: part(along, 60_000), across: part(across, 8_000) };
+}
+
+/** Lines across the road at round distances, named. */
+function ticks(strip, part, x, height) {
+  const apart = 10 ** Math.ceil(Math.log10(part.size / 12));
+  for (let mm = Math.ceil(part.low / apart) * apart; mm < part.low + part.size; mm += apart) {
+    strip.append(make("line", { class: "tick", x1: x(mm), x2: x(mm), y1: 0, y2: height - 18 }));
+    strip.append(make("text", { class: "unit", x: x(mm), y: height - 5, "text-anchor": "middle" },
+      `${mm / 1000} m`));
+  }
+}
+
+/** A strip with each vehicle as a wedge that points where it drives; null without CAMs. */
+function road(row) {
+  const known = [...camRows.keys()].sort((a, b) => a - b).slice(0, 40)
+    .map((src) => lastCam(src, row)).filter((last) => last >= 0).map(cam);
+  if (!known.length) return null;
+  const { width, height, margin } = ROAD, part = around(known), told = [];
+  const x = (mm) => margin + ((mm - part.along.low) / part.along.size) * (width - 2 * margin);
+  const y = (mm) => height - 34 - ((mm - part.across.low) / part.across.size) * (height - 60);
+  const strip = make("svg", { class: "road", viewBox: `0 0 ${width} ${height}`, role: "img" });
+  strip.append(make("rect", { class: "ground", x: 0, y: 0, width, height, rx: 4 }));
+  ticks(strip, part.along, x, height);
+  known.forEach((v, n) => {
+    strip.append(vehicle(v, x(v.x_mm), y(v.y_mm), n));
+    told.push(`${v.src} at ${(v.x_mm / 1000).toFixed(1)}, ${(v.y_mm / 1000).toFixed(1)} m`
+      + (Number.isFinite(v.speed_mm_s) ? `, ${(v.speed_mm_s / 1000).toFixed(1)} m/s` : ""));
+  });
+  strip.setAttribute("aria-label", told.join("; "));
+  return { strip, told };
+}
+
+/** A wedge and its name; names of neighbours stand at different heights. */
+function vehicle(v, x, y, n) {
+  const turn = Number.isFinite(v.heading_mrad) ? (-v.heading_mrad * 180) / (1000 * Math.PI) : 0;
+  const up = y - 12 - (n % 3) * 15;
+  return make("g", {},
+    make("line", { class: "tick", x1: x, x2: x, y1: y, y2: up + 2 }),
+    make("path", { class: "vehicle", d: "M12 0L-9 -6L-4 0L-9 6Z", transform: `translate(${x} ${y}) rotate(${turn})` }),
+    make("text", { x, y: up, "text-anchor": "middle" }, String(v.src)));
+}

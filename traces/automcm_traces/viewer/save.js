@@ -1,0 +1,66 @@
+/* Downloads: the drawing in the window, the log up to the step, the messages as a diagram. */
+
+const MOST_MESSAGES = 400;
+
+function save(name, type, content) {
+  const address = URL.createObjectURL(new Blob([content], { type }));
+  const anchor = el("a", { href: address, download: name });
+  document.body.append(anchor);
+  anchor.click();
+  anchor.remove();
+  setTimeout(() => URL.revokeObjectURL(address), 10_000);
+}
+
+const nameOf = (row) => `${LOGS[COUNT ? ROW.log[row] : 0].station}-${COUNT ? row + 1 : 0}`;
+
+/** The drawing as it is in the window, with the style that it needs. */
+function svgText() {
+  const copy = svg.cloneNode(true), style = getComputedStyle(document.documentElement);
+  const css = [...document.styleSheets[0].cssRules].map((rule) => rule.cssText).join("\n");
+  const values = css.replace(/var\((--[a-z-]+)\)/g, (_, name) => style.getPropertyValue(name).trim());
+  const ground = make("rect", { width: "100%", height: "100%", fill: colour("--ground") });
+  copy.setAttribute("xmlns", SVG);
+  copy.removeAttribute("aria-hidden");
+  copy.prepend(make("style", {}), ground);
+  const written = new XMLSerializer().serializeToString(copy);
+  const safe = values.replace(/&/g, "&amp;").replace(/</g, "&lt;");
+  return written.replace(/<style[^>]*\/>|<style[^>]*><\/style>/, () => `<style>${safe}</style>`);
+}
+
+/** The log of a row's station up to and with that row, as a log of its own. */
+function prefixText(row) {
+  const log = ROW.log[row], kept = rowsOf[log].filter((one) => one <= row);
+  const lines = [LOGS[log].header];
+  kept.forEach((one, n) => lines.push({ ...logged(one), seq: n + 1 }));
+  lines.push({ rec: "end", seq: kept.length, reason: "prefix", lost_records: 0 });
+  return lines.map((line) => `${JSON.stringify(line)}\n`).join("");
+}
+
+/** The messages that are shown, from the window on, as a sequence diagram of Mermaid. */
+function mermaidText() {
+  const plain = (words) => words.replace(/[^\w .,/#()>-]/g, "?").replace(/#/g, "no. ");
+  const lines = ["sequenceDiagram"];
+  const used = new Set(), said = [];
+  const [a] = inWindow();
+  for (const row of now.shown.slice(a)) {
+    for (const arrow of arrowsFrom(row)) {
+      if (said.length >= MOST_MESSAGES) break;
+      used.add(arrow.from).add(arrow.to);
+      const head = { [DELIVERED]: "->>", [LOST]: "-x", [IN_FLIGHT]: "-)" }[arrow.kind] ?? "-->>";
+      const fate = arrow.kind === DELIVERED ? "" : ` (${ARROWS[arrow.kind]})`;
+      said.push(`  c${arrow.from}${head}c${arrow.to}: ${plain(text(row).slice(0, 60))}${fate}`);
+    }
+  }
+  for (const column of [...used].sort((x, y) => x - y)) {
+    lines.push(`  participant c${column} as ${plain(COLUMNS[column].name)}`);
+  }
+  if (said.length >= MOST_MESSAGES) said.push(`  %% only the first ${MOST_MESSAGES} messages`);
+  return [...lines, ...said].join("\n") + "\n";
+}
+
+document.getElementById("save-svg").addEventListener("click", () =>
+  save(`${nameOf(now.row)}.svg`, "image/svg+xml", svgText()));
+document.getElementById("save-log").addEventListener("click", () =>
+  COUNT && save(`${nameOf(now.row)}.ndjson`, "application/x-ndjson", prefixText(now.row)));
+document.getElementById("save-mermaid").addEventListener("click", () =>
+  save(`${nameOf(now.row)}.mmd`, "text/plain", mermaidText()));

@@ -1,0 +1,381 @@
+"""The page of ``automcm trace html`` in a real browser.
+
+    python traces/tests/browser.py [--screenshots FOLDER]
+
+Needs playwright and Chromium; without them it is skipped, and says so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import shutil
+import sys
+import traceback
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from test_page import CORPUS, FOUR, HOSTILE, killed, records, rewritten, with_text
+
+from automcm.links.simulated import Channel
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_traces.explain import explain_file
+from automcm_traces.page import html
+from automcm_traces.page_data import load
+from automcm_traces.reader import read
+
+Json = Any
+OPEN_MS = 2000
+"""In which a page of 100,000 events is to be open."""
+LATE_MS = 100
+"""No redrawing while it scrolls may take longer."""
+LARGE_MS = 970_000
+"""Simulated: three stations then have logged 100,000 events."""
+
+
+def chromium() -> str:
+    """Where Chromium is; empty if nowhere."""
+    names = (
+        os.environ.get("AUTOMCM_CHROMIUM", ""),
+        "chromium",
+        "chromium-browser",
+        "google-chrome",
+    )
+    return next((found for name in names if name and (found := shutil.which(name))), "")
+
+
+class Browser:
+    """Opens pages, offline; whatever goes wrong in one is noted."""
+
+    def __init__(self, browser: Any, folder: Path) -> None:
+        self._browser, self._folder = browser, folder
+        self.problems: list[str] = []
+
+    def write(self, name: str, *logs: Path) -> Path:
+        path = self._folder / f"{name}.html"
+        path.write_bytes(html(load(logs)))
+        return path
+
+    @contextmanager
+    def page(self, path: Path, after: str = "", **how: Any) -> Iterator[Any]:
+        size = {"width": 1280, "height": 800}
+        context = self._browser.new_context(offline=True, **({"viewport": size} | how))
+        page = context.new_page()
+        page.on("pageerror", lambda error: self.problems.append(f"{path.name}: {error}"))
+        page.on("console", lambda m: self.problems.append(f"{path.name}: {m.type}: {m.text}"))
+        page.on("request", self._asked)
+        page.goto(f"file://{path}{after}")
+        if how.get("java_script_enabled", True):
+            page.wait_for_function("document.querySelector('#svg .heads')")
+        yield page
+        context.close()
+
+    def _asked(self, request: Any) -> None:
+        if not request.url.startswith(("file:", "blob:")):
+            self.problems.append(f"a request left the page: {request.url}")
+
+
+def run(folder: Path, until_ms: int, loss: float = 0.2, requests: int = 1) -> list[Path]:
+    """Logs of three stations in lane changes."""
+    folder.mkdir()
+    simulation = Simulation(seed=3, channel=Channel(loss=loss, duplicate=0.1), logs=folder)
+    for station in (1001, 2002, 3003):
+        simulation.add(station, Straight())
+    for n in range(requests):
+        simulation.request(1001 + 1001 * (n % 3), at=500 + n * 13_000)
+    simulation.run(until=until_ms)
+    return sorted(folder.iterdir())
+
+
+# -- what is checked; each by its name
+
+
+def the_verdict_is_that_of_explain(browser: Browser, folder: Path) -> None:
+    for entry in json.loads((CORPUS / "index.json").read_text()):
+        log = CORPUS / entry["file"]
+        verdict = explain_file(log)
+        if verdict.verdict != "diverges" or log.parent.name != "bad":
+            continue
+        with browser.page(browser.write(log.stem, log)) as page:
+            assert "DIVERGES" in page.inner_text("#verdict")
+            told = page.inner_text("#judged").replace("\n", " ")
+            assert "\\u000a" not in told, "a line feed of our own is not foreign"
+            for words in (verdict.event, *verdict.expected, verdict.guard, verdict.why.state):
+                assert " ".join(words.split()) in " ".join(told.split()), (log.name, words)
+            wrong = page.text_content("#svg .row text:text-matches('^✗')")
+            assert wrong.startswith("✗"), log.name
+            assert page.inner_text("#step > details:first-child").startswith("Step ")
+
+
+def every_kind_of_arrow_is_drawn(browser: Browser, folder: Path) -> None:
+    logs = run(folder / "arrows", 10_000)
+    killed(logs[1], 8000)
+    logs[2].unlink()
+    with browser.page(browser.write("arrows", *logs[:2])) as page:
+        page.check("#cams")
+        found: set[str] = set()
+        for part in range(40):
+            page.evaluate(f"view.scrollTop = view.scrollHeight * {part} / 40; draw()")
+            names = page.eval_on_selector_all(
+                "#svg .arrow", "all => all.map(one => one.getAttribute('class'))"
+            )
+            found |= {name.split()[1] for name in names}
+        assert found >= {"delivered", "lost", "duplicate", "unobserved", "in-flight"}, found
+        shapes = page.eval_on_selector_all("#legend li", "all => all.map(one => one.textContent)")
+        assert len(shapes) == 6
+
+
+def an_arrow_longer_than_the_window_is_drawn(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("long", *FOUR)) as page:
+        page.evaluate(
+            "arrows.unshift({first: 0, last: COUNT - 1, kind: LOST, from: 0, to: 1}),"
+            "arrowReach.splice(0, arrowReach.length, ...reach(arrows)),"
+            "view.scrollTop = view.scrollHeight / 2"
+        )
+        page.evaluate("draw()")
+        found = page.evaluate("touching(arrows, arrowReach, COUNT / 2, COUNT / 2 + 9)")
+        assert any(arrow["first"] == 0 for arrow in found)
+
+
+def steps_lead_forward_and_back_to_the_same_state(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("steps", *FOUR), "#step=90") as page:
+        before, states = page.inner_text("#step"), []
+        for _ in range(150):
+            page.keyboard.press("l")
+            states.append(page.inner_text("#step"))
+        assert len(set(states)) == 150
+        for n in range(150):
+            assert page.inner_text("#step") == states[-1 - n]
+            page.keyboard.press("h" if n % 2 else "ArrowLeft")
+        assert page.inner_text("#step") == before
+
+
+def states_from_deltas_are_those_of_the_log(browser: Browser, folder: Path) -> None:
+    from automcm_traces.page_follow import follow
+
+    with browser.page(browser.write("states", FOUR[0])) as page:
+        followed = follow(read(FOUR[0]))
+        for step in range(len(followed.steps)):
+            assert page.evaluate(f"stateAfter(0, {step}).state") == followed.state(step), step
+        events = page.evaluate("Array.from({length: COUNT}, (_, row) => logged(row))")
+        assert events == records(FOUR[0])[1:-1]
+
+
+def a_link_leads_to_its_step(browser: Browser, folder: Path) -> None:
+    path = browser.write("links", *FOUR)
+    with browser.page(path, "#step=41") as page:
+        assert page.inner_text("#where").startswith("41 /")
+        page.keyboard.press("j")
+        moved = page.evaluate("location.hash")
+        page.evaluate("location.hash = '#step=7'")
+        page.wait_for_function("document.getElementById('where').textContent.startsWith('7 /')")
+    with browser.page(path, moved) as page:
+        assert f"#step={page.inner_text('#where').split()[0]}" == moved
+    with browser.page(path, "#step=99999999") as page:
+        assert page.inner_text("#where").split()[0] == page.inner_text("#where").split()[2]
+
+
+def filters_leave_what_they_name(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("filters", *FOUR)) as page:
+        page.select_option("#type", "Fin")
+        words = page.evaluate("now.shown.map(text)")
+        assert words and all("Fin" in one for one in words[1:])
+        page.select_option("#type", "")
+        page.uncheck("#timers")
+        assert not page.evaluate("now.shown.slice(1).some((row) => kind(row) === 'timer')")
+        page.keyboard.press("/")
+        page.keyboard.type("prescription")
+        words = page.evaluate("now.shown.map(text)")
+        assert all("Prescription" in one for one in words[1:])
+
+
+def foreign_text_stays_text(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("hostile", with_text(folder, HOSTILE)), "#step=2") as page:
+        page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        assert page.locator("img").count() == 0
+        assert "<img src=x" in page.inner_text("#step")
+        assert "\u202e" not in page.inner_text("body")
+        page.keyboard.press("b")
+        assert page.locator("#table tr").count() > 10
+    with browser.page(
+        browser.write("long-text", with_text(folder, "a" * 100_000)), "#step=2"
+    ) as page:
+        assert "more characters" in page.text_content("#panel")
+
+
+def ten_thousand_stations_leave_the_page_alive(browser: Browser, folder: Path) -> None:
+    lines = records(FOUR[0])
+    fields = {"v": 1, "type": "CAM", "generation_ms": 0, "x_mm": 0, "y_mm": 0}
+    fields |= {"heading_mrad": 0, "speed_mm_s": 0, "marks": []}
+    cams = [
+        {"rec": "event", "t_ms": 0, "ev": "receive", "message": fields | {"src": 10_000 + n}}
+        for n in range(10_000)
+    ]
+    rewritten(folder / "many.ndjson", [lines[0], *cams, *lines[1:]])
+    with browser.page(browser.write("many", folder / "many.ndjson")) as page:
+        page.check("#cams")
+        page.keyboard.press("End")
+        assert page.inner_text("#where").split()[0] == page.inner_text("#where").split()[2]
+
+
+def what_is_downloaded_is_whole(browser: Browser, folder: Path) -> None:
+    log = CORPUS / "bad" / "busy_accepted.ndjson"
+    with browser.page(browser.write("downloads", log)) as page:
+        got = {}
+        for name in ("save-svg", "save-log", "save-mermaid"):
+            with page.expect_download() as download:
+                page.click(f"#{name}")
+            got[name] = Path(download.value.path()).read_text()
+        root = ElementTree.fromstring(got["save-svg"])
+        assert root.tag.endswith("svg") and "var(--" not in got["save-svg"]
+        (folder / "prefix.ndjson").write_text(got["save-log"])
+        again, first = explain_file(folder / "prefix.ndjson"), explain_file(log)
+        assert (again.verdict, again.line, again.rule) == (first.verdict, first.line, first.rule)
+        assert got["save-mermaid"].startswith("sequenceDiagram\n")
+
+
+def real_time_keeps_the_step_in_the_window(browser: Browser, folder: Path) -> None:
+    with browser.page(browser.write("time", *FOUR), "#step=300") as page:
+        for key in ("t", "+", "+", "-", "t"):
+            page.keyboard.press(key)
+            page.evaluate("draw()")
+            assert page.locator("#svg .band.selected").count() == 1, key
+
+
+def without_javascript_there_is_the_table(browser: Browser, folder: Path) -> None:
+    path = browser.write("plain", FOUR[0])
+    with browser.page(path, java_script_enabled=False) as page:
+        assert "ALLOWED" in page.inner_text("noscript")
+        assert page.locator("noscript tbody tr").count() == len(records(FOUR[0])) - 2
+
+
+def nothing_else_may_run_or_load(browser: Browser, folder: Path) -> None:
+    path = browser.write("policy", FOUR[0])
+    with browser.page(path) as page:
+        blocked = page.evaluate(
+            """async () => {
+              const script = document.createElement("script");
+              script.textContent = "window.ran = true";
+              document.body.append(script);
+              const loaded = await fetch(location.href).then(() => true, () => false);
+              return [window.ran === undefined, !loaded];
+            }"""
+        )
+        assert blocked == [True, True]
+    expected = [
+        p for p in browser.problems if p.startswith("policy.html") and "Content Security" in p
+    ]
+    assert len(expected) >= 2
+    browser.problems = [p for p in browser.problems if not p.startswith("policy.html")]
+
+
+def a_hundred_thousand_events_open_and_scroll(browser: Browser, folder: Path) -> None:
+    logs = run(folder / "large", LARGE_MS, 0.1, 74)
+    path = browser.write("large", *logs)
+    with browser.page(path) as page:
+        count = page.evaluate("COUNT")
+        page.wait_for_function("document.querySelectorAll('#svg .row').length > 5")
+        opened = page.evaluate("performance.now()")
+        page.check("#cams")
+        slowest = page.evaluate(
+            """() => Math.max(...Array.from({length: 60}, (_, n) => {
+              view.scrollTop = (view.scrollHeight * n) / 60;
+              const begun = performance.now();
+              draw();
+              return performance.now() - begun;
+            }))"""
+        )
+    each = path.stat().st_size / count
+    print(
+        f"  {count} events: open after {opened:.0f} ms, slowest redrawing {slowest:.0f} ms, ",
+        end="",
+    )
+    print(f"{each:.0f} bytes an event")
+    assert count >= 100_000 and opened < OPEN_MS and slowest < LATE_MS and each < 250
+
+
+CHECKS: tuple[Callable[[Browser, Path], None], ...] = (
+    the_verdict_is_that_of_explain,
+    every_kind_of_arrow_is_drawn,
+    an_arrow_longer_than_the_window_is_drawn,
+    steps_lead_forward_and_back_to_the_same_state,
+    states_from_deltas_are_those_of_the_log,
+    a_link_leads_to_its_step,
+    filters_leave_what_they_name,
+    foreign_text_stays_text,
+    ten_thousand_stations_leave_the_page_alive,
+    what_is_downloaded_is_whole,
+    real_time_keeps_the_step_in_the_window,
+    without_javascript_there_is_the_table,
+    nothing_else_may_run_or_load,
+    a_hundred_thousand_events_open_and_scroll,
+)
+
+
+def screenshots(browser: Browser, folder: Path) -> None:
+    """Pictures for a person to look at."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pages = [
+        browser.write("good", *FOUR),
+        browser.write("bad", CORPUS / "bad/busy_accepted.ndjson"),
+    ]
+    for path in pages:
+        for width, height in ((1280, 800), (390, 844)):
+            for theme in ("light", "dark"):
+                size = {"width": width, "height": height}
+                with browser.page(path, viewport=size, color_scheme=theme) as page:
+                    page.wait_for_timeout(300)
+                    name = f"{path.stem}-{width}-{theme}.png"
+                    page.screenshot(path=folder / name, full_page=width < 800)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--screenshots", type=Path, help="Only pictures, into this folder.")
+    parser.add_argument("names", nargs="*", help="Only these checks.")
+    wanted = parser.parse_args()
+    program = chromium()
+    try:
+        playwright = importlib.import_module("playwright.sync_api")
+    except ImportError:
+        playwright = None
+    if playwright is None or not program:
+        lacking = "Chromium" if playwright else "playwright"
+        print(f"SKIPPED: the page in a browser: {lacking} is missing")
+        print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
+        return 0
+    failed = passed = 0
+    with TemporaryDirectory() as name, playwright.sync_playwright() as p:
+        chrome = p.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        if wanted.screenshots is not None:
+            screenshots(Browser(chrome, Path(name)), wanted.screenshots)
+            return 0
+        for check in CHECKS:
+            if wanted.names and check.__name__ not in wanted.names:
+                continue
+            folder = Path(name) / check.__name__
+            folder.mkdir()
+            browser = Browser(chrome, folder)
+            try:
+                check(browser, folder)
+                assert not browser.problems, browser.problems
+                passed += 1
+                print(f"ok      {check.__name__.replace('_', ' ')}")
+            except Exception as error:
+                failed += 1
+                where = traceback.extract_tb(error.__traceback__)[1]
+                print(f"FAILED  {check.__name__.replace('_', ' ')}, line {where.lineno}: {error!r}")
+        chrome.close()
+    print(f"{passed} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

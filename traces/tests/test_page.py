@@ -1,0 +1,402 @@
+"""The page: its data is exact, its text stays text, and it needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from merged_runs import killed, records, rewritten
+
+from automcm.links.simulated import Channel
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_traces.engine import Engine
+from automcm_traces.explain import explain_files, together
+from automcm_traces.inputs import timer_key
+from automcm_traces.itf_log import from_log
+from automcm_traces.log import TimerArm
+from automcm_traces.page import html
+from automcm_traces.page_data import (
+    DELIVERED,
+    DUPLICATE,
+    FORGED,
+    IN_FLIGHT,
+    IS_CAM,
+    LOST,
+    MOST_LOGS,
+    OF_CAM,
+    UNOBSERVED,
+    UNSENT,
+    PageError,
+    as_dict,
+    load,
+)
+from automcm_traces.page_follow import EXPIRED, RESTARTED, follow, spec_ms
+from automcm_traces.page_pack import Shapes, compact
+from automcm_traces.reader import LogError, read
+
+Json = Any
+CORPUS = Path(__file__).parents[1] / "corpus"
+FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
+HOSTILE = "|</script><img src=x onerror=alert(1)>\u202e\u0007\u2028\u05e9\u05dc"
+
+
+@pytest.fixture(scope="module")
+def lossy(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Two of three logs of a run with losses and second copies; the third is not there."""
+    folder = tmp_path_factory.mktemp("lossy")
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2, duplicate=0.1), logs=folder)
+    for station in (1001, 2002, 3003):
+        simulation.add(station, Straight())
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    killed(folder / "2002.ndjson", 8000)
+    (folder / "3003.ndjson").unlink()
+    return sorted(folder.iterdir())
+
+
+def data_of(page: bytes) -> Json:
+    """The data as a browser finds it."""
+    found = re.search(rb'<script type="application/json" id="data">(.*?)</script>', page, re.S)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def column(rows: Json, name: str) -> list[int]:
+    value = rows[name]
+    return value if isinstance(value, list) else [value] * len(rows["kinds"])
+
+
+def referred(rows: Json, name: str) -> list[int]:
+    found, new = [], 0
+    for back in column(rows, name):
+        found.append(new - back if back else new)
+        new += not back
+    return found
+
+
+def events(data: Json) -> list[tuple[int, int, Json]]:
+    """What viewer/data.js makes of the rows: station, line and event."""
+    rows, shapes = data["rows"], Shapes(data["shapes"])
+    kinds = {"s": "send", "r": "receive", "t": "timer", "c": "command", "i": "indication"}
+    lines, found, t_ms = [1] * len(data["logs"]), [], 0
+    bodies, hints = referred(rows, "body"), column(rows, "hint")
+    for row, (log, line, t) in enumerate(
+        zip(column(rows, "log"), column(rows, "line"), column(rows, "t"), strict=True)
+    ):
+        lines[log] += line + 1
+        t_ms += t
+        event = {
+            "rec": "event",
+            "seq": lines[log] - 1,
+            "t_ms": t_ms,
+            "ev": kinds.get(rows["kinds"][row], "restart"),
+            **shapes.unpack(rows["bodies"][bodies[row]]),
+        }
+        if "deadline" in event:
+            event["deadline"] += t_ms
+        hint = data["strings"][hints[row]]
+        event |= {n: v for n, v in zip(("rule", "phase", "role"), hint, strict=True) if v}
+        found.append((data["logs"][log]["station"], lines[log], event))
+    return found
+
+
+def fives(numbers: list[int]) -> list[tuple[int, ...]]:
+    found, row = [], 0
+    for n in range(0, len(numbers), 5):
+        row += numbers[n]
+        found.append((row, *numbers[n + 1 : n + 5]))
+    return found
+
+
+def test_every_event_of_every_log_is_there_as_it_was_logged() -> None:
+    found = events(data_of(html(load(FOUR))))
+    for path in FOUR:
+        station, *lines = records(path)[:-1]
+        mine = [event for at, _, event in found if at == station["station"]]
+        assert mine == lines
+    assert len(found) == sum(len(records(path)) - 2 for path in FOUR)
+
+
+def test_what_is_received_stands_below_where_it_was_sent() -> None:
+    data = data_of(html(load(FOUR)))
+    found = events(data)
+    delivered = [a for a in fives(data["arrows"]) if a[1] in (DELIVERED, DUPLICATE)]
+    assert len(delivered) > 100
+    for row, _, down, source, to in delivered:
+        assert down > 0
+        sent, received = found[row], found[row + down]
+        assert sent[2]["tx"] == received[2]["tx"]
+        assert sent[0] == data["logs"][source]["station"]
+        assert received[0] == data["logs"][to]["station"]
+
+
+def test_all_five_kinds_of_arrow_are_told_apart(lossy: list[Path]) -> None:
+    page = load(lossy)
+    data = as_dict(page)
+    arrows = fives(data["arrows"])
+    assert {kind for _, kind, *_ in arrows} >= {0, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT}
+    found, system = events(data), together(lossy)
+    for way, counts in system.deliveries.items():
+        source, to = map(int, way.split("-"))
+        places = [data["logs"][i]["station"] for i in (0, 1)] + data["ghosts"]
+        mine = [
+            a for a in arrows if found[a[0]][0] == source and a[4] == places.index(to) and a[1] < 5
+        ]
+        assert len([a for a in mine if a[1] == LOST]) == counts.get("lost", 0), way
+        assert len([a for a in mine if a[1] == IN_FLIGHT]) == counts.get("in_flight", 0), way
+    unsent = [found[a[0]] for a in arrows if a[1] == UNSENT]
+    assert unsent and {3003} <= {event["message"]["src"] for *_, event in unsent} <= {2002, 3003}
+
+
+def test_a_message_that_nobody_sent_is_an_arrow_of_its_own(tmp_path: Path) -> None:
+    paths = []
+    for path in FOUR[:2]:
+        paths.append(tmp_path / path.name)
+        lines = records(path)
+        if path == FOUR[1]:
+            heard = (r["message"] for r in lines if r.get("ev") == "receive")
+            next(m for m in heard if m["src"] == 1001)["x"] = 1
+        rewritten(paths[-1], lines)
+    kinds = {a[1] for a in fives(as_dict(load(paths))["arrows"])}
+    assert FORGED in kinds
+
+
+def number(value: Json) -> int:
+    return int(value["#bigint"]) if isinstance(value, dict) else int(value)
+
+
+@pytest.mark.parametrize("path", FOUR + sorted((CORPUS / "pair").glob("*.ndjson")))
+def test_the_states_are_those_of_the_specification(path: Path) -> None:
+    """As many and the same as in the log's ITF."""
+    followed = follow(read(path))
+    itf = json.loads(from_log(read(path)))["states"][1:]
+    assert [s["#meta"]["line"] for s in itf] == followed.steps
+    for n, state in enumerate(itf):
+        mine = followed.state(n)
+        for name in ("phase", "role", "deciding", "quarantine", "backoff"):
+            assert mine[name] == state[name], (n, name)
+        assert len(mine["outbox"]) == len(state["outbox"]["#set"])
+        assert mine["recorded"] == sorted(map(number, state["recorded"]["#set"]))
+    assert len(followed.states) == len(followed.rules) == len(followed.places) == len(itf)
+    assert all(set(s) == set(followed.states[0]) for s in followed.states[::100])
+
+
+@pytest.mark.parametrize("path", FOUR)
+def test_the_deadline_beside_a_timer_is_that_of_the_specification(path: Path) -> None:
+    log = read(path)
+    engine, due = Engine(log), {}
+    for n, (at, event) in enumerate(log.events):
+        engine.feed(at, event)
+        if isinstance(event, TimerArm):
+            key = timer_key(event.timer.model_dump(exclude_none=True))
+            due[n] = engine.timers[key].first - event.t_ms
+    bars = follow(log).bars
+    assert {bar.armed for bar in bars} == set(due)
+    for bar in bars:
+        told = bar.spec_ms >= 0
+        event = log.events[bar.armed][1]
+        assert isinstance(event, TimerArm)
+        assert told == (event.timer.name not in ("backoff", "forget"))
+        assert not told or bar.spec_ms == due[bar.armed] == bar.logged_ms
+    assert EXPIRED in {bar.how for bar in bars}
+
+
+def test_a_wrong_deadline_stands_beside_the_right_one() -> None:
+    data = data_of(html(load([CORPUS / "bad" / "window_too_long.ndjson"])))
+    wrong = [(ms, more) for _, _, _, ms, more in fives(data["bars"]) if more not in (0, -1_000_000)]
+    assert len(wrong) == 1 and wrong[0][1] < 0
+
+
+def test_a_restart_ends_all_timers_but_the_quarantine(tmp_path: Path) -> None:
+    lines = records(FOUR[0])
+    at = next(n for n, r in enumerate(lines) if r.get("op") == "arm") + 1
+    restart = {"rec": "event", "t_ms": lines[at - 1]["t_ms"], "ev": "restart"}
+    log = rewritten(tmp_path / "a.ndjson", [*lines[:at], restart, lines[-1]])
+    assert [bar.how for bar in follow(log).bars] == [RESTARTED]
+
+
+def test_what_the_header_does_not_tell_has_no_deadline() -> None:
+    parameters = read(FOUR[0]).header.parameters
+    assert spec_ms(parameters, "forget") == -1
+    assert spec_ms(parameters.model_copy(update={"t_giveup": None}), "answer") == -1
+    p = parameters
+    assert p.t_decide is not None and p.t_giveup is not None
+    assert spec_ms(p, "answer") == p.t_decide + p.t_giveup
+
+
+BAD = [e for e in json.loads((CORPUS / "index.json").read_text()) if e["file"].startswith("bad/")]
+
+
+@pytest.mark.parametrize("entry", BAD, ids=[e["file"] for e in BAD])
+def test_the_verdict_is_that_of_explain_and_its_row_is_marked(entry: Json) -> None:
+    path = CORPUS / entry["file"]
+    try:
+        data = data_of(html(load([path])))
+    except LogError:
+        assert entry["verdict"] == "unreadable"
+        return
+    (told,) = explain_files([path])
+    assert data["verdicts"] == [json.loads(json.dumps(told.as_dict()))]
+    row = data["logs"][0]["diverges"]
+    if told.verdict == "diverges":
+        assert events(data)[row][1] == told.line
+    else:
+        assert row == -1
+
+
+def test_several_logs_are_also_judged_together() -> None:
+    data = data_of(html(load(FOUR)))
+    assert data["system"] == json.loads(json.dumps(together(FOUR).as_dict()))
+
+
+def test_the_operators_that_decided_are_there_and_no_others() -> None:
+    data = data_of(html(load(FOUR[:1])))
+    used = {data["strings"][n][1] for n in data["steps"][0]["where"]}
+    assert used and used <= set(data["operators"])
+    for name, (first, text) in data["operators"].items():
+        tla = (Path(__file__).parents[2] / "spec/tla/Station.tla").read_text().splitlines()
+        assert tla[first - 1].startswith(name) and text.startswith(tla[first - 1])
+
+
+def test_equal_logs_give_equal_bytes() -> None:
+    assert html(load(FOUR[:2])) == html(load(FOUR[:2]))
+
+
+def test_a_cam_and_the_timer_it_arms_anew_are_marked() -> None:
+    data = data_of(html(load(FOUR)))
+    flags = column(data["rows"], "flags")
+    for flag, (_, _, event) in zip(flags, events(data), strict=True):
+        is_cam = event.get("message", {}).get("type") == "CAM"
+        assert bool(flag & IS_CAM) == is_cam
+        if flag & OF_CAM and not is_cam:
+            assert event["timer"]["name"] == "cam"
+
+
+# -- foreign text
+
+
+def with_text(folder: Path, text: str) -> Path:
+    """A log that holds ``text`` wherever it can."""
+    lines = records(FOUR[0])
+    lines[0]["implementation"]["name"] = lines[0]["run"] = text
+    lines[1] |= {"rule": text, "phase": text}
+    odd = {"v": 1, "src": 7, "type": text, text: [text, {text: text}]}
+    extra = {"rec": "event", "t_ms": 0, "ev": "receive", "tx": "7:1", "message": odd}
+    path = folder / "odd.ndjson"
+    rewritten(path, [lines[0], extra, *lines[1:]])
+    return path
+
+
+def test_foreign_text_cannot_become_markup(tmp_path: Path) -> None:
+    page = html(load([with_text(tmp_path, HOSTILE)]))
+    plain = html(load([with_text(tmp_path, "plain")]))
+    for tag in (b"<script", b"</script", b"<img", b"<!--"):
+        assert page.count(tag) == plain.count(tag), tag
+    assert b"\x07" not in page and "\u202e".encode() not in page
+    assert HOSTILE in {event.get("rule") for *_, event in events(data_of(page))}
+
+
+def test_a_script_cannot_be_ended_from_within() -> None:
+    assert compact({"</script>": "<!--"}) == '{"\\u003c/script>":"\\u003c!--"}'
+
+
+def test_a_field_of_100_000_characters_is_there_once(tmp_path: Path) -> None:
+    page = html(load([with_text(tmp_path, "a" * 100_000)]))
+    assert len(page) < 2_000_000
+    assert page.count(b"a" * 1000 + b"<") == 0  # cut in the table, and in titles
+
+
+def test_10_000_stations_share_a_column(tmp_path: Path) -> None:
+    lines = records(FOUR[0])
+    cams = [
+        {
+            "rec": "event",
+            "t_ms": 0,
+            "ev": "receive",
+            "tx": f"{station}:1",
+            "message": {"v": 1, "src": station, "type": "CAM", "generation_ms": 0, "x_mm": 0}
+            | {"y_mm": 0, "heading_mrad": 0, "speed_mm_s": 0, "marks": []},
+        }
+        for station in range(10_001, 20_001)
+    ]
+    rewritten(tmp_path / "a.ndjson", [lines[0], *cams, *lines[1:]])
+    page = html(load([tmp_path / "a.ndjson"]))
+    data = data_of(page)
+    assert data["crowded"] and data["ghosts"] == []
+    assert len(page) < 250 * len(data["rows"]["kinds"]) + 200_000
+
+
+def test_the_policy_lets_only_this_script_and_style_run() -> None:
+    page = html(load(FOUR[:1])).decode()
+    found = re.search(r'Policy" content="([^"]*)"', page)
+    assert found is not None
+    policy = found[1].replace("&#39;", "'")
+    assert policy.startswith("default-src 'none'; ")
+    assert "unsafe" not in policy and "http" not in policy
+    for tag, name in (("script", "script-src"), ("style", "style-src")):
+        inline = re.search(rf"<{tag}>(.*?)</{tag}>", page, re.S)
+        assert inline is not None
+        digest = base64.b64encode(hashlib.sha256(inline[1].encode()).digest()).decode()
+        assert f"{name} 'sha256-{digest}'" in policy
+    outside = re.sub(r"http://www.w3.org/2000/svg", "", page)
+    assert not re.search(r'(src|href)="|https?://|@import|url\(', outside)
+
+
+def test_without_javascript_there_is_a_table_of_all_rows() -> None:
+    page = load(FOUR)
+    text = html(page).decode()
+    table = re.search(r"<noscript>(.*?)</noscript>", text, re.S)
+    assert table is not None
+    assert table[1].count("<tr><td>") == len(page.nodes)
+    assert f"{FOUR[0]}: ALLOWED" in table[1]
+
+
+# -- size, and what cannot be shown
+
+
+def test_a_large_log_takes_less_than_250_bytes_an_event(tmp_path: Path) -> None:
+    simulation = Simulation(seed=1, channel=Channel(loss=0.1), logs=tmp_path)
+    for station in (1, 2, 3):
+        simulation.add(station, Straight(target=2))
+    for n in range(10):
+        simulation.request(1, at=500 + n * 9000)
+    simulation.run(until=90_000)
+    for paths in (sorted(tmp_path.iterdir()), [tmp_path / "1.ndjson"]):
+        page = load(paths)
+        fixed = len(html(load(FOUR[:1])))
+        assert len(html(page)) - fixed < 250 * len(page.nodes)
+
+
+@pytest.mark.parametrize("name", ["seq_gap", "rubbish_inside", "cut", "mixed_versions"])
+def test_a_damaged_log_is_shown_up_to_the_damage(name: str) -> None:
+    page = load([CORPUS / "bad" / f"{name}.ndjson"])
+    assert page.nodes and html(page)
+
+
+def test_beside_a_log_a_file_that_is_none_has_a_verdict(tmp_path: Path) -> None:
+    (tmp_path / "rubbish").write_bytes(bytes(range(256)))
+    data = as_dict(load([FOUR[0], tmp_path / "rubbish"]))
+    assert [v["verdict"] for v in data["verdicts"]] == ["allowed", "unreadable"]
+    assert len(data["logs"]) == 1
+
+
+def test_what_cannot_be_shown_is_said(tmp_path: Path) -> None:
+    with pytest.raises(PageError, match="station 1001, as is"):
+        load([FOUR[0], FOUR[0]])
+    with pytest.raises(PageError, match="of run"):
+        load([FOUR[0], CORPUS / "pair" / "2002.ndjson"])
+    with pytest.raises(PageError, match=f"at most {MOST_LOGS}"):
+        load(FOUR * 100)
+    with pytest.raises(LogError, match="no such file"):
+        load([tmp_path / "nothing"])
+
+
+def test_a_log_without_events_is_a_page_all_the_same() -> None:
+    data = data_of(html(load([CORPUS / "bad" / "no_events.ndjson"])))
+    assert data["rows"]["kinds"] == "" and data["verdicts"][0]["verdict"] == "cannot_tell"
