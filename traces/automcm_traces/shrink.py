@@ -24,7 +24,7 @@ from automcm_traces.log import Receive, Send
 from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log, LogError, LogStream, one_line, read
 from automcm_traces.show import Row
-from automcm_traces.sublog import Item, Sublog, is_input
+from automcm_traces.sublog import Item, Sublog
 
 Json = Any
 TRIES = 3000
@@ -129,7 +129,9 @@ def shrink(
         logs: Candidate = (Sublog.read(wrong.file, max(wrong.seen, wrong.line)),)
         found = Shrunk(wrong.event, wrong.rule, wrong.file, wrong.line)
         found.before = {str(path): _events(path) for path in paths}
-        return Search(logs, diverges_as(wrong, late_ms), tries, say).run(found)
+        return Search(logs, wrong.file, wrong.line, diverges_as(wrong, late_ms), tries, say).run(
+            found
+        )
     for path, v in zip(paths, verdicts, strict=True):
         if v.verdict == "unreadable":
             raise LogError(path, v.line, "", v.event)
@@ -138,7 +140,9 @@ def shrink(
     before = {log.file: len(log.items) for log in logs}
     if wrong is not None:
         found = Shrunk(wrong.event, "forged", wrong.file, wrong.line, before=before)
-        return Search(logs, forged_as(wrong, verdicts, late_ms), tries, say).run(found)
+        return Search(
+            logs, wrong.file, wrong.line, forged_as(wrong, verdicts, late_ms), tries, say
+        ).run(found)
     report = judge(together) if together else None
     violated = None if report is None else _violated(report)
     if violated is None:
@@ -149,7 +153,7 @@ def shrink(
         raise NothingToShrink("everything in the logs is allowed: there is nothing to shrink", 1)
     name, where = violated
     found = Shrunk(where, name, before=before)
-    return Search(logs, violates_as(name, where, verdicts, late_ms), tries, say).run(found)
+    return Search(logs, "", 0, violates_as(name, where, verdicts, late_ms), tries, say).run(found)
 
 
 def _events(path: Path) -> int:
@@ -174,17 +178,8 @@ def masked(text: str) -> str:
 def diverges_as(wrong: Verdict, late_ms: int | None) -> Test:
     """Whether a log diverges at the same event, by the same rule, in the same way: in the same
     state but for numbers, with the same guard in the way."""
-    wanted, after = _way(wrong), 0
-    if wrong.event.endswith("nothing called for it"):  # but something came before it
-        inputs = [at for at, event in wrong.recent if is_input(event) and at < wrong.line]
-        after = inputs[-1] if inputs else 0
-
-    def same(logs: Sequence[Log]) -> bool:
-        if after and all(at != after for at, _ in logs[0].events):
-            return False
-        return _way(explain(logs[0], late_ms)) == wanted
-
-    return same
+    wanted = _way(wrong)
+    return lambda logs: _way(explain(logs[0], late_ms)) == wanted
 
 
 def _way(v: Verdict) -> tuple[Json, ...]:
@@ -252,6 +247,9 @@ class Search:
     """Leaves out what it can.  ``same`` says of logs whether the same thing is wrong in them."""
 
     best: Candidate
+    file: str
+    line: int
+    """Where the event is that is wrong; empty and 0 if only all together are."""
     same: Test
     most: int
     say: Callable[[str], None]
@@ -326,6 +324,7 @@ class Search:
 
     def _without(self, away: set[int]) -> bool:
         """Without some items: the gaps closed if one log is left, or as they are."""
+        away = away - self._wrong()
         if len(self.best) > 1:
             away = self._with_received(away)
         kept = [[item for item in log.items if id(item) not in away] for log in self.best]
@@ -339,6 +338,12 @@ class Search:
             return True
         self._refused.add(key)
         return False
+
+    def _wrong(self) -> set[int]:
+        """The event that is wrong, and its input: they stay."""
+        steps = (step for log in self.best if log.file == self.file for step in log.steps())
+        found = [step for step in steps if any(item.line == self.line for item in step)]
+        return {id(i) for step in found for i in step if i is step[0] or i.line == self.line}
 
     def _with_received(self, away: set[int]) -> set[int]:
         """With every step by which a message was received that is no longer sent."""
