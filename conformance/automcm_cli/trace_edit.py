@@ -20,6 +20,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands."""
     epilog = "Example: automcm trace {}.  " + CODES
     app.command(epilog=epilog.format("shrink 1001.ndjson 2002.ndjson --out small"))(shrink)
+    app.command("diff", epilog=epilog.format("diff run-1 run-2 --times"))(compare)
 
 
 def shrink(
@@ -87,3 +88,45 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
     for path, log in zip(paths, found.logs, strict=True):
         path.write_bytes(log.text())
     return paths
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help="A log, or a folder with logs (*.ndjson).")],
+    b: Annotated[Path, typer.Argument(help="The one to compare it with.")],
+    stations: Annotated[
+        list[str] | None,
+        typer.Option(help="A station of A and which of B it is, such as 1001=7; may be repeated."),
+    ] = None,
+    times: Annotated[bool, typer.Option(help="With how far times are apart.")] = False,
+    width: Annotated[int, typer.Option(help="Columns of the table.", min=40)] = 80,
+    json_: Json = None,
+) -> None:
+    """Two runs, or two implementations: where does a station first do something else?
+
+    Logs are compared by station, a step (an input with its effects) at a time. What a station is
+    free to choose is not compared: numbers of sessions, transmission ids, the order of the effects
+    of a step, times, CAMs. Exit code 0: the same; 1: they differ.
+    """
+    from automcm_traces import diff as diff_
+    from automcm_traces.reader import LogError, logs_below
+
+    pairs = dict(_pair(text) for text in stations or ())
+    if len(set(pairs.values())) < len(stations or ()):
+        raise typer.BadParameter("a station is named twice", param_hint="--stations")
+    try:
+        found = diff_.diff(logs_below([a]), logs_below([b]), pairs)
+    except LogError as error:
+        typer.echo(f"diff: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, found.as_dict())
+    if str(json_) != "-":
+        for line in diff_.text(found, times, width):
+            typer.echo(line)
+    raise typer.Exit(0 if found.same else 1)
+
+
+def _pair(text: str) -> tuple[int, int]:
+    parts = text.split("=")
+    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
+        raise typer.BadParameter(f"{text!r} is no pair; 1001=7 is one", param_hint="--stations")
+    return int(parts[0]), int(parts[1])
