@@ -42,7 +42,6 @@ def shrink(
     """
     from automcm_spec.oracle import OracleError
     from automcm_traces import shrink as shrink_
-    from automcm_traces.reader import LogError
     from automcm_traces.show import columns
 
     try:
@@ -52,7 +51,7 @@ def shrink(
     except shrink_.NothingToShrink as error:
         typer.echo(f"shrink: {error}", err=True)
         raise typer.Exit(error.code) from None
-    except (LogError, OracleError, OSError) as error:
+    except (OracleError, OSError) as error:
         typer.echo(f"shrink: {error}", err=True)
         raise typer.Exit(3) from None
     told = found.as_dict()

@@ -22,7 +22,7 @@ from typing import Any
 from automcm_traces.explain import Verdict, explain, explain_files, forged
 from automcm_traces.log import Receive, Send
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, one_line, read
+from automcm_traces.reader import Log, LogError, LogStream, one_line
 from automcm_traces.show import Row
 from automcm_traces.sublog import Item, Sublog
 
@@ -36,7 +36,8 @@ Test = Callable[[Sequence[Log]], bool]
 
 
 class NothingToShrink(Exception):
-    """The logs show nothing that is not allowed; ``code`` is that of ``trace explain``."""
+    """The logs show nothing that is not allowed (``code`` 1), cannot be read (3), or one cannot
+    tell (4)."""
 
     def __init__(self, text: str, code: int) -> None:
         super().__init__(text)
@@ -121,39 +122,36 @@ def shrink(
     A log that diverges by itself is shrunk by itself; one with a forged message with the others,
     and so are logs that together violate a property.  ``late_ms`` is as for ``explain``.
 
-    Raises NothingToShrink, LogError, OSError, and automcm_spec.oracle.OracleError.
+    Raises NothingToShrink, OSError, and automcm_spec.oracle.OracleError.
     """
     verdicts = explain_files(paths, late_ms)
     wrong = next((v for v in verdicts if v.verdict == "diverges"), None)
     if wrong is not None and wrong.rule != "forged":
-        logs: Candidate = (Sublog.read(wrong.file, max(wrong.seen, wrong.line)),)
+        alone = Sublog.read(wrong.file, max(wrong.seen, wrong.line))
         found = Shrunk(wrong.event, wrong.rule, wrong.file, wrong.line)
         found.before = {str(path): _events(path) for path in paths}
-        return Search(logs, wrong.file, wrong.line, diverges_as(wrong, late_ms), tries, say).run(
-            found
-        )
-    for path, v in zip(paths, verdicts, strict=True):
+        return Search((alone,), diverges_as(wrong, late_ms), tries, say).run(found)
+    for v in verdicts:
         if v.verdict == "unreadable":
-            raise LogError(path, v.line, "", v.event)
-    together = () if len(paths) == 1 else [read(path) for path in paths]
-    logs = tuple(Sublog.read(path) for path in paths)
+            raise NothingToShrink(v.event, 3)
+    told = next((v for v in verdicts if v.verdict == "cannot_tell"), None)
+    text, code = "everything in the logs is allowed: there is nothing to shrink", 1
+    if told is not None:
+        text, code = f"{told.file}:{told.line}: CANNOT TELL: {told.event}", 4
+    try:
+        logs = tuple(Sublog.read(path) for path in paths)
+    except LogError:  # records are missing: its verdict says so
+        raise NothingToShrink(text, code) from None
     before = {log.file: len(log.items) for log in logs}
     if wrong is not None:
         found = Shrunk(wrong.event, "forged", wrong.file, wrong.line, before=before)
-        return Search(
-            logs, wrong.file, wrong.line, forged_as(wrong, verdicts, late_ms), tries, say
-        ).run(found)
-    report = judge(together) if together else None
-    violated = None if report is None else _violated(report)
+        return Search(logs, forged_as(wrong, verdicts, late_ms), tries, say).run(found)
+    violated = None if len(paths) == 1 else _violated(judge([log.log() for log in logs]))
     if violated is None:
-        told = next((v for v in verdicts if v.verdict == "cannot_tell"), None)
-        if told is not None:
-            text = f"{told.file}:{told.line}: CANNOT TELL: {told.event}"
-            raise NothingToShrink(text, 4)
-        raise NothingToShrink("everything in the logs is allowed: there is nothing to shrink", 1)
+        raise NothingToShrink(text, code)
     name, where = violated
     found = Shrunk(where, name, before=before)
-    return Search(logs, "", 0, violates_as(name, where, verdicts, late_ms), tries, say).run(found)
+    return Search(logs, violates_as(name, where, verdicts, late_ms), tries, say).run(found)
 
 
 def _events(path: Path) -> int:
@@ -247,13 +245,13 @@ class Search:
     """Leaves out what it can.  ``same`` says of logs whether the same thing is wrong in them."""
 
     best: Candidate
-    file: str
-    line: int
-    """Where the event is that is wrong; empty and 0 if only all together are."""
     same: Test
     most: int
     say: Callable[[str], None]
     tries: int = 0
+    file: str = ""
+    line: int = 0
+    """Where the event is that is wrong; empty and 0 if only all together are."""
     _refused: set[tuple[tuple[int, ...], ...]] = field(default_factory=set)
 
     @property
@@ -262,6 +260,7 @@ class Search:
 
     def run(self, found: Shrunk) -> Shrunk:
         """Fill in what is left."""
+        self.file, self.line = found.file, found.line
         self._sessions()
         self._logs()
         size = -1
