@@ -1,4 +1,4 @@
-"""``automcm trace shrink`` and ``diff`` from the command line."""
+"""``automcm trace shrink``, ``diff`` and ``export`` from the command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LEASE = str(CORPUS / "bad/lease_longer.ndjson")
 PAIR = [str(CORPUS / "pair/1001.ndjson"), str(CORPUS / "pair/2002.ndjson")]
 
 
-@pytest.mark.parametrize("command", ["shrink", "diff"])
+@pytest.mark.parametrize("command", ["shrink", "diff", "export"])
 def test_each_has_help_with_an_example_and_exit_codes(command: str) -> None:
     answer = run.invoke(app, ["trace", command, "--help"])
     assert answer.exit_code == 0
@@ -113,3 +113,29 @@ def test_diff_names_a_file_that_cannot_be_read() -> None:
     answer = run.invoke(app, ["trace", "diff", PAIR[0], str(CORPUS / "bad/rubbish.ndjson")])
     assert answer.exit_code == 3
     assert "rubbish.ndjson" in answer.output
+
+
+def test_export_writes_what_other_tools_read(tmp_path: Path) -> None:
+    for to, name in (("mermaid", "1001.mmd"), ("itf", "2002.itf.json")):
+        options = ["--to", to, "--out", str(tmp_path), "--json", "-"]
+        answer = run.invoke(app, ["trace", "export", str(CORPUS / "pair"), *options])
+        assert answer.exit_code == 0, answer.output
+        assert str(tmp_path / name) in json.loads(answer.output)["written"]
+        assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_export_to_mcap_and_back(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    options = ["--to", "mcap", "--out", str(tmp_path)]
+    assert run.invoke(app, ["trace", "export", *PAIR, *options]).exit_code == 0
+    options = ["--to", "logs", "--out", str(tmp_path)]
+    answer = run.invoke(app, ["trace", "export", str(tmp_path / "1001.mcap"), *options])
+    assert answer.exit_code == 0
+    assert (tmp_path / "2002.ndjson").read_bytes() == Path(PAIR[1]).read_bytes()
+
+
+def test_export_names_what_it_cannot_read(tmp_path: Path) -> None:
+    options = ["--out", str(tmp_path / "out")]
+    answer = run.invoke(app, ["trace", "export", str(CORPUS / "bad/empty.ndjson"), *options])
+    assert answer.exit_code == 3
+    assert "empty.ndjson" in answer.output
