@@ -44,7 +44,7 @@ class Deed:
         inner: Json = next(
             (f[k] for k in ("message", "timer", "command", "indication") if k in f), {}
         )
-        about = inner.get("message", {})
+        about = f.get("timer", {}).get("message", {})
         to = inner.get("dst", inner.get("src")), about.get("type"), about.get("to")
         return f["ev"], f.get("op"), inner.get("type", inner.get("name")), *to
 

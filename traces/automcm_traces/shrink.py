@@ -146,8 +146,13 @@ def shrink(
     if wrong is not None:
         found = Shrunk(wrong.event, "forged", wrong.file, wrong.line, before=before)
         return Search(logs, forged_as(wrong, verdicts, late_ms), tries, say).run(found)
-    violated = None if len(paths) == 1 else _violated(judge([log.log() for log in logs]))
+    system = judge([log.log() for log in logs]) if len(paths) > 1 else None
+    violated = None if system is None else _violated(system)
     if violated is None:
+        if code == 1 and system is not None and system.hazards:
+            text = (
+                "a fault caused a hazard, but what the stations did is allowed: nothing to shrink"
+            )
         raise NothingToShrink(text, code)
     name, where = violated
     found = Shrunk(where, name, before=before)
@@ -280,11 +285,19 @@ class Search:
         return sum(len(log.items) for log in self.best)
 
     def _sessions(self) -> None:
-        """Without whole sessions, in all logs."""
-        names = {name for log in self.best for name in log.by_session()}
-        for name in sorted(names, reverse=True):
-            away = {id(item) for log in self.best for item in log.by_session().get(name, ())}
-            self._without(away)
+        """Without whole sessions, in all logs: all but one, or without each."""
+        wrong = self._wrong()
+        groups: dict[tuple[int, int], set[int]] = {}
+        for log in self.best:
+            for name, items in log.by_session().items():
+                groups.setdefault(name, set()).update(id(item) for item in items)
+        names = sorted(groups, reverse=True)
+        for name in names:
+            if groups[name] & wrong:
+                self._without({i for other in names if other != name for i in groups[other]})
+        for log_name in sorted({n for log in self.best for n in log.by_session()}, reverse=True):
+            found = (log.by_session().get(log_name, ()) for log in self.best)
+            self._without({id(item) for items in found for item in items})
 
     def _exchanges(self, n: int) -> None:
         """Without all that goes with a proposal, or with a message."""
