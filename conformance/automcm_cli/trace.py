@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from automcm_cli import trace_html, trace_itf, trace_logs, trace_replay
+from automcm_cli import trace_edit, trace_export, trace_html, trace_itf, trace_logs, trace_replay
 from automcm_cli.common import CODES, Json, write_json
 
 if TYPE_CHECKING:
@@ -81,6 +81,8 @@ def _prefix(verdict: Verdict, out: Path) -> dict[str, str]:
 
 
 trace_html.register(app)
+trace_edit.register(app)
+trace_export.register(app)
 trace_itf.register(app)
 trace_logs.register(app)
 trace_replay.register(app)

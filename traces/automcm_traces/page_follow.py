@@ -8,10 +8,10 @@ from typing import Any
 from automcm_spec.rules import handler, line
 from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
-from automcm_traces.inputs import timer_key
 from automcm_traces.log import Parameters, Restart, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.step import Diverges, Step
+from automcm_traces.timers import timer_key
 from automcm_traces.track import CannotTell, Track
 
 Json = Any

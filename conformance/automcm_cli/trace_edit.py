@@ -1,0 +1,131 @@
+"""``automcm trace shrink`` and ``diff``: less of a log, and two side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.common import CODES, Json, progress, write_json
+
+if TYPE_CHECKING:
+    from automcm_traces.shrink import Shrunk
+
+ROWS = 100
+"""Events of a shrunk log that are printed."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    epilog = "Example: automcm trace {}.  " + CODES
+    app.command(epilog=epilog.format("shrink 1001.ndjson 2002.ndjson --out small"))(shrink)
+    app.command("diff", epilog=epilog.format("diff run-1 run-2 --times"))(compare)
+
+
+def shrink(
+    logs: Annotated[list[Path], typer.Argument(help="Logs in the format automcm.trace/1.")],
+    out: Annotated[Path, typer.Option(help="Folder for the smallest logs.")] = Path("runs/shrink"),
+    tries: Annotated[int, typer.Option(help="How many candidates may be judged.", min=1)] = 3000,
+    late: Annotated[
+        int | None,
+        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
+    ] = None,
+    json_: Json = None,
+) -> None:
+    """The smallest logs that show the same: the same event diverges, by the same rule.
+
+    Sessions go first, then logs, then steps, then single events. The gaps are closed: later
+    events come earlier, and numbers are counted anew. What is wrong only with the other logs (a
+    forged message, a property of the system) is shrunk with them. Exit code 0: shrunk; 1: there
+    is nothing wrong to shrink.
+    """
+    from automcm_spec.oracle import OracleError
+    from automcm_traces import shrink as shrink_
+    from automcm_traces.show import columns
+
+    try:
+        with progress() as status:
+            found = shrink_.shrink(logs, late_ms=late, tries=tries, say=status)
+        written = _written(found, logs, out)
+    except shrink_.NothingToShrink as error:
+        typer.echo(f"shrink: {error}", err=True)
+        raise typer.Exit(error.code) from None
+    except (OracleError, OSError) as error:
+        typer.echo(f"shrink: {error}", err=True)
+        raise typer.Exit(3) from None
+    told = found.as_dict()
+    for one, path in zip(told["logs"], written, strict=True):
+        one["written"] = str(path)
+    write_json(json_, told)
+    if str(json_) == "-":
+        return
+    for line in found.text():
+        typer.echo(line)
+    rows = found.rows()
+    if len(rows) <= ROWS:
+        stations = [log.header.station for log in found.logs]
+        for line in columns(rows, stations):
+            typer.echo(f"  {line}".rstrip())
+    typer.echo(f"automcm trace explain {' '.join(str(path) for path in written)}")
+
+
+def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
+    """The smallest logs as files, each by the name of the log it comes from.
+
+    Raises OSError; typer.BadParameter if that would overwrite a log that was given.
+    """
+    paths: list[Path] = []
+    for log in found.logs:
+        path = out / Path(log.file).name
+        if path in paths:
+            path = out / f"{Path(log.file).stem}-{log.header.station}.ndjson"
+        if path.resolve() in {other.resolve() for other in given}:
+            raise typer.BadParameter(f"{path} is a log to be shrunk", param_hint="--out")
+        paths.append(path)
+    out.mkdir(parents=True, exist_ok=True)
+    for path, log in zip(paths, found.logs, strict=True):
+        path.write_bytes(log.text())
+    return paths
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(help="A log, or a folder with logs (*.ndjson).")],
+    b: Annotated[Path, typer.Argument(help="The one to compare it with.")],
+    stations: Annotated[
+        list[str] | None,
+        typer.Option(help="A station of A and which of B it is, such as 1001=7; may be repeated."),
+    ] = None,
+    times: Annotated[bool, typer.Option(help="With how far times are apart.")] = False,
+    width: Annotated[int, typer.Option(help="Columns of the table.", min=40)] = 80,
+    json_: Json = None,
+) -> None:
+    """Two runs, or two implementations: where does a station first do something else?
+
+    Logs are compared by station, a step (an input with its effects) at a time. What a station is
+    free to choose is not compared: numbers of sessions, transmission ids, the order of the effects
+    of a step, times, CAMs. Exit code 0: the same; 1: they differ.
+    """
+    from automcm_traces import diff as diff_
+    from automcm_traces.reader import LogError, logs_below
+
+    pairs = dict(_pair(text) for text in stations or ())
+    if len(set(pairs.values())) < len(stations or ()):
+        raise typer.BadParameter("a station is named twice", param_hint="--stations")
+    try:
+        found = diff_.diff(logs_below([a]), logs_below([b]), pairs)
+    except LogError as error:
+        typer.echo(f"diff: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, found.as_dict())
+    if str(json_) != "-":
+        for line in diff_.text(found, times, width):
+            typer.echo(line)
+    raise typer.Exit(0 if found.same else 1)
+
+
+def _pair(text: str) -> tuple[int, int]:
+    parts = text.split("=")
+    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
+        raise typer.BadParameter(f"{text!r} is no pair; 1001=7 is one", param_hint="--stations")
+    return int(parts[0]), int(parts[1])
