@@ -17,7 +17,6 @@ from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_traces.engine import Engine
 from automcm_traces.explain import explain_files, together
-from automcm_traces.inputs import timer_key
 from automcm_traces.itf_log import from_log
 from automcm_traces.log import TimerArm
 from automcm_traces.page import html
@@ -39,6 +38,7 @@ from automcm_traces.page_data import (
 from automcm_traces.page_follow import EXPIRED, RESTARTED, follow, spec_ms
 from automcm_traces.page_pack import Shapes, compact
 from automcm_traces.reader import LogError, read
+from automcm_traces.timers import timer_key
 
 Json = Any
 CORPUS = Path(__file__).parents[1] / "corpus"
