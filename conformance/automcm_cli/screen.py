@@ -33,6 +33,8 @@ def show(report: Report, console: Console) -> None:
     _comparison(report, console)
     for text in report.drift:
         console.print(f"[red]Drift[/]       {escape(text)}")
+    for text in report.pages:
+        console.print(f"[red]See[/]         {escape(text)}", soft_wrap=True)
     for text in report.all_errors:
         console.print(f"[red]Error[/]       {escape(text)}")
     total = sum(report.seconds.values())

@@ -48,7 +48,7 @@ def html(
     from automcm_traces.story import StoryError
 
     try:
-        page = _page(logs, late)
+        page = page_of(logs, late)
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_bytes(data)
@@ -61,7 +61,11 @@ def html(
         typer.echo(f"{out}: {len(page.nodes)} events, {len(data)} bytes")
 
 
-def _page(paths: list[Path], late: int | None) -> Page:
+def page_of(paths: list[Path], late: int | None) -> Page:
+    """The page of logs, or of one counterexample.
+
+    Raises ItfError, LogError, OracleError, OSError, PageError, StoryError, TlcError.
+    """
     from automcm_traces.itf_log import behaviour
     from automcm_traces.page_data import PageError, load
     from automcm_traces.reader import logs_below

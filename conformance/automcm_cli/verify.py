@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm_cli import generated, spec
+from automcm_cli import generated, spec, verify_pages
 from automcm_conformance import compare, coverage
 from automcm_conformance.replay import replay
 from automcm_spec import generate, models, oracle, simulate
@@ -33,6 +33,8 @@ class Report:
     behaviours: int = 0
     behaviour_differences: list[str] = field(default_factory=list)
     drift: list[str] = field(default_factory=list)
+    pages: list[str] = field(default_factory=list)
+    """Counterexamples that should not be, each as a page (docs/trace-format.md)."""
     errors: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -87,6 +89,7 @@ class Report:
                 "behaviours_replayed": self.behaviours,
             },
             "drift": self.drift,
+            "pages": self.pages,
             "errors": self.all_errors,
             "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
         }
@@ -167,6 +170,7 @@ def _models(report: Report, say: Callable[[str], None]) -> None:
     order = [m.cfg for m in chosen]
     report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
     report.drift += generated.counterexample_drift(report.verdicts)
+    report.pages = [str(path) for path in verify_pages.write(report.verdicts)]
 
 
 def _oracle(report: Report, say: Callable[[str], None]) -> bytes:
