@@ -189,19 +189,48 @@ def test_what_one_side_does_not_do_is_told_and_marked() -> None:
     assert all(len(line) <= 80 for line in lines if " | " in line)
 
 
-def test_the_station_that_differs_first_is_named(tmp_path: Path) -> None:
-    """The prescriber changes something that the receiver hears later."""
+@pytest.mark.parametrize(
+    ("type_", "field", "first"), [("Prescription", "hold_ms", 1001), ("Intention", "x", 2002)]
+)
+def test_the_station_that_differs_first_is_named(
+    type_: str, field: str, first: int, tmp_path: Path
+) -> None:
+    """Its message is another one, and who receives it differs later."""
 
-    def target(log: Edited) -> None:
+    def other(log: Edited) -> None:
         for record in log.records:
-            m = record.get("message", {})
-            if m.get("type") == "Prescription" and m.get("proposal") == 1:
-                m["hold_ms"] += 1
+            if record.get("message", {}).get("type") == type_:
+                record["message"][field] = 1
 
-    others = [edited(path, tmp_path / "b", target) for path in of(PAIR)]
+    others = [edited(path, tmp_path / "b", other) for path in of(PAIR)]
     found = diff(of(PAIR), others)
     assert [c.station for c in found.stations if c.difference] == [1001, 2002]
-    assert found.first == 1001
+    assert found.first == first
+
+
+def test_another_phase_after_the_same_is_a_difference_if_both_say_it(tmp_path: Path) -> None:
+    def phase(log: Edited) -> None:
+        record = log.at(log.find("command", name="accept"))
+        assert record["phase"] == "ACTUATING"
+        record["phase"] = "WAITING"
+
+    def silent(log: Edited) -> None:
+        for record in log.records:
+            record.pop("phase", None)
+
+    other = edited(PAIR / "2002.ndjson", tmp_path / "b", phase)
+    d = one(PAIR / "2002.ndjson", other).difference
+    assert d is not None
+    assert d.fields == (("phase", "ACTUATING", "WAITING"),)
+    other = edited(PAIR / "2002.ndjson", tmp_path / "c", silent)
+    assert one(PAIR / "2002.ndjson", other).difference is None
+
+
+def test_a_station_that_only_one_side_has_is_a_difference() -> None:
+    found = diff(of(PAIR), of(PAIR)[1:])
+    assert (found.same, found.only_a, found.only_b) == (False, [str(of(PAIR)[0])], [])
+    found = diff(of(PAIR)[1:], of(PAIR))
+    assert (found.same, found.only_a, found.only_b) == (False, [], [str(of(PAIR)[0])])
 
 
 def test_times_are_told_relative_to_the_first_step(tmp_path: Path) -> None:
