@@ -62,6 +62,7 @@ What the must-fail models show (`docs/models.md`), as the logs of their stations
 does nothing has none. Where a mechanism of the station is taken away, the log of the station that
 misses it diverges. Where it is a bound, an order of timers or the radio, each log is allowed by
 itself, and what breaks is a property of the whole. The verdicts are the engine's.
+To look at one: `automcm trace html traces/counterexamples/retarget.itf.json --out retarget.html`.
 
 | log | breaks | verdict | line | rule |
 |---|---|---|---:|---|
