@@ -12,7 +12,7 @@ test: .venv/ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/pytest -q -n 2 --cov --cov-report=term $(ARGS)
+	@$(BIN)/pytest -q -n 2 --dist worksteal --cov --cov-report=term $(ARGS)
 
 # A million steps; --steps, --seed and --processes in ARGS.
 test-deep: .venv/ready
