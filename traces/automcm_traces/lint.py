@@ -32,6 +32,7 @@ from automcm_traces.log import (
 )
 from automcm_traces.numbers import Numbers
 from automcm_traces.reader import LONGEST_LINE, LogError, NotJsonError, cut, one_line, parse
+from automcm_traces.track import PHASES, ROLES
 
 Json = Any
 Level = Literal["error", "warning"]
@@ -54,17 +55,6 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
 }
 """By name: what breaks the format and what is merely odd, and what each check wants."""
 
-PHASES = (
-    "STANDALONE",
-    "ADVERTISING",
-    "CHOOSING",
-    "PRESCRIBING",
-    "INTENDING",
-    "WAITING",
-    "NEGOTIATING",
-    "ACTUATING",
-)
-ROLES = ("none", "prescriber", "receiver")
 UNRELIABLE = ("CAM", "Ack")
 
 

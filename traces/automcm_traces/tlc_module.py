@@ -24,6 +24,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
+from automcm_traces.track import PHASES, ROLES
 
 Json = Any
 LARGEST = 10**9
@@ -33,11 +34,6 @@ DEFAULTS = {"max_rounds": 3, "max_participants": 32, "outbox_limit": 64, "memory
 """Of the limits that rules look at, where the header does not tell them (section 3)."""
 CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
 """Fields that the application gives and the station carries."""
-PHASES = (
-    *("STANDALONE", "ADVERTISING", "CHOOSING", "PRESCRIBING"),
-    *("INTENDING", "WAITING", "NEGOTIATING", "ACTUATING"),
-)
-ROLES = ("none", "prescriber", "receiver")
 TOLD = (
     *("choose", "no_participants", "verify", "undecided", "accepted", "propose", "fallback"),
     *("finished", "refused", "discarded"),

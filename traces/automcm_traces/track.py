@@ -30,6 +30,18 @@ FIELDS = {
 COMMON = {"v", "type", "src", "dst", "session", "seq"}
 NUMBERED = ("Prescription", "Acceptance")
 OPTIONAL = {"dst", "planned", "reason", "selected"}
+PHASES = (
+    "STANDALONE",
+    "ADVERTISING",
+    "CHOOSING",
+    "PRESCRIBING",
+    "INTENDING",
+    "WAITING",
+    "NEGOTIATING",
+    "ACTUATING",
+)
+ROLES = ("none", "prescriber", "receiver")
+"""Of Station.tla."""
 ROUNDS = 3
 BEYOND = ROUNDS + 1
 NOBODY = -1
