@@ -2,7 +2,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test test-deep test-foreign test-explore test-traces generate fuzz clean
+.PHONY: verify test test-deep test-foreign test-explore test-traces generate pages evaluation docs \
+  fuzz clean
 .DELETE_ON_ERROR:
 
 verify: .venv/ready
@@ -20,8 +21,10 @@ test-deep: .venv/ready
 
 # The suite against the stations in C++ and Go, and mutants, and the page of a log in Chromium; what
 # is not on this machine is skipped loudly.
-test-foreign: .venv/ready
+test-foreign: .venv/ready .venv/foreign
 	@$(BIN)/python traces/tests/browser.py
+	@$(BIN)/python reference/tests/foreign_cam.py
+	@$(BIN)/python reference/tests/foreign_sumo.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
 # Exploration against stations with two mistakes each: found in a minute, shortened; minutes in all.
@@ -35,12 +38,24 @@ test-traces: .venv/ready
 generate: .venv/ready
 	@$(BIN)/automcm generate $(ARGS)
 
+# The counterexamples that docs/models.md links to, as pages.
+pages: .venv/ready
+	@$(BIN)/automcm spec pages $(ARGS)
+
+# The paper's evaluation anew, into docs: 20 minutes on two cores, and SUMO.
+evaluation: .venv/ready .venv/foreign
+	@$(BIN)/automcm experiment all --profile standard --out docs/evaluation $(ARGS)
+
+# The documentation as a site in site/, with the counterexamples; no page of it fetches anything.
+docs: pages .venv/docs
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 # Ten million changed encodings; make fuzz ARGS="--count 100000 --seed 2" for fewer or others.
 fuzz: .venv/ready
 	@$(BIN)/python -m automcm.fuzz $(ARGS)
 
 clean:
-	@rm -rf .venv .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache runs dist build
+	@rm -rf .venv .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache runs dist build site
 	@find spec reference traces conformance -name __pycache__ -prune -exec rm -rf {} +
 
 # Two stamps, so that a change of pyproject.toml alone installs nothing anew but ourselves.
@@ -53,6 +68,17 @@ clean:
 	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes --no-deps \
 	  --only-binary :all: -r requirements-peers.txt || \
 	  echo "Not for this machine: the tests against it are skipped, and say so."
+	@touch $@
+
+# More than a gigabyte, and not for every machine: what is missing is skipped, loudly, and tried again.
+.venv/foreign: .venv/packages requirements-foreign.txt
+	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes \
+	  --only-binary :all: -r requirements-foreign.txt && touch $@ || \
+	  echo "Not installed: some of requirements-foreign.txt. What needs it is skipped."
+
+.venv/docs: .venv/packages requirements-docs.txt
+	@$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes \
+	  --only-binary :all: -r requirements-docs.txt
 	@touch $@
 
 .venv/ready: .venv/packages pyproject.toml

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import get_args
 
 from automcm_cli.certificate import Certificate, Row, Verdict
-from automcm_cli.common import markdown_table
-from automcm_cli.generated import ROOT
+from automcm_cli.common import ROOT, markdown_table
 
 PAGE = ROOT / "docs" / "certificate.md"
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import Json, progress, write_json
+from automcm_cli.common import Json, needs_repository, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_cli.source_mutants import Generated, Mutant
@@ -45,6 +45,7 @@ def certify(
     json_: Json = None,
 ) -> None:
     """A certificate of the kit: the suite is held against stations that are wrong on purpose."""
+    needs_repository("conform certify")
     from automcm_cli import certificate, certificate_page, cpp
     from automcm_cli.certificate import Asked
     from automcm_cli.equivalence import WalkError

@@ -16,13 +16,28 @@ CODES = (
     "read or run; 4 cannot tell."
 )
 
+ROOT = Path(__file__).resolve().parents[2]
+"""The repository, if this is a checkout of it."""
+
 Json = Annotated[
     Path | None,
     typer.Option("--json", help="Write the report here as JSON; - for standard output."),
 ]
 
+Late = Annotated[
+    int | None, typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0)
+]
+
+
+def needs_repository(command: str) -> None:
+    """Ends ``command`` with code 3 and one line if it is run from an installed package."""
+    if not (ROOT / "conformance" / "automcm_cli").is_dir():
+        typer.echo(f"{command}: needs a checkout of the repository, not the package", err=True)
+        raise typer.Exit(3)
+
 
 def write_json(target: Path | None, value: Any) -> None:
+    """Write a report for ``--json``; nothing without a target.  Ends with code 3 on failure."""
     if target is None:
         return
     text = json.dumps(value, indent=2) + "\n"
@@ -34,6 +49,15 @@ def write_json(target: Path | None, value: Any) -> None:
     except OSError as error:
         typer.echo(f"{target}: {error.strerror}", err=True)
         raise typer.Exit(3) from None
+
+
+def say_written(json_: Path | None, paths: Sequence[Path]) -> None:
+    """What was written, for ``--json`` and on the screen."""
+    written = [str(path) for path in paths]
+    write_json(json_, {"written": written})
+    if str(json_) != "-":
+        for path in written:
+            typer.echo(path)
 
 
 @contextmanager

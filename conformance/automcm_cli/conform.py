@@ -92,6 +92,7 @@ def _purposes(selectors: Sequence[str]) -> list[Purpose]:
 
 
 def console_of() -> Console:
+    """The terminal, or a hundred columns where there is none."""
     from rich.console import Console
 
     console = Console()

@@ -15,7 +15,7 @@ from automcm_cli.conform import Limit, command_of, console_of, fresh_folder
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from automcm_conformance.explore import Exploration
+    from automcm_conformance.exploration import Exploration
 
 EPILOG = "Example: automcm conform explore 60 --seed 7 -- ./my_adapter.  " + CODES
 

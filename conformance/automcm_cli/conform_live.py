@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from automcm_conformance.air import UdpAir
     from automcm_conformance.live_cases import Case, Judged, Session
 
-EPILOG = "Example: automcm conform live 7 -- automcm adapter, and automcm station --id 7 --first "
-EPILOG += "in another terminal.  " + CODES
+EPILOG = (
+    "Example: automcm conform live 7 -- automcm adapter.  The station is automcm station --id 7 "
+)
+EPILOG += "--first in another terminal.  " + CODES
 HEARD_MS = 5_000
 """How long to listen for the station; a CAM comes at least every second."""
 

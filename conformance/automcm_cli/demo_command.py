@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,6 +39,8 @@ def demo(
     instruction of another station because it is busy.  Every station's log is held against the
     oracle.  Exit code 1 if it did not end as described.
     """
+    import asyncio
+
     from automcm.links import LinkError
     from automcm_cli.demo import Demo
     from automcm_spec.oracle import OracleError

@@ -5,50 +5,34 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
-from automcm_cli import spec
+from automcm_cli import cli_page, imports, spec
+from automcm_cli.common import ROOT
 from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
-from automcm_spec import generate, models, oracle, steps
-from automcm_traces import corpus, corpus_page, itf, schema
+from automcm_spec import generate, models, oracle
+from automcm_traces import corpus, corpus_page, schema
 
-ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
 CORPUS_ROOT = ROOT / "traces" / "corpus"
 CORPUS = CORPUS_ROOT / "four-vehicles"
 CORPUS_PAGE = ROOT / "docs" / "corpus.md"
 SCHEMA = ROOT / "traces" / "automcm_traces" / "trace-1.schema.json"
 ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
+CLI_PAGE = ROOT / "docs" / "cli.md"
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
 MODELS_PAGE = ROOT / "docs" / "models.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
 MESSAGES_SCHEMA = ROOT / "reference" / "automcm" / "messages.schema.json"
 MESSAGES_PAGE = ROOT / "docs" / "messages.md"
 DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
+EVALUATION = ROOT / "docs" / "evaluation.md"
+PICTURE = ROOT / "docs" / "four-vehicles.svg"
 FOUR_VEHICLES = (1001, 2002, 3003, 4004)
-
-
-def counterexample(verdict: models.Verdict) -> str:
-    """A model's counterexample as ITF; each step with its input, rule and line."""
-    values = [
-        {name: value for name, value in state.values.items() if name != "last"}
-        for state in verdict.trace
-    ]
-    states = [itf.ItfState(values[0], {"index": 0})]
-    for step, value in zip(steps.steps(verdict.trace), values[1:], strict=True):
-        meta: dict[str, Any] = {"index": step.index, "input": step.input}
-        if step.station is not None:
-            meta |= {"rule": step.rule, "station": step.station}
-            meta["location"] = {"module": "Station", "line": step.line}
-        states.append(itf.ItfState(value, meta))
-    description = f"{verdict.model.cfg} breaks {verdict.property}. {verdict.model.why}"
-    about = {"description": description, "source": f"spec/models/{verdict.model.cfg}.cfg"}
-    loop = verdict.result.loop if verdict.result else None
-    return itf.dumps(itf.to_itf(states, about, loop=None if loop is None else loop - 1))
 
 
 def _counterexamples(verdicts: Iterable[models.Verdict]) -> dict[Path, str]:
     return {
-        COUNTEREXAMPLES / f"{verdict.model.cfg}.itf.json": counterexample(verdict)
+        COUNTEREXAMPLES / f"{verdict.model.cfg}.itf.json": spec.counterexample(verdict)
         for verdict in verdicts
         if verdict.model.expect == "violates" and verdict.ok
     }
@@ -88,6 +72,27 @@ def pair(folder: Path) -> None:
         simulation.add(station, driver, Parameters(t_timeout=500, t_cam=500, max_rounds=2))
     simulation.request(FOUR_VEHICLES[0], at=300)
     simulation.run(until=4000)
+
+
+def picture() -> str:
+    """The paper's four vehicles in a lane change, with a little loss and few repetitions."""
+    from automcm.links.simulated import Channel
+    from automcm.parameters import Parameters
+    from automcm.scenarios.drive import NAMES, FourVehicles
+    from automcm.scenarios.lane_change import Plan
+    from automcm_traces.drawing import drawing
+    from automcm_traces.merge import merge
+    from automcm_traces.reader import read
+
+    setting = FourVehicles(seed=3, until_s=12, plan=Plan(hold_s=0.2))
+    with tempfile.TemporaryDirectory() as folder:
+        setting.run(
+            channel=Channel(loss=0.15),
+            parameters=Parameters(t_timeout=200, t_cam=500),
+            logs=Path(folder),
+        )
+        logs = [read(path) for path in sorted(Path(folder).iterdir())]
+    return drawing(merge(logs), NAMES)
 
 
 def _corpus() -> dict[Path, bytes]:
@@ -140,16 +145,40 @@ def _texts() -> dict[Path, str]:
     """What is generated within a second; the diagrams come from the graph as it is on disk."""
     from automcm import phases, sizes
     from automcm import schema as messages_schema
+    from automcm.experiments import report
 
     return {
         SCHEMA: schema.text(),
         ADAPTER_SCHEMA: adapter_schema.schema_text(),
         MESSAGES_SCHEMA: messages_schema.text(),
-        MESSAGES_PAGE: sizes.page(MESSAGES_PAGE.read_text()),
+        MESSAGES_PAGE: between(MESSAGES_PAGE.read_text(), "automcm.sizes", sizes.table()),
+        ARCHITECTURE: _architecture(),
         CITATIONS: citations.table(ROOT),
+        CLI_PAGE: cli_page.text(),
         MODELS_PAGE: spec.models_page(models.load()),
+        PICTURE: picture(),
+        EVALUATION: report.evaluation(EVALUATION.with_suffix("")),
         DIAGRAMS: diagrams.text(oracle.load(generate.ONE_PEER.path), phases.WAYS),
     } | vectors.texts()
+
+
+def _architecture() -> str:
+    found = imports.read(ROOT)
+    text = between(ARCHITECTURE.read_text(), "imports", imports.picture(found))
+    return between(text, "modules", imports.table(ROOT, found))
+
+
+def between(text: str, name: str, part: str) -> str:
+    """A page with ``part`` between the two marks of that name; the rest of it stays.
+
+    Raises ValueError if the marks are not there.
+    """
+    begin, end = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
+    before, begun, rest = text.partition(begin)
+    _, ended, after = rest.partition(end)
+    if not (begun and ended):
+        raise ValueError(f"the marks {begin} and {end} are needed")
+    return f"{before}{begin}\n{part}\n{end}{after}"
 
 
 def drift(profile: str, one_peer: bytes, say: Callable[[str], None]) -> list[str]:

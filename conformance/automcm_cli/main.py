@@ -14,6 +14,7 @@ from automcm_cli import (
     conform_explore,
     conform_live,
     demo_command,
+    experiment,
     simulate,
     spec_commands,
     station,
@@ -22,7 +23,7 @@ from automcm_cli import (
     trace_bench,
     vectors,
 )
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, ROOT, Json, needs_repository, progress, write_json
 
 app = typer.Typer(
     name="automcm",
@@ -36,6 +37,7 @@ app.add_typer(spec_commands.spec, name="spec", no_args_is_help=True)
 app.add_typer(station_bench.bench, name="bench", no_args_is_help=True)
 app.add_typer(vectors.app, name="vectors", no_args_is_help=True)
 app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
+app.add_typer(experiment.app, name="experiment", no_args_is_help=True)
 app.add_typer(station.link, name="link", no_args_is_help=True)
 station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
 station_bench.bench.command(epilog=trace_bench.EPILOG)(trace_bench.traces)
@@ -51,6 +53,23 @@ app.command(epilog="Example: automcm station --id 7 --request-after 500.  " + CO
 )
 
 
+def _version(wanted: bool) -> None:
+    from importlib.metadata import version
+
+    if wanted:
+        typer.echo(f"automcm {version('automcm')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which, exit.")
+    ] = False,
+) -> None:
+    """What goes before any command."""
+
+
 @app.command(epilog="Example: automcm verify --profile full --json report.json.  " + CODES)
 def verify(
     profile: Annotated[
@@ -60,6 +79,7 @@ def verify(
     json_: Json = None,
 ) -> None:
     """Model-check, write the oracle out, compare the reference with it; one screen."""
+    needs_repository("verify")
     from rich.console import Console
 
     from automcm_cli import screen, spec
@@ -83,6 +103,7 @@ def generate(
     two_peers: Annotated[bool, typer.Option(help="Also the two-peer graph (minutes).")] = True,
 ) -> None:
     """Renew the generated files: oracles, counterexamples, corpus, schema, rule table."""
+    needs_repository("generate")
     from automcm_cli import generated
     from automcm_spec.models import ModelError
     from automcm_spec.tlc import TlcError
@@ -95,7 +116,7 @@ def generate(
         typer.echo(f"generate: {error}", err=True)
         raise typer.Exit(3) from None
     for path in changed:
-        typer.echo(f"renewed {path.relative_to(generated.ROOT)}")
+        typer.echo(f"renewed {path.relative_to(ROOT)}")
     if not changed:
         typer.echo("everything was up to date")
 

@@ -12,8 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from automcm_cli.common import markdown_table
-from automcm_cli.generated import ROOT
+from automcm_cli.common import ROOT, markdown_table
 from automcm_spec import models, mutation, survivors
 from automcm_spec.mutant_rules import KINDS, MODULES, NOT_MUTATED
 from automcm_spec.mutants import MissingPackage, Mutant, generate, sample

@@ -67,6 +67,7 @@ def limited(cpu_s: int = CPU_S) -> None:
 
 
 def main() -> None:
+    """Replace a module as the arguments say, then do the task they name."""
     module, file, *task = sys.argv[1:]
     limited()
     replace(module, file)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import TYPE_CHECKING
 
 import typer
 
-from automcm.parameters import ParameterError, Parameters
+if TYPE_CHECKING:
+    from automcm.parameters import Parameters
 
 
 def chosen(settings: Sequence[str]) -> Parameters:
     """The defaults, changed by ``NAME=VALUE``.  A bad one is a usage error that names it."""
+    from automcm.parameters import ParameterError, Parameters
+
     names = [field.name for field in fields(Parameters)]
     values: dict[str, int] = {}
     for text in settings:

@@ -10,6 +10,7 @@ from typing import Any
 from automcm_spec import models, tlc
 from automcm_spec import steps as steps_
 from automcm_spec.paths import MODELS
+from automcm_traces import itf
 
 
 def described(model: models.Model) -> str:
@@ -36,11 +37,21 @@ def models_page(loaded: Sequence[models.Model]) -> str:
         if m.expect == "holds":
             counts = f"{m.distinct_states:,} | {m.states:,} | {m.depth} | {m.seconds:.0f}"
             lines.append(f"| `{m.cfg}` | {m.profile} | {checks(m)} | {counts} | {m.why} |")
-    lines += ["", "## Must fail", "", "| model | breaks | steps | story |", "|---|---|---:|---|"]
+    lines += [
+        "",
+        "## Must fail",
+        "",
+        "`make pages` writes the page that the name of a model leads to: its counterexample, step",
+        "by step, with the states, the messages and the lines of Station.tla.",
+        "",
+        "| model | breaks | steps | story |",
+        "|---|---|---:|---|",
+    ]
     for m in loaded:
         if m.expect == "violates":
             steps_taken = (m.length or 1) - 1
-            lines.append(f"| `{m.cfg}` | {m.property} | {steps_taken} | {m.why} |")
+            page = f"[`{m.cfg}`](counterexamples/{m.cfg}.html)"
+            lines.append(f"| {page} | {m.property} | {steps_taken} | {m.why} |")
     return "\n".join(lines) + "\n"
 
 
@@ -104,13 +115,30 @@ def check(
     return models.check(model, on_progress=progress, timeout_s=timeout_s, heap_mb=heap_mb)
 
 
+def counterexample(verdict: models.Verdict) -> str:
+    """A model's counterexample as ITF; each step with its input, rule and line."""
+    values = [
+        {name: value for name, value in state.values.items() if name != "last"}
+        for state in verdict.trace
+    ]
+    states = [itf.ItfState(values[0], {"index": 0})]
+    for step, value in zip(steps_.steps(verdict.trace), values[1:], strict=True):
+        meta: dict[str, Any] = {"index": step.index, "input": step.input}
+        if step.station is not None:
+            meta |= {"rule": step.rule, "station": step.station}
+            meta["location"] = {"module": "Station", "line": step.line}
+        states.append(itf.ItfState(value, meta))
+    description = f"{verdict.model.cfg} breaks {verdict.property}. {verdict.model.why}"
+    about = {"description": description, "source": f"spec/models/{verdict.model.cfg}.cfg"}
+    loop = verdict.result.loop if verdict.result else None
+    return itf.dumps(itf.to_itf(states, about, loop=None if loop is None else loop - 1))
+
+
 def write_trace(verdict: models.Verdict, folder: Path) -> Path:
     """Write the counterexample as ITF into a folder; returns its path."""
-    from automcm_cli import generated
-
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{verdict.model.cfg}.itf.json"
-    path.write_text(generated.counterexample(verdict))
+    path.write_text(counterexample(verdict))
     return path
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, needs_repository, progress, write_json
 
 spec = typer.Typer(
     help="The specification: its models, and how far they can be trusted.", epilog=CODES
@@ -87,6 +87,28 @@ def spec_check(
     raise typer.Exit(spec_.exit_code(verdicts))
 
 
+@spec.command("pages", epilog="Example: automcm spec pages --out runs/counterexamples.  " + CODES)
+def spec_pages(
+    out: Annotated[Path, typer.Option(help="The folder of the pages.")] = Path(
+        "docs/counterexamples"
+    ),
+) -> None:
+    """Each counterexample of docs/models.md as a page, like those of automcm trace html."""
+    needs_repository("spec pages")
+    from automcm_cli import spec_pages
+    from automcm_spec import models
+    from automcm_spec.tlc import TlcError
+    from automcm_traces.itf import ItfError
+
+    try:
+        with progress() as say:
+            written = spec_pages.write(models.load(), out, say)
+    except (ItfError, models.ModelError, OSError, TlcError) as error:
+        typer.echo(f"pages: {error}", err=True)
+        raise typer.Exit(3) from None
+    typer.echo(f"{len(written)} pages in {out}")
+
+
 @spec.command("mutate", epilog="Example: automcm spec mutate --only OnAck.  " + CODES)
 def spec_mutate(
     profile: Annotated[
@@ -120,6 +142,7 @@ def spec_mutate(
     What is done is kept under runs/, so an interrupted run goes on where it was.  A mutant that
     survives must be in spec/models/survivors.toml with the reason.
     """
+    needs_repository("spec mutate")
     from rich.console import Console
 
     from automcm_cli import mutate

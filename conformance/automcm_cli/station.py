@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import os
 import sys
@@ -38,6 +37,8 @@ def report(event: dict[str, Any]) -> None:
 
 def carry_out(name: str, what: Coroutine[Any, Any, None]) -> None:
     """Run it; what goes wrong is one line and exit code 3."""
+    import asyncio
+
     from automcm.links import LinkError
     from automcm.process import NumberError
 
@@ -171,6 +172,8 @@ def drive(
     for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
 ) -> None:
     """The driving software's end of a bridge: drives straight on, agrees to what it is asked."""
+    import asyncio
+
     from automcm.links import LinkError
     from automcm.process import stopping
     from automcm.straight import LANE_CHANGE, Straight

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from automcm.bench import POINTS, Report
-from automcm.kernel_bench import Report as KernelReport
 from automcm_cli.common import CODES, Json, progress, write_json
+
+if TYPE_CHECKING:
+    from automcm.bench import Report
+    from automcm.kernel_bench import Report as KernelReport
 
 bench = typer.Typer(help="What the reference costs.", epilog=CODES)
 
@@ -68,6 +70,8 @@ def _table(*columns: str) -> Table:
 
 def show(report: Report, console: Console) -> None:
     """Print the tables."""
+    from automcm.bench import POINTS
+
     core = report.core
     console.print(f"the core, {core.messages} messages of a session of four stations")
     table = _table("", "us a message", "core costs")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from automcm_cli import trace_edit, trace_export, trace_html, trace_itf, trace_logs, trace_replay
-from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.common import CODES, Json, Late, write_json
 
 if TYPE_CHECKING:
     from automcm_traces.explain import Verdict
@@ -19,10 +19,7 @@ app = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
 @app.command(epilog="Example: automcm trace explain 1001.ndjson 2002.ndjson.  " + CODES)
 def explain(
     logs: Annotated[list[Path], typer.Argument(help="Logs in the format automcm.trace/1.")],
-    late: Annotated[
-        int | None,
-        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
-    ] = None,
+    late: Late = None,
     out: Annotated[
         Path, typer.Option(help="Folder for the failing prefix of a log that diverges.")
     ] = Path("runs/explain"),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, Late, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_traces.shrink import Shrunk
@@ -27,10 +27,7 @@ def shrink(
     logs: Annotated[list[Path], typer.Argument(help="Logs in the format automcm.trace/1.")],
     out: Annotated[Path, typer.Option(help="Folder for the smallest logs.")] = Path("runs/shrink"),
     tries: Annotated[int, typer.Option(help="How many candidates may be judged.", min=1)] = 3000,
-    late: Annotated[
-        int | None,
-        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
-    ] = None,
+    late: Late = None,
     json_: Json = None,
 ) -> None:
     """The smallest logs that show the same: the same event diverges, by the same rule.
@@ -109,9 +106,7 @@ def compare(
     from automcm_traces import diff as diff_
     from automcm_traces.reader import LogError, logs_below
 
-    pairs = dict(_pair(text) for text in stations or ())
-    if len(set(pairs.values())) < len(stations or ()):
-        raise typer.BadParameter("a station is named twice", param_hint="--stations")
+    pairs = station_pairs(stations)
     try:
         found = diff_.diff(logs_below([a]), logs_below([b]), pairs)
     except LogError as error:
@@ -122,6 +117,14 @@ def compare(
         for line in diff_.text(found, times, width):
             typer.echo(line)
     raise typer.Exit(0 if found.same else 1)
+
+
+def station_pairs(texts: list[str] | None) -> dict[int, int]:
+    """``--stations``: which station of B each of A is.  Raises typer.BadParameter."""
+    pairs = dict(_pair(text) for text in texts or ())
+    if len(set(pairs.values())) < len(texts or ()):
+        raise typer.BadParameter("a station is named twice", param_hint="--stations")
+    return pairs
 
 
 def _pair(text: str) -> tuple[int, int]:

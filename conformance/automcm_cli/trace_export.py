@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.common import CODES, Json, say_written
 
 
 def register(app: typer.Typer) -> None:
@@ -19,19 +19,20 @@ def register(app: typer.Typer) -> None:
 def export(
     logs: Annotated[list[Path], typer.Argument(help="Logs, or folders with logs; or one .mcap.")],
     to: Annotated[
-        Literal["mermaid", "itf", "mcap", "logs"],
-        typer.Option(help="mermaid; itf (of one log); mcap (extra mcap); logs, from an .mcap."),
+        Literal["mermaid", "svg", "itf", "mcap", "logs"],
+        typer.Option(help="mermaid; svg; itf (of one log); mcap (extra mcap); logs, of an .mcap."),
     ] = "mermaid",
     out: Annotated[Path, typer.Option(help="Folder for what is written.")] = Path("runs/export"),
     json_: Json = None,
 ) -> None:
-    """Logs for other tools: a sequence diagram, states in ITF, or MCAP for Foxglove.
+    """Logs for other tools: a diagram, a picture, states in ITF, or MCAP for Foxglove.
 
     A diagram has 400 messages at most, and says how many more there are. MCAP has a channel of
     JSON for each station; --to logs makes logs of it again, byte for byte.
     """
     from automcm_spec.oracle import OracleError
     from automcm_traces.mcap_file import McapError
+    from automcm_traces.merge import MergeError
     from automcm_traces.reader import LogError, logs_below
     from automcm_traces.track import CannotTell
 
@@ -45,20 +46,18 @@ def export(
     except CannotTell as error:
         typer.echo(f"export: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None
-    except (LogError, McapError, OracleError, OSError) as error:
+    except (LogError, McapError, MergeError, OracleError, OSError) as error:
         typer.echo(f"export: {error}", err=True)
         raise typer.Exit(3) from None
-    written = [str(out / name) for name in files]
-    write_json(json_, {"written": written})
-    if str(json_) != "-":
-        for path in written:
-            typer.echo(path)
+    say_written(json_, [out / name for name in files])
 
 
 def _files(paths: list[Path], to: str) -> dict[str, bytes]:
     """What is to be written, by name."""
     from automcm_traces import mcap_file
+    from automcm_traces.drawing import drawing
     from automcm_traces.itf_log import from_log
+    from automcm_traces.merge import merge
     from automcm_traces.mermaid import diagram
     from automcm_traces.reader import read
     from automcm_traces.show import Logs
@@ -67,6 +66,9 @@ def _files(paths: list[Path], to: str) -> dict[str, bytes]:
         if len({path.stem for path in paths}) < len(paths):
             raise typer.BadParameter("two logs have one name; export each by itself")
         return {f"{path.stem}.itf.json": from_log(read(path)).encode() for path in paths}
+    if to == "svg":
+        merged = merge([read(path) for path in paths])
+        return {f"{paths[0].stem}.svg": drawing(merged).encode()}
     if to == "mcap":
         return {f"{paths[0].stem}.mcap": mcap_file.written(paths)}
     if to == "logs":

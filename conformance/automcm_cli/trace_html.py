@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.trace_edit import station_pairs
 
 if TYPE_CHECKING:
     from automcm_traces.page_data import Page
+    from automcm_traces.page_run import Run
 
-EPILOG = "Example: automcm trace html 1001.ndjson 2002.ndjson --out page.html.  " + CODES
+EPILOG = (
+    "Example: automcm trace html 1001.ndjson 2002.ndjson --out page.html.  Two runs: give the "
+    "second with --compare.  " + CODES
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -26,6 +32,14 @@ def html(
         list[Path],
         typer.Argument(help="Logs of one run, folders of them, or one counterexample (.itf.json)."),
     ],
+    compare: Annotated[
+        list[Path] | None,
+        typer.Option(help="Logs of another run, to stand beside it; may be repeated."),
+    ] = None,
+    stations: Annotated[
+        list[str] | None,
+        typer.Option(help="A station and which of --compare it is, such as 1001=7."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("runs/trace.html"),
     late: Annotated[
         int | None,
@@ -36,19 +50,24 @@ def html(
     """One page that shows what happened, what was allowed, and where it first went wrong.
 
     The page is one file and needs no network. It has what explain says, the messages between the
-    stations, the timers, the states, and the lines of Station.tla. Exit code 0: it was written,
-    whatever the verdict.
+    stations, the timers, the states, and the lines of Station.tla. With --compare it has two runs
+    side by side, aligned up to where they first differ, as diff finds it. Exit code 0: it was
+    written, whatever the verdict.
     """
     from automcm_spec.oracle import OracleError
     from automcm_spec.tlc import TlcError
     from automcm_traces.itf import ItfError
     from automcm_traces.page import html as html_
-    from automcm_traces.page_data import PageError, judged
+    from automcm_traces.page_data import judged
+    from automcm_traces.page_run import PageError
     from automcm_traces.reader import LogError
     from automcm_traces.story import StoryError
 
+    pairs = station_pairs(stations)
+    if pairs and not compare:
+        raise typer.BadParameter("only with --compare", param_hint="--stations")
     try:
-        page = page_of(logs, late)
+        page = page_of(logs, late, compare or [], pairs)
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_bytes(data)
@@ -61,25 +80,42 @@ def html(
         typer.echo(f"{out}: {len(page.nodes)} events, {len(data)} bytes")
 
 
-def page_of(paths: list[Path], late: int | None) -> Page:
-    """The page of logs, or of one counterexample.
+def page_of(
+    paths: list[Path],
+    late: int | None,
+    compare: Sequence[Path] = (),
+    stations: Mapping[int, int] | None = None,
+) -> Page:
+    """The page of logs, or of one counterexample; with ``compare``, of two runs.
 
     Raises ItfError, LogError, OracleError, OSError, PageError, StoryError, TlcError.
     """
+    from automcm_traces import page_data
+
+    a, title = _run(paths, late)
+    if not compare:
+        return page_data.of_runs(a, title=title)
+    b, other = _run(list(compare), late)
+    return page_data.of_runs(a, b, stations, f"{title} | {other}")
+
+
+def _run(paths: list[Path], late: int | None) -> tuple[Run, str]:
+    """A run, and its title."""
     from automcm_traces.itf_log import behaviour
-    from automcm_traces.page_data import PageError, load
+    from automcm_traces.page_run import PageError, load
     from automcm_traces.reader import logs_below
 
     itf = [path for path in paths if path.name.endswith(".json")]
     if not itf:
-        return load(logs_below(paths), late_ms=late)
+        run = load(logs_below(paths), late)
+        return run, run.title
     if len(paths) > 1:
-        raise PageError("a counterexample is shown alone")
+        raise PageError("a counterexample is one run, without other logs")
     found = behaviour(itf[0])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for station, text in found.logs().items():
             (folder / f"{station}.ndjson").write_bytes(text)
-        page = load(sorted(folder.iterdir()), f"{found.model}, as TLC found it", late)
-        page.renamed = f"{folder}/", f"{itf[0].name.removesuffix('.itf.json')}-"
-        return page
+        run = load(sorted(folder.iterdir()), late)
+        run.renamed = f"{folder}/", f"{itf[0].name.removesuffix('.itf.json')}-"
+        return run, f"{found.model}, as TLC found it"

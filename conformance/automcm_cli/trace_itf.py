@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.common import CODES, Json, say_written
 
 
 def register(app: typer.Typer) -> None:
@@ -43,11 +43,7 @@ def itf(
     except (itf_.ItfError, LogError, OracleError, OSError, StoryError, TlcError) as error:
         typer.echo(f"itf: {error}", err=True)
         raise typer.Exit(3) from None
-    written = [str(out / name) for name in texts]
-    write_json(json_, {"written": written})
-    if str(json_) != "-":
-        for path in written:
-            typer.echo(path)
+    say_written(json_, [out / name for name in texts])
 
 
 def _itf_as_logs(file: Path) -> dict[str, bytes]:

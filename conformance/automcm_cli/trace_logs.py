@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, Late, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_traces.show import Shown
@@ -161,10 +161,7 @@ def _session(text: str) -> tuple[int, int] | None:
 
 def coverage(
     logs: Logs,
-    late: Annotated[
-        int | None,
-        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
-    ] = None,
+    late: Late = None,
     json_: Json = None,
 ) -> None:
     """How much of the specification do these logs exercise, and what never happens in them?

@@ -56,6 +56,7 @@ def check(
 
 
 def as_dict(results: list[Result]) -> dict[str, list[dict[str, object]]]:
+    """For ``--json``: each vector, and whether it is as expected."""
     return {
         "vectors": [
             {"id": result.case.id, "kernel": result.case.kernel, "ok": result.ok}

@@ -11,7 +11,7 @@ from automcm_spec.oracle import OracleError
 from automcm_spec.tlc import TlcError
 from automcm_traces.itf import ItfError
 from automcm_traces.page import html
-from automcm_traces.page_data import PageError
+from automcm_traces.page_run import PageError
 from automcm_traces.reader import LogError
 from automcm_traces.story import StoryError
 

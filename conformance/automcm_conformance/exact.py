@@ -28,6 +28,7 @@ class Refused(ValueError):
 
 
 def number(value: float) -> Fraction:
+    """A number of JSON as the fraction that its digits say."""
     return Fraction(str(value))
 
 
@@ -41,22 +42,27 @@ def root(value: Fraction) -> Fraction:
 
 
 def place(value: Sequence[float]) -> Place:
+    """A place of JSON, exactly."""
     return number(value[0]), number(value[1])
 
 
 def minus(a: Place, b: Place) -> Place:
+    """The way from ``b`` to ``a``."""
     return a[0] - b[0], a[1] - b[1]
 
 
 def dot(a: Place, b: Place) -> Fraction:
+    """The inner product."""
     return a[0] * b[0] + a[1] * b[1]
 
 
 def between(a: Place, b: Place, share: Fraction) -> Place:
+    """The place that ``share`` of the way from ``a`` to ``b`` leads to."""
     return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
 
 
 def distance(a: Place, b: Place) -> Fraction:
+    """How far apart two places are."""
     return root(dot(minus(a, b), minus(a, b)))
 
 
@@ -229,6 +235,7 @@ def first_below(a: Trajectory, b: Trajectory, limit: Fraction) -> Fraction | Non
 
 
 def greatest(drive: Trajectory) -> Fraction:
+    """The greatest speed of a trajectory; 0 if it has one sample."""
     return max(drive.speeds(), default=Fraction(0))
 
 
@@ -253,6 +260,7 @@ def collide(given: Json) -> Json:
 
 
 def places(a: Trajectory, b: Trajectory, when: Fraction) -> Json:
+    """Where both are at a time."""
     return {"place_a": list(a.at(when)), "place_b": list(b.at(when))}
 
 
@@ -346,6 +354,7 @@ hangs on more than that is none to trust."""
 
 
 def known(drive: Trajectory, when: Fraction) -> bool:
+    """Does the trajectory say where the vehicle is at that time?"""
     return drive.t[0] <= when and (drive.end is None or when <= drive.end)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -18,10 +18,11 @@ from typing import Any
 from automcm_conformance import records, words
 from automcm_conformance.adapter import Adapter, Singly
 from automcm_conformance.exchange import Broken, Exchange, Link, Mismatch, Step, Unpredicted
+from automcm_conformance.exploration import Exploration
 from automcm_conformance.play import Wrong
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import Refused
-from automcm_conformance.results import BROKE, CaseResult, Implementation, Verdict
+from automcm_conformance.results import BROKE, CaseResult, Verdict
 from automcm_conformance.shrink import HANG, STARTS, Short, Shrinker, pair_of, rule_of
 from automcm_conformance.suite import DIFFERENTLY, Runner, Say
 from automcm_conformance.suite import PARAMETERS as USUAL
@@ -43,7 +44,6 @@ from automcm_spec.generate import spec_hash as present_hash
 from automcm_spec.oracle import Oracle, load
 
 Json = Any
-FORMAT = "automcm.exploration/1"
 GRAPHS = (ONE_PEER, TWO_PEERS, TIGHT)
 BULK = 1_500
 """Lines that are written before their answers are read, about."""
@@ -75,37 +75,6 @@ class Walk:
         """The case: seed and number make the walk, the rest says what it is."""
         times = "durations" if self.setting.timed else "natural"
         return f"EXPLORE/{seed}/{self.number}/{self.ground.name}/{times}/{self.faults}"
-
-
-@dataclass(slots=True)
-class Exploration:
-    """What was found.  ``seconds`` and ``started`` are times; ``walks``, ``lines`` and
-    ``coverage`` follow from them, unless the number of walks was given."""
-
-    implementation: Implementation
-    seed: int
-    spec_hash: str
-    cases: list[CaseResult] = field(default_factory=list)
-    acts: dict[str, int] = field(default_factory=dict)
-    """How many acts the shortened walk of a case has."""
-    again: int = 0
-    """Walks that went wrong as one did before."""
-    problems: list[str] = field(default_factory=list)
-    walks: int = 0
-    lines: int = 0
-    coverage: dict[str, dict[str, list[int]]] = field(default_factory=dict)
-    started: str = ""
-    seconds: float = 0.0
-
-    @property
-    def exit_code(self) -> int:
-        """0 if nothing is wrong; 1 if a rule is broken; else 3."""
-        verdicts = {case.verdict for case in self.cases}
-        return 1 if "FAIL" in verdicts else 3 if verdicts or self.problems else 0
-
-    def as_dict(self) -> dict[str, Json]:
-        """For ``exploration.json``."""
-        return {"format": FORMAT, "exit_code": self.exit_code, **asdict(self)}
 
 
 class Explorer:

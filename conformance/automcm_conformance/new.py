@@ -5,7 +5,8 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-FOLDER = Path(__file__).resolve().parent / "templates"
+from automcm_conformance.paths import TEMPLATES
+
 FILES = {
     "python": ("adapter.py", "run"),
     "cpp": ("CMakeLists.txt", "README.md", "adapter.cpp", "run"),
@@ -27,7 +28,7 @@ def create(language: str, target: Path) -> list[Path]:
     written = []
     for name in FILES[language]:
         path = target / name
-        path.write_bytes((FOLDER / language / name).read_bytes())
+        path.write_bytes((TEMPLATES / language / name).read_bytes())
         if name == "run":
             path.chmod(0o755)  # an installed package may have lost it
         written.append(path)

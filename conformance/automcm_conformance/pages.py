@@ -6,7 +6,8 @@ from pathlib import Path
 
 from automcm_conformance.results import Report
 from automcm_traces.page import html
-from automcm_traces.page_data import PageError, load
+from automcm_traces.page_data import load
+from automcm_traces.page_run import PageError
 from automcm_traces.reader import LogError
 
 MOST = 20
@@ -26,9 +27,11 @@ def write(report: Report, folder: Path) -> None:
             page = load(logs, f"{case.id}: {case.verdict}")
         except (LogError, PageError):
             continue  # the log is there all the same
-        if not several and page.verdicts[0].verdict == "allowed":
+        if not several and page.runs[0].verdicts[0].verdict == "allowed":
             page.title = f"{case.id}, up to where it failed"  # which a log cannot always tell
-        page.renamed = f"{folder}/", ""
+            what = case.failures[0].what if case.failures else case.reason
+            page.note = f"Judged up to the end of the log. {case.verdict}, after that: {what}"
+        page.runs[0].renamed = f"{folder}/", ""
         path = log.with_suffix(".html")
         path.write_bytes(html(page))
         case.page = path.relative_to(folder).as_posix()

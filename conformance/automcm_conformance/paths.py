@@ -3,16 +3,13 @@
 from datetime import datetime
 from pathlib import Path
 
+from automcm_spec.paths import data
+
 _HERE = Path(__file__).resolve().parent
 
 
-def data(name: str) -> Path:
-    """The folder beside this package in a checkout, else the copy a wheel carries."""
-    checkout = _HERE.parent / name
-    return checkout if checkout.is_dir() else _HERE / "_data" / name
-
-
-SUITE = data("suite")
+SUITE = data("suite", _HERE)
+VECTORS = data("vectors", _HERE)
 TEMPLATES = _HERE / "templates"
 
 

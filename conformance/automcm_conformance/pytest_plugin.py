@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    """The options ``--automcm-…``, each with a setting of the same name."""
     group = parser.getgroup("automcm", "AutoMCM conformance")
     texts = {
         "adapter": ("CMD", "command of the adapter; the suite's cases become tests"),
@@ -30,6 +31,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    """Adds the cases if an adapter is named."""
     if config.getoption("automcm_adapter") or config.getini("automcm_adapter"):
         from automcm_conformance.pytest_cases import Cases
 

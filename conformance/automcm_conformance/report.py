@@ -14,6 +14,7 @@ from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
 from junitparser import Failure as Failed
 from pydantic import TypeAdapter, ValidationError
 
+from automcm_conformance.paths import TEMPLATES
 from automcm_conformance.results import (
     FORMAT,
     VERDICTS,
@@ -51,7 +52,6 @@ TOTALS = ("transitions", "refusals", "rules")
 LIMIT = 4000
 """How many characters of one text are shown; report.json holds all."""
 _REPORT = TypeAdapter(Report)
-_TEMPLATES = Path(__file__).parent / "templates"
 
 
 def write(report: Report, folder: Path) -> list[Path]:
@@ -99,7 +99,7 @@ def html(reports: list[Report]) -> str:
     if not reports:
         raise ValueError("no report to show")
     page = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
+        loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         finalize=_shown,

@@ -40,10 +40,12 @@ def received(
 
 
 def command(name: str, session: Json, k: int = 0, target: int = 0) -> Json:
+    """A command of the application, as the oracle writes it."""
     return ["command", name, session, k, target]
 
 
 def entry(type_: str, to: int, session: Json, k: int = 1, accepted: bool = False) -> Json:
+    """An entry of the outbox, as the oracle writes it."""
     return [type_, to, session, k, accepted]
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 from automcm_conformance.adapter import PATIENCE, Adapter
 from automcm_conformance.exchange import Broken, Exchange, Link, Mismatch, Step, Unpredicted
+from automcm_conformance.flights import Drive, Flight
 from automcm_conformance.play import LEASES, RUNS, Wrong, play, shortened
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import DEFAULTS, ProtocolError, Refused
@@ -36,37 +35,6 @@ STARTS = 20
 """Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
 ATTEMPTS = 3
 """Tours that may fail to reach a pair because time forbids it."""
-
-
-@dataclass(slots=True)
-class Flight:
-    """A tour that is being played."""
-
-    x: Exchange
-    tour: list[int]
-    lease: int
-    values: Values
-    soonest: str
-    off: Pair | None = None
-    """What time forbids; the tour ends there."""
-
-
-@dataclass(slots=True)
-class Drive:
-    """Tours over one part."""
-
-    part: Part
-    owners: Owners
-    tours: Tours
-    planned: int
-    started: int = 0
-    flights: list[Flight] = field(default_factory=list)
-    attempts: Counter[Pair] = field(default_factory=Counter)
-
-    @property
-    def lines(self) -> int:
-        """How many are waiting."""
-        return sum(flight.x.unwritten for flight in self.flights)
 
 
 def fitting(chosen: Mapping[str, int], fixed: Mapping[str, int]) -> dict[str, int]:

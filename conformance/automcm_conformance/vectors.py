@@ -12,266 +12,25 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from automcm_conformance import exact
-from automcm_conformance.paths import data
+from automcm_conformance.paths import VECTORS
+from automcm_conformance.vector_form import FILE, Motion
 
 Json = Any
-Inputs = TypeVar("Inputs")
-Outputs = TypeVar("Outputs")
 Call = Callable[[str, Json], Json]
 """What an implementation offers: the outputs of a kernel for these inputs.  An input without an
 answer gives ``{"error": {"name": ..., "index": ...}}``, the index only where there is one."""
 
-FOLDER = data("vectors")
 SCHEMA = "vectors-1.schema.json"
 KERNELS = ("convert", "thin", "collide", "discover", "prescribe", "verify", "success")
 
 
 class VectorError(ValueError):
     """A file that holds no vectors; the text names the file, the vector and the field."""
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
-
-
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Text = Annotated[str, Field(min_length=1)]
-Slug = Annotated[str, Field(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
-Station = Annotated[int, Field(ge=1, le=2**32 - 1)]
-
-
-class Drive(_Strict):
-    """A trajectory: straight and even between its samples; ``stopped``: stays where it ends."""
-
-    t: list[Number]
-    xy: list[Place]
-    stopped: bool = False
-
-
-class ConvertInputs(_Strict):
-    xy: list[Place]
-    speed: list[Number]
-    position: Place
-    t0: Number
-    v_eps: Number
-
-
-class Size(_Strict):
-    """Bytes of a message with n points: ``overhead + n * per_point``."""
-
-    overhead: Annotated[int, Field(ge=0)]
-    per_point: Annotated[int, Field(ge=1)]
-
-
-class ThinInputs(Drive):
-    budget: int
-    every: int
-    size: Size
-
-
-class Kept(_Strict):
-    """The indices of the points that stay: the rule says which."""
-
-    kept: list[int]
-
-
-class Fits(_Strict):
-    """The budget binds: at most so many points, these among them; the others are free."""
-
-    includes: list[int]
-    at_most: int
-
-
-class CollideInputs(_Strict):
-    a: Drive
-    b: Drive
-    threshold: Number
-    clock_error: Number
-
-
-class Approach(_Strict):
-    time: Number
-    distance: Number
-    place_a: Place
-    place_b: Place
-
-
-class Since(_Strict):
-    """When the distance first falls below the threshold, and where both are then."""
-
-    time: Number
-    place_a: Place
-    place_b: Place
-
-
-class Collide(_Strict):
-    """``approach`` is null if the two have no time in common."""
-
-    approach: Approach | None
-    collision: Since | None
-
-
-class Candidate(_Strict):
-    station_id: Station
-    xy: Place
-    direction: Place
-
-
-class DiscoverInputs(_Strict):
-    candidates: list[Candidate]
-    zone: list[Place]
-
-
-class Target(_Strict):
-    target: Station | None
-
-
-class PrescribeInputs(_Strict):
-    planned: Drive
-    start: Number
-    hold: Number
-    delta_v: Number
-    gain: Number
-    v_min: Number
-
-
-class Motion(_Strict):
-    """Places over time; where the samples are is free, and so is what comes before and after."""
-
-    t: list[Number]
-    xy: list[Place]
-
-
-class Limits(_Strict):
-    """``acceleration`` and ``deceleration`` bound the mean change of speed over any time of
-    ``reaction``: what is prescribed changes its speed in steps."""
-
-    v_max: Number
-    v_min: Number
-    acceleration: Number
-    deceleration: Number
-    reaction: Number
-    leader_gap: Number
-    follower_gap: Number
-    path: Number
-    start: Number
-    age: Number
-
-
-class VerifyInputs(_Strict):
-    prescribed: Drive
-    planned: Drive
-    now: Number
-    limits: Limits
-    leader: Drive | None
-    follower: Drive | None
-
-
-class Reasons(_Strict):
-    """All of them, sorted; none: it is safe."""
-
-    reasons: list[
-        Literal["acceleration", "expired", "follower_gap", "leader_gap", "path", "speed", "start"]
-    ]
-
-
-class SuccessInputs(_Strict):
-    t_timeout: int
-    t_resend: int
-    loss: Number
-
-
-class Success(_Strict):
-    sendings: int
-    message: Number
-    exchange: Number
-    session: Number
-
-
-class Wrong(_Strict):
-    """Which input is wrong, and the first index that is; ``why`` is for the reader."""
-
-    name: Text
-    index: Annotated[int, Field(ge=0)] | None = None
-    why: Text
-
-
-class Refusal(_Strict):
-    error: Wrong
-
-
-class Vector(_Strict, Generic[Inputs, Outputs]):
-    id: Slug
-    purpose: Text
-    bug: Slug
-    inputs: Inputs
-    expected: Outputs | Refusal
-
-
-class File(_Strict, Generic[Inputs, Outputs]):
-    """All vectors of a kernel.  ``tolerance`` is absolute, for each field of ``expected``; where
-    there is none the values must be equal."""
-
-    schema_: Literal["automcm.vectors/1"] = Field(alias="schema")
-    units: dict[Text, Text]
-    tolerance: dict[Text, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
-    bugs: dict[Slug, Text]
-    vectors: list[Vector[Inputs, Outputs]]
-
-
-class ConvertFile(File[ConvertInputs, Drive]):
-    kernel: Literal["convert"]
-    rule: Literal["KIN-1"]
-
-
-class ThinFile(File[ThinInputs, Kept | Fits]):
-    kernel: Literal["thin"]
-    rule: Literal["KIN-2"]
-
-
-class CollideFile(File[CollideInputs, Collide]):
-    kernel: Literal["collide"]
-    rule: Literal["KIN-3"]
-
-
-class DiscoverFile(File[DiscoverInputs, Target]):
-    kernel: Literal["discover"]
-    rule: Literal["KIN-4"]
-
-
-class PrescribeFile(File[PrescribeInputs, Motion]):
-    kernel: Literal["prescribe"]
-    rule: Literal["KIN-5"]
-
-
-class VerifyFile(File[VerifyInputs, Reasons]):
-    kernel: Literal["verify"]
-    rule: Literal["KIN-6"]
-
-
-class SuccessFile(File[SuccessInputs, Success]):
-    kernel: Literal["success"]
-    rule: Literal["KIN-7"]
-
-
-_FILE: TypeAdapter[Any] = TypeAdapter(
-    Annotated[
-        ConvertFile
-        | ThinFile
-        | CollideFile
-        | DiscoverFile
-        | PrescribeFile
-        | VerifyFile
-        | SuccessFile,
-        Field(discriminator="kernel"),
-    ]
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,6 +49,8 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Result:
+    """What came of a vector."""
+
     case: Case
     problem: str
     """The first difference; empty: none."""
@@ -302,7 +63,7 @@ class Result:
 
 def paths() -> list[Path]:
     """The files, one for each kernel, in the order of the rules."""
-    return [FOLDER / f"{kernel}.json" for kernel in KERNELS]
+    return [VECTORS / f"{kernel}.json" for kernel in KERNELS]
 
 
 def load(path: Path) -> list[Case]:
@@ -330,7 +91,7 @@ def _read(path: Path) -> Json:
 def _checked(path: Path, file: Json) -> Json:
     """The file itself, if it is one.  Raises VectorError for the first fault."""
     try:
-        _FILE.validate_python(file)
+        FILE.validate_python(file)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = [str(part) for part in first["loc"][1:]]
@@ -470,7 +231,7 @@ def texts() -> dict[Path, str]:
 
     Raises VectorError for a file whose inputs are none.
     """
-    made = {FOLDER / SCHEMA: schema()}
+    made = {VECTORS / SCHEMA: schema()}
     for path in paths():
         file = _read(path)
         with suppress(KeyError, TypeError):  # whatever is missing there, _checked names
@@ -515,7 +276,7 @@ def schema() -> str:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": "urn:automcm:vectors:1",
         "title": "Test vectors for a trajectory kernel of AutoMCM, version 1",
-        **_untitled(_FILE.json_schema()),
+        **_untitled(FILE.json_schema()),
     }
     return json.dumps(made, indent=2, sort_keys=True) + "\n"
 

@@ -1,5 +1,6 @@
 """The suite against stations of other people, in C++ and in Go: they pass in full, and each mutant
 of the one in C++ fails in a case whose rule fits.  The logs that the one in C++ writes are allowed.
+The one that docs/first-hour.md lets its reader write in C++ passes the cases named there.
 
     python conformance/tests/foreign.py [--station-only] [--mutant NAME]...
 
@@ -23,6 +24,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import first_hour
 import foreign_logs
 
 from automcm_cli.cpp import SECONDS, SOURCE, Mutant, build, build_mutant, missing, mutants
@@ -143,6 +145,30 @@ def check_logs(folder: Path) -> Row:
     return row
 
 
+def check_first_hour(folder: Path) -> Row:
+    """The station of docs/first-hour.md in C++ is built without a warning, and passes."""
+    row, begun = Row("the station of first-hour.md"), time.monotonic()
+    if lacking := missing():
+        row.failed, row.skipped = f"{lacking} is missing", True
+        return row
+    try:
+        own, build_ = folder / "first-hour", str(folder / "first-hour" / "build")
+        run = first_hour.cpp_station(own)
+        for command in (["-S", str(own), "-B", build_], ["--build", build_]):
+            done = subprocess.run(
+                ["cmake", *command], check=True, capture_output=True, text=True, timeout=SECONDS
+            )
+            row.failed = row.failed or ("a warning" if "warning:" in done.stderr else "")
+        code, report = conform(run, own / "report", first_hour.CASES)
+        if code or report is None or report["counts"]["PASS"] != len(report["cases"]):
+            row.failed = f"exit code {code}"
+        row.verdict = "FAIL" if row.failed else "PASS"
+    except (subprocess.SubprocessError, OSError, ValueError) as error:
+        row.failed = f"{error} {getattr(error, 'stderr', '')}"
+    row.seconds = time.monotonic() - begun
+    return row
+
+
 def wrong(code: int, report: Json) -> str:
     """What of a report is not as it must be; empty if it is."""
     if code != 0:
@@ -218,7 +244,8 @@ def main() -> int:
         folder = Path(name)
         with ThreadPoolExecutor(TOGETHER) as pool:
             jobs = [pool.submit(check_station, station, folder) for station in stations]
-            jobs += [pool.submit(check_logs, folder)] if stations else []
+            if stations:
+                jobs += [pool.submit(check, folder) for check in (check_logs, check_first_hour)]
             if not lacking:
                 jobs += [pool.submit(check_mutant, mutant, folder) for mutant in chosen]
             rows = [job.result() for job in jobs]

@@ -13,7 +13,7 @@ from typer.main import get_command
 
 from automcm.kit import serve
 from automcm_cli.main import app
-from automcm_conformance.explore import FORMAT, Exploration
+from automcm_conformance.exploration import FORMAT, Exploration
 from automcm_conformance.protocol import COMMAND, INDICATIONS, read_answer, read_hello
 from automcm_conformance.purposes import load as load_purposes
 from automcm_conformance.results import (
@@ -177,9 +177,3 @@ def exit_code(*cases: tuple[Verdict, Verdict]) -> int:
         for n, (verdict, wanted) in enumerate(cases)
     ]
     return Report(who, results, {}, {}, "", 1, []).exit_code
-
-
-@pytest.mark.parametrize("name", ["conformance.md", "adapter.md"])
-def test_the_links_of_the_pages_lead_somewhere(name: str) -> None:
-    for target in re.findall(r"\]\(([\w./-]+)\)", page(name)):
-        assert (DOCS / target).is_file(), target

@@ -2,41 +2,108 @@
 
 from __future__ import annotations
 
-import ast
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from automcm_cli import imports
+from automcm_cli.imports import Import
+
 ROOT = Path(__file__).resolve().parents[2]
-OURS = {"automcm_spec", "automcm", "automcm_traces", "automcm_conformance", "automcm_cli"}
-MAY = {
-    "spec/automcm_spec": {"automcm_spec"},
-    "reference/automcm": {"automcm", "automcm_traces.writer"},
-    "traces/automcm_traces": {"automcm_spec", "automcm_traces"},
-    "conformance/automcm_conformance": {"automcm_spec", "automcm_traces", "automcm_conformance"},
-    "conformance/automcm_cli": OURS,
-}
 
 
-def imported(path: Path) -> set[str]:
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module)
-    return {name for name in names if name.split(".")[0] in OURS}
+@pytest.fixture(scope="module")
+def read() -> set[Import]:
+    return imports.read(ROOT)
 
 
-@pytest.mark.parametrize("folder", MAY)
-def test_who_imports_whom(folder: str) -> None:
-    files = sorted((ROOT / folder).glob("*.py"))
-    assert files
-    for path in files:
-        for name in imported(path):
-            allowed = name in MAY[folder] or name.split(".")[0] in MAY[folder]
-            assert allowed, f"{path.name} imports {name}"
+def test_who_imports_whom(read: set[Import]) -> None:
+    assert imports.forbidden(read) == []
+    assert {one.importer.split(".")[0] for one in read} == set(imports.PACKAGES)
+
+
+def test_no_modules_load_one_another(read: set[Import]) -> None:
+    assert imports.cycles(read) == []
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    for package, folder in imports.PACKAGES.items():
+        inner = tmp_path / folder / package
+        inner.mkdir(parents=True)
+        (inner / "__init__.py").write_text("")
+    (tmp_path / "reference/automcm/links").mkdir()
+    (tmp_path / "reference/automcm/links/__init__.py").write_text("")
+    (tmp_path / "traces/automcm_traces/writer.py").write_text("x = 1\n")
+    return tmp_path
+
+
+def test_what_counts_as_an_import(tree: Path) -> None:
+    (tree / "reference/automcm/one.py").write_text(
+        "from typing import TYPE_CHECKING\nimport json, automcm.two\n"
+        "from automcm_traces.writer import x\nfrom automcm_traces import writer\n"
+        "try:\n    from automcm import links\nexcept ImportError:\n    pass\n"
+        "if TYPE_CHECKING:\n    import automcm_spec\n"
+        "def late():\n    import automcm_conformance\n"
+    )
+    (tree / "reference/automcm/two.py").write_text("from automcm import __doc__ as doc\n")
+    assert imports.read(tree) == {
+        Import("automcm.one", "automcm.two", True),
+        Import("automcm.one", "automcm_traces.writer", True),
+        Import("automcm.one", "automcm.links", True),
+        Import("automcm.one", "automcm_conformance", False),
+        Import("automcm.two", "automcm", True),
+    }
+    assert imports.forbidden(imports.read(tree)) == [
+        Import("automcm.one", "automcm_conformance", False)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("path", "line", "allowed"),
+    [
+        ("spec/automcm_spec/a.py", "import automcm_traces.writer", False),
+        ("traces/automcm_traces/a.py", "import automcm_spec", True),
+        ("traces/automcm_traces/a.py", "import automcm", False),
+        ("reference/automcm/a.py", "import automcm_traces.writer", True),
+        ("reference/automcm/links/a.py", "import automcm_traces", False),
+        ("reference/automcm/links/a.py", "import automcm_spec", False),
+        ("conformance/automcm_conformance/a.py", "import automcm_traces", True),
+        ("conformance/automcm_conformance/a.py", "from automcm import links", False),
+        ("conformance/automcm_conformance/a.py", "import automcm_cli", False),
+        ("conformance/automcm_cli/a.py", "import automcm.links", True),
+    ],
+)
+def test_what_a_package_may_import(tree: Path, path: str, line: str, allowed: bool) -> None:
+    (tree / path).write_text(line + "\n")
+    assert (imports.forbidden(imports.read(tree)) == []) is allowed
+
+
+def test_cycles_are_found_however_long_and_only_at_load(tree: Path) -> None:
+    for name, text in {
+        "a": "import automcm.b",
+        "b": "import automcm.c, automcm.d",
+        "c": "import automcm.a",
+        "d": "def late():\n    import automcm.a",
+    }.items():
+        (tree / f"reference/automcm/{name}.py").write_text(text)
+    assert imports.cycles(imports.read(tree)) == [["automcm.a", "automcm.b", "automcm.c"]]
+
+
+def test_an_import_of_nothing_is_named(tree: Path) -> None:
+    (tree / "reference/automcm/a.py").write_text("import automcm_spec.gone")
+    with pytest.raises(ValueError, match=r"automcm\.a: imports automcm_spec\.gone"):
+        imports.read(tree)
+
+
+def test_the_map_names_every_folder_and_draws_what_is_imported(read: set[Import]) -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    for package, folder in imports.PACKAGES.items():
+        assert f"`{package}`" in page and f"`{folder}/`" in page
+    drawn = imports.picture(read)
+    assert "automcm -->|automcm_traces.writer| automcm_traces" in drawn
+    assert "automcm_conformance --> automcm\n" not in drawn
 
 
 def test_no_file_names_a_registry_or_this_machine() -> None:

@@ -105,6 +105,9 @@ def test_the_log_of_a_failure_is_also_a_page_that_the_report_links_to(bad: Done)
     assert not passed["page"] and failed["page"] == failed["log"].replace(".ndjson", ".html")
     page = (bad.folder / failed["page"]).read_text()
     assert f"<title>{CASE}, up to where it failed</title>" in page, "a malformed message"
+    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
+    what = failed["failures"][0]["what"]
+    assert data["note"] == f"Judged up to the end of the log. FAIL, after that: {what}"
     assert f'"file":"{failed["log"]}"' in page and str(bad.folder) not in page
     assert f'<a href="{failed["page"]}">' in (bad.folder / "report.html").read_text()
 
@@ -423,12 +426,7 @@ def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
     assert run.invoke(app, ["conform", "report"]).exit_code == 2
 
 
-@pytest.mark.parametrize(
-    "command", [[], ["run"], ["list"], ["replay"], ["check-adapter"], ["new"], ["report"]]
-)
-def test_help_has_the_exit_codes(command: list[str]) -> None:
-    answer = run.invoke(app, ["conform", *command, "--help"])
-    text = re.sub(r"[\s│]+", " ", answer.output)
-    assert answer.exit_code == 0 and "Exit codes" in text
-    assert not command or "Example" in text
-    assert ("COMMAND..." in text) == (command in (["run"], ["replay"], ["check-adapter"]))
+@pytest.mark.parametrize("command", ["run", "list", "replay", "check-adapter", "new", "report"])
+def test_usage_says_where_the_adapter_goes(command: str) -> None:
+    answer = run.invoke(app, ["conform", command, "--help"])
+    assert ("COMMAND..." in answer.output) == (command in ("run", "replay", "check-adapter"))

@@ -180,18 +180,6 @@ def test_wrong_usage_is_exit_code_2_and_names_it(args: list[str], error: str) ->
     assert done.returncode == 2 and error in done.stderr
 
 
-@pytest.mark.parametrize("args", [["demo"], ["station"], ["link", "relay"]])
-def test_help_has_an_example_and_exit_codes(args: list[str]) -> None:
-    done = subprocess.run(
-        [*COMMAND, *args, "--help"],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"COLUMNS": "200"},
-    )
-    assert done.returncode == 0
-    assert "Example: automcm " + " ".join(args) in done.stdout and "Exit codes" in done.stdout
-
-
 def test_a_port_in_use_is_exit_code_3_and_names_it() -> None:
     with bind("127.0.0.1", 0) as taken:
         port = taken.getsockname()[1]

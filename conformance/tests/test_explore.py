@@ -13,7 +13,7 @@ from wrong_station import station
 from automcm_conformance import explore, records
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Mismatch
-from automcm_conformance.explore import Exploration
+from automcm_conformance.exploration import FORMAT, Exploration
 from automcm_conformance.play import play
 from automcm_conformance.shrink import Short, Shrinker
 from automcm_conformance.suite import Runner
@@ -373,7 +373,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "ACT-3" in result.output and "automcm conform replay" in result.output
     report = json.loads((tmp_path / "exploration.json").read_text())
-    assert report["format"] == explore.FORMAT and len(report["cases"]) == 1
+    assert report["format"] == FORMAT and len(report["cases"]) == 1
     missing = CliRunner().invoke(app, ["conform", "explore", "1", *out, "--", "no-such-thing"])
     assert missing.exit_code == 3
     no_command = CliRunner().invoke(app, ["conform", "explore", "1", *out])

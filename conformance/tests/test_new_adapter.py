@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from automcm_conformance.check import check
-from automcm_conformance.new import FILES, FOLDER, create, next_commands
+from automcm_conformance.new import FILES, create, next_commands
+from automcm_conformance.paths import TEMPLATES
 
 
 def levels(*command: str) -> list[str]:
@@ -53,7 +54,7 @@ def test_what_to_type_next() -> None:
 
 def test_every_file_of_a_template_is_written() -> None:
     for language, names in FILES.items():
-        there = {path.name for path in (FOLDER / language).iterdir() if path.is_file()}
+        there = {path.name for path in (TEMPLATES / language).iterdir() if path.is_file()}
         assert there == set(names)
 
 

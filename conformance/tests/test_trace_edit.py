@@ -16,15 +16,6 @@ LEASE = str(CORPUS / "bad/lease_longer.ndjson")
 PAIR = [str(CORPUS / "pair/1001.ndjson"), str(CORPUS / "pair/2002.ndjson")]
 
 
-@pytest.mark.parametrize("command", ["shrink", "diff", "export"])
-def test_each_has_help_with_an_example_and_exit_codes(command: str) -> None:
-    answer = run.invoke(app, ["trace", command, "--help"])
-    assert answer.exit_code == 0
-    words = " ".join(answer.output.split())
-    assert "Example" in words
-    assert "Exit codes" in words
-
-
 def test_a_shrunk_log_diverges_as_the_long_one(tmp_path: Path) -> None:
     answer = run.invoke(app, ["trace", "shrink", LEASE, "--out", str(tmp_path)])
     assert answer.exit_code == 0, answer.output
@@ -116,7 +107,7 @@ def test_diff_names_a_file_that_cannot_be_read() -> None:
 
 
 def test_export_writes_what_other_tools_read(tmp_path: Path) -> None:
-    for to, name in (("mermaid", "1001.mmd"), ("itf", "2002.itf.json")):
+    for to, name in (("mermaid", "1001.mmd"), ("svg", "1001.svg"), ("itf", "2002.itf.json")):
         options = ["--to", to, "--out", str(tmp_path), "--json", "-"]
         answer = run.invoke(app, ["trace", "export", str(CORPUS / "pair"), *options])
         assert answer.exit_code == 0, answer.output
@@ -132,6 +123,13 @@ def test_export_to_mcap_and_back(tmp_path: Path) -> None:
     answer = run.invoke(app, ["trace", "export", str(tmp_path / "1001.mcap"), *options])
     assert answer.exit_code == 0
     assert (tmp_path / "2002.ndjson").read_bytes() == Path(PAIR[1]).read_bytes()
+
+
+def test_a_picture_of_two_runs_is_refused(tmp_path: Path) -> None:
+    logs = [PAIR[0], str(CORPUS / "four-vehicles/2002.ndjson")]
+    options = ["--to", "svg", "--out", str(tmp_path)]
+    answer = run.invoke(app, ["trace", "export", *logs, *options])
+    assert answer.exit_code == 3 and "run" in answer.output
 
 
 def test_export_names_what_it_cannot_read(tmp_path: Path) -> None:

@@ -57,6 +57,38 @@ def test_logs_of_two_runs_are_refused() -> None:
     assert run.exit_code == 3 and "but" in run.stderr and run.stderr.count("\n") == 1
 
 
-def test_help_has_an_example() -> None:
-    run = CliRunner().invoke(app, ["trace", "html", "--help"])
-    assert run.exit_code == 0 and "Example: automcm trace html" in run.stdout
+def test_two_runs_are_compared(tmp_path: Path) -> None:
+    out, pair = tmp_path / "page.html", CORPUS / "pair"
+    good, bad = str(CORPUS / "four-vehicles"), str(pair)
+    run = CliRunner().invoke(
+        app, ["trace", "html", good, "--compare", bad, "--out", str(out), "--json", "-"]
+    )
+    assert run.exit_code == 0, run.output
+    told = json.loads(run.stdout)
+    diff = CliRunner().invoke(app, ["trace", "diff", good, bad, "--json", "-"])
+    assert {**told["diff"], "first": 0} == {**json.loads(diff.stdout), "first": 0}
+    assert [log["file"] for log in told["b"]["logs"]] == [
+        str(pair / "1001.ndjson"),
+        str(pair / "2002.ndjson"),
+    ]
+
+
+def test_two_counterexamples_are_compared(tmp_path: Path) -> None:
+    itf = [str(TRACES / "counterexamples" / f"{n}.itf.json") for n in ("no_lease", "no_decide")]
+    out = tmp_path / "page.html"
+    run = CliRunner().invoke(app, ["trace", "html", itf[0], "--compare", itf[1], "--out", str(out)])
+    assert run.exit_code == 0, run.output
+    text = out.read_bytes()
+    assert b"no_lease-1" in text and b"no_decide-1" in text and b"/tmp" not in text
+
+
+def test_runs_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
+    pair, four = CORPUS / "pair", CORPUS / "four-vehicles" / "3003.ndjson"
+    found = ["trace", "html", str(pair), "--out", str(tmp_path / "page.html")]
+    run = CliRunner().invoke(app, [*found, "--compare", str(four)])
+    assert run.exit_code == 3 and run.stderr.startswith("html: no station to compare: A has 1001,")
+    assert run.stderr.count("\n") == 1
+    run = CliRunner().invoke(app, [*found, "--compare", str(four), "--stations", "2002=3003"])
+    assert run.exit_code == 0, run.output
+    run = CliRunner().invoke(app, [*found, "--stations", "2002=3003"])
+    assert run.exit_code == 2 and "only with --compare" in run.stderr

@@ -37,6 +37,7 @@ def counts_as_heard(me: Me, st: State, i: Cam) -> bool:
 
 
 def heard(me: Me, st: State, i: Cam) -> Outcome:
+    """ACT-5: the CAM counts, and the cam timer begins anew."""
     return Outcome(replace(st, heard_ms=i.generation_ms), again=(Timer("cam"),))
 
 
@@ -44,6 +45,7 @@ CAM = (Row("ACT-5", counts_as_heard, heard), Row("ACT-5", always, ignore))
 
 
 def complete(me: Me, st: State, i: Complete) -> Outcome:
+    """ACT-3: the prescriber has finished, and says so until it is acked."""
     fin = Fin(src=me.station_id, dst=st.target, session=own(st), seq=st.seq + 1)
     return leave_with(st, [fin])
 
@@ -60,11 +62,13 @@ COMPLETE = (
 
 
 def from_own_prescriber(me: Me, st: State, i: Heard) -> bool:
+    """ACT-3: is it for this receiver, from its prescriber, of its session?"""
     m = i.message
     return not foreign(me, st, i) and st.role == "receiver" and m.src == st.peer
 
 
 def finished(me: Me, st: State, i: Heard) -> Outcome:
+    """ACT-3: the receiver acks the Fin and is free."""
     return Outcome(leave(st), (ack(me, i.message),), tell("finished", st))
 
 

@@ -30,6 +30,7 @@ from automcm.state import State
 
 
 def open_session(me: Me, st: State, i: Request) -> Outcome:
+    """ADV-1: a session with the next number, advertised at once."""
     session = (me.station_id, st.number + 1)
     advertisement = Advertisement(
         src=me.station_id,
@@ -52,6 +53,7 @@ def open_session(me: Me, st: State, i: Request) -> Outcome:
 
 
 def advertise_again(me: Me, st: State, i: Expiry) -> Outcome:
+    """ADV-2: the same Advertisement once more."""
     assert st.advertisement is not None
     return Outcome(st, (st.advertisement,))
 
@@ -65,15 +67,18 @@ REQUEST = (
 
 
 def joined_before(me: Me, st: State, i: Heard) -> bool:
+    """ADV-8: has it joined this session or a newer one of that prescriber?"""
     return i.message.session[1] <= st.joined.get(i.message.src, 0)
 
 
 def no_room_to_join(me: Me, st: State, i: Heard) -> bool:
+    """MEM-1: is there no room to join and to remember it?"""
     remembers = i.message.src in st.joined or len(st.joined) < me.memory_limit
     return not (room(me, st) and remembers)
 
 
 def join(me: Me, st: State, i: Heard) -> Outcome:
+    """ADV-3: join, send the Intention, remember the session."""
     assert i.planned is not None
     m = i.message
     intention = Intention(src=me.station_id, dst=m.src, session=m.session, seq=1, planned=i.planned)
@@ -108,6 +113,7 @@ def answer_closed(me: Me, st: State, i: Heard) -> Outcome:
 
 
 def record(me: Me, st: State, i: Heard) -> Outcome:
+    """ADV-5: keep the Intention and ack it."""
     m = i.message
     assert isinstance(m, Intention)
     recorded = MappingProxyType({**st.recorded, m.src: m})
@@ -125,9 +131,11 @@ INTENTION = (
 
 
 def forget(me: Me, st: State, i: Expiry) -> Outcome:
+    """ADV-8: no copy of the Advertisement is left, so the prescriber is forgotten."""
     kept = {p: n for p, n in st.joined.items() if p != i.timer.station}
     return Outcome(replace(st, joined=MappingProxyType(kept)))
 
 
 def hold_ends(me: Me, st: State, i: Expiry) -> Outcome:
+    """ADV-7: nothing has come while waiting."""
     return Outcome(leave(st), told=tell("fallback", st, reason="timeout"))

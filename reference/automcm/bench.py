@@ -92,6 +92,8 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Report:
+    """All figures of one run."""
+
     core: Core
     codings: tuple[Coding, ...]
     sessions: tuple[Sessions, ...]

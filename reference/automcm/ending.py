@@ -43,6 +43,7 @@ from automcm.state import NOBODY, EntryKey, State, Timer, key
 
 
 def abort(me: Me, st: State, i: Abort) -> Outcome:
+    """END-1: leave, with a Cancel to everybody concerned."""
     return leave_with(st, cancels(me, st, others(st), "abort"))
 
 
@@ -64,10 +65,12 @@ def withdraws(me: Me, st: State, i: Heard) -> bool:
 
 
 def last_withdraws(me: Me, st: State, i: Heard) -> bool:
+    """PRE-1: does the only station left to choose from withdraw?"""
     return st.phase == "CHOOSING" and withdraws(me, st, i) and len(st.recorded) == 1
 
 
 def withdraw(me: Me, st: State, i: Heard) -> Outcome:
+    """END-2: the station is not there to be chosen any more."""
     p = i.message.src
     recorded = MappingProxyType({q: m for q, m in st.recorded.items() if q != p})
     withdrawn = st.withdrawn | {p} if st.phase == "ADVERTISING" else st.withdrawn
@@ -75,15 +78,18 @@ def withdraw(me: Me, st: State, i: Heard) -> Outcome:
 
 
 def last_withdrawn(me: Me, st: State, i: Heard) -> Outcome:
+    """PRE-1: ack, and end as without participants."""
     return no_participants(me, st, i)._replace(messages=acked(me, st, i).messages)
 
 
 def from_peer(me: Me, st: State, i: Heard) -> bool:
+    """END-2: is it of the own session, from the peer?"""
     m = i.message
     return not foreign(me, st, i) and st.peer != NOBODY and m.src == st.peer
 
 
 def cancelled(me: Me, st: State, i: Heard) -> Outcome:
+    """END-2: ack and leave, and tell the reason."""
     assert isinstance(i.message, Cancel)
     told = tell("fallback", st, reason=i.message.reason)
     return acked(me, st, i)._replace(state=leave(st), told=told)
@@ -106,6 +112,8 @@ def entry_acked(st: State, i: Heard) -> Reliable | None:
 
 
 def acks(*types: str) -> Callable[[Me, State, Heard], bool]:
+    """END-6: does it ack an entry of one of these types?"""
+
     def when(me: Me, st: State, i: Heard) -> bool:
         entry = entry_acked(st, i)
         return entry is not None and entry.type in types
@@ -114,6 +122,7 @@ def acks(*types: str) -> Callable[[Me, State, Heard], bool]:
 
 
 def drop(st: State, gone: EntryKey) -> tuple[Reliable, ...]:
+    """The outbox without the entry."""
     return tuple(entry for entry in st.outbox if key(entry) != gone)
 
 
@@ -139,14 +148,17 @@ ACK = (
 
 
 def restart(me: Me, st: State, i: Restart) -> Outcome:
+    """END-8: only the number is left, and the quarantine begins."""
     return Outcome(State(number=st.number, quarantine=True), again=(Timer("quarantine"),))
 
 
 def not_for_me(me: Me, st: State, i: Heard) -> bool:
+    """MSG-1: is it addressed to another?"""
     return i.message.dst not in (me.station_id, BROADCAST)
 
 
 def breaks_protocol(me: Me, st: State, i: Heard) -> bool:
+    """END-5: is there anything in it that no station may send?"""
     m = i.message
     if m.src == me.station_id or (m.dst == BROADCAST) != (m.type == "Advertisement"):
         return True

@@ -78,6 +78,8 @@ class Found(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
+    """How many inputs were taken for messages, and how many refused."""
+
     accepted: int
     refused: int
 
@@ -260,6 +262,7 @@ def fuzz(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
+    """The fuzzer as a command; 1 if a decoder let something through or leaked."""
     parser = argparse.ArgumentParser(prog="python -m automcm.fuzz", description=__doc__)
     parser.add_argument("--count", type=int, default=10_000_000, help="inputs altogether")
     parser.add_argument("--seed", type=int, default=1)

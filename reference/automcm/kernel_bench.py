@@ -73,6 +73,8 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Report:
+    """All figures of one run."""
+
     rows: tuple[Row, ...]
     missing: tuple[str, ...]
     """Peers that are not installed."""

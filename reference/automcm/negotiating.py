@@ -31,6 +31,7 @@ from automcm.state import State
 
 
 def instructed(me: Me, st: State, i: Heard) -> Outcome:
+    """NEG-1: ack, and ask the application to verify."""
     m = i.message
     assert isinstance(m, Prescription)
     verifying = moved(
@@ -58,6 +59,7 @@ PRESCRIPTION = (
 
 
 def not_verifying(me: Me, st: State, i: Any) -> bool:
+    """CMD-1: is there nothing to answer?"""
     return not (st.phase == "NEGOTIATING" and st.role == "receiver")
 
 
@@ -74,11 +76,13 @@ def answer(me: Me, st: State, **verdict: Any) -> Acceptance:
 
 
 def accept(me: Me, st: State, i: Accept) -> Outcome:
+    """NEG-2: committed from now on; the Acceptance is sent until acked."""
     acceptance = answer(me, st, accepted=True, selected=i.selected)
     return Outcome(post(moved(st, "accept"), acceptance), (acceptance,))
 
 
 def refuse_proposal(me: Me, st: State, reason: Any, told: Indication | None) -> Outcome:
+    """NEG-3: refuse for this reason, and wait for another proposal."""
     acceptance = answer(me, st, accepted=False, reason=reason)
     return Outcome(post(moved(st, "refuse"), acceptance), (acceptance,), told)
 
@@ -96,18 +100,21 @@ REFUSE = (
 
 
 def untaken(me: Me, st: State, i: Heard) -> bool:
+    """NEG-6: is it an answer to another proposal, or to none?"""
     m = i.message
     assert isinstance(m, Acceptance)
     return not (st.awaits_answer and m.proposal == st.proposal)
 
 
 def not_yet_sent(me: Me, st: State, i: Heard) -> bool:
+    """END-5: does it answer what was never sent to its sender?"""
     m = i.message
     assert isinstance(m, Acceptance)
     return m.src != st.target or m.proposal > st.proposal
 
 
 def agreed(me: Me, st: State, i: Heard) -> Outcome:
+    """NEG-6: ack, and act."""
     m = i.message
     assert isinstance(m, Acceptance)
     acting = moved(st, "accepted", outbox=without(st, "Prescription"))
@@ -115,12 +122,14 @@ def agreed(me: Me, st: State, i: Heard) -> Outcome:
 
 
 def may_propose_again(me: Me, st: State, i: Heard) -> bool:
+    """NEG-7: is there a round left, and a sense in it?"""
     m = i.message
     assert isinstance(m, Acceptance)
     return m.reason not in ANSWER_REASONS and st.proposal < me.max_rounds
 
 
 def refused(me: Me, st: State, i: Heard) -> Outcome:
+    """NEG-7: ack, and ask the application for another proposal."""
     m = i.message
     assert isinstance(m, Acceptance)
     deciding = moved(st, "refused", deciding=True, outbox=without(st, "Prescription"))
@@ -129,6 +138,7 @@ def refused(me: Me, st: State, i: Heard) -> Outcome:
 
 
 def no_agreement(me: Me, st: State, i: Heard) -> Outcome:
+    """NEG-7: ack, and cancel the target."""
     outcome = cancel_peer("no_agreement")(me, st, i)
     return outcome._replace(messages=acked(me, st, i).messages + outcome.messages)
 

@@ -79,22 +79,27 @@ class Row(NamedTuple):
 
 
 def always(me: Me, st: State, i: Any) -> bool:
+    """The guard of a row without a condition."""
     return True
 
 
 def ignore(me: Me, st: State, i: Any) -> Outcome:
+    """Nothing happens."""
     return Outcome(st)
 
 
 def tell(name: Any, st: State, **more: Any) -> Indication:
+    """An indication of the own session; the rule is filled in by ``decide``."""
     return Indication(name=name, rule="", session=st.session, **more)
 
 
 def discard(me: Me, st: State, i: Any) -> Outcome:
+    """END-5: nothing happens but that it is reported."""
     return Outcome(st, told=Indication(name="discarded", rule="", detail=i.message.type))
 
 
 def refuse(me: Me, st: State, i: Any) -> Outcome:
+    """CMD-1: the command changes nothing, and the application is told."""
     return Outcome(st, told=Indication(name="refused", rule="", detail=i.name))
 
 
@@ -109,6 +114,7 @@ def post(st: State, *messages: Reliable) -> State:
 
 
 def without(st: State, *types: str) -> tuple[Reliable, ...]:
+    """The outbox without entries of these types."""
     return tuple(message for message in st.outbox if message.type not in types)
 
 
@@ -162,6 +168,7 @@ def others(st: State) -> list[int]:
 
 
 def ack(me: Me, m: Any) -> Ack:
+    """The Ack of a message (END-6)."""
     return Ack(
         src=me.station_id, dst=m.src, session=m.session, of=MessageId(type=m.type, seq=m.seq)
     )
@@ -191,6 +198,7 @@ def in_session(st: State, session: Session) -> bool:
 
 
 def foreign(me: Me, st: State, i: Heard) -> bool:
+    """Is it of another session than the own one?"""
     return not in_session(st, i.message.session)
 
 

@@ -63,14 +63,17 @@ class Parameters:
 
     @property
     def t_advertise(self) -> int:
+        """How long the window for Intentions is open, ms."""
         return self.t_giveup
 
     @property
     def t_hold(self) -> int:
+        """How long a receiver waits for a Prescription, ms."""
         return self.t_advertise + self.t_decide + 2 * self.t_giveup
 
     @property
     def t_life(self) -> int:
+        """After so long no copy of a message is under way any more, ms."""
         return 2 * self.t_giveup
 
     def duration(self, timer: Timer) -> int:

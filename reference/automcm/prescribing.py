@@ -32,6 +32,7 @@ def no_participants(me: Me, st: State, i: Any) -> Outcome:
 
 
 def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
+    """PRE-1: the application chooses from the Intentions, if there are any."""
     if not st.recorded:
         return no_participants(me, st, i)
     intentions = tuple(st.recorded[p] for p in sorted(st.recorded))
@@ -66,6 +67,7 @@ def prescribe(me: Me, st: State, i: Prescribe) -> Outcome:
 
 
 def stale_choice(me: Me, st: State, i: Prescribe) -> bool:
+    """PRE-5: is it about another session, or not the next proposal?"""
     return i.session != st.session or i.proposal != st.proposal + 1
 
 
@@ -80,6 +82,7 @@ PRESCRIBE = (
 
 
 def proceed(me: Me, st: State, i: Proceed) -> Outcome:
+    """PRE-3: leave, with a Cancel to everybody recorded."""
     return leave_with(st, cancels(me, st, sorted(st.recorded), "not_needed"))
 
 

@@ -45,28 +45,35 @@ from automcm.state import State, Timer, key
 
 
 def undecided(me: Me, st: State, i: Expiry) -> Outcome:
+    """NEG-3: the application has not verified in time."""
     told = tell("undecided", st, proposal=st.proposal)
     return refuse_proposal(me, st, "undecided", told)
 
 
 def no_choice(me: Me, st: State, i: Expiry) -> Outcome:
+    """PRE-5: the application has not chosen in time."""
     told = tell("fallback", st, reason="abort")
     return leave_with(st, cancels(me, st, others(st), "abort"), told)
 
 
 def entry_of(st: State, timer: Timer) -> Reliable:
+    """The entry of the outbox that a timer belongs to."""
     return next(entry for entry in st.outbox if key(entry) == timer.entry)
 
 
 def send_again(me: Me, st: State, i: Expiry) -> Outcome:
+    """REL-1: the same message once more."""
     return Outcome(st, (entry_of(st, i.timer),))
 
 
 def gives_up(type_: str) -> Callable[[Me, State, Expiry], bool]:
+    """Has the entry that is given up this type?"""
     return lambda me, st, i: i.timer.entry is not None and i.timer.entry.type == type_
 
 
 def give_up(event: str | None) -> Callable[[Me, State, Expiry], Outcome]:
+    """REL-1: the entry leaves the outbox; ``event`` moves the phase."""
+
     def then(me: Me, st: State, i: Expiry) -> Outcome:
         assert i.timer.entry is not None
         kept = drop(st, i.timer.entry)

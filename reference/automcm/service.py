@@ -28,8 +28,9 @@ from automcm.messages import (
     Trajectory,
     to_dict,
 )
-from automcm.outcome import Heard
+from automcm.outcome import Heard, Row
 from automcm.parameters import Parameters
+from automcm.rules import RULES
 from automcm.state import State
 from automcm.station import Effects, Station
 from automcm.statistics import Statistics
@@ -59,7 +60,8 @@ class McService:
 
     ``number`` is the last session number used before, and ``keep_number`` is called with each
     new one before it goes on the air (END-8); a service that comes back calls ``restart``.
-    ``seed`` feeds the back-off (END-7) and the offset of the first CAM.
+    ``seed`` feeds the back-off (END-7) and the offset of the first CAM.  ``rules`` other than the
+    protocol's are for experiments that take one away.
 
     An exception in the application, an observer or ``keep_number`` passes through to whoever
     called (the event loop, the simulation), but only after everything else that was to be done:
@@ -78,6 +80,7 @@ class McService:
         keep_number: Callable[[int], None] = lambda number: None,
         seed: int = 0,
         codec: Codec = JSON,
+        rules: dict[str, tuple[Row, ...]] = RULES,
         log: LogWriter | None = None,
         observers: tuple[Observer, ...] = (),
     ) -> None:
@@ -87,6 +90,7 @@ class McService:
             plan=self._plan,
             number=number,
             seed=seed,
+            rules=rules,
             decode=codec.decode,
         )
         self.application, self.statistics = application, Statistics()
@@ -108,14 +112,17 @@ class McService:
 
     @property
     def station_id(self) -> int:
+        """The id of its station."""
         return self.station.station_id
 
     @property
     def parameters(self) -> Parameters:
+        """The parameters of its station."""
         return self.station.parameters
 
     @property
     def state(self) -> State:
+        """What its station knows now."""
         return self.station.state
 
     # -- what may be done with it

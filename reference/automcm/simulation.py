@@ -8,24 +8,35 @@ from pathlib import Path
 from automcm import logging
 from automcm.application import Application
 from automcm.clock import VirtualClock
+from automcm.codec import JSON, Codec
 from automcm.interface import Command
 from automcm.links.simulated import Channel, Radio
+from automcm.outcome import Row
 from automcm.parameters import Parameters
+from automcm.rules import RULES
 from automcm.service import McService, Observer
 from automcm.straight import LANE_CHANGE
 from automcm_traces.writer import LogWriter
 
 
 class Simulation:
-    """Services, their applications and the radio between them; each may write a log."""
+    """Services, their applications and the radio between them; each may write a log.
+
+    ``rules``: what all its stations run on, for experiments that take one away.
+    """
 
     def __init__(
-        self, *, seed: int = 0, channel: Channel | None = None, logs: Path | None = None
+        self,
+        *,
+        seed: int = 0,
+        channel: Channel | None = None,
+        logs: Path | None = None,
+        rules: dict[str, tuple[Row, ...]] = RULES,
     ) -> None:
         self.clock = VirtualClock()
         self.radio = Radio(self.clock, channel, seed)
         self.services: dict[int, McService] = {}
-        self._seed, self._logs = seed, logs
+        self._seed, self._logs, self._rules = seed, logs, rules
         self._stack = ExitStack()
 
     def add(
@@ -35,6 +46,7 @@ class Simulation:
         parameters: Parameters | None = None,
         *,
         observers: tuple[Observer, ...] = (),
+        codec: Codec = JSON,
     ) -> McService:
         """A station that sends CAMs from now on.  Raises ValueError for an id that is there."""
         link = self.radio.link(station_id)
@@ -59,6 +71,8 @@ class Simulation:
             self.clock,
             parameters=parameters,
             seed=self._seed * 1000 + station_id,
+            codec=codec,
+            rules=self._rules,
             log=log,
             observers=observers,
         )

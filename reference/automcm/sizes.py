@@ -26,7 +26,6 @@ from automcm.messages import (
 
 POINTS = (1, 10, 52, 260)
 """52 is the paper's case: 260 m, a point every 5 m.  260 is as many before thinning to a fifth."""
-BEGIN, END = "<!-- begin: automcm.sizes -->", "<!-- end: automcm.sizes -->"
 
 _CAR, _OTHER, _NOW = 3_000_000_001, 3_000_000_002, 1_800_000_000_000
 
@@ -144,15 +143,3 @@ def table() -> str:
         f"Points with which a Prescription fits one frame of {FRAME_BYTES} bytes: {most}.",
     ]
     return "\n".join(lines)
-
-
-def page(text: str) -> str:
-    """``text``, a page with the two marks, with the table as it is now between them.
-
-    Raises ValueError if the marks are not there.
-    """
-    before, begin, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f"the marks {BEGIN} and {END} are needed")
-    return f"{before}{BEGIN}\n{table()}\n{END}{after}"

@@ -71,6 +71,7 @@ class State:
 
     @property
     def bound(self) -> bool:
+        """Is it in a session?"""
         return self.phase != "STANDALONE"
 
     @property

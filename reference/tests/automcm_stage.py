@@ -210,3 +210,12 @@ class Stage:
         yield
         self.do(30, "accept", (PRESCRIBER, 1))
         yield
+
+
+EVERY_100_MS = list(range(0, 2001, 100))
+THEIRS = (PRESCRIBER, 1)
+OWN = (ME, 1)
+
+
+def names(timers: Any) -> list[str]:
+    return [timer.name for timer in timers]

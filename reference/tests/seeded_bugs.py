@@ -19,38 +19,19 @@ from stateful_oracle import ALL, PROPERTIES, Broken
 from automcm import adapter, ending, station
 from automcm import rules as tables
 from automcm.advertising import answer_closed
+from automcm.experiments.ablations import (
+    Rules,
+    any_cam,
+    bound_session,
+    changed,
+    lease_anew,
+    never,
+    take_over,
+)
 from automcm.messages import Ack, Cancel, Prescription
-from automcm.outcome import Me, Outcome, Row, ack, leave, tell
+from automcm.outcome import Me, Outcome, leave
 from automcm.rules import RULES
 from automcm.state import State, Timer, armed
-
-Rules = dict[str, tuple[Row, ...]]
-Then = Callable[[Me, State, Any], Outcome]
-When = Callable[[Me, State, Any], bool]
-
-
-def changed(kind: str, n: int, *, when: When | None = None, then: Then | None = None) -> Rules:
-    """The rules with another row ``n`` for inputs of this kind."""
-    rows = list(RULES[kind])
-    rows[n] = Row(rows[n].rule, when or rows[n].when, then or rows[n].then)
-    return {**RULES, kind: tuple(rows)}
-
-
-def never(me: Me, st: State, i: Any) -> bool:
-    return False
-
-
-def take_over(me: Me, st: State, i: Any) -> Outcome:
-    m = i.message
-    taken = replace(
-        State(number=st.number, joined=st.joined, outbox=st.outbox),
-        phase="NEGOTIATING",
-        role="receiver",
-        session=m.session,
-        proposal=m.proposal,
-        lease_ms=m.lease_ms,
-    )
-    return Outcome(taken, (ack(me, m),), tell("verify", taken, proposal=m.proposal, prescription=m))
 
 
 def give_up_and_leave(me: Me, st: State, i: Any) -> Outcome:
@@ -66,16 +47,6 @@ def instruct_all(me: Me, st: State, i: Any) -> Outcome:
         for m in outcome.messages
     )
     return outcome._replace(messages=sent)
-
-
-def lease_anew(me: Me, st: State, i: Any) -> Outcome:
-    outcome = RULES["receive Acceptance"][6].then(me, st, i)
-    return outcome._replace(again=(*outcome.again, Timer("lease")))
-
-
-def any_cam(me: Me, st: State, i: Any) -> bool:
-    newer = st.heard_ms is None or i.generation_ms > st.heard_ms
-    return st.phase == "ACTUATING" and i.src == st.peer and newer
 
 
 def acked_by_anybody(st: State, i: Any) -> Any:
@@ -123,10 +94,6 @@ def unarmed(name: str) -> Iterator[Rules]:
 def patched(of: Any, name: str, by: Any) -> Iterator[Rules]:
     with mock.patch.object(of, name, by):
         yield RULES
-
-
-def bound_session(st: State) -> Any:
-    return () if st.session is None else (st.session,)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import pytest
+from automcm_stage import Stage, fin
 from pydantic import ValidationError
 
 from automcm.interface import Request
@@ -80,3 +81,11 @@ def test_time_does_not_go_back_at_a_restart_either() -> None:
     station.advance(5000)
     with pytest.raises(ValueError, match="time goes back"):
         station.restart(100)
+
+
+def test_a_forged_fin_ends_the_session() -> None:
+    """No message is authenticated (docs/security.md): ``src`` is whatever its sender says."""
+    stage = Stage().walk("receiver", "ACTUATING")
+    forged = encode(fin())
+    (effects,) = stage.hear(stage.now, forged)
+    assert effects.rule == "ACT-3" and stage.at == ("none", "STANDALONE")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import random
 import socket
 from collections.abc import Callable, Coroutine
@@ -45,6 +46,61 @@ def test_a_perfect_radio_delivers_each_once_after_its_delay() -> None:
 @pytest.mark.parametrize("loss", [0.2, 0.6])
 def test_loss_is_as_frequent_as_told(loss: float) -> None:
     assert abs(len(heard(Channel(loss=loss), 4000)) / 4000 - (1 - loss)) < 0.03
+
+
+def lost_runs(channel: Channel, copies: int) -> list[int]:
+    """How many copies in a row were lost, each time some were; copies 100 ms apart."""
+    got = {n for n, _ in heard(channel, copies)}
+    pattern = "".join(" x"[n not in got] for n in range(copies))
+    return [len(run) for run in pattern.split()]
+
+
+def test_loss_in_bursts_has_the_mean_of_even_loss_and_runs_as_long_as_told() -> None:
+    """A run of losses lasts the mean burst: 1000 ms, of which copies see all but the ends."""
+    even, bursts = (lost_runs(Channel(loss=0.3, burst_ms=ms), 20_000) for ms in (0, 1000))
+    assert abs(sum(even) / 20_000 - 0.3) < 0.02 and abs(sum(bursts) / 20_000 - 0.3) < 0.03
+    stays = 0.3 + 0.7 * math.exp(-100 / (1000 * 0.7))
+    assert sum(even) / len(even) == pytest.approx(1 / 0.7, rel=0.03)
+    assert sum(bursts) / len(bursts) == pytest.approx(1 / (1 - stays), rel=0.12)
+
+
+def test_a_burst_that_does_not_lose_all_is_longer_seldom_in_its_bad_state() -> None:
+    runs = lost_runs(Channel(loss=0.3, burst_ms=1000, burst_loss=0.6), 20_000)
+    assert abs(sum(runs) / 20_000 - 0.3) < 0.03
+    assert sum(runs) / len(runs) < 3, "within a burst some get through"
+
+
+@pytest.mark.parametrize(("loss", "share"), [(0.0, 1.0), (1.0, 0.0)])
+def test_bursts_of_no_loss_and_of_all(loss: float, share: float) -> None:
+    assert len(heard(Channel(loss=loss, burst_ms=200), 100)) == 100 * share
+
+
+def test_each_way_has_bursts_of_its_own() -> None:
+    clock = VirtualClock()
+    radio = Radio(clock, Channel(loss=0.5, burst_ms=1000, delay_ms=(1, 1)), 1)
+    got: dict[int, list[bytes]] = {1: [], 2: []}
+    links = {s: radio.link(s) for s in got}
+    for s, link in links.items():
+        link.open(lambda data, tx, s=s: got[s].append(data))  # type: ignore[misc]
+    for n in range(3000):
+        clock.at(100 * n, lambda n=n: [links[s].send(b"%d" % n, 3 - s, "") for s in links])  # type: ignore[misc]
+    clock.run(301_000)
+    both = len(set(got[1]) & set(got[2])) / 3000
+    assert abs(both - 0.25) < 0.05, "independent of one another"
+
+
+@pytest.mark.parametrize(
+    ("bad", "text"),
+    [
+        ({"burst_ms": -1.0}, "burst_ms: -1.0"),
+        ({"burst_ms": math.inf}, "burst_ms: inf"),
+        ({"burst_loss": 0.0}, "burst_loss: 0.0"),
+        ({"loss": 0.5, "burst_ms": 100.0, "burst_loss": 0.4}, "burst_loss: 0.4"),
+    ],
+)
+def test_bursts_that_cannot_be_are_refused(bad: dict[str, float], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Channel(**bad)  # type: ignore[arg-type]
 
 
 def test_duplication_and_delay_are_as_told() -> None:

@@ -170,7 +170,7 @@ def test_without_coordination_it_is_noticed_late_with_a_hard_stop_and_a_restart(
     first, slowest, x = arrival(Late())
     assert first == pytest.approx(D.lane_change_s * 0.5 / LANE_WIDTH, abs=0.2) and slowest == 0
     assert arrival(Late(notice=2.0))[0] > first
-    assert arrival(Late(restart_s=5.0))[2] < x and arrival(Late(restart_gap=40))[2] < x
+    assert arrival(Late(restart_s=5.0))[2] < x and arrival(Late(restart_gap=60))[2] < x
     assert arrival(Late(brake=6.0))[1] == 0
 
 

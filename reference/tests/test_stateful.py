@@ -51,7 +51,7 @@ def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
         what, calls = hunt(bug, seed)
         if what == bug.what:
             found.setdefault(len(calls) - 1, calls)
-        if found and min(found) <= bug.steps:
+        if found and min(found) <= bug.steps + MORE:
             break
     calls = found[min(found)]
     print(stateful.told(calls))

@@ -34,6 +34,7 @@ class Graph:
 
     @property
     def path(self) -> Path:
+        """The file of the graph."""
         return ORACLES / f"{self.name}.json.xz"
 
     @property

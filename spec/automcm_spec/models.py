@@ -125,14 +125,17 @@ class Verdict:
 
     @builtins.property
     def ok(self) -> bool:
+        """Is it as expected?"""
         return self.problem is None
 
     @builtins.property
     def partial(self) -> tlc.Progress | None:
+        """How far TLC came, if it was stopped."""
         return self.error.partial if self.error else None
 
     @builtins.property
     def trace(self) -> tuple[tlc.TraceState, ...]:
+        """The counterexample; empty if there is none."""
         return self.result.trace if self.result else ()
 
 

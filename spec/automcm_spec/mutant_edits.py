@@ -35,6 +35,7 @@ class Edit:
     node: Node
 
     def order(self) -> tuple[int, int, str, bytes]:
+        """What the mutants of a definition are put in order by."""
         return (self.start, self.end, self.kind, self.new)
 
 

@@ -73,6 +73,7 @@ class Outcome:
 
     @property
     def survived(self) -> bool:
+        """Has no model noticed it?"""
         return not self.kills and not self.invalid
 
     @property
@@ -111,10 +112,12 @@ class Report:
 
     @property
     def complete(self) -> bool:
+        """Have all that were selected been judged?"""
         return len(self.outcomes) == self.selected
 
     @property
     def exit_code(self) -> int:
+        """0 as expected, 1 not, 4 if some are left."""
         return 4 if not self.complete else 1 if self.problems else 0
 
 

@@ -103,10 +103,12 @@ class Oracle:
 
     @cached_property
     def state_index(self) -> dict[str, int]:
+        """The number of a state by its canonical text."""
         return {canonical(state): n for n, state in enumerate(self.states)}
 
     @cached_property
     def input_index(self) -> dict[str, int]:
+        """The number of an input by its canonical text."""
         return {canonical(value): n for n, value in enumerate(self.inputs)}
 
     @property

@@ -1,19 +1,19 @@
-"""Where the TLA+ modules and the models are."""
+"""Where data is that belongs to a package: the TLA+ modules, the models, the oracle."""
 
 from pathlib import Path
+
+
+def data(name: str, package: Path) -> Path:
+    """The copy of a folder that a wheel carries, else the one beside ``package`` in a checkout."""
+    packaged = package / "_data" / name
+    return packaged if packaged.is_dir() else package.parent / name
+
 
 _HERE = Path(__file__).resolve().parent
 
 
-def _data(name: str) -> Path:
-    """The folder beside this package in a checkout, else the copy a wheel carries."""
-    checkout = _HERE.parent / name
-    packaged = _HERE / "_data" / name
-    return packaged if packaged.is_dir() else checkout
-
-
-TLA = _data("tla")
-MODELS = _data("models")
-ORACLES = _data("oracle")
-BENCH = _data("bench")
-SIMULATION = _data("simulation")
+TLA = data("tla", _HERE)
+MODELS = data("models", _HERE)
+ORACLES = data("oracle", _HERE)
+BENCH = data("bench", _HERE)
+SIMULATION = data("simulation", _HERE)

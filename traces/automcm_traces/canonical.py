@@ -35,6 +35,7 @@ class Deed:
 
     @property
     def key(self) -> str:
+        """A text that is equal for equal deeds."""
         return json.dumps(self.fields, sort_keys=True)
 
     @property
@@ -58,6 +59,7 @@ class DeedStep:
 
     @property
     def deeds(self) -> list[Deed]:
+        """The input, if there is one, and what came of it."""
         return [*([self.input] if self.input is not None else []), *self.effects]
 
 

@@ -117,6 +117,7 @@ class Node:
     _known: dict[tuple[int, str], Transition] = field(default_factory=dict)
 
     def transition(self, key: tuple[int, str]) -> Transition:
+        """A transition by station and text, worked out once."""
         if key not in self._known:
             self._known[key] = transition(key[0], self.st[key[0]], json.loads(key[1]))
         return self._known[key]
@@ -178,6 +179,7 @@ class Graph:
 
     @property
     def max_rounds(self) -> int:
+        """MaxRounds of the model."""
         found = re.search(r"^  MaxRounds = (\d+)$", self.cfg, re.M)
         assert found is not None, "every model says it"
         return int(found[1])

@@ -155,6 +155,7 @@ class Sent:
 
     @staticmethod
     def of(log: Log) -> Sent:
+        """What a log says was sent."""
         txs = frozenset(e.tx for _, e in log.events if isinstance(e, Send))
         return Sent(log, txs, max((number(tx) for tx in txs), default=0))
 

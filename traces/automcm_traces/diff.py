@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import SequenceMatcher
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,9 @@ class Compared:
     """Kinds of event that not both logs promise: they are not compared."""
     parameters: _Fields = ()
     """Those of the headers that differ."""
+    pairs: list[tuple[int, int]] = field(default_factory=list)
+    """Lines of the events that are the same, as far as both logs have them in one order; last, if
+    both have it, the one that differs."""
 
     def as_dict(self) -> dict[str, Json]:
         d = self.difference
@@ -95,6 +99,7 @@ class Diff:
 
     @property
     def same(self) -> bool:
+        """Is there no difference at all?"""
         return not (self.only_a or self.only_b or any(c.difference for c in self.stations))
 
     def as_dict(self) -> dict[str, Json]:
@@ -113,6 +118,15 @@ def diff(a: Sequence[Path], b: Sequence[Path], stations: Mapping[int, int] | Non
     ``stations`` says for a station of A which of B it is, where that has another id; a single log
     on each side is compared whatever the ids.  Raises LogError, for two logs of one station too.
     """
+    found = diff_logs([read(path) for path in a], [read(path) for path in b], stations)
+    found.first = _first(a, found.stations)
+    return found
+
+
+def diff_logs(
+    a: Sequence[Log], b: Sequence[Log], stations: Mapping[int, int] | None = None
+) -> Diff:
+    """As ``diff``, of logs that were read; which station is the first to differ is left open."""
     logs_a, logs_b = _by_station(a), _by_station(b)
     pairs = dict(stations or {})
     if len(logs_a) == len(logs_b) == 1 and not pairs:
@@ -126,18 +140,16 @@ def diff(a: Sequence[Path], b: Sequence[Path], stations: Mapping[int, int] | Non
         else:
             found.stations.append(compared(log, other, ids))
     found.only_b = [log.file for log in logs_b.values()]
-    found.first = _first(a, found.stations)
     return found
 
 
-def _by_station(paths: Sequence[Path]) -> dict[int, Log]:
+def _by_station(given: Sequence[Log]) -> dict[int, Log]:
     logs: dict[int, Log] = {}
-    for path in paths:
-        log = read(path)
+    for log in given:
         station = log.header.station
         if station in logs:
             other = logs[station].file
-            raise LogError(path, 1, "station", f"{station} is the station of {other} too")
+            raise LogError(log.file, 1, "station", f"{station} is the station of {other} too")
         logs[station] = log
     return dict(sorted(logs.items()))
 
@@ -176,14 +188,36 @@ def compared(a: Log, b: Log, ids: Mapping[int, int]) -> Compared:
         if first is not None:
             shown = zip(*kept, strict=True)
             found.difference = Difference(*first, *(tuple(steps) for steps in shown))
+            found.pairs += _pairs(one, other, first[:2])
             break
         found.steps += 1
+        found.pairs += _pairs(one, other)
         at = one.deeds[0], other.deeds[0]
         times = at[0].event.t_ms, at[1].event.t_ms
         start = start or times
         apart = abs((times[0] - start[0]) - (times[1] - start[1]))
         if apart > found.apart_ms:
             found.apart_ms, found.apart = apart, (at[0].line, at[1].line)
+    return found
+
+
+def _pairs(
+    a: DeedStep, b: DeedStep, last: tuple[Deed | None, Deed | None] = (None, None)
+) -> list[tuple[int, int]]:
+    """Lines of equal events that stand in one order, before the first that differ, and of these."""
+    left, right = (
+        [deed for deed in step.deeds if end is None or deed.line < end.line]
+        for step, end in zip((a, b), last, strict=True)
+    )
+    keys = [deed.key for deed in left], [deed.key for deed in right]
+    same = (
+        [(0, 0, len(left))]
+        if keys[0] == keys[1]
+        else SequenceMatcher(None, *keys, autojunk=False).get_matching_blocks()
+    )
+    found = [(left[i + n].line, right[j + n].line) for i, j, size in same for n in range(size)]
+    if last[0] is not None and last[1] is not None:
+        found.append((last[0].line, last[1].line))
     return found
 
 

@@ -34,7 +34,16 @@ from automcm_traces.log import (
 )
 from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges, Step
-from automcm_traces.timers import TIMER_RULES, match, named, short, timer_key, timer_name
+from automcm_traces.timers import (
+    TIMER_RULES,
+    durations,
+    longest_delay,
+    match,
+    named,
+    short,
+    timer_key,
+    timer_name,
+)
 from automcm_traces.track import (
     ROUNDS,
     Limits,
@@ -61,18 +70,9 @@ class Engine:
     def __init__(self, log: Log | Header, late_ms: int | None = None) -> None:
         header = log.header if isinstance(log, Log) else log
         p = header.parameters
-        self._durations = {
-            "advertise": p.t_advertise,
-            "resend": p.t_resend,
-            "giveup": p.t_giveup,
-            "decide": p.t_decide,
-            "hold": p.t_hold,
-            "answer": _sum(p.t_decide, p.t_giveup),
-            "cam": p.t_cam_loss,
-            "quarantine": _sum(p.t_advertise, p.t_life),
-        }
+        self._durations = durations(p)
         self.promised = frozenset(header.complete)
-        self._late_ms = (p.t_resend or 100) // 2 if late_ms is None else late_ms
+        self._late_ms = longest_delay(p) if late_ms is None else late_ms
         told = (p.max_participants, p.outbox_limit, p.memory_limit)
         limits = Limits(*(n or default for n, default in zip(told, Limits(), strict=True)))
         self.track = Track(header.station, p.max_rounds or ROUNDS, limits)
@@ -467,7 +467,3 @@ class Engine:
 
 def _by(rule: str) -> str:
     return f"{rule}: {RULES[rule]}"
-
-
-def _sum(a: int | None, b: int | None) -> int | None:
-    return None if a is None or b is None else a + b

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from automcm_traces.clocks import Span
 from automcm_traces.log import Receive
 from automcm_traces.timeline import Session, Spell, Timeline
+from automcm_traces.timers import longest_delay
 from automcm_traces.world import World
 
 Json = Any
@@ -279,12 +280,12 @@ def _outcome(
     if length is None:
         return "cannot_tell", "the clocks of the two stations cannot be compared"
     limit = bound.ms
-    delay = world.log(acts.station).header.parameters.t_resend or 100
+    delay = longest_delay(world.log(acts.station).header.parameters)
     slow = world.slowest(target, acts.station)
     if length.low > limit:
-        if slow > delay // 2:
+        if slow > delay:
             return "cannot_tell", (
-                f"T-2 assumes delays of at most {delay // 2} ms; a copy was under way for {slow} ms"
+                f"T-2 assumes delays of at most {delay} ms; a copy was under way for {slow} ms"
             )
         return "exceeds", ""
     if length.high <= limit:
@@ -298,7 +299,7 @@ def bound_of(world: World, acts: Spell) -> Bound | None:
     p = world.log(acts.station).header.parameters
     if p.t_cam_loss is None:
         return None
-    d = (p.t_resend or 100) // 2
+    d = longest_delay(p)
     ms, text = d + p.t_cam_loss, f"D + t_cam_loss = {d} + {p.t_cam_loss}"
     assert acts.session is not None, "a station that acts is bound"
     lease = world.leases(acts.station).get((acts.session, acts.start.proposal))

@@ -39,10 +39,12 @@ class Behaviour:
 
     @property
     def timed(self) -> bool:
+        """Does the behaviour say when each step happens?"""
         return any(move.at_ms is not None for move in self.moves)
 
     @property
     def reduced(self) -> bool:
+        """Is it of a model with the reductions of System?"""
         return not self.timed and "Reduced = TRUE" in self.cfg
 
     def constant(self, name: str) -> int:

@@ -61,10 +61,12 @@ class Merged:
 
     @property
     def run(self) -> str:
+        """The id of the run, the same in all logs."""
         return self.logs[0].header.run
 
     @property
     def stations(self) -> list[int]:
+        """Whose logs they are, in their order."""
         return [log.header.station for log in self.logs]
 
     def place(self, station: int) -> int | None:
@@ -73,6 +75,7 @@ class Merged:
         return stations.index(station) if station in stations else None
 
     def event(self, node: Node) -> Event:
+        """The event at a place."""
         return self.logs[node[0]].events[node[1]][1]
 
     def where(self, node: Node) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from automcm_traces.diff import text
 from automcm_traces.page_data import Page, as_dict
 from automcm_traces.page_pack import compact
 from automcm_traces.words import safe, said
@@ -40,18 +41,20 @@ def html(page: Page) -> bytes:
         lstrip_blocks=True,
     )
     first, last = _part(page, data)
-    text = environment.get_template("page.html").render(
+    page_text = environment.get_template("page.html").render(
         title=safe(page.title),
         style=style,
         script=script,
         policy=policy(script, style),
         data=compact(data),
-        verdicts=[_verdict(verdict) for verdict in data["verdicts"]],
+        two=page.comparison is not None,
+        verdicts=list(_verdicts(data)),
+        difference=_difference(page),
         rows=_table(page, first, last),
         shown=last - first,
         number=len(page.nodes),
     )
-    return text.encode("utf-8", "backslashreplace")
+    return page_text.encode("utf-8", "backslashreplace")
 
 
 def policy(script: str, style: str) -> str:
@@ -67,24 +70,45 @@ def _hash(text: str) -> str:
 
 
 def _part(page: Page, data: dict[str, Json]) -> tuple[int, int]:
-    """Which rows the table without JavaScript has: those around the first divergence, or the
-    first."""
-    at = min((log["diverges"] for log in data["logs"] if log["diverges"] >= 0), default=0)
+    """Which rows the table without JavaScript has: those around the first divergence or difference,
+    or the first."""
+    marked = [log["diverges"] for log in data["logs"]]
+    marked += [one["row"] for one in (data["compared"] or {"stations": []})["stations"]]
+    at = min((row for row in marked if row >= 0), default=0)
     first = max(0, min(at - TABLE // 2, len(page.nodes) - TABLE))
     return first, min(len(page.nodes), first + TABLE)
 
 
-def _verdict(verdict: dict[str, Json]) -> str:
-    """One line."""
-    where = f"{verdict['file']}:{verdict['line']}" if verdict["line"] else verdict["file"]
-    word = verdict["verdict"].replace("_", " ").upper()
-    return safe(f"{where}: {word}{': ' if verdict['event'] else ''}{verdict['event']}")
+def _verdicts(data: dict[str, Json]) -> Iterator[str]:
+    """One line for each log."""
+    if data["note"]:
+        yield safe(data["note"])
+    for name, run in zip("AB", data["runs"], strict=False):
+        side = f"{name}: " if len(data["runs"]) > 1 else ""
+        for verdict in run["verdicts"]:
+            where = f"{verdict['file']}:{verdict['line']}" if verdict["line"] else verdict["file"]
+            word = verdict["verdict"].replace("_", " ").upper()
+            event = f": {verdict['event']}" if verdict["event"] else ""
+            yield safe(f"{side}{where}: {word}{event}")
 
 
-def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, int, int, int, str]]:
-    """Row, station, line, t_ms and words."""
-    for row in range(first, last):
-        i, k = page.nodes[row]
-        log = page.logs[i]
-        at, event = log.events[k]
-        yield row + 1, log.header.station, at, event.t_ms, said(event)
+def _difference(page: Page) -> list[str]:
+    """What ``automcm trace diff`` says of two runs."""
+    if page.comparison is None:
+        return []
+    lines = list(text(page.comparison.diff, width=120))
+    for run in page.runs:
+        lines = run.shown(lines)
+    return [safe(line) for line in lines]
+
+
+def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, str, int, int, str]]:
+    """Step, station, line, t_ms and words."""
+    names = [page.name(i) for i in range(len(page.logs))]
+    step = 0
+    for row in range(last):
+        step += row not in page.beside
+        if row >= first:
+            i, k = page.nodes[row]
+            at, event = page.logs[i].events[k]
+            yield step, names[i], at, event.t_ms, said(event)

@@ -5,172 +5,91 @@
 
 from __future__ import annotations
 
-import heapq
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES, operators
-from automcm_traces.clocks import Clocks
-from automcm_traces.delivery import Deliveries
-from automcm_traces.explain import Verdict, explain_files, together
-from automcm_traces.log import Event, Receive, Send, TimerArm, TimerEnd
-from automcm_traces.merge import Merged, MergeError, Node, merge
-from automcm_traces.page_follow import Followed, follow
+from automcm_traces import page_run
+from automcm_traces.log import Event, Header, Receive, Send, TimerArm, TimerEnd
+from automcm_traces.merge import Node
+from automcm_traces.page_arrows import arrows
+from automcm_traces.page_compare import Comparison, compare
+from automcm_traces.page_follow import Followed
+from automcm_traces.page_order import order
 from automcm_traces.page_pack import Shapes, Table
-from automcm_traces.properties import SystemReport
-from automcm_traces.reader import Log, LogError, LogStream
+from automcm_traces.page_run import Run
+from automcm_traces.reader import Log
 from automcm_traces.words import said, session_of
 
 Json = Any
-MOST_LOGS = 200
-"""Beyond, what one log says of another takes too long to work out."""
-MOST_EVENTS = 1_000_000
-"""Beyond, a browser cannot hold the page."""
-GHOSTS = 12
-"""Stations without a log that have a column each; if there are more, all share one."""
-DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT, FORGED = range(7)
-KINDS = {"duplicated": DUPLICATE, "lost": LOST, "unobserved": UNOBSERVED, "in_flight": IN_FLIGHT}
 OF_CAM = 1
 """A CAM, or the timer that it arms anew."""
 IS_CAM = 2
-
-
-class PageError(Exception):
-    """What cannot be shown as a page; the text is one line."""
+BESIDE = 4
+"""It shares a row with the event before it, which is of the other run."""
 
 
 @dataclass(slots=True)
 class Page:
-    """What one page shows.  ``nodes`` are its rows: the place of a log, and of an event in it."""
+    """What one page shows: a run, or two side by side."""
 
     title: str
-    merged: Merged
-    verdicts: list[Verdict]
-    system: SystemReport | None
-    nodes: list[Node] = field(default_factory=list)
-    followed: list[Followed] = field(default_factory=list)
-    ghosts: list[int] = field(default_factory=list)
-    """Stations without a log that have a column of their own, after the logs."""
-    crowded: bool = False
-    """There are too many of them: one column for all."""
-    renamed: tuple[str, str] = ("", "")
-    """What stands before the names of the files, and what is shown instead."""
+    runs: list[Run]
+    nodes: list[Node]
+    """Its events in order: the place of a log among those of all runs, and of an event in it."""
+    ahead: list[int]
+    """By log, how many ms its clock is ahead of the first one's."""
+    beside: set[int] = field(default_factory=set)
+    """The places in ``nodes`` of what shares a row with the one before."""
+    comparison: Comparison | None = None
+    note: str = ""
+    """What else there is to say of the verdict, in a sentence."""
+    logs: list[Log] = field(init=False)
+    followed: list[Followed] = field(init=False)
 
-    @property
-    def logs(self) -> Sequence[Log]:
-        return self.merged.logs
+    def __post_init__(self) -> None:
+        self.logs = [log for run in self.runs for log in run.logs]
+        self.followed = [followed for run in self.runs for followed in run.followed]
 
-    def event(self, row: int) -> Event:
-        return self.merged.event(self.nodes[row])
+    def name(self, i: int) -> str:
+        """The station of a log, with its run if there are two."""
+        run = "" if len(self.runs) == 1 else "A · " if i < len(self.runs[0].logs) else "B · "
+        return f"{run}{self.logs[i].header.station}"
 
 
 def load(paths: Sequence[Path], title: str = "", late_ms: int | None = None) -> Page:
-    """Read and judge the logs of one run.  A log that cannot be read to its end is shown up to
-    there; of one without a header there is only the verdict.
+    """A page of the logs of one run.  Raises what ``page_run.load`` does."""
+    return of_runs(page_run.load(paths, late_ms), title=title)
 
-    Raises PageError, LogError if no log has a header, and automcm_spec.oracle.OracleError if
-    there is no oracle.
+
+def of_runs(
+    a: Run, b: Run | None = None, stations: Mapping[int, int] | None = None, title: str = ""
+) -> Page:
+    """A page of one run, or of two; ``stations`` is as for ``diff``.
+
+    Raises PageError if there is no station to compare.
     """
-    if len(paths) > MOST_LOGS:
-        raise PageError(f"{len(paths)} logs; a page shows at most {MOST_LOGS}")
-    logs, refused = [], []
-    for path in paths:
-        try:
-            logs.append(_whole(path))
-        except LogError as error:
-            refused.append(error)  # its verdict says so
-    if refused and not logs:
-        raise refused[0]
-    if sum(len(log.events) for log in logs) > MOST_EVENTS:
-        raise PageError(f"more than {MOST_EVENTS} events; a page shows no more")
-    try:
-        merged = merge(logs)
-    except MergeError as error:
-        raise PageError(str(error)) from None
-    verdicts = explain_files(paths, late_ms)
-    system = together(paths) if len(paths) > 1 else None
-    page = Page(title or _title(merged), merged, verdicts, system)
-    page.nodes = _order(merged)
-    page.followed = [follow(log) for log in merged.logs]
-    named = sorted(_named(merged) - set(merged.stations))
-    page.crowded = len(named) > GHOSTS
-    page.ghosts = [] if page.crowded else named
+    comparison = None if b is None else compare(a, b, stations)
+    runs = [a] if b is None else [a, b]
+    needs: dict[Node, Node] = {}
+    first = 0
+    for run in runs:
+        for (i, k), match in run.merged.matches.items():
+            needs[first + i, k] = (first + match.first[0], match.first[1])
+        first += len(run.logs)
+    ahead = a.ahead() if comparison is None else comparison.ahead
+    page = Page(title or " | ".join(run.title for run in runs), runs, [], ahead)
+    page.comparison = comparison
+    beside = {} if comparison is None else comparison.beside
+    for nodes in order(page.logs, needs, ahead, beside):
+        page.nodes += nodes
+        if len(nodes) == 2:
+            page.beside.add(len(page.nodes) - 1)
     return page
-
-
-def _title(merged: Merged) -> str:
-    stations = ", ".join(map(str, merged.stations[:4])) + (", …" if merged.stations[4:] else "")
-    return f"{merged.run}: {stations}"
-
-
-def _whole(path: Path) -> Log:
-    """The log in a file, up to where it can be read."""
-    stream = LogStream(path)
-    events: list[tuple[int, Event]] = []
-    try:
-        for entry in stream:
-            events.append(entry)
-            if len(events) > MOST_EVENTS:
-                raise PageError(f"{path}: more than {MOST_EVENTS} events; a page shows no more")
-    except LogError:
-        pass  # its verdict says where and why
-    return Log(
-        stream.file, stream.header, events, stream.end, stream.truncated, list(stream.warnings)
-    )
-
-
-def _order(merged: Merged) -> list[Node]:
-    """Every event: each after what it depends on, else the lower t_ms first, then the station."""
-    needs = {node: match.first for node, match in merged.matches.items()}
-    at = [0] * len(merged.logs)
-    waiting: list[set[int]] = [set() for _ in merged.logs]
-    heap: list[tuple[int, int]] = []
-    order: list[Node] = []
-
-    def offer(i: int) -> None:
-        """The next event of a log, if it can come now."""
-        if at[i] == len(merged.logs[i].events):
-            return
-        sent = needs.get((i, at[i]))
-        if sent is not None and at[sent[0]] <= sent[1]:
-            waiting[sent[0]].add(i)
-        else:
-            heapq.heappush(heap, (merged.logs[i].events[at[i]][1].t_ms, i))
-
-    for i in range(len(at)):
-        offer(i)
-    while heap or any(waiting):
-        if not heap:  # received before it was sent: the report says so
-            i = min(set().union(*waiting))
-            for others in waiting:
-                others.discard(i)
-            del needs[i, at[i]]
-            offer(i)
-            continue
-        _, i = heapq.heappop(heap)
-        order.append((i, at[i]))
-        at[i] += 1
-        woken, waiting[i] = waiting[i], set()
-        for j in (i, *sorted(woken)):
-            offer(j)
-    return order
-
-
-def _named(merged: Merged) -> set[int]:
-    """Every station that sent or is sent a message."""
-    found: set[int] = set()
-    for log in merged.logs:
-        for _, event in log.events:
-            m = event.message if isinstance(event, Send | Receive) else None
-            for name in ("src", "dst") if m is not None else ():
-                value = m.get(name) if m is not None else None
-                if type(value) is int and value > 0:
-                    found.add(value)
-    return found
 
 
 def as_dict(page: Page) -> dict[str, Json]:
@@ -179,15 +98,12 @@ def as_dict(page: Page) -> dict[str, Json]:
     rows = _rows(page, strings, shapes)
     row_of = {node: row for row, node in enumerate(page.nodes)}
     steps = [_steps(f, strings) for f in page.followed]
-    told = judged(page)
     return {
         "title": page.title,
-        "logs": _renamed(page, [_log(page, i, row_of) for i in range(len(page.logs))]),
-        "ghosts": page.ghosts,
-        "crowded": page.crowded,
-        "verdicts": told["logs"],
-        "system": told["system"],
-        "hazards": _renamed(page, [h.text() for h in page.system.hazards] if page.system else []),
+        "note": page.note,
+        "runs": [_run(run) for run in page.runs],
+        "compared": _compared(page, row_of),
+        "logs": _logs(page, row_of),
         "rows": rows,
         "arrows": _arrows(page, row_of),
         "bars": _bars(page, row_of),
@@ -200,70 +116,95 @@ def as_dict(page: Page) -> dict[str, Json]:
 
 
 def judged(page: Page) -> dict[str, Json]:
-    """The verdicts, in the order in which the logs were given, and the report on all together."""
-    found = {
-        "logs": [verdict.as_dict() for verdict in page.verdicts],
-        "system": None if page.system is None else page.system.as_dict(),
+    """The verdicts, in the order in which the logs were given, and the report on all together; of
+    two runs also those on B, and what ``diff`` says."""
+    found = page.runs[0].judged()
+    if page.comparison is not None:
+        found |= {"b": page.runs[1].judged(), "diff": _diff(page)}
+    return found
+
+
+def _diff(page: Page) -> Json:
+    assert page.comparison is not None
+    found: Json = page.comparison.diff.as_dict()
+    for run in page.runs:
+        found = run.shown(found)
+    return found
+
+
+def _run(run: Run) -> dict[str, Json]:
+    told = run.judged()
+    hazards = [hazard.text() for hazard in run.system.hazards] if run.system else []
+    return {
+        "verdicts": told["logs"],
+        "system": told["system"],
+        "hazards": run.shown(hazards),
+        "ghosts": run.ghosts,
+        "crowded": run.crowded,
     }
-    told: dict[str, Json] = _renamed(page, found)
-    return told
 
 
-def _renamed(page: Page, value: Json) -> Json:
-    was, name = page.renamed
-    if not was:
-        return value
-    if isinstance(value, dict):
-        return {key: _renamed(page, item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_renamed(page, item) for item in value]
-    return value.replace(was, name) if isinstance(value, str) else value
+def _compared(page: Page, row_of: dict[Node, int]) -> Json:
+    """What ``diff`` says; of each station also its two logs, and the row where it first differs
+    (-1: nowhere).  ``first`` is the station whose row comes first (-1: none differs)."""
+    made = page.comparison
+    if made is None:
+        return None
+    found = _diff(page)
+    rows = [min((row_of[node] for node in end if node), default=-1) for end in made.ends]
+    for one, logs, row in zip(found["stations"], made.logs, rows, strict=True):
+        one |= {"logs": logs, "row": row}
+    differ = [n for n, row in enumerate(rows) if row >= 0]
+    found["first"] = min(differ, key=lambda n: rows[n], default=-1)
+    return found
 
 
-def _log(page: Page, i: int, row_of: dict[Node, int]) -> dict[str, Json]:
-    log = page.logs[i]
+def _logs(page: Page, row_of: dict[Node, int]) -> list[Json]:
+    found: list[Json] = []
+    for n, run in enumerate(page.runs):
+        first = len(found)
+        for i in range(len(run.logs)):
+            found.append({"run": n, **run.shown(_log(page, run, i, first, row_of))})
+    return found
+
+
+def _log(page: Page, run: Run, i: int, first: int, row_of: dict[Node, int]) -> dict[str, Json]:
+    log = run.logs[i]
     return {
         "station": log.header.station,
         "file": log.file,
-        "header": log.header.model_dump(mode="json", by_alias=True, exclude_none=True),
+        "header": run.vendor[log.file].get(1) or _plain(log.header),
         "end": "no end" if log.end is None else log.end.reason,
-        "why_not": page.followed[i].why_not,
-        "diverges": _divergence(page, i, row_of),
-        "ahead": _ahead(page.merged, i),
+        "why_not": run.followed[i].why_not,
+        "diverges": _divergence(run, i, first, row_of),
+        "ahead": page.ahead[first + i],
     }
 
 
-def _divergence(page: Page, i: int, row_of: dict[Node, int]) -> int:
-    """The row where a log diverges or stops being understood; -1 if nowhere."""
-    log = page.logs[i]
-    verdict = next(v for v in page.verdicts if v.file == log.file)
-    if verdict.verdict == "allowed" or not verdict.line or not log.events:
+def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:
+    """The row where a log diverges; -1 if nowhere.  ``first`` is the place of the run's first
+    log."""
+    log = run.logs[i]
+    verdict = next(v for v in run.verdicts if v.file == log.file)
+    if verdict.verdict != "diverges":
         return -1
-    before = [k for k, (at, _) in enumerate(log.events) if at <= verdict.line]
-    exact = bool(before) and log.events[before[-1]][0] == verdict.line
-    return row_of[i, before[-1]] if exact and verdict.verdict == "diverges" else -1
-
-
-def _ahead(merged: Merged, i: int) -> int:
-    """How many ms the clock of a log is most likely ahead of the first one's."""
-    if len(merged.logs) == 1:
-        return 0
-    span = Clocks(merged).ahead(0, i)
-    return 0 if span is None else span.best
+    at = next((k for k, (line, _) in enumerate(log.events) if line == verdict.line), -1)
+    return row_of.get((first + i, at), -1)
 
 
 def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
     """The columns of the table of rows; ``viewer/data.js`` says what each is."""
     texts, bodies = Table(), Table()
-    n = len(page.logs)
+    logs, n = page.logs, len(page.logs)
     lines, times, sessions = [1] * n, 0, [""] * n
     after_cam = [False] * n
+    vendor = [run.vendor[log.file] for run in page.runs for log in run.logs]
     found: dict[str, list[int]] = {
         name: [] for name in ("log", "line", "t", "text", "body", "session", "hint", "flags")
     }
     kinds = []
-    for i, k in page.nodes:
-        at, event = page.logs[i].events[k]
+    for row, (i, k) in enumerate(page.nodes):
+        at, event = logs[i].events[k]
         m = event.message if isinstance(event, Send | Receive) else None
         flags = OF_CAM | IS_CAM if m is not None and m["type"] == "CAM" else 0
         if not flags and after_cam[i] and isinstance(event, TimerArm | TimerEnd):
@@ -279,11 +220,11 @@ def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
         found["line"].append(at - lines[i] - 1)
         found["t"].append(event.t_ms - times)
         found["text"].append(texts.back(said(event)))
-        body = shapes.pack(_body(event))
+        body = shapes.pack(_body(event, vendor[i].get(at)))
         found["body"].append(bodies.back(body, json.dumps(body)))
         found["session"].append(strings.place(sessions[i]))
         found["hint"].append(strings.place(hint))
-        found["flags"].append(flags)
+        found["flags"].append(flags | BESIDE * (row in page.beside))
         kinds.append("x" if event.ev == "restart" else event.ev[0])
         lines[i], times = at, event.t_ms
     columns: dict[str, Json] = {name: _folded(column) for name, column in found.items()}
@@ -295,14 +236,16 @@ def _folded(column: list[int]) -> Json:
     return column[0] if column and len(set(column)) == 1 else column
 
 
-def _body(event: Event) -> dict[str, Json]:
-    """What only this kind of event has, as it was logged; a deadline from ``t_ms`` on."""
+def _plain(record: Header | Event) -> dict[str, Json]:
+    return record.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:
+    """What only this kind of event has, as it was logged (with what a vendor added, if ``record``
+    is given); a deadline from ``t_ms`` on."""
     common = {"rec", "seq", "t_ms", "ev", "rule", "phase", "role"}
-    body = {
-        name: value
-        for name, value in event.model_dump(mode="json", exclude_none=True).items()
-        if name not in common
-    }
+    record = record or _plain(event)
+    body = {name: value for name, value in record.items() if name not in common}
     if isinstance(event, TimerArm):
         body["deadline"] = event.deadline - event.t_ms
     return body
@@ -311,33 +254,23 @@ def _body(event: Event) -> dict[str, Json]:
 def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
     """Five numbers each: how many rows below the one before it leaves, what became of it, how many
     rows further down it arrives (0: nowhere), the column it leaves from and the one it goes to;
-    -1 is the column of all who have none."""
-    merged = page.merged
-    deliveries = Deliveries(merged, Clocks(merged))
-    columns = {s: c for c, s in enumerate([*merged.stations, *page.ghosts])}
-    found: list[tuple[int, int, int, int, int]] = []
-    alone = len(page.logs) == 1
-    for d in deliveries.all:
-        row, to = row_of[d.sent], columns.get(d.to, -1)
-        if not d.received:
-            found.append((row, KINDS[d.outcome], 0, d.sent[0], to))
-        for n, node in enumerate(d.received):
-            kind = DUPLICATE if n else DELIVERED
-            found.append((row, kind, row_of[node] - row, d.sent[0], to))
-    for row, (i, _) in enumerate(page.nodes):
-        event = page.event(row)
-        if alone and isinstance(event, Send) and not event.message.get("dst"):
-            found.append((row, UNOBSERVED, 0, i, -1))
-        elif isinstance(event, Receive) and page.nodes[row] not in merged.matches:
-            src = (event.message or {}).get("src")
-            column = columns.get(src, -1) if type(src) is int else -1
-            found.append((row, UNSENT, 0, column, i))
-    forged = {row_of[f.at] for f in deliveries.forged}
+    -1 is the column of all who have none.  Columns are the logs of all runs, then their ghosts."""
+    found = []
+    first, ghost = 0, len(page.logs)
+    for run in page.runs:
+        columns = {s: first + i for i, s in enumerate(run.merged.stations)}
+        columns |= {s: ghost + n for n, s in enumerate(run.ghosts)}
+        for (i, k), kind, end, source, to in arrows(run):
+            row = row_of[first + i, k]
+            arrives = row_of[first + end[0], end[1]] if end is not None else row
+            found.append(
+                (row, kind, max(0, arrives - row), columns.get(source, -1), columns.get(to, -1))
+            )
+        first, ghost = first + len(run.logs), ghost + len(run.ghosts)
     found.sort()
     numbers, last = [], 0
-    for row, kind, down, source, to in found:
-        kind = FORGED if kind == UNSENT and row in forged else kind
-        numbers += [row - last, kind, down, source, to]
+    for row, *rest in found:
+        numbers += [row - last, *rest]
         last = row
     return numbers
 

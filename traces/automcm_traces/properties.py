@@ -62,6 +62,7 @@ class Judged:
         }
 
     def text(self) -> str:
+        """The outcome in words, with the places."""
         word = {"holds": "holds", "violated": "VIOLATED", "cannot_tell": "cannot tell"}
         lines = [f"{self.property} {word[self.outcome]}: {NAMES[self.property]}"]
         return "\n".join([*lines, *(f"  {where}" for where in self.where)])

@@ -261,6 +261,7 @@ class Search:
 
     @property
     def ended(self) -> bool:
+        """Has it been tried as often as was allowed?"""
         return self.tries >= self.most
 
     def run(self, found: Shrunk) -> Shrunk:

@@ -71,10 +71,12 @@ class Step:
 
     @property
     def rule(self) -> str:
+        """The rule that decides."""
         return self.answer.effect.rule
 
     @property
     def guard(self) -> str:
+        """The rule, what it says, and where it stands."""
         rule = self.rule
         where = line(rule, self.input)
         return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"

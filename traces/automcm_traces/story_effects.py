@@ -62,6 +62,7 @@ class Question:
 
     @property
     def key(self) -> str:
+        """A text that is equal for equal questions."""
         return canonical([self.station, self.state, self.input, self.after])
 
 

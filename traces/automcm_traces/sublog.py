@@ -36,6 +36,7 @@ class Item:
 
     @staticmethod
     def of(line: int, fields: dict[str, Json]) -> Item:
+        """An item from the fields of a line.  Raises what ``log.record`` raises."""
         event = record(json.dumps(fields).encode())
         assert not isinstance(event, Header | End)
         return Item(line, event, fields)
@@ -75,6 +76,7 @@ class Sublog:
         return Sublog(str(path), header, json.loads(texts[0]), end, tuple(items))
 
     def having(self, items: Sequence[Item]) -> Sublog:
+        """The same log with these items only."""
         return Sublog(self.file, self.header, self.head, self.end, tuple(items))
 
     def log(self) -> Log:

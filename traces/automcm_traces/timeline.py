@@ -54,6 +54,7 @@ class Moment:
 
     @property
     def shape(self) -> tuple[str, str, Session | None, int, int]:
+        """What of a state the properties look at."""
         return self.phase, self.role, self.session, self.target, self.proposal
 
 
@@ -68,6 +69,7 @@ class Spell:
 
     @property
     def session(self) -> Session | None:
+        """The session that it is about."""
         return self.start.session
 
 
@@ -85,6 +87,7 @@ class Timeline:
     """Event, line and time up to which the station is known."""
 
     def where(self, m: Moment) -> str:
+        """``FILE:LINE`` of a moment."""
         return f"{self.file}:{m.line}"
 
     def spells(self, phase: str, role: str) -> Iterator[Spell]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from automcm_traces.log import Parameters
 from automcm_traces.step import Step
 from automcm_traces.track import Expected, Track, View
 
@@ -23,6 +24,31 @@ TIMER_RULES = {
     "resend": "REL-1",
 }
 """The rule that a timer which is too early or too late breaks."""
+
+
+def durations(p: Parameters) -> dict[str, int | None]:
+    """How long timers last, ms (protocol.md, section 3); None if the header does not tell."""
+    return {
+        "advertise": p.t_advertise,
+        "resend": p.t_resend,
+        "giveup": p.t_giveup,
+        "decide": p.t_decide,
+        "hold": p.t_hold,
+        "answer": _sum(p.t_decide, p.t_giveup),
+        "cam": p.t_cam_loss,
+        "quarantine": _sum(p.t_advertise, p.t_life),
+    }
+
+
+def longest_delay(p: Parameters) -> int:
+    """D, how long a copy may be under way, ms: half of t_resend (protocol.md, section 3).  A timer
+    may be as late, unless told otherwise.
+    """
+    return (p.t_resend or 100) // 2
+
+
+def _sum(a: int | None, b: int | None) -> int | None:
+    return None if a is None or b is None else a + b
 
 
 def timer_name(timer: Mapping[str, Json]) -> str:

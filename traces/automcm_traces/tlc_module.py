@@ -24,6 +24,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
+from automcm_traces.timers import durations, longest_delay
 from automcm_traces.track import PHASES, ROLES
 
 Json = Any
@@ -104,17 +105,8 @@ class Translation:
     def _write(self, late_ms: int | None) -> str:
         header = self._log.header
         p = header.parameters
-        late = (p.t_resend or 100) // 2 if late_ms is None else late_ms
-        lasts = {
-            "advertise": p.t_advertise,
-            "resend": p.t_resend,
-            "giveup": p.t_giveup,
-            "decide": p.t_decide,
-            "hold": p.t_hold,
-            "answer": _sum(p.t_decide, p.t_giveup),
-            "cam": p.t_cam_loss,
-            "quarantine": _sum(p.t_advertise, p.t_life),
-        }
+        late = longest_delay(p) if late_ms is None else late_ms
+        lasts = durations(p)
         told = (f"{n} |-> {_clamped(lasts.get(n))}" for n in TIMERS)
         events = ",\n".join(self._event(n) for n in range(len(self._log.events)))
         says = ",".join(str(self._says(event)) for _, event in self._log.events)
@@ -332,7 +324,3 @@ def _is_good(m: dict[str, Json]) -> bool:
 
 def _bool(value: bool) -> str:
     return "TRUE" if value else "FALSE"
-
-
-def _sum(a: int | None, b: int | None) -> int | None:
-    return None if a is None or b is None else a + b

@@ -64,6 +64,7 @@ class Entry:
 
     @property
     def accepted(self) -> bool:
+        """Is it an Acceptance that accepts?"""
         return bool(self.message.get("accepted", False))
 
 
@@ -135,6 +136,7 @@ class Track:
 
     @property
     def peer(self) -> int:
+        """The other station of the own session; 0 if there is none."""
         if self.role == "receiver" and self.session:
             return self.session[0]
         return self.target
@@ -265,6 +267,7 @@ class View:
         return seen
 
     def entry(self, e: Entry) -> Json:
+        """An entry of the outbox, as the oracle has it."""
         k = self.proposals(e.k) if e.type in NUMBERED else e.k
         return e.type, self.ids[e.to], self.sessions(e.session), k, e.accepted
 
@@ -292,6 +295,7 @@ class View:
     # -- and back
 
     def real_id(self, place: int) -> int:
+        """The station that the oracle calls so; 0 for nobody."""
         return next((real for real, p in self.ids.items() if p == place), 0)
 
     def real_session(self, session: Sequence[int]) -> tuple[int, int]:

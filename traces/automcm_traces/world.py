@@ -32,6 +32,7 @@ class World:
         self._committed: dict[int, dict[Session | None, list[Spell]]] = {}
 
     def log(self, station: int) -> Log:
+        """The log of a station that has one."""
         place = self.merged.place(station)
         assert place is not None, "only asked of stations with a log"
         return self.merged.logs[place]

@@ -15,7 +15,7 @@ import shutil
 import sys
 import traceback
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,9 +26,10 @@ from test_page import CORPUS, FOUR, HOSTILE, killed, records, rewritten, with_te
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_traces import page_run
 from automcm_traces.explain import explain_file
 from automcm_traces.page import html
-from automcm_traces.page_data import load
+from automcm_traces.page_data import load, of_runs
 from automcm_traces.reader import read
 
 Json = Any
@@ -63,6 +64,11 @@ class Browser:
         path.write_bytes(html(load(logs)))
         return path
 
+    def write_two(self, name: str, a: Sequence[Path], b: Sequence[Path]) -> Path:
+        path = self._folder / f"{name}.html"
+        path.write_bytes(html(of_runs(page_run.load(a), page_run.load(b))))
+        return path
+
     @contextmanager
     def page(self, path: Path, after: str = "", **how: Any) -> Iterator[Any]:
         size = {"width": 1280, "height": 800}
@@ -82,10 +88,12 @@ class Browser:
             self.problems.append(f"a request left the page: {request.url}")
 
 
-def run(folder: Path, until_ms: int, loss: float = 0.2, requests: int = 1) -> list[Path]:
+def run(
+    folder: Path, until_ms: int, loss: float = 0.2, requests: int = 1, seed: int = 3
+) -> list[Path]:
     """Logs of three stations in lane changes."""
     folder.mkdir()
-    simulation = Simulation(seed=3, channel=Channel(loss=loss, duplicate=0.1), logs=folder)
+    simulation = Simulation(seed=seed, channel=Channel(loss=loss, duplicate=0.1), logs=folder)
     for station in (1001, 2002, 3003):
         simulation.add(station, Straight())
     for n in range(requests):
@@ -129,7 +137,7 @@ def every_kind_of_arrow_is_drawn(browser: Browser, folder: Path) -> None:
             found |= {name.split()[1] for name in names}
         assert found >= {"delivered", "lost", "duplicate", "unobserved", "in-flight"}, found
         shapes = page.eval_on_selector_all("#legend li", "all => all.map(one => one.textContent)")
-        assert len(shapes) == 6
+        assert len(shapes) == 7
 
 
 def an_arrow_longer_than_the_window_is_drawn(browser: Browser, folder: Path) -> None:
@@ -301,6 +309,87 @@ def a_hundred_thousand_events_open_and_scroll(browser: Browser, folder: Path) ->
     assert count >= 100_000 and opened < OPEN_MS and slowest < LATE_MS and each < 250
 
 
+def two(browser: Browser, folder: Path) -> Path:
+    """A page of two runs that part."""
+    a, b = (run(folder / name, 9_000, 0.0, seed=seed) for name, seed in (("a", 3), ("b", 5)))
+    return browser.write_two("two", a, b)
+
+
+def two_runs_are_aligned_up_to_their_first_difference(browser: Browser, folder: Path) -> None:
+    with browser.page(two(browser, folder)) as page:
+        first = page.evaluate("DIFFERENCE")
+        assert page.evaluate("now.row") == first, "the page opens there"
+        words = page.text_content("#svg text.differs")
+        assert words.startswith("≠ first difference, station ")
+        shown = page.evaluate(
+            "[difference(), document.querySelector('#step .differs').textContent]"
+        )
+        assert shown[0] in shown[1]
+        line, row = (
+            page.evaluate(f"document.querySelector('{one}').getBoundingClientRect().bottom")
+            for one in ("#svg rect.differs", f'#svg .row[data-row="{first}"] .mark')
+        )
+        assert 0 < row - line < 25, "the line stands right above the row"
+        before = page.evaluate(f"now.shown[now.before[{first}] - 1]")
+        assert page.evaluate(f"down({first}) - down({before})") == page.evaluate("2 * HEIGHT")
+        pairs = page.evaluate(
+            """ROW.flags.reduce((all, _, row) => (isBeside(row) ? [...all,
+            [down(row) - down(row - 1), CLOCK[row] - CLOCK[row - 1], runOf(row) - runOf(row - 1)]]
+            : all), [])"""
+        )
+        assert len(pairs) > 50 and all(one == [0, 0, 1] for one in pairs)
+        page.keyboard.press("Home")
+        for key in ("t", "f"):
+            page.keyboard.press(key)
+        assert page.evaluate("[now.row, now.time]") == [first, True]
+        assert page.locator("#svg rect.differs").count() == 1
+        left, right = page.evaluate("layout.spans")
+        assert left[0] + left[1] < right[0], "A stands left of B"
+    same = browser.write_two("same", FOUR, FOUR)
+    with browser.page(same) as page:
+        assert "= the same" in page.inner_text("#verdict")
+        assert page.is_disabled("#difference") and page.locator("text.differs").count() == 0
+
+
+def steps_of_two_runs_lead_forward_and_back_to_the_same_state(
+    browser: Browser, folder: Path
+) -> None:
+    path = two(browser, folder)
+    with browser.page(path) as page:
+        begun, states = page.evaluate("STEP[now.row] + 1"), [page.inner_text("#step")]
+        for key in "h" * 40 + "l" * 80:
+            page.keyboard.press(key)
+            states.append(page.inner_text("#step"))
+        assert states[:41] == states[40:81][::-1] and len(set(states[40:])) == 81
+        for n in range(80):
+            assert page.inner_text("#step") == states[-1 - n]
+            page.keyboard.press("k")
+        assert page.inner_text("#step") == states[40]
+        differs = page.evaluate(
+            """(() => { select(DIFFERENCE); return [...document.querySelectorAll(
+            "#step .tree .changed")].map((one) => one.textContent).filter((t) => t.startsWith("≠"))
+            .length; })()"""
+        )
+        assert differs > 0
+    with browser.page(path, f"#step={begun}") as page:
+        assert page.inner_text("#step") == states[0]
+        page.select_option("#type", "Prescription")
+        assert page.evaluate("now.shown.every((row, n) => now.before[row] === n)")
+        assert (
+            page.evaluate(
+                "(() => { const b = COUNT - 1 - [...ROW.flags].reverse().findIndex("
+                "(f) => f & BESIDE); select(b); return now.row - b; })()"
+            )
+            == -1
+        )
+        page.evaluate("select(DIFFERENCE)")
+        with page.expect_download() as download:
+            page.click("#save-log1")
+        prefix = Path(download.value.path())
+        assert prefix.read_text().count("\n") > 10 and explain_file(prefix).verdict == "allowed"
+        assert records(prefix)[0] == records(folder / "b" / "2002.ndjson")[0]
+
+
 CHECKS: tuple[Callable[[Browser, Path], None], ...] = (
     the_verdict_is_that_of_explain,
     every_kind_of_arrow_is_drawn,
@@ -313,6 +402,8 @@ CHECKS: tuple[Callable[[Browser, Path], None], ...] = (
     ten_thousand_stations_leave_the_page_alive,
     what_is_downloaded_is_whole,
     real_time_keeps_the_step_in_the_window,
+    two_runs_are_aligned_up_to_their_first_difference,
+    steps_of_two_runs_lead_forward_and_back_to_the_same_state,
     without_javascript_there_is_the_table,
     nothing_else_may_run_or_load,
     a_hundred_thousand_events_open_and_scroll,
@@ -325,6 +416,7 @@ def screenshots(browser: Browser, folder: Path) -> None:
     pages = [
         browser.write("good", *FOUR),
         browser.write("bad", CORPUS / "bad/busy_accepted.ndjson"),
+        two(browser, folder),
     ]
     for path in pages:
         for width, height in ((1280, 800), (390, 844)):

@@ -232,14 +232,14 @@ def test_t_2_says_nothing_where_a_copy_took_too_long(tmp_path: Path) -> None:
     radio = run.simulation.radio
     deliver = radio._deliver
 
-    def late(dst: int, data: bytes, tx: str) -> None:
+    def late(src: int, dst: int, data: bytes, tx: str) -> None:
         """The last CAM that names the session comes 400 ms later."""
-        if tx.startswith("2:") and dst == 1 and b'"marks":[[1,1]]' in data.replace(b" ", b""):
+        if src == 2 and dst == 1 and b'"marks":[[1,1]]' in data.replace(b" ", b""):
             now = run.simulation.clock.now()
             if CUT - 100 <= now < CUT:
-                run.simulation.clock.at(now + 400, lambda: deliver(dst, data, tx))
+                run.simulation.clock.at(now + 400, lambda: deliver(src, dst, data, tx))
                 return
-        deliver(dst, data, tx)
+        deliver(src, dst, data, tx)
 
     radio._deliver = late  # type: ignore[method-assign]
     run.simulation.command(2, Abort(session=(1, 1)), at=CUT)

@@ -20,23 +20,19 @@ from automcm_traces.explain import explain_files, together
 from automcm_traces.itf_log import from_log
 from automcm_traces.log import TimerArm
 from automcm_traces.page import html
-from automcm_traces.page_data import (
+from automcm_traces.page_arrows import (
     DELIVERED,
     DUPLICATE,
     FORGED,
     IN_FLIGHT,
-    IS_CAM,
     LOST,
-    MOST_LOGS,
-    OF_CAM,
     UNOBSERVED,
     UNSENT,
-    PageError,
-    as_dict,
-    load,
 )
+from automcm_traces.page_data import IS_CAM, OF_CAM, as_dict, load
 from automcm_traces.page_follow import EXPIRED, RESTARTED, follow, spec_ms
 from automcm_traces.page_pack import Shapes, compact
+from automcm_traces.page_run import MOST_LOGS, PageError
 from automcm_traces.reader import LogError, read
 from automcm_traces.timers import timer_key
 
@@ -123,6 +119,18 @@ def test_every_event_of_every_log_is_there_as_it_was_logged() -> None:
     assert len(found) == sum(len(records(path)) - 2 for path in FOUR)
 
 
+def test_fields_of_a_vendor_are_there_as_they_were_logged(tmp_path: Path) -> None:
+    lines = records(FOUR[0])
+    lines[0]["implementation"]["x_build"] = 7
+    arm = next(r for r in lines if r.get("op") == "arm")
+    arm["x_cause"] = {"x_deep": ["a"]}
+    arm["timer"]["x_slot"] = 3
+    rewritten(tmp_path / "a.ndjson", lines)
+    data = data_of(html(load([tmp_path / "a.ndjson"])))
+    assert data["logs"][0]["header"] == records(tmp_path / "a.ndjson")[0]
+    assert [event for *_, event in events(data)] == records(tmp_path / "a.ndjson")[1:-1]
+
+
 def test_what_is_received_stands_below_where_it_was_sent() -> None:
     data = data_of(html(load(FOUR)))
     found = events(data)
@@ -144,7 +152,7 @@ def test_all_five_kinds_of_arrow_are_told_apart(lossy: list[Path]) -> None:
     found, system = events(data), together(lossy)
     for way, counts in system.deliveries.items():
         source, to = map(int, way.split("-"))
-        places = [data["logs"][i]["station"] for i in (0, 1)] + data["ghosts"]
+        places = [data["logs"][i]["station"] for i in (0, 1)] + data["runs"][0]["ghosts"]
         mine = [
             a for a in arrows if found[a[0]][0] == source and a[4] == places.index(to) and a[1] < 5
         ]
@@ -242,7 +250,7 @@ def test_the_verdict_is_that_of_explain_and_its_row_is_marked(entry: Json) -> No
         assert entry["verdict"] == "unreadable"
         return
     (told,) = explain_files([path])
-    assert data["verdicts"] == [json.loads(json.dumps(told.as_dict()))]
+    assert data["runs"][0]["verdicts"] == [json.loads(json.dumps(told.as_dict()))]
     row = data["logs"][0]["diverges"]
     if told.verdict == "diverges":
         assert events(data)[row][1] == told.line
@@ -252,7 +260,7 @@ def test_the_verdict_is_that_of_explain_and_its_row_is_marked(entry: Json) -> No
 
 def test_several_logs_are_also_judged_together() -> None:
     data = data_of(html(load(FOUR)))
-    assert data["system"] == json.loads(json.dumps(together(FOUR).as_dict()))
+    assert data["runs"][0]["system"] == json.loads(json.dumps(together(FOUR).as_dict()))
 
 
 def test_the_operators_that_decided_are_there_and_no_others() -> None:
@@ -328,7 +336,7 @@ def test_10_000_stations_share_a_column(tmp_path: Path) -> None:
     rewritten(tmp_path / "a.ndjson", [lines[0], *cams, *lines[1:]])
     page = html(load([tmp_path / "a.ndjson"]))
     data = data_of(page)
-    assert data["crowded"] and data["ghosts"] == []
+    assert data["runs"][0]["crowded"] and data["runs"][0]["ghosts"] == []
     assert len(page) < 250 * len(data["rows"]["kinds"]) + 200_000
 
 
@@ -382,7 +390,7 @@ def test_a_damaged_log_is_shown_up_to_the_damage(name: str) -> None:
 def test_beside_a_log_a_file_that_is_none_has_a_verdict(tmp_path: Path) -> None:
     (tmp_path / "rubbish").write_bytes(bytes(range(256)))
     data = as_dict(load([FOUR[0], tmp_path / "rubbish"]))
-    assert [v["verdict"] for v in data["verdicts"]] == ["allowed", "unreadable"]
+    assert [v["verdict"] for v in data["runs"][0]["verdicts"]] == ["allowed", "unreadable"]
     assert len(data["logs"]) == 1
 
 
@@ -399,4 +407,6 @@ def test_what_cannot_be_shown_is_said(tmp_path: Path) -> None:
 
 def test_a_log_without_events_is_a_page_all_the_same() -> None:
     data = data_of(html(load([CORPUS / "bad" / "no_events.ndjson"])))
-    assert data["rows"]["kinds"] == "" and data["verdicts"][0]["verdict"] == "cannot_tell"
+    assert (
+        data["rows"]["kinds"] == "" and data["runs"][0]["verdicts"][0]["verdict"] == "cannot_tell"
+    )

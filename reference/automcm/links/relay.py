@@ -43,6 +43,7 @@ class Relay:
         asyncio.get_running_loop().add_reader(self._socket, self._readable)
 
     def close(self) -> None:
+        """Passes nothing on any more."""
         asyncio.get_running_loop().remove_reader(self._socket)
         self._socket.close()
 

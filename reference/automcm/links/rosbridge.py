@@ -78,10 +78,12 @@ class Session(Ros):
 
 
 def to_session(session: SessionKey | None) -> Session:
+    """A session as the bridge writes it; none is number 0."""
     return Session(prescriber=session[0], number=session[1]) if session else Session()
 
 
 def stamped(ms: int) -> Header:
+    """A header with this time."""
     return Header(stamp=to_time(ms))
 
 

@@ -3,6 +3,7 @@ one-way cuts and partitions.  The same seed gives the same deliveries."""
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -20,12 +21,19 @@ class Channel:
     ``delay_ms``; with ``reorder`` it is held back for another such delay, so that later ones
     overtake it.  The rules assume a one-way delay below t_resend / 2 (section 3): with ``reorder``
     that is twice the longest of ``delay_ms``.
+
+    With ``burst_ms`` loss comes in bursts (Gilbert, Capacity of a burst-noise channel, 1960;
+    Elliott, 1963): from each station to each other one there is a good state, in which nothing is
+    lost, and a bad one, which lasts ``burst_ms`` on average and loses with ``burst_loss``.  How
+    often it is bad follows from ``loss``, which stays the mean.
     """
 
     loss: float = 0.0
     duplicate: float = 0.0
     reorder: float = 0.0
     delay_ms: tuple[int, int] = (2, 40)
+    burst_ms: float = 0.0
+    burst_loss: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "reorder"):
@@ -34,6 +42,15 @@ class Channel:
         low, high = self.delay_ms
         if not 0 <= low <= high:
             raise ValueError(f"delay_ms: {low} to {high} ms is no range of delays")
+        if not 0 <= self.burst_ms < math.inf:
+            raise ValueError(f"burst_ms: {self.burst_ms} is no length of a burst")
+        if not 0 < self.burst_loss <= 1 or (self.burst_ms and self.loss > self.burst_loss):
+            raise ValueError(f"burst_loss: {self.burst_loss} is not above 0, from loss to 1")
+
+    @property
+    def bad(self) -> float:
+        """The share of time in the bad state."""
+        return self.loss / self.burst_loss
 
 
 class Radio:
@@ -57,6 +74,8 @@ class Radio:
         self._random = random.Random(seed)
         self._receivers: dict[int, Receiver | None] = {}
         self._cut: set[tuple[int, int]] = set()
+        self._burst: dict[tuple[int, int], tuple[bool, int]] = {}
+        """Of each way, whether it was bad, and when."""
 
     def link(self, station_id: int) -> SimulatedLink:
         """The link of a station.  Raises ValueError if it has one already."""
@@ -86,13 +105,30 @@ class Radio:
             if dst != src and to in (BROADCAST, dst) and (src, dst) not in self._cut:
                 copies = 2 if self._chance(self.channel.duplicate) else 1
                 for _ in range(copies):
-                    self._deliver(dst, data, tx)
+                    self._deliver(src, dst, data, tx)
+
+    def _lost(self, src: int, dst: int) -> bool:
+        channel = self.channel
+        if not channel.burst_ms:
+            return self._chance(channel.loss)
+        return self._is_bad((src, dst)) and self._chance(channel.burst_loss)
+
+    def _is_bad(self, way: tuple[int, int]) -> bool:
+        """Step the two states of this way to now: a Markov chain in continuous time, looked at
+        when a copy is sent.  Up to a first look it has run for ever."""
+        now, bad = self._clock.now(), self.channel.bad
+        if (before := self._burst.get(way)) is not None and bad < 1:
+            fades = math.exp(-(now - before[1]) / (self.channel.burst_ms * (1 - bad)))
+            bad += (before[0] - bad) * fades
+        is_bad = self._chance(bad)
+        self._burst[way] = is_bad, now
+        return is_bad
 
     def _chance(self, probability: float) -> bool:
         return probability > 0 and self._random.random() < probability
 
-    def _deliver(self, dst: int, data: bytes, tx: str) -> None:
-        if self._chance(self.channel.loss) or self.in_flight == self._capacity:
+    def _deliver(self, src: int, dst: int, data: bytes, tx: str) -> None:
+        if self._lost(src, dst) or self.in_flight == self._capacity:
             self.lost += 1
             return
         delay = self._random.randint(*self.channel.delay_ms)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
 from automcm.application import Application
+from automcm.codec import JSON, Codec
 from automcm.links.simulated import Channel
 from automcm.parameters import Parameters
-from automcm.road import STEP_S, Late, Road, Sample, Vehicle
+from automcm.road import STEP_S, Driving, Late, Road, Sample, Vehicle
 from automcm.scenarios.lane_change import LaneChange, Plan
 from automcm.simulation import Simulation
 from automcm.state import State
@@ -33,7 +34,10 @@ class Driver(Application, Protocol):
 
 
 class Drive:
-    """The vehicles of these drivers, their services and a radio."""
+    """The vehicles of these drivers, their services and a radio.
+
+    ``simulation`` instead of one of its own: it has a seed, a channel and logs already.
+    """
 
     def __init__(
         self,
@@ -43,23 +47,25 @@ class Drive:
         channel: Channel | None = None,
         parameters: Parameters | None = None,
         logs: Path | None = None,
+        codec: Codec = JSON,
+        simulation: Simulation | None = None,
     ) -> None:
         self.drivers = drivers
         self.road = Road([driver.vehicle for driver in drivers])
-        self.simulation = Simulation(seed=seed, channel=channel, logs=logs)
+        self.simulation = simulation or Simulation(seed=seed, channel=channel, logs=logs)
         self.sent: list[tuple[int, int, str]] = []
         """Time in ms, station and type of each message but CAMs."""
         for driver in drivers:
-            self._add(driver, parameters)
+            self._add(driver, parameters, codec)
         self.simulation.clock.at(STEP_MS, self._step)
 
-    def _add(self, driver: Driver, parameters: Parameters | None) -> None:
+    def _add(self, driver: Driver, parameters: Parameters | None, codec: Codec) -> None:
         station_id = driver.vehicle.station_id
 
         def observe(before: State, effects: Effects) -> None:
             self.sent += [(effects.now_ms, station_id, m.type) for m in effects.messages]
 
-        self.simulation.add(station_id, driver, parameters, observers=(observe,))
+        self.simulation.add(station_id, driver, parameters, observers=(observe,), codec=codec)
 
     def _step(self) -> None:
         clock = self.simulation.clock
@@ -91,6 +97,7 @@ class FourVehicles:
     seed: int = 0
     plan: Plan = field(default_factory=Plan)
     late: Late = field(default_factory=Late)
+    driving: Driving = field(default_factory=Driving)
 
     def __post_init__(self) -> None:
         if not 2 <= self.vehicles <= 4:
@@ -106,6 +113,18 @@ class FourVehicles:
         logs: Path | None = None,
     ) -> Drive:
         """The whole drive."""
+        drive = self.on(Simulation(seed=self.seed, channel=channel, logs=logs), parameters)
+        drive.run(self.until_s)
+        return drive
+
+    def on(
+        self,
+        simulation: Simulation,
+        parameters: Parameters | None = None,
+        driver: Callable[[Vehicle, Plan], LaneChange] = LaneChange,
+    ) -> Drive:
+        """The drive on this simulation, ready to run; ``driver`` makes each vehicle's
+        application."""
         speed = self.speed_kmh / 3.6
         places = {1: 0.0, 3: -self.beside_m}
         if self.vehicles > 2:
@@ -113,14 +132,14 @@ class FourVehicles:
         if self.vehicles > 3:
             places[4] = -self.gap_m - self.beside_m
         late = None if self.coordinated else self.late
-        drivers = [
-            LaneChange(
-                Vehicle(n, places[n], min(n, 2) - 1, speed, speed, late=late if n > 1 else None),
-                self.plan,
-            )
+        vehicles = [
+            Vehicle(n, places[n], min(n, 2) - 1, speed, speed, driving=self.driving)
             for n in sorted(places)
         ]
-        drive = Drive(drivers, seed=self.seed, channel=channel, parameters=parameters, logs=logs)
+        for receiver in vehicles[1:]:
+            receiver.late = late
+        drivers = [driver(vehicle, self.plan) for vehicle in vehicles]
+        drive = Drive(drivers, parameters=parameters, simulation=simulation)
         prescriber = drivers[0]
         clock = drive.simulation.clock
 
@@ -131,7 +150,6 @@ class FourVehicles:
                 prescriber.vehicle.change_lane(1, clock.now() / 1000)
 
         clock.at(round(self.signal_s * 1000), signal)
-        drive.run(self.until_s)
         return drive
 
 

@@ -2,21 +2,26 @@
 /* What Python wrote (page_data.py), and what is worked out of it once. */
 
 const DATA = JSON.parse(document.getElementById("data").textContent);
-const ARROWS = ["delivered", "lost", "duplicate", "unobserved", "in flight", "unsent", "forged"];
-const [DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT, FORGED] = ARROWS.keys();
+const ARROWS = ["delivered", "lost", "duplicate", "unobserved", "in flight", "unsent", "forged",
+  "overheard"];
+const [DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT, FORGED, OVERHEARD] = ARROWS.keys();
 const ENDS = ["stopped", "expired", "armed anew", "still running", "ended by a restart"];
 const KIND = {
   s: "send", r: "receive", t: "timer", c: "command", i: "indication", x: "restart",
 };
-const OF_CAM = 1, IS_CAM = 2, UNTOLD = -1000000;
+const OF_CAM = 1, IS_CAM = 2, BESIDE = 4, UNTOLD = -1000000;
 
 const COUNT = DATA.rows.kinds.length;
 const LOGS = DATA.logs;
-/* Columns: the logs, the stations without one, and one for all others if there are too many. */
-const COLUMNS = LOGS.map((log) => ({ name: String(log.station), logged: true }));
-for (const station of DATA.ghosts) COLUMNS.push({ name: String(station), logged: false });
-COLUMNS.push({ name: DATA.crowded ? "others" : "?", logged: false });
-const OTHERS = COLUMNS.length - 1;
+const RUNS = DATA.runs, TWO = RUNS.length > 1;
+const named = (run, name) => (TWO ? `${"AB"[run]} · ${name}` : String(name));
+/* Columns: the logs, the stations without one, and in each run one for all others. */
+const COLUMNS = LOGS.map(({ run, station }) => ({ run, name: named(run, station), logged: true }));
+RUNS.forEach(({ ghosts }, run) => {
+  for (const station of ghosts) COLUMNS.push({ run, name: named(run, station), logged: false });
+});
+const OTHERS = RUNS.map(({ crowded }, run) =>
+  COLUMNS.push({ run, name: named(run, crowded ? "others" : "?"), logged: false }) - 1);
 
 /** A column of the table of rows; one number stands for a column of nothing else. */
 function column(name) {
@@ -36,20 +41,29 @@ const ROW = {
   log: column("log"), line: column("line"), t: column("t"), session: column("session"),
   hint: column("hint"), flags: column("flags"), text: referred("text"), body: referred("body"),
 };
+/* Two events of two runs that stand beside each other are one step. */
+const STEP = new Int32Array(COUNT);
+const isBeside = (row) => row < COUNT && (ROW.flags[row] & BESIDE) !== 0;
+/** The events of the step that a row begins. */
+const atStep = (row) => (isBeside(row + 1) ? [row, row + 1] : [row]);
 const rowsOf = LOGS.map(() => []);
-/* Time on the clock of the first log, never going back from row to row. */
+/* Time on the clock of the first log, never going back from row to row. What stands beside another
+   event has its time, and what follows it in its log counts from there. */
 const CLOCK = new Float64Array(COUNT);
 
 (function addUp() {
-  const last = LOGS.map(() => 1);
-  let t = 0, clock = 0;
+  const last = LOGS.map(() => 1), ahead = LOGS.map((log) => log.ahead);
+  let t = 0, clock = 0, at = 0, step = -1;
   for (let row = 0; row < COUNT; row++) {
     const log = ROW.log[row];
     last[log] += ROW.line[row] + 1;
     ROW.line[row] = last[log];
     t += ROW.t[row];
     ROW.t[row] = t;
-    const at = t - LOGS[log].ahead;
+    if (isBeside(row)) ahead[log] = t - at;
+    else step++;
+    STEP[row] = step;
+    at = t - ahead[log];
     clock = row ? Math.max(clock, at) : at;
     CLOCK[row] = clock;
     rowsOf[log].push(row);
@@ -104,9 +118,10 @@ function fives(numbers, make) {
   return found;
 }
 
-const place = (at) => (at < 0 ? OTHERS : at);
+const runOf = (row) => LOGS[ROW.log[row]].run;
+const place = (at, row) => (at < 0 ? OTHERS[runOf(row)] : at);
 const arrows = fives(DATA.arrows, (row, kind, down, from, to) =>
-  ({ first: row, last: row + down, kind, from: place(from), to: place(to) }));
+  ({ first: row, last: row + down, kind, from: place(from, row), to: place(to, row) }));
 const bars = fives(DATA.bars, (row, down, how, ms, more) => ({
   first: row, last: down ? row + down : lastRow(row), open: !down, how, ms,
   spec: more === UNTOLD ? null : ms + more,
@@ -124,6 +139,10 @@ function reach(intervals) {
 }
 
 const arrowReach = reach(arrows), barReach = reach(bars);
+
+/** The first row of a step. */
+const rowOfStep = (step) => search(COUNT, (row) => STEP[row] >= step);
+const STEPS_IN_ALL = COUNT ? STEP[COUNT - 1] + 1 : 0;
 
 /** The first of `length` places for which `after` holds; it holds for all that follow. */
 function search(length, after) {
@@ -183,9 +202,19 @@ function decision(log, step) {
   return { rule, operator, line };
 }
 
+const diverges = (row) => row === LOGS[ROW.log[row]].diverges;
 /** Whether a row comes after the divergence of its log. */
 const past = (row) => LOGS[ROW.log[row]].diverges >= 0 && row > LOGS[ROW.log[row]].diverges;
 const firstDivergence = Math.min(...LOGS.map((log) => (log.diverges < 0 ? Infinity : log.diverges)));
+
+/* Of two runs: where they first differ, and by log the one that it is compared with. */
+const COMPARED = DATA.compared;
+const DIFFERENCE = COMPARED?.stations[COMPARED.first]?.row ?? Infinity;
+const MATE = LOGS.map(() => -1);
+for (const { logs: [a, b] } of COMPARED?.stations ?? []) {
+  MATE[a] = b;
+  MATE[b] = a;
+}
 
 /** What became of the message of a row, in words. */
 function fate(row) {

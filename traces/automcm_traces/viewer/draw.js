@@ -1,14 +1,16 @@
 /* The space-time drawing: only what is in the window is in the document. */
 
 const SVG = "http://www.w3.org/2000/svg";
-const HEIGHT = 20, HEAD = 30, GUTTER = 100, LANES = 6, LANE = 6, LIFELINE = 44, TALLEST = 30_000_000;
+const HEIGHT = 20, HEAD = 30, GUTTER = 100, DIVIDE = 22, BARE = TWO ? 50 : 76, LANES = 6, LANE = 6, LIFELINE = 44, TALLEST = 30_000_000;
 const view = document.getElementById("view"), svg = document.getElementById("svg");
 const room = document.getElementById("room"), map = document.getElementById("map");
 
-/* What is selected and how it is shown. `shown` are the rows that pass the filters, `before` how
-   many of them come before a row. */
-const now = { row: -1, time: false, scale: 0.2, shown: [], before: new Int32Array(COUNT + 1) };
-const layout = { x: [], width: [], total: 0 };
+/* What is selected and how it is shown. `passed` are the rows that pass the filters, `shown` the
+   first of each step among them, `before` how many of these come before a row. */
+const now = { row: -1, time: false, scale: 0.2, shown: [], passed: new Uint8Array(COUNT),
+  before: new Int32Array(COUNT + 1) };
+/* `spans` is by run where its columns begin, and how wide they are together. */
+const layout = { x: [], width: [], spans: [], total: 0 };
 
 function make(name, attributes, ...children) {
   const element = document.createElementNS(SVG, name);
@@ -19,36 +21,49 @@ function make(name, attributes, ...children) {
 
 /** Where each column begins; a column without a log needs no room for words. */
 function arrange() {
-  const used = COLUMNS.map((one, n) => n !== OTHERS || usesOthers());
+  const used = COLUMNS.map((one, n) => !OTHERS.includes(n) || othersUsed().includes(n));
   const bare = COLUMNS.filter((one, n) => used[n] && !one.logged).length;
-  const free = Math.max(view.clientWidth, 300) - GUTTER - bare * 76;
-  const wide = Math.max(190, Math.floor(free / LOGS.length));
+  const free = Math.max(view.clientWidth, 300) - GUTTER - bare * BARE - DIVIDE * (RUNS.length - 1);
+  const wide = Math.max(TWO ? 110 : 190, Math.floor(free / LOGS.length));
   let x = GUTTER;
-  layout.width = COLUMNS.map((one, n) => (used[n] ? (one.logged ? wide : 76) : 0));
-  layout.x = layout.width.map((width) => (x += width) - width);
+  layout.width = COLUMNS.map((one, n) => (used[n] ? (one.logged ? wide : BARE) : 0));
+  layout.spans = RUNS.map((_, run) => {
+    const begin = (x += run ? DIVIDE : 0);
+    COLUMNS.forEach((one, n) => {
+      if (one.run === run) layout.x[n] = (x += layout.width[n]) - layout.width[n];
+    });
+    return [begin, x - begin];
+  });
   layout.total = x;
 }
 
-let othersUsed = null;
-function usesOthers() {
-  return (othersUsed ??= arrows.some((arrow) => arrow.from === OTHERS || arrow.to === OTHERS));
+let foundUsed = null;
+/** The columns for all others that a message comes from or goes to. */
+function othersUsed() {
+  return (foundUsed ??= OTHERS.filter((n) => arrows.some((arrow) => arrow.from === n || arrow.to === n)));
 }
 
-const lifeline = (column) => layout.x[column] + (COLUMNS[column].logged ? LIFELINE : 38);
+const lifeline = (column) => layout.x[column] + (COLUMNS[column].logged ? LIFELINE : BARE / 2);
 const timeHeight = () => (COUNT ? (CLOCK[COUNT - 1] - CLOCK[0]) * now.scale + HEIGHT : 0);
+
+const isShown = (row) => now.passed[row] === 1;
+/** The rows that stand side by side where a row is shown. */
+const abreast = (row) => atStep(row).filter(isShown);
+/** Room for the line above the first difference. */
+const gap = (row) => (row >= DIFFERENCE ? HEIGHT : 0);
+const heightOfAll = () => (now.time ? timeHeight() : now.shown.length * HEIGHT) + gap(COUNT);
 
 /** Down to the middle of a row, from the top of the first. */
 function down(row) {
-  if (now.time) return (CLOCK[row] - CLOCK[0]) * now.scale + HEIGHT / 2;
-  const isShown = now.before[row + 1] > now.before[row];
-  return now.before[row] * HEIGHT + (isShown ? HEIGHT / 2 : 0);
+  if (now.time) return (CLOCK[row] - CLOCK[0]) * now.scale + HEIGHT / 2 + gap(row);
+  return now.before[row] * HEIGHT + (isShown(row) ? HEIGHT / 2 : 0) + gap(row);
 }
 
 /** Down to a time of a log's clock, in whichever order is shown. */
 function downTo(ms) {
-  if (now.time) return (ms - CLOCK[0]) * now.scale + HEIGHT / 2;
   const row = search(COUNT, (i) => CLOCK[i] >= ms);
-  return now.before[row] * HEIGHT;
+  if (now.time) return (ms - CLOCK[0]) * now.scale + HEIGHT / 2 + gap(row);
+  return now.before[row] * HEIGHT + gap(row);
 }
 
 /** The places in `now.shown` that are in the window. */
@@ -59,13 +74,12 @@ function inWindow() {
     return [search(count, (i) => down(now.shown[i]) >= top - HEIGHT),
       search(count, (i) => down(now.shown[i]) > bottom + HEIGHT)];
   }
-  return [Math.max(0, Math.floor(top / HEIGHT) - 1), Math.min(count, Math.ceil(bottom / HEIGHT) + 1)];
+  return [Math.max(0, Math.floor(top / HEIGHT) - 2), Math.min(count, Math.ceil(bottom / HEIGHT) + 1)];
 }
 
 function resize() {
   arrange();
-  const tall = now.time ? timeHeight() : now.shown.length * HEIGHT;
-  room.style.height = `${Math.min(TALLEST, tall + HEAD + HEIGHT)}px`;
+  room.style.height = `${Math.min(TALLEST, heightOfAll() + HEAD + HEIGHT)}px`;
   room.style.width = `${layout.total}px`;
   drawMap();
   redraw();
@@ -96,7 +110,7 @@ const lanes = (function () {
 
 function draw() {
   const [a, b] = inWindow();
-  const first = now.shown[a] ?? 0, last = now.shown[b - 1] ?? 0;
+  const first = now.shown[a] ?? 0, last = b > a ? abreast(now.shown[b - 1]).at(-1) : 0;
   const size = { width: view.clientWidth, height: view.clientHeight };
   const at = { left: view.scrollLeft, top: view.scrollTop - HEAD };
   const y = (row) => down(row) - at.top;
@@ -119,6 +133,7 @@ function draw() {
       if (passesArrow(arrow)) drawArrow(arrowLayer, arrow, y);
     }
     drawRows(marks, a, b, y, visible);
+    if (TWO) drawDifference(lines, marks, y, at, size);
   }
   svg.setAttribute("width", size.width);
   svg.setAttribute("height", size.height);
@@ -126,19 +141,34 @@ function draw() {
   showWindow();
 }
 
-const isShown = (row) => now.before[row + 1] > now.before[row];
 const passesArrow = (arrow) => isShown(arrow.first) || isShown(arrow.last);
 const passesBar = (bar) => isShown(bar.first) || (!bar.open && isShown(bar.last));
 
 function drawBands(layer, a, b, y, at, size) {
-  for (let n = a; n < b; n++) {
-    const row = now.shown[n];
-    const name = row === now.row ? "selected" : row === LOGS[ROW.log[row]].diverges ? "wrong" : "";
-    if (!name) continue;
-    const band = { x: at.left + 1, y: y(row) - HEIGHT / 2, width: size.width - 2, height: HEIGHT };
-    layer.append(make("rect", { class: `band ${name}`, ...band }));
-    if (row === LOGS[ROW.log[row]].diverges) layer.append(make("rect", { class: "band wrong edge", ...band }));
+  const whole = [at.left + 1, size.width - 2];
+  for (const row of now.shown.slice(a, b)) {
+    const band = (name, [x, width]) => layer.append(
+      make("rect", { class: `band ${name}`, x, y: y(row) - HEIGHT / 2, width, height: HEIGHT }));
+    if (row === now.row) band("selected", whole);
+    for (const one of abreast(row).filter(diverges)) {
+      const span = TWO ? layout.spans[runOf(one)] : whole;
+      if (row !== now.row) band("wrong", span);
+      band("wrong edge", span);
+    }
   }
+}
+
+/** What divides two runs, and the line above their first difference, with what it is in words. */
+function drawDifference(lines, marks, y, at, size) {
+  const x = layout.spans[1][0] - DIVIDE / 2;
+  lines.append(make("line", { class: "divide", x1: x, x2: x, y1: HEAD, y2: size.height }));
+  const middle = DIFFERENCE < Infinity ? y(DIFFERENCE) - HEIGHT : -Infinity;
+  if (middle < 0 || middle > size.height + HEIGHT) return;
+  marks.append(make("rect", { class: "differs", x: at.left, y: middle - HEIGHT / 2 + 1,
+    width: size.width, height: HEIGHT - 2 }));
+  const full = `≠ first difference, ${difference()}`, most = Math.floor((size.width - GUTTER) / 6.8);
+  marks.append(make("text", { class: "differs", x: at.left + GUTTER, y: middle + 4 },
+    full.length > most ? `${full.slice(0, most - 1)}…` : full));
 }
 
 function lifelineOf(column, height) {
@@ -183,7 +213,7 @@ function drawArrow(layer, arrow, y) {
   group.append(make("title", {}, `${ARROWS[kind]}: ${text(arrow.first)}`));
   const y1 = y(arrow.first), side = Math.sign(to - from) || 1;
   const x1 = from + side * 5;
-  if (kind === DELIVERED || kind === DUPLICATE) {
+  if (kind === DELIVERED || kind === DUPLICATE || kind === OVERHEARD) {
     line(group, x1, y1, to - side * 5, y(arrow.last), true);
   } else if (kind === UNSENT || kind === FORGED) {
     line(group, from + side * 8, y1, side < 0 ? Math.min(from - 20, to + besides(arrow.first)) : to - 5, y1, true);
@@ -238,14 +268,14 @@ const MARKS = {
 /** Of each row a mark on its lifeline, and its words where there is room. */
 function drawRows(layer, a, b, y, visible) {
   const free = COLUMNS.map(() => -Infinity);
-  for (let n = a; n < b; n++) {
-    const row = now.shown[n], column = ROW.log[row];
+  for (const row of now.shown.slice(a, b).flatMap(abreast)) {
+    const column = ROW.log[row];
     if (!visible[column]) continue;
     const x = lifeline(column), name = kind(row);
     const faded = past(row) ? " past" : "";
     const group = make("g", { class: `row ${name}${faded}`, "data-row": row });
     group.append(make("path", { class: "mark", d: MARKS[name], transform: `translate(${x} ${y(row)})` }));
-    if (y(row) - free[column] >= 13 || row === now.row) {
+    if (y(row) - free[column] >= 13 || STEP[row] === STEP[now.row]) {
       free[column] = y(row);
       group.append(words(row, x + 12, y(row) + 4));
     }
@@ -258,7 +288,7 @@ const roomFor = (row) => Math.floor((layout.width[ROW.log[row]] - LIFELINE - 20)
 /** A row in words, with the phase in which it leaves its station. */
 function rowText(row) {
   const phase = phaseChange(row);
-  const wrong = row === LOGS[ROW.log[row]].diverges ? "✗ " : "";
+  const wrong = diverges(row) ? "✗ " : "";
   return wrong + text(row) + (phase ? `  = ${visible(phase)}` : "");
 }
 
@@ -292,7 +322,7 @@ function gutter(a, b, y, size) {
     if (y(row) - free < 13 || y(row) < HEAD) continue;
     free = y(row);
     const same = { y: y(row) + 4, "text-anchor": "end", class: row === now.row ? "selected" : "" };
-    group.append(make("text", { x: 42, ...same }, String(row + 1)));
+    group.append(make("text", { x: 42, ...same }, String(STEP[row] + 1)));
     group.append(make("text", { x: GUTTER - 10, ...same }, String(ROW.t[row])));
   }
   return group;
@@ -304,7 +334,7 @@ function heads(visible, at, size) {
   const inner = make("g", { transform: `translate(${-at.left} 0)` });
   for (let n = 0; n < COLUMNS.length; n++) {
     if (!visible[n]) continue;
-    const name = COLUMNS[n].logged || n === OTHERS ? COLUMNS[n].name : `${COLUMNS[n].name}?`;
+    const name = COLUMNS[n].logged ? COLUMNS[n].name : bareName(n);
     inner.append(make("text", { x: lifeline(n), y: 19, "text-anchor": "middle",
       class: COLUMNS[n].logged ? "name" : "name bare" }, name));
   }
@@ -315,6 +345,9 @@ function heads(visible, at, size) {
   group.append(make("line", { class: "rule", x1: 0, x2: size.width, y1: HEAD - 2, y2: HEAD - 2 }));
   return group;
 }
+
+/** A station without a log; of which run it is, its place tells. */
+const bareName = (n) => COLUMNS[n].name.replace(/^[AB] · /, "") + (OTHERS.includes(n) ? "" : "?");
 
 /* The minimap: all rows that are shown, and the window among them. */
 
@@ -328,7 +361,7 @@ function drawMap() {
   const pen = small.getContext("2d"), drawn = new Set();
   const colours = { send: colour("--send"), receive: colour("--receive"), other: colour("--dim") };
   const wide = (map.width - 8) / LOGS.length;
-  for (const row of now.shown) {
+  for (const row of TWO ? now.shown.flatMap(abreast) : now.shown) {
     const y = Math.floor(mapY(row)), column = ROW.log[row], name = kind(row);
     const key = y * 100_000 + column * 3 + (name === "send" ? 0 : name === "receive" ? 1 : 2);
     if (drawn.has(key)) continue;
@@ -336,22 +369,23 @@ function drawMap() {
     pen.fillStyle = colours[name] ?? colours.other;
     pen.fillRect(4 + column * wide, y, Math.max(1, wide - 1), 1.5);
   }
-  for (const log of LOGS) {
-    if (log.diverges < 0) continue;
-    pen.fillStyle = colour("--wrong");
-    pen.fillRect(0, Math.floor(mapY(log.diverges)) - 1, map.width, 3);
-  }
+  const mark = (row, name) => {
+    pen.fillStyle = colour(name);
+    pen.fillRect(0, Math.floor(mapY(row)) - 1, map.width, 3);
+  };
+  if (DIFFERENCE < Infinity) mark(DIFFERENCE, "--told");
+  for (const log of LOGS) if (log.diverges >= 0) mark(log.diverges, "--wrong");
 }
 
 /** Down to a row in the minimap. */
 function mapY(row) {
-  const all = now.time ? timeHeight() : now.shown.length * HEIGHT;
+  const all = heightOfAll();
   return all ? (down(row) / all) * (map.height - 4) : 0;
 }
 
 function showWindow() {
   const pen = map.getContext("2d");
-  const all = Math.max(1, now.time ? timeHeight() : now.shown.length * HEIGHT);
+  const all = Math.max(1, heightOfAll());
   const scale = (map.height - 4) / all;
   pen.clearRect(0, 0, map.width, map.height);
   pen.drawImage(small, 0, 0);

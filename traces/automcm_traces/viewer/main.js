@@ -8,7 +8,7 @@ for (const id of ["text", "station", "session", "type", "cams", "timers"]) {
 const KEYS = [["← →, h l", "step back, step forward"], ["↑ ↓, k j", "the same"],
   ["Page Up, Page Down", "a window back or forward"], ["Home, End", "first, last"],
   ["g", "go to a step"], ["/", "search"], ["n, N", "next or previous row with the text"],
-  ["d", "jump to the divergence"], ["t", "event order or real time"], ["+ −", "room for a second"],
+  ["d", "jump to the divergence"], ...(TWO ? [["f", "jump to the first difference"]] : []), ["t", "event order or real time"], ["+ −", "room for a second"],
   ["b", "the rows as a table"], ["?", "this help"]];
 
 /** The type of the message of a row; empty if there is none. */
@@ -23,7 +23,7 @@ function passes(row, wanted) {
   return !wanted.text || text(row).toLowerCase().includes(wanted.text);
 }
 
-/** What the filters let pass; a divergence and the selected row stay. */
+/** What the filters let pass; a divergence, the first difference and the selected step stay. */
 function sift() {
   const wanted = {
     station: Number(filters.station.value), session: filters.session.value, type: filters.type.value,
@@ -32,23 +32,27 @@ function sift() {
   };
   now.shown = [];
   for (let row = 0; row < COUNT; row++) {
-    now.before[row] = now.shown.length;
-    if (row === now.row || row === LOGS[ROW.log[row]].diverges || passes(row, wanted)) now.shown.push(row);
+    const stays = STEP[row] === STEP[now.row] || STEP[row] === STEP[DIFFERENCE] || diverges(row);
+    now.passed[row] = stays || passes(row, wanted);
+    const joins = isBeside(row) && isShown(row - 1);
+    now.before[row] = now.shown.length - joins;
+    if (isShown(row) && !joins) now.shown.push(row);
   }
   now.before[COUNT] = now.shown.length;
-  document.getElementById("count").textContent = `${now.shown.length} of ${COUNT} rows`;
+  document.getElementById("count").textContent = `${now.shown.length} of ${STEPS_IN_ALL} rows`;
   resize();
   fillTable();
 }
 
-/** Select a row and bring it into the window. */
+/** Select the step of a row and bring it into the window. */
 function select(row, quietly = false) {
   if (!COUNT) return;
-  now.row = Math.max(0, Math.min(COUNT - 1, row));
+  const found = Math.max(0, Math.min(COUNT - 1, row));
+  now.row = isBeside(found) ? found - 1 : found;
   if (!isShown(now.row)) sift();
   if (!quietly) reveal(now.row);
-  history.replaceState(null, "", `#step=${now.row + 1}`);
-  document.getElementById("where").textContent = `${now.row + 1} / ${COUNT}`;
+  history.replaceState(null, "", `#step=${STEP[now.row] + 1}`);
+  document.getElementById("where").textContent = `${STEP[now.row] + 1} / ${STEPS_IN_ALL}`;
   showPanel(now.row);
   redraw();
 }
@@ -70,7 +74,7 @@ function step(by) {
 
 function find(by) {
   const words = filters.text.value.trim().toLowerCase();
-  for (let row = now.row + by; words && row >= 0 && row < COUNT; row += by) {
+  for (let row = by > 0 ? atStep(now.row).at(-1) + 1 : now.row - 1; words && row >= 0 && row < COUNT; row += by) {
     if (isShown(row) && text(row).toLowerCase().includes(words)) return select(row);
   }
 }
@@ -79,9 +83,13 @@ function jump() {
   if (firstDivergence !== Infinity) select(firstDivergence);
 }
 
+function jumpToDifference() {
+  if (DIFFERENCE !== Infinity) select(DIFFERENCE);
+}
+
 function goTo() {
-  const typed = window.prompt(`Step, 1 to ${COUNT}`, String(now.row + 1));
-  if (typed && Number.isInteger(Number(typed))) select(Number(typed) - 1);
+  const typed = window.prompt(`Step, 1 to ${STEPS_IN_ALL}`, String(STEP[now.row] + 1));
+  if (typed && Number.isInteger(Number(typed))) select(rowOfStep(Number(typed) - 1));
 }
 
 function toggleTime() {
@@ -130,18 +138,21 @@ function fillTable() {
   const box = document.getElementById("tables");
   if (box.hidden) return;
   tableFirst = Math.max(0, Math.min(tableFirst, now.shown.length - 1));
-  fillRows(now.shown.slice(tableFirst, tableFirst + ROWS));
+  fillRows(now.shown.slice(tableFirst, tableFirst + ROWS).flatMap(abreast));
   const last = Math.min(tableFirst + ROWS, now.shown.length);
   box.querySelector("caption").textContent = `Rows ${tableFirst + 1} to ${last} of ${now.shown.length}`;
 }
 
 function fillRows(rows) {
   document.getElementById("table").replaceChildren(...rows.map((row) => el("tr",
-    row === LOGS[ROW.log[row]].diverges ? { class: "wrong" } : past(row) ? { class: "past" } : {},
-    el("td", {}, link(row, String(row + 1))), el("td", {}, station(row)), el("td", {}, ROW.line[row]),
-    el("td", {}, ROW.t[row]), el("td", {}, (row === LOGS[ROW.log[row]].diverges ? "DIVERGES: " : "") + text(row)),
+    diverges(row) ? { class: "wrong" } : isFirst(row) ? { class: "differs" } : past(row) ? { class: "past" } : {},
+    el("td", {}, link(row, String(STEP[row] + 1))), el("td", {}, COLUMNS[ROW.log[row]].name),
+    el("td", {}, ROW.line[row]), el("td", {}, ROW.t[row]),
+    el("td", {}, (isFirst(row) ? "FIRST DIFFERENCE: " : "") + (diverges(row) ? "DIVERGES: " : "") + text(row)),
     el("td", {}, fate(row)))));
 }
+
+const isFirst = (row) => STEP[row] === STEP[DIFFERENCE];
 
 function toggleTable() {
   const box = document.getElementById("tables");
@@ -162,7 +173,7 @@ const ACTIONS = {
   ArrowLeft: () => step(-1), h: () => step(-1), ArrowUp: () => step(-1), k: () => step(-1),
   ArrowRight: () => step(1), l: () => step(1), ArrowDown: () => step(1), j: () => step(1),
   PageUp: () => step(-Math.floor(view.clientHeight / HEIGHT)), PageDown: () => step(Math.floor(view.clientHeight / HEIGHT)),
-  Home: () => step(-COUNT), End: () => step(COUNT), g: goTo, d: jump, n: () => find(1), N: () => find(-1),
+  Home: () => step(-COUNT), End: () => step(COUNT), g: goTo, d: jump, f: jumpToDifference, n: () => find(1), N: () => find(-1),
   t: toggleTime, "+": () => zoom(2), "-": () => zoom(0.5), b: toggleTable, "?": help,
   "/": () => filters.text.focus(),
 };
@@ -184,6 +195,7 @@ function listen() {
   on("previous", () => step(-1));
   on("next", () => step(1));
   on("divergence", jump);
+  if (TWO) on("difference", jumpToDifference);
   on("order", toggleTime);
   on("narrower", () => zoom(0.5));
   on("wider", () => zoom(2));
@@ -204,17 +216,16 @@ function listen() {
   map.addEventListener("pointermove", (press) => press.buttons && travel(press.offsetY));
   new ResizeObserver(resize).observe(view);
   window.addEventListener("hashchange", fromHash);
-  window.addEventListener("beforeprint", () => fillRows(now.shown.slice(0, 2000)));
+  window.addEventListener("beforeprint", () => fillRows(now.shown.slice(0, 2000).flatMap(abreast)));
 }
 
 function travel(y) {
-  const all = now.time ? timeHeight() : now.shown.length * HEIGHT;
-  view.scrollTop = (y / map.height) * all - view.clientHeight / 2;
+  view.scrollTop = (y / map.height) * heightOfAll() - view.clientHeight / 2;
 }
 
 function fromHash() {
   const found = /[#&]step=(\d+)/.exec(location.hash);
-  if (found) select(Number(found[1]) - 1);
+  if (found) select(rowOfStep(Number(found[1]) - 1));
   return Boolean(found);
 }
 
@@ -224,12 +235,13 @@ function choices(select_, all, values) {
 }
 
 function legend() {
-  const shown = [[0, "delivered"], [1, "lost"], [2, "duplicate"], [3, "unobserved"], [4, "in flight"]];
+  const shown = [[0, "delivered"], [1, "lost"], [2, "duplicate"], [3, "unobserved"], [4, "in flight"],
+    [7, "overheard"]];
   document.getElementById("legend").append(...shown.map(([arrow, words]) => {
     const sample = make("svg", { width: 46, height: 16, "aria-hidden": "true" });
     const group = make("g", { class: `arrow ${ARROWS[arrow].replace(" ", "-")}` });
     if (arrow === IN_FLIGHT) fading(group, 3, 8, 36, 8);
-    else line(group, 3, 8, arrow === LOST ? 28 : arrow === UNOBSERVED ? 32 : 42, 8, arrow === DELIVERED || arrow === DUPLICATE);
+    else line(group, 3, 8, arrow === LOST ? 28 : arrow === UNOBSERVED ? 32 : 42, 8, [DELIVERED, DUPLICATE, OVERHEARD].includes(arrow));
     if (arrow === LOST) cross(group, 32, 8);
     if (arrow === UNOBSERVED) sign(group, 39, 8, "?");
     sample.append(group);
@@ -263,17 +275,19 @@ function typeNames() {
 
 function begin() {
   const sessions = [...new Set(ROW.session)].map((n) => DATA.strings[n]).filter(Boolean);
-  choices(filters.station, "all", LOGS.map((log) => String(log.station)));
+  choices(filters.station, "all", [...new Set(LOGS.map((log) => String(log.station)))]);
   choices(filters.session, "all", sessions);
   choices(filters.type, "all", types());
   document.getElementById("divergence").disabled = firstDivergence === Infinity;
+  if (TWO) document.getElementById("difference").disabled = DIFFERENCE === Infinity;
   filters.cams.checked = COUNT > 0 && ROW.flags.every((flag) => flag & OF_CAM);
   nameTheme();
   buildPanel();
   legend();
   listen();
   sift();
-  if (!fromHash()) select(firstDivergence === Infinity ? now.shown[0] ?? 0 : firstDivergence);
+  const wrong = Math.min(firstDivergence, DIFFERENCE);
+  if (!fromHash()) select(wrong === Infinity ? now.shown[0] ?? 0 : wrong);
 }
 
 begin();

@@ -40,21 +40,21 @@ const SIGNS = { allowed: "✓", diverges: "✗", cannot_tell: "?", unreadable: "
 const badge = (verdict, ...more) =>
   el("span", { class: `badge ${verdict}` }, `${SIGNS[verdict]} ${WORDS[verdict]}`, ...more);
 
-/** What weighs most of all verdicts, as at the command line. */
-function worst() {
-  const found = new Set(DATA.verdicts.map((v) => v.verdict));
-  if (DATA.system?.verdict === "violated" && !found.has("diverges")) return "violated";
+/** What weighs most of all verdicts on a run, as at the command line. */
+function worst({ verdicts, system }) {
+  const found = new Set(verdicts.map((v) => v.verdict));
+  if (system?.verdict === "violated" && !found.has("diverges")) return "violated";
   for (const name of ["diverges", "unreadable", "cannot_tell"]) if (found.has(name)) return name;
-  return DATA.system?.verdict === "hazard" ? "hazard" : "allowed";
+  return system?.verdict === "hazard" ? "hazard" : "allowed";
 }
 
-const rowOf = (file, line) => {
-  const log = LOGS.findIndex((one) => one.file === file);
+const rowOf = (run, file, line) => {
+  const log = LOGS.findIndex((one) => one.run === run && one.file === file);
   return log < 0 ? undefined : rowsOf[log].find((row) => ROW.line[row] === line);
 };
 
-function verdictOf(v) {
-  const row = rowOf(v.file, v.line);
+function verdictOf(run, v) {
+  const row = rowOf(run, v.file, v.line);
   const where = v.line ? `${v.file}:${v.line}` : v.file;
   const terms = [["event", v.event], ["expected", v.expected], ["rule", v.guard || v.rule],
     ["nearest", v.nearest], ["allowed after", v.allowed_after], ["state before", v.state],
@@ -82,14 +82,14 @@ function definitions(terms) {
   return list;
 }
 
-function systemOf(report) {
+function systemOf({ system: report, hazards }) {
   if (!report) return "";
   const judged = report.properties.map((p) => el("li", { class: p.outcome },
     `${{ holds: "✓", violated: "✗", cannot_tell: "?" }[p.outcome]} ${p.property} ${p.outcome.replace("_", " ")}`,
     p.outcome === "holds" ? "" : el("div", { class: "dim" }, lines(p.where.slice(0, 5)))));
   const ways = Object.entries(report.deliveries).map(([way, counts]) => el("li", {}, `${way}: `
     + Object.entries(counts).map(([name, n]) => `${n} ${name.replace("_", " ")}`).join(", ")));
-  const lists = [["hazards", DATA.hazards.map((t) => el("li", {}, lines(t.split("\n"))))], ["forged", report.forged.map((t) => el("li", {}, t))],
+  const lists = [["hazards", hazards.map((t) => el("li", {}, lines(t.split("\n"))))], ["forged", report.forged.map((t) => el("li", {}, t))],
     ["received before sent", report.cycles.map((t) => el("li", {}, t))], ["properties", judged],
     ["messages", ways], ["notes", report.notices.map((t) => el("li", {}, t))]];
   return folded(el("span", {}, "All logs together ", badge(report.verdict)),
@@ -123,57 +123,101 @@ function ends(row) {
   const found = [];
   for (const arrow of arrowsFrom(row).slice(0, 12)) {
     const words = `${ARROWS[arrow.kind]} → ${COLUMNS[arrow.to].name}`;
-    found.push(el("li", {}, arrow.last > row ? link(arrow.last, `${words}, step ${arrow.last + 1}`) : words));
+    found.push(el("li", {}, arrow.last > row ? link(arrow.last, `${words}, step ${STEP[arrow.last] + 1}`) : words));
   }
   for (const arrow of touching(arrows, arrowReach, row, row)) {
     if (arrow.last !== row || arrow.first === row) continue;
-    found.push(el("li", {}, link(arrow.first, `sent at step ${arrow.first + 1}`), ` ${ARROWS[arrow.kind]}`));
+    found.push(el("li", {}, link(arrow.first, `sent at step ${STEP[arrow.first] + 1}`), ` ${ARROWS[arrow.kind]}`));
   }
   for (const bar of touching(bars, barReach, row, row)) {
     if (bar.first === row || (!bar.open && bar.last === row)) {
       const other = bar.first === row ? bar.last : bar.first;
-      found.push(el("li", {}, said(bar), " ", bar.open ? "" : link(other, `step ${other + 1}`)));
+      found.push(el("li", {}, said(bar), " ", bar.open ? "" : link(other, `step ${STEP[other] + 1}`)));
     }
   }
   return found.length ? el("ul", { class: "plain" }, found) : "";
 }
 
+/** Which run a row is of, before its words. */
+const side = (row) => (TWO ? `${"AB"[runOf(row)]}: ` : "");
+
 function stepPart(row) {
+  const rows = atStep(row);
+  return folded(`Step ${STEP[row] + 1}`, true,
+    isFirst(row) ? el("p", { class: "differs" }, `≠ first difference, ${difference()}`) : "",
+    rows.flatMap((one) => eventOf(one)),
+    rows.map((one) => folded(`${side(one)}As logged`, false, tree(logged(one), new Set()))));
+}
+
+function eventOf(row) {
   const log = LOGS[ROW.log[row]];
-  return folded(`Step ${row + 1}`, true,
-    el("p", { class: "words" }, text(row)),
+  return [el("p", { class: "words" }, side(row) + text(row)),
     el("p", { class: "dim" }, `station ${log.station}, ${log.file}:${ROW.line[row]}, ${ROW.t[row]} ms`
       + (session(row) ? `, session ${session(row)}` : "")),
     past(row) ? el("p", { class: "warn" }, "after the divergence: not judged") : "",
-    ends(row), folded("As logged", false, tree(logged(row), new Set())));
+    ends(row)];
 }
 
 function roadPart(row) {
-  const found = road(row);
-  return found ? folded("On the road", true, found.strip, el("p", { class: "dim" }, found.told.join("; "))) : "";
+  const found = RUNS.map((_, run) => road(run, row)).filter(Boolean);
+  const strips = found.flatMap(({ strip, told }, n) =>
+    [strip, el("p", { class: "dim" }, (TWO ? `${"AB"[n]}: ` : "") + told.join("; "))]);
+  return found.length ? folded("On the road", true, ...strips) : "";
 }
 
-/** The state of each station at a row; that of the row's own first. */
+/** The state of each station at a row; that of the row's own first, and of two runs both as one. */
 function statePart(row) {
   const own = ROW.log[row];
-  const order = [own, ...LOGS.keys()].filter((log, n) => n === 0 || log !== own).slice(0, 20);
-  return folded("State", true, ...order.map((log) => {
-    const step = stepAt(log, row);
-    const name = `station ${LOGS[log].station}`;
-    if (step < 0) {
-      const why = STEPS[log].length ? "nothing has happened yet" : LOGS[log].why_not || "nothing has happened yet";
-      return folded(`${name}: ${STEPS[log].length ? "STANDALONE" : "not known"}`, log === own, el("p", { class: "dim" }, why));
-    }
-    const { state, changed } = stateAfter(log, step);
-    const late = log === own && past(row) ? ", before the divergence" : "";
-    return folded(`${name}: ${state.phase}`, log === own,
-      el("p", { class: "dim" }, `after the step of line ${STEPS[log][step]}${late}; ▸ is what that step changed`),
-      tree(state, new Set(changed), true));
-  }));
+  const order = [own, ...LOGS.keys()].filter((log, n) => n === 0 || (log !== own && log !== MATE[own]));
+  const once = order.filter((log) => MATE[log] < 0 || log === own || LOGS[log].run === 0);
+  return folded("State", true, ...once.slice(0, 20).map((log) => stateOf(log, row, log === own)));
+}
+
+/** The state of a station at a row, or why it has none. */
+function known(log, row) {
+  const step = stepAt(log, row);
+  if (step >= 0) return { line: STEPS[log][step], ...stateAfter(log, step) };
+  const yet = STEPS[log].length > 0;
+  return { phase: yet ? "STANDALONE" : "not known", why: (!yet && LOGS[log].why_not) || "nothing has happened yet" };
+}
+
+function stateOf(log, row, open) {
+  if (MATE[log] >= 0) return bothStates(...[log, MATE[log]].sort((a, b) => a - b), row, open);
+  const { state, changed, line, phase, why } = known(log, row);
+  const name = `station ${COLUMNS[log].name}`;
+  if (!state) return folded(`${name}: ${phase}`, open, el("p", { class: "dim" }, why));
+  const late = open && past(row) ? ", before the divergence" : "";
+  return folded(`${name}: ${state.phase}`, open,
+    el("p", { class: "dim" }, `after the step of line ${line}${late}; ▸ is what that step changed`),
+    tree(state, new Set(changed), true));
+}
+
+/** The states of one station in both runs; what differs is told of both. */
+function bothStates(a, b, row, open) {
+  const [one, other] = [known(a, row), known(b, row)];
+  const names = new Set([...Object.keys(one.state ?? {}), ...Object.keys(other.state ?? {})]);
+  const list = el("ul", { class: "tree" });
+  for (const name of names) {
+    const [x, y] = [one.state?.[name], other.state?.[name]];
+    const differ = one.state && other.state && JSON.stringify(x) !== JSON.stringify(y);
+    const told = differ
+      ? [el("div", {}, "A ", tree(x, new Set(), true)), el("div", {}, "B ", tree(y, new Set(), true))]
+      : [tree(x ?? y, new Set(), true)];
+    list.append(el("li", differ ? { class: "changed" } : {}, differ ? "≠ " : "", el("b", {}, name), " ", told));
+  }
+  const from = (found, run) => `${run} ${found.state ? `after the step of line ${found.line}` : found.why}`;
+  const phases = [one, other].map((found) => found.state?.phase ?? found.phase);
+  return folded(`station ${LOGS[a].station}: ${[...new Set(phases)].join(" | ")}`, open,
+    el("p", { class: "dim" }, `${from(one, "A")}, ${from(other, "B")}; ≠ is what differs`), list);
 }
 
 /** The operator of Station.tla that decided the step, with its line. */
 function specPart(row) {
+  const told = atStep(row).map(specOf).filter(Boolean);
+  return told.length > 1 && told[0].textContent === told[1].textContent ? [told[0]] : told;
+}
+
+function specOf(row) {
   const log = ROW.log[row], step = stepAt(log, row);
   if (step < 0) return "";
   const { rule, operator, line } = decision(log, step);
@@ -195,7 +239,7 @@ const closed = new Set();
 
 /** Everything beside the drawing, for a row. Parts that were closed stay closed. */
 function showPanel(row) {
-  const parts = COUNT ? [stepPart(row), roadPart(row), statePart(row), specPart(row)] : [];
+  const parts = COUNT ? [stepPart(row), roadPart(row), statePart(row), ...specPart(row)] : [];
   document.getElementById("step").replaceChildren(...parts.filter(Boolean));
   for (const part of document.querySelectorAll("#step > details")) {
     const name = part.firstChild.textContent.split(/[ :]/)[0];
@@ -204,12 +248,57 @@ function showPanel(row) {
   }
 }
 
+const short = (value) => {
+  const told = value === null ? "absent" : typeof value === "string" ? value : JSON.stringify(value);
+  return told.length > 60 ? `${told.slice(0, 60)}…` : told;
+};
+
+/** The first difference of two runs in words. */
+function difference() {
+  const one = COMPARED.stations[COMPARED.first], { a, b, fields } = one.difference;
+  const told = fields.map((f) => `${f.field} ${short(f.a)} | ${short(f.b)}`).join(", ")
+    || (a && b ? `${a.event} | ${b.event}` : `only ${a ? "A" : "B"}: ${(a ?? b).event}`);
+  return visible(`station ${one.station}: ${told}`);
+}
+
+/** What a comparison says of one station. */
+function comparedOf(one) {
+  const [a, b] = one.logs.map((log) => LOGS[log].station), d = one.difference;
+  const name = a === b ? String(a) : `${a} and ${b}`, steps = `${one.steps} step${one.steps === 1 ? "" : "s"}`;
+  const at = (file, deed) => (deed ? `${file}:${deed.line}: ${deed.event}` : "nothing like it");
+  const both = (fields) => fields.map((f) => `${f.field} ${short(f.a)} | ${short(f.b)}`);
+  return el("div", { class: "verdict" },
+    el("p", {}, d ? link(one.row, `${name}: differs after ${steps}`) : `${name}: the same, ${steps}`),
+    definitions([["A", d ? at(one.a, d.a) : ""], ["B", d ? at(one.b, d.b) : ""], ["fields", d ? both(d.fields) : ""],
+      ["parameters", both(one.parameters)], ["not compared", one.not_compared.join(", ")],
+      ["times apart", one.times.apart_ms ? `up to ${one.times.apart_ms} ms` : ""]]));
+}
+
+const comparedBadge = () => (DIFFERENCE === Infinity
+  ? el("span", { class: "badge allowed" }, "= the same")
+  : el("span", { class: "badge differs" }, `≠ differ from step ${STEP[DIFFERENCE] + 1}`));
+
+function comparison() {
+  const only = [["A", COMPARED.only_a], ["B", COMPARED.only_b]].flatMap(([run, files]) =>
+    files.map((file) => el("p", { class: "warn" }, `only ${run} has ${file}`)));
+  const part = folded(el("span", {}, "A and B ", comparedBadge()), true,
+    DIFFERENCE === Infinity ? el("p", {}, "No station that has a log in both does anything else in B than in A.") : "",
+    COMPARED.stations.map(comparedOf), only);
+  part.id = "compared";
+  return part;
+}
+
+function judgedOf(run, n) {
+  const part = folded(TWO ? el("span", {}, `Verdict on ${"AB"[n]} `, badge(worst(run))) : "Verdict", true,
+    ...run.verdicts.slice(0, 20).map((v) => verdictOf(n, v)), systemOf(run));
+  part.id = `judged${n || ""}`;
+  return part;
+}
+
 function buildPanel() {
   const top = document.getElementById("verdict");
-  top.className = `badge ${worst()}`;
-  top.textContent = `${SIGNS[worst()]} ${WORDS[worst()]}`;
-  const verdicts = DATA.verdicts.map(verdictOf);
-  const judged = folded("Verdict", true, ...verdicts.slice(0, 20), systemOf(DATA.system));
-  judged.id = "judged";
-  panel.append(judged, el("div", { id: "step" }));
+  const badges = RUNS.map((run, n) => [TWO ? `${"AB"[n]} ` : "", badge(worst(run)), " "]);
+  top.replaceChildren(el("span", {}, badges.flat(), TWO ? comparedBadge() : ""));
+  if (DATA.note) panel.append(el("p", { id: "note", class: "warn" }, DATA.note));
+  panel.append(TWO ? comparison() : "", ...RUNS.map(judgedOf), el("div", { id: "step" }));
 }

@@ -2,24 +2,24 @@
 
 const ROAD = { width: 600, height: 130, margin: 24 };
 
-/* By station: the rows with its CAMs. */
+/* By run and station: the rows with its CAMs. */
 const camRows = (function () {
-  const found = new Map();
+  const runs = RUNS.map(() => new Map());
   for (let row = 0; row < COUNT; row++) {
     if (!(ROW.flags[row] & IS_CAM)) continue;
     const { src, x_mm: x, y_mm: y } = body(row).message;
     if (!Number.isInteger(src) || !Number.isFinite(x) || !Number.isFinite(y)) continue;
+    const found = runs[runOf(row)];
     if (!found.has(src)) found.set(src, []);
     found.get(src).push(row);
   }
-  return found;
+  return runs;
 })();
 
 const cam = (row) => body(row).message;
 
-/** The last CAM of a station at or before a row; -1 if there is none. */
-function lastCam(src, row) {
-  const rows = camRows.get(src);
+/** The last of rows at or before a row; -1 if there is none. */
+function lastCam(rows, row) {
   const n = search(rows.length, (i) => rows[i] > row);
   return n ? rows[n - 1] : -1;
 }
@@ -46,9 +46,9 @@ function ticks(strip, part, x, height) {
 }
 
 /** A strip with each vehicle as a wedge that points where it drives; null without CAMs. */
-function road(row) {
-  const known = [...camRows.keys()].sort((a, b) => a - b).slice(0, 40)
-    .map((src) => lastCam(src, row)).filter((last) => last >= 0).map(cam);
+function road(run, row) {
+  const known = [...camRows[run]].sort(([a], [b]) => a - b).slice(0, 40)
+    .map(([, rows]) => lastCam(rows, row)).filter((last) => last >= 0).map(cam);
   if (!known.length) return null;
   const { width, height, margin } = ROAD, part = around(known), told = [];
   const x = (mm) => margin + ((mm - part.along.low) / part.along.size) * (width - 2 * margin);

@@ -11,7 +11,12 @@ function save(name, type, content) {
   setTimeout(() => URL.revokeObjectURL(address), 10_000);
 }
 
-const nameOf = (row) => `${LOGS[COUNT ? ROW.log[row] : 0].station}-${COUNT ? row + 1 : 0}`;
+const nameOf = (log) => `${named(LOGS[log].run, LOGS[log].station).replace(" · ", "-")}-${COUNT ? STEP[now.row] + 1 : 0}`;
+/** The log to which the selected step belongs; of two runs that of the wanted one. */
+function chosenLog(run) {
+  const own = COUNT ? ROW.log[now.row] : 0;
+  return LOGS[own].run === run ? own : MATE[own];
+}
 
 /** The drawing as it is in the window, with the style that it needs. */
 function svgText() {
@@ -27,9 +32,9 @@ function svgText() {
   return written.replace(/<style[^>]*\/>|<style[^>]*><\/style>/, () => `<style>${safe}</style>`);
 }
 
-/** The log of a row's station up to and with that row, as a log of its own. */
-function prefixText(row) {
-  const log = ROW.log[row], kept = rowsOf[log].filter((one) => one <= row);
+/** A log up to and with a row, as a log of its own. */
+function prefixText(log, row) {
+  const kept = rowsOf[log].filter((one) => one <= row);
   const lines = [LOGS[log].header];
   kept.forEach((one, n) => lines.push({ ...logged(one), seq: n + 1 }));
   lines.push({ rec: "end", seq: kept.length, reason: "prefix", lost_records: 0 });
@@ -42,7 +47,7 @@ function mermaidText() {
   const lines = ["sequenceDiagram"];
   const used = new Set(), said = [];
   const [a] = inWindow();
-  for (const row of now.shown.slice(a)) {
+  for (const row of now.shown.slice(a).flatMap(abreast)) {
     for (const arrow of arrowsFrom(row)) {
       if (said.length >= MOST_MESSAGES) break;
       used.add(arrow.from).add(arrow.to);
@@ -51,16 +56,18 @@ function mermaidText() {
       said.push(`  c${arrow.from}${head}c${arrow.to}: ${plain(text(row).slice(0, 60))}${fate}`);
     }
   }
-  for (const column of [...used].sort((x, y) => x - y)) {
-    lines.push(`  participant c${column} as ${plain(COLUMNS[column].name)}`);
+  for (const column of [...used].sort((x, y) => layout.x[x] - layout.x[y])) {
+    lines.push(`  participant c${column} as ${plain(COLUMNS[column].name.replace(" · ", " "))}`);
   }
   if (said.length >= MOST_MESSAGES) said.push(`  %% only the first ${MOST_MESSAGES} messages`);
   return [...lines, ...said].join("\n") + "\n";
 }
 
 document.getElementById("save-svg").addEventListener("click", () =>
-  save(`${nameOf(now.row)}.svg`, "image/svg+xml", svgText()));
-document.getElementById("save-log").addEventListener("click", () =>
-  COUNT && save(`${nameOf(now.row)}.ndjson`, "application/x-ndjson", prefixText(now.row)));
+  save(`${nameOf(COUNT ? ROW.log[now.row] : 0)}.svg`, "image/svg+xml", svgText()));
+RUNS.forEach((_, run) => document.getElementById(`save-log${run || ""}`).addEventListener("click", () => {
+  const log = chosenLog(run), last = COUNT ? atStep(now.row).at(-1) : -1;
+  if (log >= 0 && COUNT) save(`${nameOf(log)}.ndjson`, "application/x-ndjson", prefixText(log, last));
+}));
 document.getElementById("save-mermaid").addEventListener("click", () =>
-  save(`${nameOf(now.row)}.mmd`, "text/plain", mermaidText()));
+  save(`${nameOf(COUNT ? ROW.log[now.row] : 0)}.mmd`, "text/plain", mermaidText()));

@@ -80,6 +80,7 @@ class Adapter:
 
 
 def main() -> None:
+    """Answer each line until ``stop`` or the end of the input."""
     adapter = Adapter()
     for line in sys.stdin:
         try:

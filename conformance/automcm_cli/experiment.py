@@ -1,0 +1,185 @@
+"""``automcm experiment``: the paper's evaluation as seeded commands."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from automcm_cli.common import CODES, Json, progress, write_json
+
+if TYPE_CHECKING:
+    from automcm.experiments.experiment import Values
+
+app = typer.Typer(help="The paper's evaluation, and what it does not have.", epilog=CODES)
+
+Profile = Annotated[str, typer.Option(help="quick (all in 2 minutes) or standard (20 minutes).")]
+Seed = Annotated[int, typer.Option(help="Equal seeds give equal bytes.", min=0)]
+Out = Annotated[Path, typer.Option(help="A folder of each experiment's name goes there.")]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="NAME=JSON: another value of a setting; again for more."),
+]
+Workers = Annotated[int, typer.Option(help="Processes; 0: one for each core.", min=0)]
+Scheduler = Annotated[
+    str, typer.Option(help="Address of a Dask scheduler, to run the cells there (automcm[dask]).")
+]
+Again = Annotated[bool, typer.Option("--again", help="Forget cells that were finished before.")]
+OUT = Path("runs/evaluation")
+
+
+def _command(name: str, about: str) -> None:
+    def command(
+        profile: Profile = "quick",
+        seed: Seed = 1,
+        out: Out = OUT,
+        changes: Changes = None,
+        workers: Workers = 0,
+        scheduler: Scheduler = "",
+        again: Again = False,
+        json_: Json = None,
+    ) -> None:
+        _run([name], profile, seed, out, changes or [], workers, scheduler, again, json_)
+
+    command.__doc__ = (
+        f"{about}\n\nWrites results.json, a CSV, a page and figures (automcm[plot]) into a folder "
+        "NAME. An interrupted run goes on where it was. Exit code 1: something that was proved "
+        "did not hold."
+    )
+    app.command(
+        name, epilog=f"Example: automcm experiment {name} --profile quick --seed 1.  " + CODES
+    )(command)
+
+
+ABOUT = {
+    "bandwidth": "Bytes on the air by message, event-driven and always-on (Fig. 7).",
+    "arrival": "When a receiver arrives, with coordination and without (Fig. 8).",
+    "comfort": "Speeds of four vehicles, and what coordination and fallbacks cost (Fig. 6).",
+    "loss": "Success under packet loss for three time-outs (Fig. 9, Eq. 2).",
+    "safety": "How often and how long hazards are, against the proved bound (T-2).",
+}
+for _name, _about in ABOUT.items():
+    _command(_name, _about)
+
+
+@app.command("all", epilog="Example: automcm experiment all --profile quick.  " + CODES)
+def all_(
+    profile: Profile = "quick",
+    seed: Seed = 1,
+    out: Out = OUT,
+    workers: Workers = 0,
+    scheduler: Scheduler = "",
+    again: Again = False,
+    json_: Json = None,
+) -> None:
+    """All five, one after another, and one page of all claims."""
+    _run(list(ABOUT), profile, seed, out, [], workers, scheduler, again, json_)
+
+
+@app.command(epilog="Example: automcm experiment render runs/evaluation.  " + CODES)
+def render(
+    folder: Annotated[Path, typer.Argument(help="Where folders with results.json are.")],
+) -> None:
+    """Write figures, pages and CSVs again from the results that are there."""
+    from automcm.experiments import report
+    from automcm.experiments.experiment import ExperimentError
+
+    found = sorted(folder.glob(f"*/{report.RESULTS}"))
+    try:
+        if not found:
+            raise ExperimentError(f"{folder}: no folder in it has a {report.RESULTS}")
+        for path in found:
+            for written in report.write(report.load(path), path.parent):
+                typer.echo(f"written {written}")
+    except (ExperimentError, OSError) as error:
+        typer.echo(f"experiment: {error}", err=True)
+        raise typer.Exit(3) from None
+
+
+def _run(
+    names: list[str],
+    profile: str,
+    seed: int,
+    out: Path,
+    changes: list[str],
+    workers: int,
+    scheduler: str,
+    again: bool,
+    json_: Path | None,
+) -> None:
+    from automcm.experiments import experiment, report, sweep
+    from automcm.experiments.experiment import ExperimentError
+
+    try:
+        made = [experiment(name) for name in names]
+        settings = [one.set(profile, _changes(changes)) for one in made]
+        for one, chosen in zip(made, settings, strict=True):
+            one.cells(chosen)  # all are looked at before the first is begun
+    except ExperimentError as error:
+        raise typer.BadParameter(str(error)) from None
+    reports = []
+    try:
+        with progress() as say:
+            for one, chosen in zip(made, settings, strict=True):
+                begun = time.monotonic()
+                about = sweep.header(one, profile, seed, chosen)
+                folder = out / one.name
+                cells = sweep.sweep(
+                    one,
+                    about,
+                    folder,
+                    workers=workers,
+                    scheduler=scheduler,
+                    again=again,
+                    say=_counted(one.name, say),
+                )
+                made_of_them = report.assemble(one, about, cells)
+                written = report.write(made_of_them, folder)
+                reports.append(made_of_them)
+                if str(json_) != "-":
+                    took = time.monotonic() - begun
+                    _show(made_of_them, len(cells), took, [path.name for path in written], folder)
+            if len(reports) == len(ABOUT):
+                whole = out.with_suffix(".md")
+                whole.write_text(report.evaluation(out), encoding="utf-8")
+                if str(json_) != "-":
+                    typer.echo(f"written {whole}")
+    except (ExperimentError, OSError) as error:
+        typer.echo(f"experiment: {error}", err=True)
+        raise typer.Exit(3) from None
+    write_json(json_, reports)
+    broken = [text for one in reports for text in one["summary"].get("broken", [])]
+    for text in broken:
+        typer.echo(f"BROKEN: {text}", err=True)
+    raise typer.Exit(1 if broken else 0)
+
+
+def _changes(changes: list[str]) -> dict[str, Any]:
+    from automcm.experiments.experiment import ExperimentError
+
+    found = {}
+    for text in changes:
+        name, given, value = text.partition("=")
+        try:
+            if not given:
+                raise ValueError("no =")
+            found[name] = json.loads(value)
+        except ValueError:
+            raise ExperimentError(f"--set {text}: NAME=JSON is needed") from None
+    return found
+
+
+def _counted(name: str, say: Callable[[str], None]) -> Callable[[int, int], None]:
+    return lambda done, of: say(f"{name}: {done} of {of} cells")
+
+
+def _show(report: Values, cells: int, took: float, written: list[str], folder: Path) -> None:
+    typer.echo(f"{report['experiment']}: {cells} cells, {took:.0f} s")
+    for claim in report["claims"]:
+        typer.echo(f"  {claim['verdict']}: {claim['claim']}")
+        typer.echo(f"    paper: {claim['paper']}; here: {claim['here']}")
+    typer.echo(f"  written to {folder}: {', '.join(written)}")

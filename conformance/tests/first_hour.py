@@ -1,0 +1,47 @@
+"""The stations of docs/first-hour.md, put together as the page says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from automcm_conformance.new import create
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "first-hour.md").read_text(encoding="utf-8")
+CASES = ("AMCM/RCV/ADV/BV", "AMCM/RCV/NEG")
+
+
+def blocks(language: str) -> list[str]:
+    """What the page shows in a language, block by block."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def _assemble(folder: Path, language: str, old_class: str, station: str) -> Path:
+    """Write the template and do what the page says to it; the command of the adapter.
+
+    Raises ValueError if the page or the template is not what this expects.
+    """
+    *_, run = create("python" if language == "python" else "cpp", folder)
+    instead, features, *parts = blocks(language)
+    adapter = folder / ("adapter.py" if language == "python" else "adapter.cpp")
+    text, classes = re.subn(
+        old_class, lambda _: instead, adapter.read_text(), count=1, flags=re.DOTALL
+    )
+    text, lines = re.subn(r'^ *\{?"features".*\n', lambda _: features, text, flags=re.MULTILINE)
+    if (classes, lines) != (1, 1):
+        raise ValueError(
+            f"{adapter.name}: {classes} classes and {lines} lines replaced, not 1 and 1"
+        )
+    adapter.write_text(text)
+    (folder / station).write_text("\n".join(parts))
+    return run
+
+
+def python_station(folder: Path) -> Path:
+    """The station in Python; the command of its adapter."""
+    return _assemble(folder, "python", r"class Station:.*?(?=\n\nclass Adapter)", "station.py")
+
+
+def cpp_station(folder: Path) -> Path:
+    """The station in C++, not built; the command of its adapter."""
+    return _assemble(folder, "cpp", r"class Station \{.*?\n\};\n", "station.hpp")

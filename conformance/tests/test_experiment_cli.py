@@ -1,0 +1,132 @@
+"""``automcm experiment``: what it writes, what it refuses, and that a killed sweep goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm.experiments import NAMES, figures, report
+from automcm_cli import experiment, generated
+from automcm_cli.main import app
+
+Json = Any
+RUN = CliRunner()
+SMALL = [
+    *("experiment", "bandwidth", "--set", "trials=1", "--set", "maneuvers=1"),
+    *("--set", "vehicles=[2]"),
+]
+EVALUATION = generated.EVALUATION.with_suffix("")
+
+
+def results(folder: Path) -> bytes:
+    return (folder / "bandwidth" / "results.json").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("small")
+    done = RUN.invoke(app, [*SMALL, "--out", str(out), "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    return out
+
+
+def test_there_is_a_command_for_each_experiment() -> None:
+    assert tuple(experiment.ABOUT) == NAMES
+
+
+def test_two_workers_write_the_same_bytes(small: Path, tmp_path: Path) -> None:
+    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path), "--workers", "2", "--json", "-"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)[0]["experiment"] == "bandwidth"
+    for path in sorted((small / "bandwidth").iterdir()):
+        if path.name != "cells.ndjson":  # which stand in the order in which they were finished
+            assert (tmp_path / "bandwidth" / path.name).read_bytes() == path.read_bytes(), path.name
+
+
+def test_another_seed_is_another_sweep(small: Path) -> None:
+    done = RUN.invoke(app, [*SMALL, "--out", str(small), "--seed", "2"])
+    assert done.exit_code == 3 and "another sweep (seed differ)" in done.stderr
+
+
+def test_a_killed_sweep_goes_on(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(figures, "available", lambda: False)
+    command = [sys.executable, "-m", "automcm_cli", *SMALL, "--out", str(tmp_path)]
+    kept = tmp_path / "bandwidth" / "cells.ndjson"
+    child = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL)
+    try:
+        while child.poll() is None and not (
+            kept.exists() and len(kept.read_bytes().split(b"\n")) > 2
+        ):
+            time.sleep(0.02)
+    finally:
+        os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
+    before = kept.read_bytes()
+    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path), "--workers", "1"])
+    assert done.exit_code == 0, done.output
+    assert kept.read_bytes().startswith(before[: before.rindex(b"\n") + 1])
+    assert results(tmp_path) == results(small)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        (["--set", "trials=0"], "trials: 0: Input should be greater than or equal to 1"),
+        (["--set", "trials"], "--set trials: NAME=JSON is needed"),
+        (["--set", "trials=x"], "--set trials=x: NAME=JSON is needed"),
+        (["--set", "dice=1"], "dice: there is no such setting"),
+        (["--profile", "slow"], "no profile 'slow'"),
+    ],
+)
+def test_impossible_parameters_are_named(changes: list[str], text: str, tmp_path: Path) -> None:
+    done = RUN.invoke(app, [*SMALL, *changes, "--out", str(tmp_path)])
+    assert done.exit_code == 2 and text in " ".join(done.stderr.replace("│", "").split())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written_is_told_first(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path / "file")])
+    assert done.exit_code == 3 and "file" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_something_broken_is_exit_code_1(
+    monkeypatch: pytest.MonkeyPatch, small: Path, tmp_path: Path
+) -> None:
+    assemble = report.assemble
+
+    def broken(*arguments: Any) -> Json:
+        made = assemble(*arguments)
+        return made | {"summary": made["summary"] | {"broken": ["a hazard of 9 s"]}}
+
+    monkeypatch.setattr(report, "assemble", broken)
+    monkeypatch.setattr(figures, "available", lambda: False)
+    shutil.copytree(small, tmp_path, dirs_exist_ok=True)
+    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path)])
+    assert done.exit_code == 1 and "BROKEN: a hazard of 9 s" in done.stderr
+
+
+def test_a_report_is_rendered_again(small: Path) -> None:
+    before = results(small)
+    for path in (small / "bandwidth").glob("bandwidth.*"):
+        path.unlink()
+    done = RUN.invoke(app, ["experiment", "render", str(small)])
+    assert done.exit_code == 0, done.output
+    assert results(small) == before and (small / "bandwidth" / "bandwidth.csv").exists()
+
+
+def test_nothing_to_render_is_told(tmp_path: Path) -> None:
+    done = RUN.invoke(app, ["experiment", "render", str(tmp_path)])
+    assert done.exit_code == 3 and "no folder in it has a results.json" in done.stderr

@@ -1,0 +1,45 @@
+"""``--help`` of every command: an example, the exit codes, and nothing heavy to wait for."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from automcm_cli.main import app
+
+HEAVY = ("numpy", "pydantic", "matplotlib", "asyncio", "statemachine", "hypothesis", "jinja2")
+
+
+def commands(group: object, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], bool]]:
+    """The path of each command, and whether it is a group of commands."""
+    below = getattr(group, "commands", {})
+    yield path, bool(below)
+    for name in sorted(below):
+        yield from commands(below[name], (*path, name))
+
+
+COMMANDS = dict(commands(get_command(app)))
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
+def test_each_command_has_help_with_an_example_and_its_exit_codes(path: tuple[str, ...]) -> None:
+    shown = CliRunner().invoke(app, [*path, "--help"])
+    text = " ".join(shown.output.split())
+    assert shown.exit_code == 0 and "Exit codes:" in text
+    assert COMMANDS[path] or re.search(f"Example: .*automcm {' '.join(path)}", text)
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom automcm_cli.main import app\n"
+        "try:\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
+        f"print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"

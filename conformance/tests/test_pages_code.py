@@ -1,0 +1,58 @@
+"""What the pages show of code and of its output is so."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli.main import app
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def blocks(page: str) -> list[tuple[str, str]]:
+    """The fenced blocks of a page: language, which may be empty, and text."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.findall(r"^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
+    """Where ``make pages`` has to come first, to the counterexample that the page is made of."""
+    prose = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", prose):
+        if target.startswith("counterexamples/"):
+            name = Path(target).stem
+            assert (ROOT / "traces" / "counterexamples" / f"{name}.itf.json").is_file(), target
+        else:
+            assert (page.parent / target).exists(), target
+
+
+def test_the_scenario_of_the_page_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    parts = blocks("adding-a-scenario.md")
+    code = "\n".join(text for language, text in parts if language == "python")
+    names: dict[str, object] = {"__name__": "page"}
+    exec(compile(code, "adding-a-scenario.md", "exec"), names)
+    assert [capsys.readouterr().out] == [text for language, text in parts if not language]
+
+    logs = [str(path) for path in sorted(Path("runs/narrow").iterdir())]
+    answer = CliRunner().invoke(app, ["trace", "explain", *logs])
+    assert answer.exit_code == 0, answer.output
+
+
+def test_the_counterexample_of_the_page_is_what_is_printed(tmp_path: Path) -> None:
+    rule, printed = (text for _, text in blocks("reading-the-spec.md"))
+    assert rule in (ROOT / "spec" / "tla" / "Station.tla").read_text()
+    answer = CliRunner().invoke(
+        app, ["spec", "check", "no_busy_refusal", "--traces", str(tmp_path)]
+    )
+    assert answer.exit_code == 0 and printed in answer.output

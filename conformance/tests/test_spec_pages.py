@@ -1,0 +1,37 @@
+"""``automcm spec pages``: the counterexamples as pages, and the links that lead to them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from automcm_cli import generated, spec_pages
+from automcm_cli.main import app
+from automcm_spec import models
+
+MUST_FAIL = [model for model in models.load() if model.expect == "violates"]
+HOLD = [model for model in models.load() if model.expect == "holds"]
+
+
+def test_docs_models_links_to_a_page_for_each_model_that_must_fail() -> None:
+    links = re.findall(r"\(counterexamples/(\w+)\.html\)", generated.MODELS_PAGE.read_text())
+    assert links == [model.cfg for model in MUST_FAIL]
+    assert all((generated.COUNTEREXAMPLES / f"{cfg}.itf.json").exists() for cfg in links)
+
+
+def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
+    wanted = [model for model in MUST_FAIL if model.cfg == "bare_ack"]
+    [page] = spec_pages.write([*wanted, *HOLD], tmp_path / "new")
+    assert page == tmp_path / "new" / "bare_ack.html"
+    assert "<title>bare_ack, as TLC found it" in page.read_text()
+
+
+def test_a_counterexample_that_is_not_there_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(spec_pages, "COUNTEREXAMPLES", tmp_path)
+    done = CliRunner().invoke(app, ["spec", "pages", "--out", str(tmp_path / "new")])
+    assert done.exit_code == 3 and f"{MUST_FAIL[0].cfg}.itf.json" in done.output

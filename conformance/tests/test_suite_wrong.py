@@ -1,0 +1,166 @@
+"""The suite against stations that answer wrongly: blamed is the case that it belongs to."""
+
+from __future__ import annotations
+
+import pytest
+from suite_stage import ACCEPTS, BUSY, IGNORES, LATER, LIMIT, Suite, of
+from suite_stage import conform as conform
+from wrong_station import station
+
+from automcm_conformance import records, suite
+from automcm_conformance.adapter import Adapter
+from automcm_conformance.answers import differences
+from automcm_conformance.exchange import Mismatch
+from automcm_conformance.protocol import ProtocolError
+from automcm_conformance.wire import Expected, Wire
+
+
+def test_a_wrong_answer_is_blamed_on_its_case(conform: Suite) -> None:
+    found = conform(station(IGNORES), BUSY, ACCEPTS, "AMCM/RCV/ADV/BV-01", states=60)
+    case = of(found, BUSY)
+    assert case.verdict == "FAIL" and "not sent: Acceptance" in case.reason
+    assert [c.verdict for c in found.cases if c is not case] == ["PASS", "PASS"]
+    assert found.exit_code == 1 and len(case.failures) == suite.ENOUGH
+    assert case.reached == suite.ENOUGH < case.total
+    for failure in case.failures:
+        assert (failure.rule, failure.operator) == ("NEG-4", "OnPrescription")
+        assert failure.line > 0 and failure.rule_text
+        assert "Acceptance" in failure.allowed[0] and "Acceptance" not in failure.came[0]
+        said = [line.text for line in failure.exchange if line.who == "kit"]
+        inputs = [text for text in said if not text.startswith(("reset", "timers"))]
+        assert len(inputs) == 2, "an Advertisement, and a Prescription of another session"
+
+
+def test_a_replay_fails_again_and_passes_on_the_reference(conform: Suite) -> None:
+    found = conform(station(IGNORES), BUSY, states=60)
+    file = conform.folder / "report" / of(found, BUSY).failures[0].replay
+    about, steps = records.read_replay(file)
+    assert about["case"] == BUSY and about["rule"] == "NEG-4"
+    bad, good = Adapter(station(IGNORES), LIMIT), Adapter(station(), LIMIT)
+    try:
+        with pytest.raises(Mismatch, match="not sent: Acceptance"):
+            records.replayed(steps, bad)
+        records.replayed(records.read_replay(file)[1], good)
+    finally:
+        bad.stop()
+        good.stop()
+
+
+def test_a_way_that_goes_wrong_is_inconclusive(conform: Suite) -> None:
+    acks = "def answer(c):\n    out = right(c)\n"
+    acks += "    return out | {'messages': []} if received(c, 'Advertisement') else out"
+    found = conform(station(acks), BUSY, ACCEPTS, LATER, states=60)
+    for name in (BUSY, ACCEPTS):
+        case = of(found, name)
+        assert case.verdict == "INCONC" and "the way there went wrong" in case.reason
+        assert "not sent: Intention" in case.reason and not case.failures
+        assert case.reached < case.total
+    assert of(found, LATER).verdict == "PASS"
+    assert found.exit_code == 4
+
+
+def test_a_refused_input_that_changes_something_is_blamed(conform: Suite) -> None:
+    secret = """
+poisoned = False
+def answer(c):
+    global poisoned
+    if c["cmd"] == "reset":
+        poisoned = False
+    if c["cmd"] == "command":
+        name, session = c["command"]["name"], c["command"].get("session")
+        if name == "refuse" and state().phase == "NEGOTIATING" and (
+                tuple(session) != state().session):
+            poisoned = True
+        if name == "accept" and poisoned:
+            c = {"cmd": "advance", "now": c["now"]}
+    return right(c)
+"""
+    culprit = "AMCM/RCV/PRE/BI-03"
+    found = conform(station(secret), culprit, ACCEPTS, "AMCM/RCV/ADV/BV-01", states=60)
+    case = of(found, culprit)
+    assert case.verdict == "FAIL" and "an input before it, which must change nothing" in case.reason
+    assert of(found, ACCEPTS).verdict == of(found, "AMCM/RCV/ADV/BV-01").verdict == "PASS"
+    assert {failure.rule for failure in case.failures} == {"PRE-5"}
+
+
+def test_nobody_else_is_blamed_for_what_was_changed_before(conform: Suite) -> None:
+    """Once a refusal has been caught at changing something, what goes wrong after it again is not
+    laid at the door of the inputs that come later."""
+    secret = """
+poisoned = False
+def answer(c):
+    global poisoned
+    if c["cmd"] == "reset":
+        poisoned = False
+    if c["cmd"] == "command":
+        if c["command"]["name"] == "refuse" and c["command"]["session"] == [999, 17]:
+            poisoned = True
+        if c["command"]["name"] == "accept" and poisoned:
+            c = {"cmd": "advance", "now": c["now"]}
+    return right(c)
+"""
+    culprits = ("AMCM/STA/CMD/BI-01", "AMCM/RCV/PRE/BI-03", "AMCM/RCV/CMD/BI-02")
+    found = conform(station(secret), *culprits, ACCEPTS, states=60)
+    assert "FAIL" in [of(found, name).verdict for name in culprits]
+    assert of(found, ACCEPTS).verdict in ("PASS", "INCONC")
+
+
+def test_a_timer_that_is_not_armed_is_blamed_on_its_expiry(conform: Suite) -> None:
+    first = """
+from automcm import station as station_
+armed = station_.armed
+station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "hold"]
+"""
+    expiry = "AMCM/RCV/ADV/TI-02"
+    found = conform(station(first=first), expiry, "AMCM/RCV/ADV/BV-01", states=60)
+    case = of(found, expiry)
+    assert case.verdict == "FAIL" and "the timer hold is not armed" in case.reason
+    assert {failure.rule for failure in case.failures} == {"ADV-7"}
+
+
+# -- what changes something in secret
+
+
+def test_a_cam_that_does_not_count_shows_at_once(conform: Suite) -> None:
+    """ACT-5: the cam timer is the earliest while they arrive, so one armed anew is seen."""
+    code = (
+        "n = 0\n"
+        "def answer(c):\n"
+        "    global n\n"
+        "    if received(c, 'CAM'):\n"
+        "        n += 1\n"
+        "        c['message']['generation_ms'] = 10_000 + n\n"
+        "    return right(c)"
+    )
+    found = conform(station(code), "AMCM/STA/ACT/BI-02", states=600)
+    wrong = [case for case in found.cases if case.verdict == "FAIL"]
+    assert wrong and all("deadline" in case.reason for case in wrong)
+    assert not any(case.verdict == "ERROR" for case in found.cases), "and it is no chance"
+
+
+def test_an_ack_of_a_stranger_names_what_is_in_use() -> None:
+    """END-6: the sender alone must keep it from counting."""
+    wire = Wire()
+    intention = {"type": "Intention", "dst": 1702, "session": [1702, 5], "seq": 7}
+    wire.outbox[("Intention", 2, 2, 1, 1)] = intention
+    ack = ["Ack", 3, 1, [2, 1], 0, 0, False, "none", ["Intention", 1]]
+    assert wire.message(ack)["of"] == {"type": "Intention", "seq": 7}
+    assert wire.message(ack)["src"] != intention["dst"]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        '"messages":0,"indications":[]',
+        '"messages":[],"indications":"x"',
+        '"messages":[],"indications":[{}]',
+        '"messages":[],"indications":[],"cams":[7]',
+        '"messages":[],"indications":[],"cams":0',
+        '"messages":["\\ud800"],"indications":[]',
+    ],
+)
+def test_an_answer_of_no_form_is_the_fault_of_the_adapter(part: str) -> None:
+    expected = Expected(phase="WAITING", marks=[[], []])
+    line = f'{{{part},"deadline":null,"phase":"WAITING"}}'.encode()
+    with pytest.raises(ProtocolError):
+        differences(expected, line)

@@ -1,0 +1,254 @@
+"""Tours and the remainder, without any station."""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from suite_stage import graph
+
+from automcm_conformance import remainder
+from automcm_conformance.play import offered
+from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
+from automcm_conformance.wire import STEP_MS
+from automcm_spec import oracle as oracle_
+from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
+from automcm_spec.oracle import Oracle, canonical
+
+# -- tours, without any station
+
+
+@pytest.fixture(scope="module")
+def tight() -> Oracle:
+    return graph(TIGHT.path)
+
+
+def every(oracle: Oracle) -> list[tuple[oracle_.Answer, str]]:
+    """All pairs, each for a case named after its rule."""
+    return [(a, a.effect.rule) for s in range(len(oracle.states)) for a in oracle.answers(s)]
+
+
+def pairs(oracle: Oracle, tour: list[int]) -> list[tuple[int, int]]:
+    """The pairs that a tour drives."""
+    state, out = 0, []
+    for i in tour:
+        answer = oracle.answer(state, i)
+        assert answer is not None
+        out.append((state, i))
+        state = answer.next
+    return out
+
+
+def test_tours_drive_each_pair_and_come_to_an_end(tight: Oracle) -> None:
+    everything = every(tight)
+    tours = Tours.over(tight, everything, lambda s, i: True)
+    driven: Counter[tuple[int, int]] = Counter()
+    count = 0
+    while (tour := tours.next()) is not None:
+        count += 1
+        fresh = 0
+        for pair in pairs(tight, tour):
+            driven[pair] += 1
+            fresh += tours.done(pair) is not None
+        assert fresh > 0
+        assert len(tour) < LONGEST + len(tight.inputs)
+    assert set(driven) == {(a.state, a.input) for a, _ in everything} and not tours.left
+    refused = {(a.state, a.input) for a, _ in everything if not a.changes}
+    more = sum(driven[pair] - 1 for pair in refused)
+    assert 0 < more < 0.2 * len(refused), "what changes nothing is driven once, and on some ways"
+    assert driven.total() < 1.3 * len(everything)
+    assert count < len(tight.states) * 10
+
+
+def test_tours_that_are_planned_before_any_is_done(tight: Oracle) -> None:
+    tours = Tours.over(tight, every(tight), lambda s, i: True)
+    seen: set[tuple[int, int]] = set()
+    for _ in range(5):
+        tour = tours.next()
+        assert tour is not None
+        still = {(s, i) for s, i in pairs(tight, tour) if i not in tight.moves(s)}
+        assert not seen & still, "planned twice"
+        seen |= still
+    assert len(seen) > 1_000
+
+
+def test_done_names_the_case_once(tight: Oracle) -> None:
+    (answer, case), *_ = every(tight)
+    tours = Tours.over(tight, [(answer, case)], lambda s, i: True)
+    pair = answer.state, answer.input
+    assert tours.done((pair[0], pair[1] + 1)) is None and tours.done((9, 9)) is None
+    assert tours.done(pair) == case and tours.done(pair) is None
+    assert tours.left == {} and tours.next() is None
+
+
+def test_avoid_finds_other_ways_as_long_as_there_are(tight: Oracle) -> None:
+    tours = Tours.over(tight, every(tight), lambda s, i: True)
+    target = max(range(len(tight.states)), key=lambda s: len(tours.path(s) or []))
+    ways = 0
+    while (way := tours.path(target)) is not None:
+        ways += 1
+        assert ways < 1_000
+        driven = pairs(tight, way)
+        assert not tours.avoided & set(driven)
+        assert tight.answer(*driven[-1]).next == target  # type: ignore[union-attr]
+        tours.avoid(driven[-1])
+    assert ways > 1
+    assert target in tours.left, "what is out of reach stays"
+    while (tour := tours.next()) is not None:
+        for pair in pairs(tight, tour):
+            assert pair not in tours.avoided or pair in driven
+            tours.done(pair)
+    assert target in tours.left
+
+
+def test_allowed_keeps_tours_away(tight: Oracle) -> None:
+    requests = {i for i, value in enumerate(tight.inputs) if value[:2] == ["command", "request"]}
+    targets = [(a, case) for a, case in every(tight) if a.input not in requests]
+    tours = Tours.over(tight, targets, lambda s, i: i not in requests)
+    reached = set()
+    while (tour := tours.next()) is not None:
+        assert not requests & set(tour)
+        reached |= {state for state, _ in pairs(tight, tour)}
+        for pair in pairs(tight, tour):
+            tours.done(pair)
+    assert reached and all(tight.states[s][1] != "prescriber" for s in reached)
+    assert any(tight.states[s][1] == "prescriber" for s in tours.left)
+
+
+def test_drop_leaves_the_other_cases(tight: Oracle) -> None:
+    tours = Tours.over(tight, every(tight), lambda s, i: True)
+    tours.drop("END-6")
+    left = {case for here in tours.left.values() for case in here.values()}
+    assert "END-6" not in left
+    assert left == {case for _, case in every(tight)} - {"END-6"}
+
+
+def walks(oracle: Oracle, count: int) -> Iterator[list[int]]:
+    """Random ways through a graph, the same each time; expiries twice as likely."""
+    dice = random.Random(1)
+    for _ in range(count):
+        state, tour = 0, []
+        for _ in range(60):
+            answers = list(oracle.changes(state))
+            expiries = [a for a in answers if oracle.inputs[a.input][0] == "expire"]
+            answer = dice.choice(answers + expiries)
+            tour.append(answer.input)
+            state = answer.next
+        yield tour
+
+
+def test_the_timetable_makes_each_expiry_due_in_turn(tight: Oracle) -> None:
+    start = 5_000
+    for tour in walks(tight, 200):
+        slots = timetable(tight, tour, start)
+        deadlines: dict[str, int] = {}
+        lease, told = 0, {}
+        now = start
+        for i, slot in zip(tour, slots, strict=True):
+            value = tight.inputs[i]
+            assert slot.answer.input == i and slot.at - now in (STEP_MS, STEP_MS + STEP_MS // 2)
+            now = slot.at
+            assert all(ms >= 1 for ms in slot.durations.values())
+            assert not slot.durations.keys() & {"lease"}
+            told |= slot.durations
+            if value[0] == "expire":
+                timer = canonical(value[1])
+                assert deadlines.pop(timer) == now
+            assert all(deadline > now for deadline in deadlines.values()), "none is jumped over"
+            lease = slot.lease_ms or lease
+            for timer in slot.answer.effect.stop:
+                del deadlines[canonical(timer)]
+            for timer in slot.answer.effect.arm:
+                lasts = lease if timer[0] == "lease" else told[timer[0]]
+                deadlines[canonical(timer)] = now + lasts
+        assert all(deadline >= now + STEP_MS for deadline in deadlines.values())
+
+
+def test_what_changes_nothing_comes_a_little_later(tight: Oracle) -> None:
+    refused = next(a.input for a in tight.answers(0) if not a.changes)
+    moves = next(a.input for a in tight.changes(0))
+    slots = timetable(tight, [refused, refused, moves], 0)
+    now = STEP_MS // 2
+    assert [slot.at for slot in slots] == [now + LATER_MS, now + LATER_MS, now + STEP_MS]
+
+
+def test_a_timetable_of_what_is_not_offered(tight: Oracle) -> None:
+    absent = next(i for i in range(len(tight.inputs)) if tight.answer(0, i) is None)
+    with pytest.raises(ValueError, match="not offered"):
+        timetable(tight, [absent], 0)
+    assert offered(tight, [absent]) == []
+
+
+# -- the remainder
+
+
+@pytest.fixture(scope="module")
+def two() -> Oracle:
+    return graph(TWO_PEERS.path)
+
+
+def test_the_remainder_is_of_this_specification(two: Oracle) -> None:
+    assert remainder.spec_hash() == spec_hash() == two.spec_hash
+
+
+def test_each_pair_of_the_remainder_is_offered(two: Oracle) -> None:
+    written = json.loads(remainder.PATH.read_bytes())["pairs"]
+    kept = REAL_READ(two)
+    assert len(kept) == sum(map(len, written.values())) > 10_000
+    assert len({(a.state, a.input) for a in kept}) == len(kept)
+
+
+def test_a_remainder_of_another_specification(two: Oracle, tmp_path: Path) -> None:
+    file = tmp_path / "remainder.json"
+    file.write_text(remainder.PATH.read_text().replace(two.spec_hash, "0" * 64))
+    for path in (file, tmp_path / "none.json"):
+        with pytest.raises(oracle_.OracleError, match=path.name):
+            REAL_READ(two, path)
+
+
+def test_the_remainder_is_what_has_no_image(two: Oracle) -> None:
+    """A sample: no pair of the file has an image, and of pairs that are alike the first decides."""
+    one, dice = graph(ONE_PEER.path), random.Random(1)
+    kept = REAL_READ(two)
+    assert not any(remainder._has_image(two, one, answer) for answer in dice.sample(kept, 300))
+    alike = {key(two, answer) for answer in kept}
+    seen = Counter[bool]()
+    for _ in range(300):
+        state = dice.randrange(len(two.states))
+        answer = dice.choice(list(two.answers(state)))
+        either = {key(two, answer), key(two, mirror(two, answer))}
+        written = bool(alike & either)
+        seen[written] += 1
+        if not remainder._has_image(two, one, answer) and not written:
+            assert remainder._has_image(two, one, first_like(two, either))
+    assert min(seen.values()) > 10
+
+
+def first_like(two: Oracle, keys: set[tuple[str, int]]) -> oracle_.Answer:
+    """The first pair with one of these keys."""
+    for state in range(len(two.states)):
+        for _, i in sorted(keys, key=lambda key: key[1]):
+            answer = two.answer(state, i)
+            if answer is not None and key(two, answer) in keys:
+                return answer
+    raise AssertionError("no such pair")
+
+
+def key(two: Oracle, answer: oracle_.Answer) -> tuple[str, int]:
+    """Equal for pairs that differ only in what the input cannot touch."""
+    view = remainder._touches(two.inputs[answer.input])
+    return canonical(remainder._view(two.states[answer.state], view)), answer.input
+
+
+def mirror(two: Oracle, answer: oracle_.Answer) -> oracle_.Answer:
+    """The pair with the peers exchanged."""
+    state = remainder._state(two.states[answer.state], remainder._swap)
+    i = remainder._input(two.inputs[answer.input], remainder._swap)
+    return two.ask(state, i)
+
+
+REAL_READ = remainder.read

@@ -1,0 +1,41 @@
+"""The test vectors: each catches the bug it names, and the reference agrees with all."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from vector_bugs import CASES, MUTATIONS, mutated
+
+from automcm import vector_adapter
+from automcm_conformance import vectors
+
+BUGS = {
+    vector["id"]: vector["bug"]
+    for path in vectors.paths()
+    for vector in json.loads(path.read_text())["vectors"]
+}
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+def test_every_vector_catches_the_bug_it_names(case: vectors.Case) -> None:
+    [result] = vectors.check(mutated(case.kernel, BUGS[case.id]), [case])
+    assert not result.ok
+
+
+def test_no_mutation_is_left_without_a_vector() -> None:
+    for kernel, bugs in MUTATIONS.items():
+        assert set(bugs) == {BUGS[case.id] for case in CASES if case.kernel == kernel}
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.id)
+def test_the_reference_agrees(case: vectors.Case) -> None:
+    [result] = vectors.check(vector_adapter.call, [case])
+    assert result.ok, result.problem
+
+
+def test_at_least_fifteen_of_each_kernel_with_errors_among_them() -> None:
+    for kernel in vectors.KERNELS:
+        mine = [case for case in CASES if case.kernel == kernel]
+        assert len(mine) >= 15
+        assert any("error" in case.expected for case in mine)

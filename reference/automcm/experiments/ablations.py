@@ -1,0 +1,359 @@
+"""The running station without one mechanism of the protocol, to see what the mechanism is for.
+
+docs/protocol.md lists the mechanisms and docs/models.md has a counterexample for each.  An
+ablation changes rows of the rule tables, a parameter, or what a row asks; the station, the
+service and phases.py stay as they are, but that phases.py, which would stop some, looks away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from automcm import adapter, ending
+from automcm import rules as tables
+from automcm.advertising import answer_closed
+from automcm.messages import Ack, Intention, Session, Trajectory
+from automcm.outcome import Heard, Me, Outcome, Row, ack, ignore, leave, leave_with, tell
+from automcm.parameters import Parameters
+from automcm.rules import RULES
+from automcm.state import State, Timer
+
+Rules = dict[str, tuple[Row, ...]]
+Then = Callable[[Me, State, Any], Outcome]
+When = Callable[[Me, State, Any], bool]
+Change = Callable[[], AbstractContextManager[Rules]]
+PARAMETERS = Parameters()
+
+
+@dataclass(frozen=True, slots=True)
+class Ablation:
+    """``rule``: what is taken away.  ``breaks``: the property that fails without it, by model
+    checking; ``model`` has the counterexample (docs/models.md)."""
+
+    name: str
+    rule: str
+    breaks: str
+    model: str
+    text: str
+    change: Change
+    parameters: Parameters = PARAMETERS
+    unseen: str = ""
+    """Why random faults may not show it."""
+
+    @contextmanager
+    def made(self) -> Iterator[Rules]:
+        """The rules to run stations on, for as long as the context lasts."""
+        with replaced(tables, "require", lambda *way: None), self.change() as rules:
+            yield rules
+
+
+@contextmanager
+def replaced(of: object, name: str, by: object) -> Iterator[Rules]:
+    """All rules, with something that they use replaced for the time being."""
+    kept = getattr(of, name)
+    setattr(of, name, by)
+    try:
+        yield RULES
+    finally:
+        setattr(of, name, kept)
+
+
+@contextmanager
+def as_it_is() -> Iterator[Rules]:
+    """All rules."""
+    yield RULES
+
+
+def changed(
+    kind: str, n: int, *, when: When | None = None, then: Then | None = None, rules: Rules = RULES
+) -> Rules:
+    """The rules with another row ``n`` for inputs of this kind."""
+    rows = list(rules[kind])
+    rows[n] = Row(rows[n].rule, when or rows[n].when, then or rows[n].then)
+    return {**rules, kind: tuple(rows)}
+
+
+def never(me: Me, st: State, i: Any) -> bool:
+    """The guard of a row that is taken away."""
+    return False
+
+
+def _row(kind: str, n: int, *, when: When | None = None, then: Then | None = None) -> Change:
+    @contextmanager
+    def change() -> Iterator[Rules]:
+        yield changed(kind, n, when=when, then=then)
+
+    return change
+
+
+def _ignored(rows: Sequence[tuple[str, int]]) -> Change:
+    """These rows do nothing."""
+
+    @contextmanager
+    def change() -> Iterator[Rules]:
+        rules = RULES
+        for kind, n in rows:
+            rules = changed(kind, n, then=ignore, rules=rules)
+        yield rules
+
+    return change
+
+
+# -- what decides instead
+
+
+def any_cam(me: Me, st: State, i: Any) -> bool:
+    """ACT-5 without the marks."""
+    newer = st.heard_ms is None or i.generation_ms > st.heard_ms
+    return st.phase == "ACTUATING" and i.src == st.peer and newer
+
+
+def silent(me: Me, st: State, i: Any) -> Outcome:
+    """ACT-2 without its Cancel."""
+    return leave_with(st, (), tell("fallback", st, reason="cam_loss"))
+
+
+def lease_anew(me: Me, st: State, i: Any) -> Outcome:
+    """NEG-6; ACT-4's lease is armed again."""
+    outcome = RULES["receive Acceptance"][6].then(me, st, i)
+    return outcome._replace(again=(*outcome.again, Timer("lease")))
+
+
+def abandon(me: Me, st: State, i: Any) -> Outcome:
+    """Against NEG-9: no Ack of the Acceptance, no commitment."""
+    if st.phase == "ACTUATING":
+        return Outcome(leave(st), told=tell("fallback", st, reason="timeout"))
+    return RULES["expire giveup"][2].then(me, st, i)
+
+
+def take_over(me: Me, st: State, i: Any) -> Outcome:
+    """Against NEG-4: the last instruction counts."""
+    m = i.message
+    taken = replace(
+        State(number=st.number, joined=st.joined, outbox=st.outbox),
+        phase="NEGOTIATING",
+        role="receiver",
+        session=m.session,
+        proposal=m.proposal,
+        lease_ms=m.lease_ms,
+    )
+    return Outcome(taken, (ack(me, m),), tell("verify", taken, proposal=m.proposal, prescription=m))
+
+
+STANDING = Trajectory(t0=0, points=((0, 0, 0), (1000, 0, 0)))
+
+
+def intend_again(me: Me, st: State, i: Heard) -> Outcome:
+    """Against ADV-4: a bound receiver answers another's Advertisement as well.  What it intends
+    is not asked for, so this is for applications that do not look at it."""
+    m = i.message
+    if st.role != "receiver" or m.session == st.session:
+        return Outcome(st)
+    intention = Intention(src=me.station_id, dst=m.src, session=m.session, seq=1, planned=STANDING)
+    return Outcome(st, (intention,))
+
+
+@contextmanager
+def _no_busy_refusal() -> Iterator[Rules]:
+    rules = changed("receive Prescription", 3, then=take_over)
+    yield changed("receive Advertisement", 2, then=intend_again, rules=rules)
+
+
+def acked_by_any(st: State, i: Heard) -> Any:
+    """END-6 without type and seq: any Ack from that station in that session."""
+    m = i.message
+    assert isinstance(m, Ack)
+    return next((e for e in st.outbox if (e.dst, e.session) == (m.src, m.session)), None)
+
+
+def bound_session(st: State) -> tuple[Session, ...]:
+    """ACT-5's marks without the sessions whose Fin is not acknowledged."""
+    return () if st.session is None else (st.session,)
+
+
+def always_closed(me: Me, st: State, i: Any) -> Outcome:
+    """ADV-5 without looking for a Fin or Cancel that is still being sent."""
+    return answer_closed(me, replace(st, outbox=()), i)._replace(state=st)
+
+
+@contextmanager
+def _closed() -> Iterator[Rules]:
+    rules = changed("receive Intention", 2, then=always_closed)
+    yield changed("receive Acceptance", 2, then=always_closed, rules=rules)
+
+
+@contextmanager
+def _no_proposal_number() -> Iterator[Rules]:
+    """NEG-6 and END-5 do not look at the proposal of an Acceptance."""
+    rules = changed("receive Acceptance", 4, when=lambda me, st, i: i.message.src != st.target)
+    yield changed("receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer, rules=rules)
+
+
+COPIES = (
+    ("receive Intention", 3),
+    ("receive Prescription", 4),
+    ("receive Acceptance", 3),
+    ("receive Acceptance", 5),
+    ("receive Fin", 3),
+    ("receive Cancel", 5),
+)
+"""The rows that ack and do nothing else."""
+
+WHOLE = Ablation("whole protocol", "", "", "", "nothing is taken away", as_it_is)
+ABLATIONS = (
+    Ablation(
+        "no CAM-loss fallback",
+        "ACT-2",
+        "L-3",
+        "no_cam_loss_fallback",
+        "a station goes on although it hears no CAM",
+        _ignored([("expire cam", 0)]),
+    ),
+    Ablation(
+        "silent CAM-loss fallback",
+        "ACT-2",
+        "T-2",
+        "silent_cam_loss",
+        "a station that hears no CAM leaves without a Cancel",
+        _row("expire cam", 0, then=silent),
+        unseen="hazards stay within B; the fault classes above show what it costs",
+    ),
+    Ablation(
+        "plain CAMs count",
+        "ACT-5",
+        "T-2",
+        "plain_cams",
+        "a CAM counts without the mark of the session",
+        _row("receive CAM", 0, when=any_cam),
+    ),
+    Ablation(
+        "mark dropped with the Fin",
+        "ACT-5",
+        "L-2",
+        "mark_dropped_early",
+        "a finished prescriber no longer names the session",
+        lambda: replaced(State, "marks", property(bound_session)),
+        unseen="shows only where all copies of a Fin are lost for t_cam_loss while CAMs pass",
+    ),
+    Ablation(
+        "no lease",
+        "ACT-4",
+        "L-1",
+        "no_lease",
+        "nothing ends when its lease does",
+        _ignored([("expire lease", 0)]),
+        unseen="shows only with a prescriber that never ends its maneuver",
+    ),
+    Ablation(
+        "lease from the Acceptance",
+        "ACT-4",
+        "T-4",
+        "lease_from_acceptance",
+        "the prescriber counts its lease from hearing the Acceptance",
+        _row("receive Acceptance", 6, then=lease_anew),
+        unseen="shows only where a lease ends before the maneuver",
+    ),
+    Ablation(
+        "no busy refusal",
+        "NEG-4",
+        "S-1",
+        "no_busy_refusal",
+        "a receiver answers a second Advertisement (ADV-4), and the last instruction counts",
+        _no_busy_refusal,
+        unseen="shows only where a second prescriber asks a committed target",
+    ),
+    Ablation(
+        "Acceptance abandoned",
+        "NEG-9",
+        "S-5",
+        "abandoned_acceptance",
+        "a receiver whose Acceptance is not acknowledged in time lets go",
+        _row("expire giveup", 2, then=abandon),
+        unseen="shows only where every Ack of an Acceptance is lost while CAMs pass",
+    ),
+    Ablation(
+        "no retransmission",
+        "REL-1",
+        "L-2",
+        "no_retransmission",
+        "t_timeout is 0: every message is sent once",
+        as_it_is,
+        Parameters(t_timeout=0),
+    ),
+    Ablation(
+        "copies are not acked",
+        "END-3",
+        "L-2",
+        "no_re_ack",
+        "a message that changes nothing is not acknowledged",
+        _ignored(COPIES),
+        unseen="an Acceptance ends a Prescription as well; other give-ups change no phase",
+    ),
+    Ablation(
+        "no proposal number",
+        "NEG-6",
+        "S-3",
+        "no_proposal_number",
+        "an Acceptance counts whatever proposal it names",
+        _no_proposal_number,
+        unseen="shows only where a refusal is still being sent when the next proposal is out",
+    ),
+    Ablation(
+        "no session number",
+        "END-4",
+        "S-5",
+        "no_session_number",
+        "any session of the same prescriber counts as the own one",
+        lambda: adapter.without("END-4"),
+        unseen="needs a message of the last session that is still sent in the next",
+    ),
+    Ablation(
+        "Ack without type and seq",
+        "END-6",
+        "S-6",
+        "bare_ack",
+        "an Ack is taken for the oldest message sent to that station in that session",
+        lambda: replaced(ending, "entry_acked", acked_by_any),
+        unseen="needs an Acceptance beside a refusal that is not acknowledged yet",
+    ),
+    Ablation(
+        "no memory of sessions",
+        "ADV-8",
+        "S-4",
+        "rejoin",
+        "a receiver that has left a session may join it again",
+        _row("receive Advertisement", 4, when=never),
+        unseen="needs a receiver that joins twice in the window, and an old copy between",
+    ),
+    Ablation(
+        "no quarantine",
+        "END-8",
+        "S-4",
+        "no_quarantine",
+        "a station that has restarted joins at once",
+        _row("receive Advertisement", 3, when=never),
+        unseen="needs a restart within the window, and a copy from before that arrives late",
+    ),
+    Ablation(
+        "closed in place of the Fin",
+        "ADV-5",
+        "L-2",
+        "closed_despite_fin",
+        "a late copy is answered with Cancel(closed) although a Fin is being sent",
+        _closed,
+        unseen="needs a copy of an Acceptance that is sent again when the Fin has been lost",
+    ),
+    Ablation(
+        "no hold timer",
+        "ADV-7",
+        "L-1",
+        "no_hold",
+        "a receiver waits for ever",
+        _ignored([("expire hold", 0)]),
+        unseen="shows only where every Cancel to a waiting receiver is lost",
+    ),
+)
+BY_NAME = {ablation.name: ablation for ablation in (WHOLE, *ABLATIONS)}

@@ -1,0 +1,37 @@
+"""Shares and quantiles with what is uncertain about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+Z = 1.959963984540054
+"""Of a normal distribution, 95 % within."""
+
+
+def wilson(hits: int, trials: int) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share, ``hits`` of ``trials``; (0, 1) of no trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    share, spread = hits / trials, Z * Z / trials
+    middle = (share + spread / 2) / (1 + spread)
+    half = Z / (1 + spread) * math.sqrt(share * (1 - share) / trials + spread / (4 * trials))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def quantile(values: Sequence[float], share: float) -> float:
+    """Between the two sorted values next to ``share``; ValueError of none."""
+    if not values:
+        raise ValueError("a quantile of no values")
+    ordered = sorted(values)
+    at = share * (len(ordered) - 1)
+    low = math.floor(at)
+    high = min(low + 1, len(ordered) - 1)
+    return ordered[low] + (at - low) * (ordered[high] - ordered[low])
+
+
+def mean(values: Sequence[float]) -> float:
+    """The mean, summed exactly so that order does not matter; ValueError of none."""
+    if not values:
+        raise ValueError("a mean of no values")
+    return math.fsum(values) / len(values)

@@ -1,0 +1,185 @@
+"""A station behind a bridge, and an independent client that speaks rosbridge JSON to it over
+real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any
+
+from websockets.asyncio.client import ClientConnection, connect
+
+from automcm.application import Application, Drive
+from automcm.clock import AsyncioClock
+from automcm.links.bridge import WebSocketBridge
+from automcm.links.simulated import Channel, Radio
+from automcm.messages import Session
+from automcm.parameters import Parameters
+from automcm.service import McService
+from automcm.straight import LANE_CHANGE, Straight
+
+BRIDGED, OTHER = 1001, 2002
+QUICK = Parameters(t_timeout=300, t_resend=100, t_decide=1000, t_cam_loss=1100, t_cam=50)
+PATIENCE = 20
+"""Seconds after which a test has failed; nothing is asserted about how long anything takes."""
+
+
+def run(test: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(asyncio.wait_for(test, 3 * PATIENCE))
+
+
+class Recorder(Straight):
+    """Straight, and what it was told."""
+
+    def __init__(self, **more: Any) -> None:
+        super().__init__(**({"think_ms": 5, "hold_ms": 0, "maneuver_ms": 300} | more))
+        self.told: list[tuple[Any, ...]] = []
+
+    def load(self, drive: Drive) -> None:
+        self.told.append(("load", drive))
+        super().load(drive)
+
+    def fallback(self, session: Session, reason: str) -> None:
+        self.told.append(("fallback", session, reason))
+
+    def finished(self, session: Session) -> None:
+        self.told.append(("finished", session))
+
+    def refused(self, command: str, rule: str) -> None:
+        self.told.append(("refused", command, rule))
+
+    def names(self) -> list[str]:
+        return [told[0] for told in self.told]
+
+
+class World:
+    """A bridged station and one with an application of its own, on one radio."""
+
+    def __init__(self, other: Application, bridge: WebSocketBridge | None = None) -> None:
+        self.clock = AsyncioClock()
+        self.radio = Radio(self.clock, Channel(delay_ms=(0, 2)))
+        self.bridge = bridge or WebSocketBridge(port=0)
+        self.bridged = self.add(BRIDGED, self.bridge)
+        self.other = self.add(OTHER, other)
+
+    def add(self, station_id: int, application: Application) -> McService:
+        link = self.radio.link(station_id)
+        return McService(station_id, application, link, self.clock, parameters=QUICK)
+
+    @property
+    def uri(self) -> str:
+        return f"ws://127.0.0.1:{self.bridge.port}"
+
+    async def __aenter__(self) -> World:
+        await self.bridge.open()
+        self.bridged.start()
+        self.other.start()
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        self.bridged.close()
+        self.other.close()
+        await self.bridge.close()
+
+
+class Client:
+    """Driving software that knows nothing but rosbridge's JSON."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self.socket = socket
+        self.seen: list[dict[str, Any]] = []
+
+    async def op(self, **fields: Any) -> None:
+        await self.socket.send(json.dumps(fields))
+
+    async def publish(self, topic: str, **msg: Any) -> None:
+        await self.op(op="publish", topic=f"/v2x/mcm/input/{topic}", msg=msg)
+
+    async def subscribe(self, *topics: str) -> None:
+        for topic in topics:
+            await self.op(op="subscribe", topic=f"/v2x/mcm/output/{topic}")
+
+    async def read(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """The first operation from now on that is wanted."""
+        async with asyncio.timeout(PATIENCE):
+            while True:
+                fields: dict[str, Any] = json.loads(await self.socket.recv())
+                self.seen.append(fields)
+                if wanted(fields):
+                    return fields
+
+    async def until(self, topic: str, **expected: Any) -> dict[str, Any]:
+        """The first message on a topic, from now on, that has these fields."""
+
+        def wanted(fields: dict[str, Any]) -> bool:
+            on_topic = fields.get("topic") == f"/v2x/mcm/output/{topic}"
+            return on_topic and expected.items() <= fields["msg"].items()
+
+        msg: dict[str, Any] = (await self.read(wanted))["msg"]
+        return msg
+
+    async def status(self) -> str:
+        fields = await self.read(lambda fields: fields["op"] == "status")
+        assert fields["level"] == "error"
+        return str(fields["msg"])
+
+
+@contextlib.asynccontextmanager
+async def client(world: World, *topics: str, drives: bool = True) -> AsyncIterator[Client]:
+    """A client that has subscribed, and if it drives says all the time where it is."""
+    async with connect(world.uri, compression=None, ping_interval=None) as connection:
+        it = Client(connection)
+        await it.subscribe(*topics)
+        driving = asyncio.create_task(drive(it)) if drives else None
+        try:
+            yield it
+        finally:
+            if driving is not None:
+                driving.cancel()
+                await asyncio.gather(driving, return_exceptions=True)
+
+
+async def drive(it: Client) -> None:
+    pose = {"position": {"x": 12.5, "y": -3.25}, "orientation": {"z": math.sin(0.05), "w": 1.0}}
+    while True:
+        twist = {"linear": {"x": 8.333}}
+        await it.publish("kinematics", pose={"pose": pose}, twist={"twist": twist})
+        await asyncio.sleep(0.05)
+
+
+def points(*where: tuple[int, float, float]) -> dict[str, Any]:
+    """An Autoware trajectory by seconds, x and y."""
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"},
+        "points": [
+            {"time_from_start": {"sec": s}, "pose": {"position": {"x": x, "y": y, "z": 0.0}}}
+            for s, x, y in where
+        ],
+    }
+
+
+STRAIGHT_ON = points((0, 0.0, 0.0), (1, 8.333, 0.0))
+SLOWER = points((0, 0.0, 0.0), (1, 5.5, 0.125))
+
+
+async def plans(it: Client) -> None:
+    await it.publish("plan", scenarios=["lane_change"], trajectory=STRAIGHT_ON)
+
+
+async def holds(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+async def committed(world: World, it: Client) -> dict[str, Any]:
+    """The bridged station becomes a receiver and accepts; what it is to drive."""
+    await plans(it)
+    await it.until("state", driver=True)
+    world.other.command(LANE_CHANGE)
+    asked = await it.until("proposal")
+    await it.publish("accept", session=asked["session"], proposal=asked["proposal"])
+    return await it.until("drive", mode="coordinated")

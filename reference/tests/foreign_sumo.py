@@ -1,0 +1,118 @@
+"""The second opinion of ``automcm experiment arrival``, in a real SUMO.
+
+    python reference/tests/foreign_sumo.py
+
+Needs eclipse-sumo and libsumo (automcm[sumo]); without them it is skipped, and says so.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from automcm.experiments import arrival, arrival_claims, sumo
+from automcm.experiments.experiment import Cell, ExperimentError, chosen
+
+SIGNAL_S = 5.0
+FREE_S = {30: 260 * 3.6 / 30 - SIGNAL_S, 50: 260 * 3.6 / 50 - SIGNAL_S}
+"""Arrival undisturbed, since the signal."""
+
+
+def trial(how: sumo.How, speed_kmh: float, beside_m: float = 5.5, seed: int = 0) -> Any:
+    return sumo.Trial(
+        how=how, speed=speed_kmh / 3.6, beside_m=beside_m, signal_s=SIGNAL_S, seed=seed
+    ).run()
+
+
+def with_nobody_in_the_way_it_arrives_undisturbed() -> None:
+    for how in ("cooperative", "forced"):
+        for speed_kmh, free_s in FREE_S.items():
+            found = trial(how, speed_kmh, beside_m=300.0)
+            assert abs(found["arrival_s"] - free_s) < 0.01, (how, speed_kmh, found)
+            assert found["hardest"] == found["collisions"] == 0, found
+
+
+def the_same_trial_gives_the_same_after_another_one() -> None:
+    first = trial("forced", 30, seed=4)
+    trial("cooperative", 50, seed=2)
+    assert trial("forced", 30, seed=4) == first
+
+
+def a_prescription_slows_it_down_by_20_km_h_and_costs_what_its_gap_takes() -> None:
+    for speed_kmh, free_s in FREE_S.items():
+        found = trial("prescribed", speed_kmh)
+        assert abs(found["slowest"] - (speed_kmh - 20) / 3.6) < 0.01, found
+        lost = found["arrival_s"] - free_s
+        assert 20 / (speed_kmh / 3.6) - 0.1 < lost < 20 / (speed_kmh / 3.6) + 0.6, lost
+        assert found["collisions"] == 0
+
+
+def a_lane_change_at_once_makes_it_brake_hard_but_not_stop() -> None:
+    for speed_kmh in FREE_S:
+        found = trial("forced", speed_kmh)
+        assert found["hardest"] > 5 and found["slowest"] > 0, found
+        assert found["hardest"] > trial("cooperative", speed_kmh)["hardest"] > 0
+
+
+def the_cells_of_the_experiment_lead_to_its_claim() -> None:
+    settings = arrival.Arrival(trials=3, draws=1)
+    cells = [Cell(v, arrival.run(v, 1)) for v in arrival.cells(settings) if v["part"] == "sumo"]
+    found = {
+        "sumo": {
+            str(kmh): {c.values["how"]: c.result for c in chosen(cells, speed_kmh=kmh)}
+            for kmh in arrival_claims.SPEEDS_KMH
+        }
+    }
+    for speed_kmh in FREE_S:
+        gain = arrival_claims.sumo_gain(found, speed_kmh, "forced")
+        assert -3 < gain < 0, (speed_kmh, gain)
+        here = found["sumo"][str(speed_kmh)]
+        assert abs(here["prescribed"]["lost_s"] - here["forced"]["lost_s"] + gain) < 0.002
+        assert 0 < here["forced"]["lost_s"] < 2
+    assert "never stops" in arrival_claims.sumo_claim(found).why
+
+
+def who_never_arrives_is_told() -> None:
+    try:
+        sumo.Trial(how="forced", speed=8.0, beside_m=5.5, signal_s=-400.0).run()
+    except ExperimentError as error:
+        assert "does not arrive" in str(error)
+    else:
+        raise AssertionError("it arrived")
+
+
+CHECKS: tuple[Callable[[], None], ...] = (
+    with_nobody_in_the_way_it_arrives_undisturbed,
+    the_same_trial_gives_the_same_after_another_one,
+    a_prescription_slows_it_down_by_20_km_h_and_costs_what_its_gap_takes,
+    a_lane_change_at_once_makes_it_brake_hard_but_not_stop,
+    the_cells_of_the_experiment_lead_to_its_claim,
+    who_never_arrives_is_told,
+)
+
+
+def main() -> int:
+    try:
+        sumo.libsumo()
+    except ExperimentError as error:
+        print(f"SKIPPED: the second opinion from SUMO: {error}")
+        print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
+        return 0
+    failed = 0
+    for check in CHECKS:
+        name = check.__name__.replace("_", " ")
+        try:
+            check()
+            print(f"ok      {name}")
+        except Exception as error:
+            failed += 1
+            where = traceback.extract_tb(error.__traceback__)[1]
+            print(f"FAILED  {name}, line {where.lineno}: {error!r}")
+    print(f"{len(CHECKS) - failed} passed, {failed} failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Trajectories and kinematics in Autoware's form, and back."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import accumulate
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from automcm import autoware
+from automcm.application import Kinematics
+from automcm.links import rosbridge as ros
+from automcm.messages import MessageError, Trajectory
+
+# -- conversion
+
+COORDINATE = st.integers(-(10**12), 10**12)
+TRAJECTORY = st.builds(
+    lambda t0, start, steps, places: Trajectory(
+        t0=t0,
+        points=tuple(
+            (t, *place) for t, place in zip(accumulate(steps, initial=start), places, strict=False)
+        ),
+    ),
+    st.integers(-(2**31) * 1000, 2**31 * 1000 - 1),
+    st.integers(-(10**6), 10**6),
+    st.lists(st.integers(1, 10**6), max_size=20),
+    st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=20),
+)
+
+
+@given(TRAJECTORY)
+def test_trajectories_come_back_as_they_were(trajectory: Trajectory) -> None:
+    try:
+        form = autoware.to_trajectory(trajectory)
+    except MessageError as error:  # a speed beyond 10^9 m/s
+        assert "longitudinal_velocity_mps" in str(error)
+        return
+    again = autoware.AutowareTrajectory.model_validate(json.loads(form.model_dump_json()))
+    assert autoware.trajectory(again) == trajectory
+
+
+@given(st.integers(-3141, 3141), COORDINATE, COORDINATE, COORDINATE)
+def test_kinematics_come_back_as_they_were(heading: int, x: int, y: int, speed: int) -> None:
+    at = Kinematics(x_mm=x, y_mm=y, heading_mrad=heading, speed_mm_s=speed)
+    form = autoware.to_odometry(at, 5).model_dump_json()
+    assert autoware.kinematics(autoware.Odometry.model_validate(json.loads(form))) == at
+
+
+def test_velocity_and_heading_are_those_to_the_next_point() -> None:
+    way = Trajectory(t0=0, points=((0, 0, 0), (500, 0, 2000), (1000, 0, 2000), (2000, -1000, 2000)))
+    form = autoware.to_trajectory(way)
+    speeds = [point.longitudinal_velocity_mps for point in form.points]
+    assert speeds == [4.0, 0.0, 1.0, 1.0]
+    yaws = [point.pose.orientation.yaw for point in form.points]
+    assert yaws == pytest.approx([math.pi / 2, math.pi / 2, math.pi, math.pi])
+
+
+@pytest.mark.parametrize(
+    ("way", "problem"),
+    [
+        (Trajectory(t0=0, points=((0, 10**13, 0),)), "there.points.0|there.x"),
+        (Trajectory(t0=2**31 * 1000, points=((0, 0, 0),)), "sec"),
+        (Trajectory(t0=0, points=((5, 0, 0), (5, 0, 0))), "there.points.1.time_from_start"),
+    ],
+)
+def test_what_autoware_cannot_hold(way: Trajectory, problem: str) -> None:
+    with pytest.raises(MessageError, match=problem):
+        autoware.to_trajectory(way, "there")
+
+
+def test_a_largest_trajectory_fits_a_message() -> None:
+    from automcm.codec import MAX_BYTES
+    from automcm.messages import LIMIT, Prescription, encode
+
+    far = -(10**12)
+    points = tuple((-(2**31) * 1000 + n, far, far) for n in range(autoware.MAX_POINTS))
+    largest = Prescription(
+        src=2**32 - 1,
+        dst=2**32 - 1,
+        session=(2**32 - 1, LIMIT),
+        seq=LIMIT,
+        proposal=LIMIT,
+        prescribed=Trajectory(t0=-(2**31) * 1000, points=points),
+        hold_ms=LIMIT,
+        lease_ms=LIMIT,
+    )
+    assert len(encode(largest)) + ros.MAX_DETAILS + 6 * 256 < MAX_BYTES

@@ -1,0 +1,411 @@
+"""The bridge among peers that flood, stall or send rubbish, and its errors."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import os
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from bridge_stage import (
+    OTHER,
+    PATIENCE,
+    Recorder,
+    World,
+    client,
+    committed,
+    holds,
+    plans,
+    points,
+    run,
+)
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from automcm import autoware
+from automcm.application import Proposal
+from automcm.links import LinkError
+from automcm.links import rosbridge as ros
+from automcm.links.bridge import MAX_SOCKETS, WebSocketBridge
+from automcm.links.remote import RemoteApplication
+from automcm.messages import Trajectory
+from automcm.straight import LANE_CHANGE
+
+# -- clear errors
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.7.9", "::", "", "example.org"])
+def test_only_loopback(host: str) -> None:
+    with pytest.raises(LinkError, match=f"'{host}' is not a loopback address"):
+        WebSocketBridge(host)
+    WebSocketBridge(host, allow_remote=True)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.9.9.9"])
+def test_loopback(host: str) -> None:
+    WebSocketBridge(host)
+
+
+def test_no_such_port() -> None:
+    with pytest.raises(LinkError, match="port 65536"):
+        WebSocketBridge(port=65_536)
+
+
+def test_port_in_use() -> None:
+    async def test() -> None:
+        async with World(Recorder()) as world:
+            port = world.bridge.port
+            with pytest.raises(LinkError, match=f"cannot listen on ws://127.0.0.1:{port}: "):
+                await World(Recorder(), WebSocketBridge(port=port)).bridge.open()
+
+    run(test())
+
+
+@pytest.mark.parametrize(
+    ("uri", "problem"),
+    [
+        ("ws://127.0.0.1:1", "cannot reach the bridge at ws://127.0.0.1:1: "),
+        ("nonsense", "no addr"),
+    ],
+)
+def test_unreachable(uri: str, problem: str) -> None:
+    async def test() -> None:
+        application = RemoteApplication(Recorder(), uri, attempts=2, backoff_ms=(1, 2))
+        with pytest.raises(LinkError, match=problem):
+            await application.run()
+
+    run(test())
+
+
+def test_without_websockets_it_says_what_to_install() -> None:
+    code = "import sys; sys.modules['websockets'] = None; import automcm.links.{}"
+    for module in ("bridge", "remote"):
+        command = [sys.executable, "-c", code.format(module)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        last = done.stderr.splitlines()[-1]
+        assert done.returncode == 1 and "pip install 'automcm[ws]'" in last, done.stderr
+        assert "LinkError" in last
+
+
+# -- peers that flood, stall or send rubbish
+
+FULL_POINT = {"time_from_start": {}, "pose": {}}
+FULL_POSE = {
+    "position": {"x": 1 / 3, "y": 1 / 3, "z": 1 / 3},
+    "orientation": {"x": 1 / 3, "y": 1 / 3, "z": 1 / 3, "w": 1 / 3},
+}
+
+
+@pytest.mark.parametrize(
+    ("sent", "problem"),
+    [
+        ("", "no JSON"),
+        ("{", "no JSON"),
+        ("[]", "a JSON object"),
+        ("null", "a JSON object"),
+        ("[" * 30_000, "no JSON"),
+        ('{"op":' + '{"a":' * 5000 + "1" + "}" * 5001, "no JSON"),
+        ('{"op":' + "9" * 5000 + "}", "no JSON"),
+        ('{"op":NaN}', "no JSON"),
+        ("[" + "[]," * 300_000 + "[]]", "commas and brackets"),
+        (b'{"op":"subscribe"}', "binary"),
+        ("{}", "op"),
+        ('{"op":1}', "op"),
+        ('{"op":"call_service"}', "'call_service' is not supported"),
+        ('{"op":"fragment"}', "not supported"),
+        ('{"op":"png"}', "not supported"),
+        ('{"op":"subscribe"}', "topic"),
+        ('{"op":"subscribe","topic":["a"]}', "topic"),
+        ('{"op":"subscribe","topic":"/v2x/mcm/input/plan"}', "topic"),
+        ('{"op":"subscribe","topic":"/v2x/mcm/output/state","type":"x"}', "type"),
+        ('{"op":"subscribe","topic":"/v2x/mcm/output/state","compression":"png"}', "compression"),
+        ('{"op":"unsubscribe","topic":"x"}', "topic"),
+        ('{"op":"advertise","topic":"x"}', "topic"),
+        ('{"op":"publish","topic":"/v2x/mcm/output/drive","msg":{}}', "topic"),
+        ({}, "msg.session: Field required"),
+        ({"session": {"prescriber": 0, "number": 1}}, "msg.session"),
+        ({"session": {"prescriber": 1, "number": -1}}, "msg.session.number"),
+        ({"session": {"prescriber": True, "number": 1}}, "msg.session.prescriber"),
+        ({"session": {"prescriber": 1, "number": 1}, "more": 1}, "msg.more"),
+        ({"session": {"prescriber": 1, "number": 1}, "header": {"frame_id": "odom"}}, "frame_id"),
+        (None, "msg"),
+    ],
+)
+def test_rubbish(sent: Any, problem: str) -> None:
+    async def test() -> None:
+        async with World(Recorder()) as world, client(world, drives=False) as it:
+            if isinstance(sent, str | bytes):
+                await it.socket.send(sent)
+            else:
+                await it.op(op="publish", topic="/v2x/mcm/input/abort", msg=sent)
+            assert problem in await it.status()
+            await it.subscribe("state")
+            await it.until("state", driver=False)
+
+    run(test())
+
+
+@pytest.mark.parametrize(
+    ("point", "problem"),
+    [
+        ({"time_from_start": {"sec": 2**31}}, "time_from_start.sec"),
+        ({"time_from_start": {"nanosec": 10**9}}, "time_from_start.nanosec"),
+        ({"time_from_start": {"sec": 1.5}}, "time_from_start.sec"),
+        ({"pose": {"position": {"x": 1.1e9}}}, "pose.position.x"),
+        ({"pose": {"position": {"y": "1"}}}, "pose.position.y"),
+        ({"longitudinal_velocity_mps": True}, "longitudinal_velocity_mps"),
+        ({"front_wheel_angle_rad": 10**400}, "front_wheel_angle_rad"),
+        ({"speed": 1.0}, "speed: Extra"),
+    ],
+)
+def test_a_point_out_of_bounds(point: dict[str, Any], problem: str) -> None:
+    async def test() -> None:
+        async with World(Recorder()) as world, client(world, drives=False) as it:
+            trajectory = {"points": [FULL_POINT | point]}
+            await it.publish("plan", scenarios=["a"], trajectory=trajectory)
+            assert f"msg.trajectory.points.0.{problem}" in await it.status()
+
+    run(test())
+
+
+def test_infinity_by_exponent_is_refused() -> None:
+    async def test() -> None:
+        async with World(Recorder()) as world, client(world, drives=False) as it:
+            await it.socket.send(
+                '{"op":"publish","id":"mine","topic":"/v2x/mcm/input/kinematics",'
+                '"msg":{"pose":{"pose":{"position":{"x":1e400}}}}}'
+            )
+            status = await it.read(lambda fields: fields["op"] == "status")
+            assert "msg.pose.pose.position.x" in status["msg"] and status["id"] == "mine"
+
+    run(test())
+
+
+def test_times_must_grow_and_points_are_bounded() -> None:
+    async def test() -> None:
+        async with World(Recorder()) as world, client(world, drives=False) as it:
+            standing = points((0, 0.0, 0.0), (1, 1.0, 0.0), (1, 2.0, 0.0))
+            await it.publish("plan", scenarios=["a"], trajectory=standing)
+            assert "msg.trajectory.points.2.time_from_start" in await it.status()
+            many = points(*((n, 0.0, 0.0) for n in range(autoware.MAX_POINTS + 1)))
+            await it.publish("plan", scenarios=["a"], trajectory=many)
+            assert "msg.trajectory.points" in await it.status()
+            full = {"time_from_start": {"sec": 0, "nanosec": 0}, "pose": FULL_POSE} | dict.fromkeys(
+                list(autoware.TrajectoryPoint.model_fields)[2:], 1 / 3
+            )
+            way = [full | {"time_from_start": {"sec": n}} for n in range(autoware.MAX_POINTS)]
+            await it.publish("plan", scenarios=["a"], trajectory={"points": way})
+            await it.publish("request", scenario="a", details={"a": ["x" * 100] * 100})
+            assert "msg.details" in await it.status()
+            await it.publish("request", scenario="a", details={"a": 1.5})
+            assert "msg.details.a" in await it.status()
+            await it.subscribe("state")
+            await it.until("state", driver=True, phase="STANDALONE")
+
+    run(test())
+
+
+def test_too_long_a_message_ends_the_connection_only() -> None:
+    async def test() -> None:
+        async with World(Recorder()) as world:
+            async with client(world, drives=False) as it:
+                await it.socket.send("x" * (ros.MAX_IN + 1))
+                with pytest.raises(ConnectionClosed, match="1009"):
+                    await it.status()
+            async with client(world, "state", drives=False) as it:
+                await it.until("state")
+
+    run(test())
+
+
+def test_web_pages_are_refused() -> None:
+    async def test() -> None:
+        async with World(Recorder(), WebSocketBridge(port=0, origins=["https://ours"])) as world:
+            with pytest.raises(InvalidStatus, match="403"):
+                await connect(world.uri, additional_headers={"Origin": "https://theirs"})
+            async with connect(world.uri, additional_headers={"Origin": "https://ours"}):
+                pass
+
+    run(test())
+
+
+def test_clients_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("automcm.links.bridge.HANDSHAKE_S", 3 * PATIENCE)
+
+    async def test() -> None:
+        async with World(Recorder(), WebSocketBridge(port=0, max_clients=2)) as world:
+            async with client(world, drives=False), client(world, "state", drives=False) as it:
+                await it.until("state")
+                with pytest.raises(InvalidStatus, match="503"):
+                    await connect(world.uri)
+            server = world.bridge._server
+            assert server is not None
+            with contextlib.ExitStack() as silent:
+                many = range(MAX_SOCKETS + 20)
+                sockets = [silent.enter_context(raw(world, handshake=False)) for _ in many]
+                await holds(lambda: sum(map(cut_off, sockets)) >= 20)
+                await holds(lambda: len(server.handler_tasks) <= MAX_SOCKETS)
+            await holds(lambda: len(server.handler_tasks) == 0)
+            async with client(world, "state", drives=False) as it:
+                await it.until("state")
+
+    run(test())
+
+
+def raw(world: World, handshake: bool = True) -> socket.socket:
+    """A TCP connection, and the beginning of a WebSocket on it; nothing is read."""
+    connection = socket.socket()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    connection.connect(("127.0.0.1", world.bridge.port))
+    if handshake:
+        key = base64.b64encode(os.urandom(16)).decode()
+        connection.sendall(
+            f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{world.bridge.port}\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+            f"Sec-WebSocket-Key: {key}\r\n\r\n".encode()
+        )
+    return connection
+
+
+def cut_off(connection: socket.socket) -> bool:
+    connection.setblocking(False)
+    try:
+        return connection.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def frame(payload: bytes, opcode: int = 1) -> bytes:
+    """A frame, masked with zeros."""
+    size = len(payload)
+    head = bytes([0x80 | opcode])
+    if size < 126:
+        head += bytes([0x80 | size])
+    else:
+        head += bytes([0x80 | 126]) + struct.pack("!H", size)
+    return head + bytes(4) + payload
+
+
+@contextlib.contextmanager
+def flooding(world: World, *contents: bytes) -> Iterator[Callable[[], int]]:
+    """A process for each content, which sends it as fast as it can; how many were cut off."""
+    code = (
+        "import socket, sys\n"
+        "s = socket.socket(fileno=int(sys.argv[1])); s.settimeout(None)\n"
+        "data = sys.stdin.buffer.read()\n"
+        "try:\n"
+        "    while True: s.sendall(data)\n"
+        "except OSError: sys.exit(3)\n"
+    )
+    processes = []
+    for content in contents:
+        connection = raw(world)
+        processes.append(
+            subprocess.Popen(
+                [sys.executable, "-c", code, str(connection.fileno())],
+                stdin=subprocess.PIPE,
+                pass_fds=[connection.fileno()],
+            )
+        )
+        connection.close()
+        pipe = processes[-1].stdin
+        assert pipe is not None
+        pipe.write(content)
+        pipe.close()
+    try:
+        yield lambda: sum(process.poll() == 3 for process in processes)
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+RUBBISH = frame(b"rubbish") * 200
+QUIET_FLOOD = frame(b'{"op":"unadvertise","topic":"/v2x/mcm/input/plan"}') * 200
+
+
+def test_a_session_during_a_flood() -> None:
+    """The flood is never answered, so it goes on, and goes on during a whole session."""
+
+    async def test() -> None:
+        other = Recorder()
+        async with World(other) as world, client(world, "state", "drive", "proposal") as it:
+            with flooding(world, QUIET_FLOOD, QUIET_FLOOD) as lost:
+                await holds(lambda: len(world.bridge._clients) == 3)
+                await committed(world, it)
+                await it.until("drive", mode="alone", reason="finished")
+                assert lost() == 0
+
+    run(test())
+
+
+def test_who_floods_and_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is rubbish is answered; who does not read the answers has no room for more."""
+    monkeypatch.setattr(ros, "MAX_OUT", 2**18)
+
+    async def test() -> None:
+        async with World(Recorder()) as world, client(world, "state") as it:
+            with flooding(world, RUBBISH, frame(b"x" * 125, opcode=9) * 100) as lost:
+                async with asyncio.timeout(2 * PATIENCE):
+                    while lost() < 2:
+                        await it.until("state")
+            await it.until("state", driver=True)
+            await holds(lambda: len(world.bridge._clients) == 1)
+
+    run(test())
+
+
+def test_who_stalls_is_cut_off_and_nobody_else() -> None:
+    async def test() -> None:
+        async with World(Recorder()) as world, client(world, "proposal", "state") as it:
+            stalled = raw(world)
+            stalled.sendall(frame(b'{"op":"subscribe","topic":"/v2x/mcm/output/proposal"}'))
+            await holds(lambda: len(world.bridge._clients) == 2)
+            await holds(lambda: all(each.topics for each in world.bridge._clients))
+            way = Trajectory(t0=0, points=tuple((n, n, n) for n in range(autoware.MAX_POINTS)))
+            asked = 0
+            while len(world.bridge._clients) == 2:
+                asked += 1
+                assert asked < 100
+                world.bridge.verify(Proposal((OTHER, 1), asked, way, 0, 1000))
+                await it.until("proposal", proposal=asked)
+            stalled.close()
+            await it.until("state", driver=True)
+
+    run(test())
+
+
+# -- what does not fit
+
+
+def test_a_proposal_that_cannot_be_shown_is_refused() -> None:
+    async def test() -> None:
+        class Winding(Recorder):
+            def trajectory(self, per_cent: int = 100) -> Trajectory:
+                return Trajectory(t0=0, points=tuple((n, 0, 0) for n in range(1001)))
+
+            def _proposal(self, choice: Any) -> Any:
+                self.told.append(("choose", choice.proposal))
+                return super()._proposal(choice)
+
+        other = Winding()
+        async with World(other) as world, client(world, "state", "proposal", "drive") as it:
+            await plans(it)
+            await it.until("state", driver=True)
+            world.other.command(LANE_CHANGE)
+            await holds(lambda: "fallback" in other.names())
+            assert other.names() == ["choose", "choose", "choose", "fallback"]
+            await it.until("drive", mode="alone", reason="no_agreement")
+            await it.publish("request", scenario="lane_change")  # and so is what it plans
+            await it.until("drive", mode="alone", reason="unreadable")
+
+    run(test())

@@ -1,0 +1,375 @@
+"""Bytes on the air: how they are counted, and what is said of them."""
+
+from __future__ import annotations
+
+import copy
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm.codec import JSON, CodecError, codec
+from automcm.experiments import bandwidth, bandwidth_air, figures, report
+from automcm.experiments.bandwidth_air import (
+    BIN_MS,
+    FORMS,
+    Air,
+    Recorded,
+    column,
+    measured,
+    offered,
+    on_air,
+    over_time,
+    record,
+    session,
+)
+from automcm.experiments.bandwidth_claims import claims
+from automcm.experiments.bandwidth_summary import CHANNEL_BIT_S, HEADERS, drive
+from automcm.experiments.experiment import Cell, ExperimentError, Values
+from automcm.experiments.sweep import run_cell
+from automcm.messages import Ack, Advertisement, Cam, Cancel, MessageId, Prescription, Trajectory
+from automcm.parameters import Parameters
+from automcm.scenarios.drive import FourVehicles
+
+EXPERIMENT = bandwidth.EXPERIMENT
+ABOUT = {"experiment": "bandwidth", "profile": "quick", "seed": 1, "version": "0", "code": "0"}
+
+
+@pytest.fixture(scope="module")
+def four() -> Recorded:
+    return record(3, [1], seed=3)
+
+
+SMALL = {"trials": 1, "vehicles": [2], "maneuvers": 1}
+
+
+@pytest.fixture(scope="module")
+def cells() -> list[Cell]:
+    """Of a small sweep."""
+    wanted = EXPERIMENT.cells(EXPERIMENT.set("quick", SMALL))
+    for values in wanted:
+        values |= {"trials": 1} if "trials" in values else {}
+    return [Cell(values, run_cell("bandwidth", values, 1)) for values in wanted]
+
+
+@pytest.fixture
+def made(cells: list[Cell]) -> Values:
+    settings = EXPERIMENT.set("quick", SMALL)
+    about = ABOUT | {"settings": settings.model_dump(mode="json")}
+    return report.assemble(EXPERIMENT, about, copy.deepcopy(cells))
+
+
+# -- how it is counted
+
+
+def test_the_column_is_fig_6(four: Recorded) -> None:
+    """Same vehicles, same seed, same messages as the scenario of the paper."""
+    setting = FourVehicles(seed=3, until_s=16)
+    assert four.drive.sent == setting.run().sent
+    two = record(1, [0], seed=3)
+    # There the receiver is station 3, here it is 2.
+    kinds = [kind for _, _, kind in FourVehicles(vehicles=2, until_s=16).run().sent]
+    assert sorted(kind for _, _, kind in two.drive.sent) == sorted(kinds)
+
+
+def test_prescribers_stand_beside_the_receivers_named() -> None:
+    vehicles = [driver.vehicle for driver in column(6, [4, 1], gap_m=60)]
+    assert [v.station_id for v in vehicles] == list(range(1, 9))
+    assert [v.lane for v in vehicles] == [0] * 2 + [1] * 6
+    receivers = [v.x for v in vehicles[2:]]
+    assert receivers == sorted(receivers, reverse=True)
+    assert vehicles[0].x == receivers[4] + 3 == 0
+    assert vehicles[1].x == receivers[1] + 3 == 180
+
+
+def test_all_that_services_send_is_noted(four: Recorded) -> None:
+    """As many of each type as the services count, CAMs, Acks and copies among them."""
+    for station, service in four.drive.simulation.services.items():
+        for kind, number in service.statistics.sent.items():
+            noted = [s for s in four.air.sent if (s.src, s.type) == (station, kind)]
+            assert len(noted) == number, (station, kind)
+    times = [sent.ms for sent in four.air.sent]
+    assert times == sorted(times) and times[-1] > 15_000
+    messages = [s for s in four.air.sent if s.type != "CAM"]
+    assert sorted((s.ms, s.src, s.type) for s in messages) == sorted(four.drive.sent)
+
+
+def trajectory(t0: int = 7) -> Trajectory:
+    return Trajectory(t0=t0, points=((0, 1, 2), (3, 4, 5)))
+
+
+def test_on_the_air_ids_and_times_are_long() -> None:
+    sent = Prescription(
+        src=1,
+        dst=2,
+        session=(1, 5),
+        seq=2,
+        proposal=1,
+        prescribed=trajectory(),
+        hold_ms=1,
+        lease_ms=2,
+    )
+    there = on_air(sent)
+    assert isinstance(there, Prescription)
+    assert (there.src, there.dst, there.session) == (
+        3_000_000_001,
+        3_000_000_002,
+        (3_000_000_001, 5),
+    )
+    assert there.prescribed == trajectory(1_800_000_000_007)
+    assert (there.seq, there.proposal, there.hold_ms, there.lease_ms) == (2, 1, 1, 2)
+    cam = Cam(src=1, generation_ms=9, x_mm=1, y_mm=2, heading_mrad=3, speed_mm_s=4, marks=((2, 5),))
+    there = on_air(cam)
+    assert isinstance(there, Cam)
+    assert there.generation_ms == 1_800_000_000_009 and there.marks == ((3_000_000_002, 5),)
+    broadcast = on_air(offered(1, trajectory()))
+    assert not isinstance(broadcast, Cam) and broadcast.dst == 0
+    for message in (there, broadcast):
+        assert JSON.decode(JSON.encode(message)) == message, "it is a message all the same"
+        assert measured(message) == tuple(len(codec(n).encode(message)) for n in ("json", "uper"))
+
+
+def test_other_trajectories_take_the_place_of_its_own() -> None:
+    sent = Advertisement(
+        src=1, session=(1, 1), seq=1, scenario="s", details={}, planned=trajectory()
+    )
+    more, none = on_air(sent, 52), on_air(sent, 52, lean=True)
+    assert isinstance(more, Advertisement) and more.planned is not None
+    assert len(more.planned.points) == 52
+    assert isinstance(none, Advertisement) and none.planned is None
+    lean = on_air(offered(1, trajectory()), 52, lean=True)
+    assert len(JSON.encode(lean)) > 1000, "an Intention without a trajectory is none"
+    ack = Ack(src=1, dst=2, session=(1, 1), of=MessageId(type="Fin", seq=1))
+    assert on_air(ack, 52) == on_air(ack)
+
+
+def test_a_codec_that_notes_changes_nothing() -> None:
+    air = Air(now=lambda: 12)
+    sent = Cancel(src=1, dst=2, session=(1, 1), seq=1, reason="not_selected")
+    assert air.decode(air.encode(sent)) == sent
+    (noted,) = air.sent
+    assert (noted.ms, noted.src, noted.type, noted.prescriber, noted.cancelled) == (
+        12,
+        1,
+        "Cancel",
+        1,
+        2,
+    )
+
+
+def test_bins_hold_every_byte(four: Recorded) -> None:
+    time = over_time(four)
+    last = len(time["json"]["CAM"]) * BIN_MS
+    for kind in ("CAM", "Intention", "Ack", "Fin"):
+        noted = [s for s in four.air.sent if s.type == kind and s.ms < last]
+        for n, name in enumerate(("json", "uper")):
+            assert sum(time[name][kind]) == sum(s.forms["sent"][n] for s in noted)
+    (fin,) = (s for s in four.air.sent if s.type == "Fin")
+    assert time["json"]["Fin"][fin.ms // BIN_MS] == fin.forms["sent"].json
+    each = [offer.forms["sent"].json for offer in four.offers[:4]]
+    assert time["json"]["always-on"][0] == 5 * sum(each), "four vehicles at 10 Hz"
+
+
+def test_a_session_is_counted_from_its_first_message_to_its_last(four: Recorded) -> None:
+    found = session(four, 1)
+    times = [s.ms for s in four.air.sent if s.type != "CAM"]
+    assert found["ms"] == times[-1] - times[0]
+    assert found["count"] == {
+        "Acceptance": 1,
+        "Ack": 8,
+        "Advertisement": 21,
+        "Cancel": 2,
+        "Fin": 1,
+        "Intention": 3,
+        "Prescription": 1,
+    }
+    assert found["cancelled"] == [2, 4] and found["finished"]
+    assert found["cams"]["count"] == pytest.approx(4 * found["ms"] / 100, abs=4)
+    whole = sum(found["bytes"]["sent"]["uper"].values())
+    assert whole == sum(each["uper"] for each in found["by_station"].values())
+    offers = [offer.forms["sent"].uper for offer in four.offers]
+    vehicles_s = 4 * found["ms"] / 1000
+    rate = found["always"]["sent"]["uper"] / vehicles_s
+    assert 10 * min(offers) <= rate <= 10 * max(offers)
+    assert found["busiest"]["count"] == len(
+        [s for s in four.air.sent if s.type != "CAM" and 1000 <= s.ms < 1500]
+    )
+    with pytest.raises(ExperimentError, match="station 9 sent nothing"):
+        session(four, 9)
+
+
+def test_cams_at_2_hz_change_no_message() -> None:
+    """What drives with many vehicles rely on."""
+    often, seldom = (record(3, [1], seed=3, parameters=Parameters(t_cam=ms)) for ms in (100, 500))
+    assert session(often, 1)["bytes"] == session(seldom, 1)["bytes"]
+    cams = [len([s for s in r.air.sent if s.type == "CAM"]) for r in (often, seldom)]
+    assert cams[0] == pytest.approx(5 * cams[1], abs=16)
+
+
+def test_receivers_beyond_max_participants_repeat_their_intention() -> None:
+    few = Parameters(t_cam=500, max_participants=2)
+    found = session(record(3, [1], seed=3, parameters=few), 1)
+    assert found["count"]["Intention"] == 2 + 21
+
+
+def test_loss_adds_copies() -> None:
+    lossy = session(record(1, [0], seed=1, loss=0.4), 1)
+    assert lossy["count"]["Intention"] + lossy["count"]["Acceptance"] > 2
+    assert lossy["count"]["Advertisement"] == 21
+
+
+def test_without_the_extra_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise CodecError("the codec uper needs asn1tools: pip install 'automcm[asn1]'")
+
+    monkeypatch.setattr(bandwidth_air, "codec", missing)
+    with pytest.raises(ExperimentError, match=r"bandwidth: .*automcm\[asn1\]"):
+        bandwidth.run({"part": "sizes"}, 1)
+
+
+# -- the sweep and what is made of it
+
+
+def test_a_cell_run_again_gives_the_same(cells: list[Cell]) -> None:
+    lossy = next(c for c in cells if c.values.get("loss") and c.values["vehicles"] == 2)
+    assert run_cell("bandwidth", lossy.values, 1) == lossy.result
+    assert run_cell("bandwidth", lossy.values, 2) != lossy.result
+
+
+def test_blocks_hold_all_trials() -> None:
+    made = EXPERIMENT.cells(EXPERIMENT.set("standard", {"trials": 12, "vehicles": [33, 34]}))
+    lossy = [c for c in made if c.get("loss") == 0.2 and c["vehicles"] == 4]
+    assert [c["trials"] for c in lossy] == [5, 5, 2]
+    many = [(c["vehicles"], c["participants"]) for c in made if c["part"] == "many"]
+    assert many == [(33, 32), (34, 32), (34, 33)]
+
+
+def test_the_summary_adds_up(made: Values) -> None:
+    s = made["summary"]
+    two = drive(s, 2)
+    for name in ("json", "uper"):
+        assert two["event"]["sent"][name] == sum(two["bytes"][name].values())
+        saving = two["saving"]["sent"][name]
+        assert saving["factor"] == pytest.approx(
+            two["always"]["sent"][name] / two["event"]["sent"][name], abs=0.005
+        )
+        # At the break-even both send as much in a minute.
+        minute = saving["break_even_per_min"] * two["event"]["sent"][name]
+        assert minute == pytest.approx(60 * two["always"]["sent"][name] / two["s"], rel=0.002)
+        (many,) = s["many"]
+        rate, share = many["bytes_s"][name], many["channel"][name]
+        bits = 8 * (rate["cams"] + 20 * sum(HEADERS.values()))
+        assert share["cams"] == pytest.approx(bits / CHANNEL_BIT_S, abs=1e-5)
+        assert rate["cams"] == pytest.approx(20 * two["cam_size"][name], rel=0.01)
+        assert rate["maneuver"] - rate["cams"] == pytest.approx(
+            many["event"][name] / many["s"], abs=0.2
+        )
+        frames = 20 + many["messages"] / many["s"]
+        bits = 8 * (rate["maneuver"] + frames * sum(HEADERS.values()))
+        assert share["maneuver"] == pytest.approx(bits / CHANNEL_BIT_S, abs=1e-5)
+        bits = 8 * (rate["always"] + 40 * sum(HEADERS.values()))
+        assert share["always"] == pytest.approx(bits / CHANNEL_BIT_S, abs=1e-5)
+        assert share["always"] > share["busiest"] > share["maneuver"] > share["minute"]
+    assert sum(HEADERS.values()) == 82
+
+
+def verdicts(s: Values) -> list[str]:
+    return [claim.verdict for claim in claims({"summary": s})]
+
+
+@pytest.mark.parametrize(
+    ("changes", "which", "verdict"),
+    [
+        ({"ratios": 12.0, "etsi": 12.0}, 0, "reproduced"),
+        ({"ratios": 12.0, "etsi": 7.0}, 0, "in shape only"),
+        ({"ratios": 9.0, "etsi": 12.0}, 0, "in shape only"),
+        ({"ratios": 2.0, "etsi": 12.0}, 0, "not reproduced"),
+        ({"four": {"count": {"Intention": 3}}}, 1, "reproduced"),
+        ({"four": {"count": {"Intention": 4}}}, 1, "in shape only"),
+        ({"four": {"bytes": {"Intention": 2.5}}}, 1, "in shape only"),
+        ({"four": {"count": {"Intention": 1}, "bytes": {"Intention": 1}}}, 1, "not reproduced"),
+        ({}, 2, "reproduced"),
+        ({"four": {"bytes": {"Fin": 1.2}}}, 2, "in shape only"),
+        ({"four": {"count": {"Fin": 2}}}, 2, "not reproduced"),
+        ({"two": {"count": {"Fin": 0}}}, 2, "not reproduced"),
+        ({}, 3, "reproduced"),
+        ({"cancelled": [3]}, 3, "in shape only"),
+        ({"cancelled": []}, 3, "not reproduced"),
+        ({}, 4, "reproduced"),
+        ({"factors": [1.5, 0.9]}, 4, "in shape only"),
+        ({"factors": [0.8, 0.9]}, 4, "not reproduced"),
+    ],
+)
+def test_each_verdict_is_from_the_figures(
+    made: Values, changes: dict[str, Any], which: int, verdict: str
+) -> None:
+    """``bytes`` are times those of two vehicles."""
+    s = made["summary"]
+    for ratios in s["ratios"].values():
+        ratios |= {kind: changes.get("ratios", ratio) for kind, ratio in ratios.items()}
+    s["etsi"]["ratio"] = changes.get("etsi", s["etsi"]["ratio"])
+    found = {d["vehicles"]: d for d in s["drives"] if d["loss"] == 0}
+    for n, name in ((2, "two"), (4, "four")):
+        change = changes.get(name, {})
+        found[n]["count"] |= change.get("count", {})
+        for codec_name, amounts in found[n]["bytes"].items():
+            for kind, times in change.get("bytes", {}).items():
+                amounts[kind] = times * found[2]["bytes"][codec_name][kind]
+    if "cancelled" in changes:
+        found[4]["cancelled"] = changes["cancelled"]
+    for n, factor in zip((2, 4), changes.get("factors", ()), strict=False):
+        for form in FORMS:
+            for saving in found[n]["saving"][form].values():
+                saving["factor"] = factor
+    assert verdicts(s)[which] == verdict
+
+
+def test_a_crowd_is_told_only_if_there_is_one(made: Values) -> None:
+    s = made["summary"]
+    before = len(claims({"summary": s}))
+    (many,) = s["many"]
+    crowd = [
+        many | {"vehicles": 50, "participants": participants, "intentions": intentions}
+        for participants, intentions in ((32, 389), (49, 49))
+    ]
+    s["many"] += crowd
+    told = claims({"summary": s})
+    assert len(told) == before + 1
+    assert told[-1].here.startswith("389 Intentions are sent instead of 49")
+
+
+def test_the_page_has_the_figures_of_the_report(made: Values) -> None:
+    text = "\n".join(report.page(made))
+    s = made["summary"]
+    for n in (2, 4):
+        for form in FORMS:
+            for saving in drive(s, n)["saving"][form].values():
+                assert f"| {saving['factor']} |" in text
+        for name in ("json", "uper"):
+            assert f"{drive(s, n)['event']['sent'][name]:,.0f}" in text
+    for head, below in pairwise(text.splitlines()):
+        if head.startswith("|") and below.startswith("|"):
+            assert head.count("|") == below.count("|"), below
+    drive(s, 4)["count"]["Intention"] = 77
+    s["sizes"]["Fin"]["uper"] = 8877
+    s["many"][0]["channel"]["json"]["busiest"] = 0.777
+    changed = "\n".join(EXPERIMENT.page(made))
+    assert "| Intention | 1 |" in changed and "| 77 |" in changed
+    assert "| 8,877 |" in changed and "| 77.7% |" in changed
+
+
+def test_figures_are_drawn(made: Values, tmp_path: Path) -> None:
+    if not figures.available():
+        pytest.skip("needs matplotlib: pip install 'automcm[plot]'")
+    names = []
+    for name, figure in EXPERIMENT.figures(made):
+        names.append(name)
+        if name == "fig7-json":
+            dashed = figure.axes[1].patches[-1]
+            time = made["summary"]["time"]["4"]["json"]
+            assert dashed.get_data().values[0] * 500 == time["always-on"][0] + time["CAM"][0]
+            assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim(), "comparable"
+    assert names == ["fig7-json", "fig7-uper", "scaling"]
+    for name in names:
+        assert f"({name}.svg)" in "\n".join(EXPERIMENT.page(made))

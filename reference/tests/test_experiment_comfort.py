@@ -1,0 +1,400 @@
+"""What a maneuver costs in comfort: the measures, the faults with and without their rules, and
+what is claimed of them."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from automcm.experiments import comfort, comfort_claims, report, sweep
+from automcm.experiments.comfort_courses import (
+    COURSES,
+    NEVER_MS,
+    PRESCRIBER,
+    STAGES,
+    B,
+    C,
+    Changer,
+    Run,
+    Setting,
+    disturbed,
+    nobody,
+    stage,
+    uncoordinated,
+    undisturbed,
+)
+from automcm.experiments.comfort_measures import (
+    FAR_S,
+    Track,
+    braking,
+    distance,
+    first_slower,
+    jerk,
+    lost,
+    slowed,
+    tracks,
+)
+from automcm.experiments.experiment import Cell, Claim
+from automcm.parameters import Parameters
+from automcm.scenarios.drive import FourVehicles
+from automcm.scenarios.lane_change import Plan
+
+Json = Any
+SETTING = Setting(four=FourVehicles(until_s=30.0))
+SMALL: Json = {"speeds_kmh": [30], "faults_kmh": [30], "trials": 1, "until_s": 40.0}
+
+
+def track(speeds: list[float], x: float = 0.0, y: float = 0.0) -> Track:
+    """A vehicle with these speeds, one each 0.1 s."""
+    v = np.array(speeds)
+    t = np.arange(len(v)) * 0.1
+    acceleration = np.diff(v, prepend=v[0]) / 0.1
+    return Track(t, x + np.cumsum(v) * 0.1, np.full(len(v), y), v, acceleration)
+
+
+# -- measures
+
+
+def test_braking_jerk_and_way_lost() -> None:
+    even = track([10.0] * 30)
+    slowing = track([10.0] * 10 + [9.8, 9.6, 9.4, 9.2, 9.0] + [9.0] * 5 + [10.0] * 10)
+    assert braking(even) == 0 and jerk(even) == 0
+    assert braking(slowing) == pytest.approx(2.0)
+    assert jerk(slowing) == pytest.approx(20.0)  # from 0 to 10 m/s² within 0.5 s
+    assert lost(slowing, even) == pytest.approx(0.1 * (0.2 + 0.4 + 0.6 + 0.8 + 1.0 * 6))
+    assert slowed(slowing, even) == pytest.approx(0.8)  # those slower by more than 0.5 m/s
+    assert first_slower(slowing, even) == 1.2 and first_slower(even, even) is None
+
+
+def test_distance_is_to_who_is_next_ahead_and_in_the_way() -> None:
+    me = track([10.0] * 10)
+    found = {1: me, 2: track([5.0] * 10, x=24.5), 3: track([0.0] * 10, x=15.0, y=3.5)}
+    d = distance(1, found)
+    assert d.gap == pytest.approx(24.5 - 4.5 - 5.0 * 0.1 * 10, abs=0.01)
+    assert d.collision_s == pytest.approx(d.gap / 5.0)
+    assert distance(2, found).gap == np.inf
+    faster = found | {2: track([11.0] * 10, x=24.5)}
+    assert distance(1, faster).collision_s is None
+
+
+# -- courses
+
+
+def test_the_stages_follow_one_another_as_the_maneuver_does() -> None:
+    ends = [stage(name, Plan(), Parameters(), 4.0) for name in STAGES]
+    assert [end for _, end in ends[:-1]] == [begin for begin, _ in ends[1:]]
+    moved = next(s.t for s in undisturbed(SETTING).drive.road.of(PRESCRIBER) if s.y > 0)
+    assert moved == pytest.approx(SETTING.four.signal_s + ends[3][0], abs=0.3)
+    with pytest.raises(ValueError, match="no stage 'parking'"):
+        stage("parking", Plan(), Parameters(), 4.0)
+
+
+def test_services_fall_silent_only_when_nothing_driven_depends_on_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    at_s = 5.0
+    short = disturbed(COURSES["prescriber_aborts"], SETTING, at_s, with_rules=True)
+    sent = len(short.drive.sent)
+    monkeypatch.setattr(Run, "_silence", lambda self: None)
+    whole = disturbed(COURSES["prescriber_aborts"], SETTING, at_s, with_rules=True)
+    assert whole.drive.road.samples == short.drive.road.samples
+    assert len(whole.drive.sent) >= sent
+
+
+def test_no_coordination_costs_b_more_than_the_maneuver() -> None:
+    alone = tracks(nobody(SETTING).drive.road.samples)
+    with_ = tracks(undisturbed(SETTING).drive.road.samples)
+    without = tracks(uncoordinated(SETTING).drive.road.samples)
+    assert braking(with_[B]) <= 2.0 < braking(without[B])
+    assert 0 < lost(with_[B], alone[B]) < lost(without[B], alone[B])
+    assert with_[PRESCRIBER].y[-1] == without[PRESCRIBER].y[-1] > 3
+    assert alone[PRESCRIBER].y[-1] == 0
+
+
+def slowing(name: str, at_s: float, *, with_rules: bool) -> tuple[float, bool]:
+    """How much way B loses, and whether the prescriber moved over."""
+    alone = tracks(nobody(SETTING).drive.road.samples)
+    found = tracks(
+        disturbed(COURSES[name], SETTING, at_s, with_rules=with_rules).drive.road.samples
+    )
+    return lost(found[B], alone[B]), bool(found[PRESCRIBER].y[-1] > 3)
+
+
+@pytest.mark.parametrize("name", ["prescriber_dies", "prescriber_aborts", "prescriber_hangs"])
+def test_a_rule_ends_slowing_that_nobody_makes_use_of(name: str) -> None:
+    with_, moved = slowing(name, 5.0, with_rules=True)
+    without, moved_without = slowing(name, 5.0, with_rules=False)
+    assert not moved and not moved_without
+    assert with_ < without - 3
+
+
+@pytest.mark.parametrize("name", ["cut", "cut_to_b", "cut_to_prescriber"])
+def test_cam_loss_gives_up_a_lane_change_that_would_have_gone_well(name: str) -> None:
+    with_, moved = slowing(name, 5.0, with_rules=True)
+    without, moved_without = slowing(name, 5.0, with_rules=False)
+    assert (moved, moved_without) == (False, True)
+    assert 0 < with_ < without
+
+
+@pytest.mark.parametrize("name", ["b_dies", "b_aborts"])
+def test_without_its_rule_the_prescriber_moves_over_before_b_which_makes_no_room(
+    name: str,
+) -> None:
+    with_, moved = slowing(name, 3.0, with_rules=True)
+    without, moved_without = slowing(name, 3.0, with_rules=False)
+    assert (moved, moved_without) == (False, True)
+    assert with_ < 1 and without > 30
+
+
+def test_a_stops_and_the_prescriber_looks_or_does_not() -> None:
+    course = COURSES["leader_stops"]
+    seen, blind = (
+        tracks(disturbed(course, SETTING, 6.0, with_rules=rules).drive.road.samples)
+        for rules in (True, False)
+    )
+    assert seen[PRESCRIBER].y[-1] == 0 < blind[PRESCRIBER].y[-1]
+    assert min(seen[2].speed) == 0 < seen[2].speed[-1]
+    assert distance(PRESCRIBER, blind).gap < 1 < distance(B, seen).gap
+
+
+def test_what_is_taken_away_is_taken_from_the_stations_and_nothing_else() -> None:
+    for name, course in COURSES.items():
+        run = disturbed(
+            course, replace(SETTING, four=FourVehicles(until_s=0.5)), 0, with_rules=False
+        )
+        losses = {s.parameters.t_cam_loss for s in run.drive.simulation.services.values()}
+        assert losses == {1500 if course.cams else NEVER_MS}, name
+        assert all(isinstance(driver, Changer) for driver in run.drive.drivers)
+
+
+def test_slowing_is_needless_unless_a_lane_change_takes_it() -> None:
+    even = track([10.0] * 30)
+    slow = track([10.0] * 10 + [8.0] * 10 + [10.0] * 10)
+    alone = {1: even, 2: track([10.0] * 30, x=60), 3: even, 4: even}
+    needed = {B: (1.5, 0.4), C: (0.0, 0.0)}
+    stayed = comfort.cost(alone | {3: slow}, alone, needed)
+    assert (stayed["moved"], stayed["B needless_m"]) == (0, pytest.approx(2.0))
+    assert stayed["B needless_s"] == pytest.approx(1.0) and stayed["C needless_m"] == 0
+    over = replace(even, y=np.linspace(0, 3.5, 30))
+    moved = comfort.cost(alone | {1: over, 3: slow}, alone, needed)
+    assert (moved["moved"], moved["B needless_m"]) == (1, pytest.approx(0.5))
+    assert moved["B needless_s"] == pytest.approx(0.6)
+    assert (moved["hard"], moved["touched"]) == (1, 1)  # 20 m/s², and nobody is a length away
+    assert moved["B lost_m"] == pytest.approx(2.0) and moved["ttc_s"] == FAR_S
+
+
+def test_drives_together_give_means_sums_and_the_worst() -> None:
+    one = {
+        "moved": 1,
+        "touched": 0,
+        "hard": 1,
+        "gap_m": 2.0,
+        "ttc_s": 9.0,
+        "B braking": 1.0,
+        "B lost_m": 4.0,
+    }
+    two = {
+        "moved": 1,
+        "touched": 1,
+        "hard": 0,
+        "gap_m": -1.0,
+        "ttc_s": 5.0,
+        "B braking": 3.0,
+        "B lost_m": 5.0,
+    }
+    assert comfort.together([one, two]) == {
+        "drives": 2,
+        "moved": 2,
+        "touched": 1,
+        "hard": 1,
+        "gap_m": -1.0,
+        "ttc_s": 5.0,
+        "B braking": 3.0,
+        "B lost_m": 4.5,
+    }
+
+
+# -- the experiment
+
+
+@pytest.fixture(scope="module")
+def small() -> Json:
+    """A report of very few drives: those of one stage stand for all."""
+    made = comfort.EXPERIMENT
+    about = sweep.header(made, "quick", 1, made.set("quick", SMALL))
+    wanted = made.cells(made.set("quick", SMALL))
+    results = {
+        values["part"]: sweep.run_cell("comfort", values, 1)
+        for values in wanted
+        if values.get("stage", "hold") == "hold"
+    }
+    return report.assemble(made, about, [Cell(v, results[v["part"]]) for v in wanted])
+
+
+def test_cells_are_fig_6_and_each_stage_at_each_speed() -> None:
+    cells = comfort.cells(comfort.Comfort())
+    assert [c["speed_kmh"] for c in cells if c["part"] == "fig6"] == [30, 50]
+    courses = [(c["speed_kmh"], c["stage"]) for c in cells if c["part"] == "courses"]
+    assert courses == [(speed, name) for speed in (30, 50) for name in STAGES]
+
+
+def test_a_trial_again_is_the_same_and_another_seed_is_not(
+    small: Json, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert set(small["cells"][1]["result"]) == set(comfort_claims.names())
+    fig6 = small["cells"][0]
+    assert sweep.run_cell("comfort", fig6["values"], 1) == fig6["result"]
+    monkeypatch.setattr(comfort, "COURSES", {"cut": COURSES["cut"]})
+    setting = replace(SETTING, four=FourVehicles(until_s=10.0))
+    first = comfort.trial(setting.drawn(3, 1.0), "slow-down", 0.5)
+    assert comfort.trial(setting.drawn(4, 1.0), "slow-down", 0.5) != first
+    assert comfort.trial(setting.drawn(3, 1.0), "slow-down", 0.5) == first
+
+
+def test_drawn_places_stay_within_their_spread() -> None:
+    fours = [SETTING.drawn(seed, 1.0).four for seed in range(40)]
+    for values, middle in (([f.gap_m for f in fours], 22.0), ([f.beside_m for f in fours], 3.0)):
+        assert middle - 1 <= min(values) < middle - 0.5 < middle + 0.5 < max(values) <= middle + 1
+    assert SETTING.drawn(5, 0.0).four == replace(SETTING.four, seed=5)
+
+
+def verdict(report_: Json, words: str) -> Claim:
+    (claim,) = [c for c in comfort_claims.claims(report_) if words in c.claim]
+    return claim
+
+
+def changed(small: Json, *path: str, to: Json) -> Json:
+    """The report with something else in its summary."""
+    made = copy.deepcopy(small)
+    at = made["summary"]
+    for name in path[:-1]:
+        at = at[name]
+    assert path[-1] in at
+    at[path[-1]] = to
+    return made
+
+
+def test_fig_6_comes_out(small: Json) -> None:
+    for words in ("B decelerates before", "C, behind B", "A, ahead of B", "B, its gap opened"):
+        assert verdict(small, words).verdict == "reproduced"
+    assert verdict(small, "The prescriber hardly").verdict == "in shape only"
+
+
+@pytest.mark.parametrize(
+    ("words", "path", "to"),
+    [
+        ("B decelerates before", ("slower_s", str(B)), 9.0),
+        ("B decelerates before", ("slower_s", str(B)), None),
+        ("C, behind B", ("slower_s", str(C)), 5.0),
+        ("C, behind B", ("slower_s", str(C)), None),
+        ("C, behind B", ("c_gap_m",), -0.1),
+        ("A, ahead of B", ("a_differs",), 0.2),
+        ("B, its gap opened", ("hardest_in_change", str(B)), 2.1),
+        ("The prescriber hardly", ("hardest_in_change", str(PRESCRIBER)), 2.1),
+    ],
+)
+def test_fig_6_does_not_come_out(small: Json, words: str, path: tuple[str, ...], to: Json) -> None:
+    assert verdict(changed(small, "fig6", "30", *path, to=to), words).verdict == "not reproduced"
+
+
+def test_of_two_speeds_one_is_half(small: Json) -> None:
+    two = copy.deepcopy(small)
+    two["summary"]["fig6"]["50"] = copy.deepcopy(two["summary"]["fig6"]["30"])
+    two["summary"]["fig6"]["50"]["a_differs"] = 1.0
+    assert verdict(two, "A, ahead of B").verdict == "in shape only"
+    assert "50 km/h: differs by 1.00 m/s" in verdict(two, "A, ahead of B").here
+
+
+def test_verdicts_on_mitigation(small: Json) -> None:
+    words = "Without mitigation"
+    assert verdict(small, words).verdict == "reproduced"
+    one = changed(small, "all", "prescriber_dies", "needless_m", to=1000.0)
+    assert verdict(one, words).verdict == "in shape only"
+    for name in comfort_claims.ABANDONED:
+        one = changed(one, "all", name, "needless_m", to=1000.0)
+    assert verdict(one, words).verdict == "not reproduced"
+
+    words, rows = "Falling back", small["summary"]["all"]
+    none = small
+    for name in rows:
+        none = changed(none, "all", name, "touched", to=0)
+        none = changed(none, "all", name, "hard", to=1)
+    assert verdict(none, words).verdict == "in shape only"
+    soft = none
+    for name in rows:
+        soft = changed(soft, "all", name, "hard", to=0 if "without" not in name else 1)
+    assert verdict(soft, words).verdict == "reproduced"
+    assert verdict(changed(soft, "all", "cut", "touched", to=1), words).verdict == (
+        "not reproduced"
+    )
+
+    words, way = "A stops", "needless_m"
+    both = changed(small, "all", "leader_stops", way, to=rows["leader_stops without"][way] - 2)
+    both = changed(both, "all", "leader_stops without", "hard", to=rows["leader_stops"]["hard"] + 1)
+    assert verdict(both, words).verdict == "reproduced"
+    half = changed(both, "all", "leader_stops", way, to=rows["leader_stops without"][way])
+    assert verdict(half, words).verdict == "in shape only"
+    worse = changed(half, "all", "leader_stops without", "hard", to=rows["leader_stops"]["hard"])
+    assert verdict(worse, words).verdict == "not reproduced"
+
+
+@pytest.mark.parametrize(
+    ("words", "path", "to"),
+    [
+        ("spares B", ("uncoordinated", "B braking"), 1.0),
+        ("spares B", ("uncoordinated", "B jerk"), 1.0),
+        ("has its price", ("cut without", "needless_m"), 1000.0),
+        ("has its price", ("cut", "moved"), 1000),
+        ("It pays", ("b_aborts", "B lost_m"), 1000.0),
+    ],
+)
+def test_beyond_the_paper_or_against_it(
+    small: Json, words: str, path: tuple[str, ...], to: Json
+) -> None:
+    assert verdict(small, words).verdict == "beyond the paper"
+    assert verdict(changed(small, "all", *path, to=to), words).verdict == "not reproduced"
+
+
+def test_cells_merge_to_sums_means_and_the_worst() -> None:
+    row = {"drives": 2, "moved": 1, "touched": 0, "hard": 1, "gap_m": 3.0, "ttc_s": 9.0}
+    row |= {f"{n} {what}": 1.0 for n in "BC" for what in ("braking", "needless_m")}
+    other = row | {"gap_m": 1.0, "moved": 2, "C braking": 4.0, "B needless_m": 2.0}
+    cells = [Cell({}, {"cut": row}), Cell({}, {"cut": other})]
+    found = comfort_claims.merged(cells, "cut")
+    assert (found["drives"], found["moved"], found["gap_m"], found["ttc_s"]) == (4, 3, 1.0, 9.0)
+    assert (found["B needless_m"], found["C needless_m"], found["needless_m"]) == (1.5, 1.0, 2.5)
+    assert (found["C braking"], found["braking"], found["hard"]) == (4.0, 4.0, 2)
+
+
+def test_the_page_has_the_numbers_of_the_report(small: Json) -> None:
+    made = changed(small, "rows", "30", "b_dies without", "B lost_m", to=123.4)
+    made = changed(made, "rows", "30", "cut", "ttc_s", to=FAR_S)
+    made = changed(made, "stages", "b_aborts", "hold", "needless_m", to=87.6)
+    made = changed(made, "fig6", "30", "slowest", "3", to=4.3)
+    text = "\n".join(report.page(made))
+    for part in (
+        "B's station dies, without ACT-2 |",
+        ", 123.4, ",
+        "| over 60 |",
+        "87.6;",
+        "| 4.3 |",
+    ):
+        assert part in text
+    for name in ("fig6.svg", "costs.svg"):
+        assert f"]({name})" in text
+    assert all(course.text in text for course in COURSES.values())
+
+
+def test_figures_are_drawn(small: Json) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed (automcm[plot])")
+    drawn = dict(comfort.EXPERIMENT.figures(small))
+    assert list(drawn) == ["fig6", "costs"]
+    (speed,) = drawn["fig6"].axes
+    lines = {line.get_label(): line for line in speed.get_lines()}
+    assert list(lines) == ["prescriber", "receiver A", "receiver B", "receiver C"]
+    expected = np.array(small["summary"]["fig6"]["30"]["speed"][str(B)]) * 3.6
+    assert np.allclose(np.asarray(lines["receiver B"].get_ydata(), dtype=float), expected)

@@ -1,0 +1,176 @@
+"""Packet loss over real sockets: what is decided, what is counted, and that nothing is left."""
+
+from __future__ import annotations
+
+import errno
+import socket
+from functools import partial
+from typing import Any
+
+import pytest
+
+from automcm.experiments import loss_udp
+from automcm.experiments.experiment import ExperimentError
+from automcm.experiments.loss_udp import over_udp
+from automcm.links import relay, udp
+from automcm.links.udp import bind
+from automcm.parameters import Parameters
+from automcm.straight import Straight
+
+
+class Sockets:
+    """Every socket that is opened; of more than ``room``, none."""
+
+    def __init__(self, room: int = 1000) -> None:
+        self.room = room
+        self.opened: list[socket.socket] = []
+
+    def bind(self, *args: Any, **more: Any) -> socket.socket:
+        if len(self.opened) == self.room:
+            raise OSError(errno.EMFILE, "Too many open files")
+        self.opened.append(sock := bind(*args, **more))
+        return sock
+
+    @property
+    def open(self) -> int:
+        return sum(sock.fileno() != -1 for sock in self.opened)
+
+
+@pytest.fixture
+def sockets(monkeypatch: pytest.MonkeyPatch) -> Sockets:
+    made = Sockets()
+    for module in (udp, relay):
+        monkeypatch.setattr(module, "bind", made.bind)
+    return made
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A message that is sent once has a second for its way, however busy the host."""
+    monkeypatch.setattr(loss_udp, "Parameters", partial(Parameters, t_resend=1000))
+
+
+@pytest.mark.usefixtures("patient")
+def test_without_loss_all_agree_though_nothing_is_sent_again(sockets: Sockets) -> None:
+    got = over_udp(0, 0.0, 3, 1)
+    assert (got["trials"], got["agreed"], got["undecided"]) == (3, 3, 0)
+    once = dict.fromkeys(("Advertisement", "Intention", "Prescription", "Acceptance"), 3)
+    assert got["sent"].pop("CAM") > 0
+    assert got["sent"] == once | {"Ack": 9}
+    times = got["signal_to_agreement_ms"]
+    assert len(times) == 3 and times == sorted(times)
+    assert min(times) >= 1000 + 2 * loss_udp.THINK_MS  # t_advertise, choosing, verifying
+    assert (len(sockets.opened), sockets.open) == (9, 0)
+
+
+def test_with_all_lost_none_agrees(sockets: Sockets) -> None:
+    got = over_udp(300, 1.0, 3, 1)
+    assert (got["agreed"], got["undecided"]) == (0, 0)
+    assert got["signal_to_agreement_ms"] == []
+    assert set(got["sent"]) == {"Advertisement", "CAM"}
+    assert got["sent"]["Advertisement"] > 3
+    assert sockets.open == 0
+
+
+@pytest.mark.usefixtures("patient")
+def test_one_that_acts_alone_has_not_agreed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The receiver has accepted, but its prescriber cannot know."""
+    passed = relay.SimulatedLink.send
+
+    def send(self: Any, data: bytes, to: int, tx: str) -> None:
+        if b'"Acceptance"' not in data:
+            passed(self, data, to, tx)
+
+    monkeypatch.setattr(relay.SimulatedLink, "send", send)
+    got = over_udp(0, 0.0, 1, 1)
+    assert (got["agreed"], got["undecided"]) == (0, 0)
+    assert got["sent"]["Acceptance"] == 1
+
+
+def test_a_trial_that_is_decided_sends_nothing_while_others_go_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The first is over after 100 ms, the second begins after 500."""
+    links: list[udp.UdpLink] = []
+    sent: list[int] = []
+
+    class Link(udp.UdpLink):
+        def send(self, data: bytes, to: int, tx: str) -> None:
+            sent.append(links.index(self))
+            super().send(data, to, tx)
+
+    def link_of(**more: Any) -> udp.UdpLink:
+        links.append(link := Link(**more))
+        return link
+
+    monkeypatch.setattr(loss_udp, "UdpLink", link_of)
+    monkeypatch.setattr(loss_udp, "APART_MS", 500)
+    over_udp(0, 1.0, 2, 1)
+    assert set(sent) == {0, 1, 2, 3}
+    second = next(n for n, link in enumerate(sent) if link > 1)
+    assert not {0, 1} & set(sent[second:])
+
+
+def test_what_is_not_decided_in_time_is_left(
+    sockets: Sockets, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t_timeout = 60_000
+    monkeypatch.setattr(loss_udp, "LATE_MS", 200 - Parameters(t_timeout=t_timeout).t_hold)
+    got = over_udp(t_timeout, 0.0, 2, 1)
+    assert (got["agreed"], got["undecided"], got["signal_to_agreement_ms"]) == (0, 2, [])
+    assert (len(sockets.opened), sockets.open) == (6, 0)
+
+
+def test_the_seed_gives_each_relay_draws_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[tuple[float, int]] = []
+
+    def relay_of(**more: Any) -> relay.Relay:
+        made.append((more["channel"].loss, more["seed"]))
+        return relay.Relay(**more)
+
+    monkeypatch.setattr(loss_udp, "Relay", relay_of)
+    for seed in (1, 1, 2):
+        over_udp(0, 1.0, 2, seed)
+    assert {loss for loss, _ in made} == {1.0}
+    assert made[:2] == made[2:4] and len({seed for _, seed in made}) == 4
+
+
+def test_sockets_that_cannot_be_had_are_one_error_and_none_is_left(sockets: Sockets) -> None:
+    sockets.room = 4
+    with pytest.raises(ExperimentError, match=r"3 trials over UDP .*: .*Too many open files"):
+        over_udp(0, 0.0, 3, 1)
+    assert (len(sockets.opened), sockets.open) == (4, 0)
+
+
+def test_a_port_that_cannot_be_had_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    with bind("127.0.0.1", 0) as taken:
+        port = taken.getsockname()[1]
+        monkeypatch.setattr(loss_udp, "Relay", partial(relay.Relay, port=port))
+        with pytest.raises(ExperimentError, match=rf"127.0.0.1:{port}: .*in use"):
+            over_udp(0, 0.0, 1, 1)
+
+
+@pytest.mark.usefixtures("patient")
+def test_an_application_that_fails_is_no_failed_trial(
+    sockets: Sockets, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(self: Straight, choice: object) -> None:
+        raise RuntimeError("no choice")
+
+    monkeypatch.setattr(Straight, "choose", fails)
+    with pytest.raises(RuntimeError, match="no choice"):
+        over_udp(0, 0.0, 1, 1)
+    assert sockets.open == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("t_timeout", (-1, 0.0, 1, 1)),
+        ("loss", (0, 1.5, 1, 1)),
+        ("trials", (0, 0.0, 0, 1)),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(name: str, values: Any) -> None:
+    with pytest.raises(ValueError, match=name):
+        over_udp(*values)

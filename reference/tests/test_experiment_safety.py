@@ -1,0 +1,489 @@
+"""Hazards under faults: what is measured, that it can fail, and what the page says of it."""
+
+from __future__ import annotations
+
+import random
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm import ending, outcome, rules
+from automcm.experiments import safety, safety_figures, safety_page, safety_road, safety_tables
+from automcm.experiments.ablations import ABLATIONS, BY_NAME, WHOLE, Ablation
+from automcm.experiments.experiment import Cell
+from automcm.experiments.faults import CUTS, KINDS, Fault, drawn, inject
+from automcm.experiments.hazards import Watched, bound_ms
+from automcm.experiments.report import assemble
+from automcm.experiments.sweep import canonical, run_cell
+from automcm.links.simulated import Channel
+from automcm.messages import Session
+from automcm.parameters import Parameters
+from automcm.road import Late, Sample, Vehicle
+from automcm.service import McService
+from automcm.state import State
+from automcm.straight import Straight
+from automcm_spec.rules import RULES as RULE_IDS
+from automcm_traces.explain import together
+
+Json = Any
+B = 1540
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def simulate(
+    faults: list[Fault],
+    ablation: Ablation = WHOLE,
+    *,
+    loss: float = 0.0,
+    maneuver_ms: int = 9000,
+    refuses: int = 0,
+    again_ms: int = 0,
+    seed: int = 1,
+    logs: Path | None = None,
+    prepare: Any = lambda watched: None,
+) -> safety.Outcome:
+    """A maneuver asked for at 500 ms; both act from about 2.7 s on."""
+    plan = safety.Plan(loss, faults, maneuver_ms, refuses, again_ms)
+    channel = Channel(loss=loss, duplicate=0.1)
+    with ablation.made() as made:
+        watched = Watched(seed=seed, channel=channel, logs=logs, rules=made)
+        prepare(watched)
+        return safety.simulated(watched, plan, ablation.parameters)
+
+
+def lengths(found: safety.Outcome) -> list[tuple[str, int]]:
+    return [(hazard.excuse, hazard.length_ms) for hazard in found.hazards]
+
+
+# -- the bound
+
+
+def test_t_2_the_bound_and_what_it_supposes() -> None:
+    assert bound_ms(Parameters(), 40) == B
+    assert bound_ms(Parameters(t_cam_loss=1100), 0) == 1100
+    for parameters, delay in (
+        (Parameters(), 50),
+        (Parameters(), -1),
+        (Parameters(t_cam=40), 40),
+        (Parameters(t_cam=1000, t_cam_loss=1040), 40),
+    ):
+        with pytest.raises(ValueError, match=r"delay_ms|t_cam"):
+            bound_ms(parameters, delay)
+
+
+@pytest.mark.parametrize(
+    ("kind", "loss"),
+    [
+        ("target restarts", 0.0),
+        ("target aborts", 0.6),
+        ("cut forth", 0.4),
+        ("cut both ways", 0.2),
+    ],
+)
+def test_t_2_hazards_and_bound_are_those_that_the_logs_are_judged_by(
+    kind: str, loss: float, tmp_path: Path
+) -> None:
+    seen = 0
+    for seed in range(3):
+        logs = tmp_path / str(seed)
+        logs.mkdir()
+        fault = Fault(kind, 4000 + 37 * seed, 8000)
+        found = simulate([fault], loss=loss, seed=seed, logs=logs)
+        judged = together(sorted(logs.iterdir()))
+        theirs = [h for h in judged.hazards if h.length is None or h.length.best > 0]
+        excuses = {"aborts": "abort", "loses the CAMs": "cam_loss", "restarts": "restart"}
+        assert [
+            (next(e for text, e in excuses.items() if text in h.fault), h.length and h.length.best)
+            for h in theirs
+        ] == lengths(found)
+        for h in theirs:
+            assert h.bound is not None and h.excused
+            # the judge knows of the delay only that it is below half of t_resend
+            assert h.bound.ms - 50 == bound_ms(Parameters(), 40) - 40
+            assert h.outcome == "within"
+        seen += len(theirs)
+    assert seen
+
+
+# -- that it can fail
+
+
+def test_s_5_a_lease_counted_from_the_acceptance_is_found() -> None:
+    ablation = BY_NAME["lease from the Acceptance"]
+    assert lengths(simulate([], maneuver_ms=60_000)) == []
+    ((excuse, length),) = lengths(simulate([], ablation, maneuver_ms=60_000))
+    assert excuse == "" and 0 < length < 200
+
+
+@pytest.mark.parametrize("without", ["plain CAMs count", "lease from the Acceptance"])
+def test_what_was_proved_and_does_not_hold_is_told_with_its_seed(
+    without: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = {"part": "faults", "fault": "target restarts", "loss": 0.4, "drives": 12}
+    values["delay_ms"] = 40
+    fine = safety.run(values, 1)
+    assert fine["wrong"] == [] and fine["with_hazard"] > 2
+    whole = replace(BY_NAME[without], name=WHOLE.name)
+    monkeypatch.setitem(BY_NAME, WHOLE.name, whole)
+    bad = safety.run(values, 1)
+    (first, *_) = safety_tables._broken([Cell(values, bad)])
+    assert first.startswith("T-2: longer" if without.startswith("plain") else "S-5: without")
+    one = bad["wrong"][0]
+    assert f"safety.drive({canonical(values)}, {one['seed']})" in first
+    again = safety.drive(values, one["seed"])
+    assert (one["excuse"], one["ms"]) in lengths(again)
+    assert safety_tables._broken([Cell(values, fine)]) == []
+
+
+def test_a_station_that_never_comes_free_is_told() -> None:
+    assert simulate([], BY_NAME["no lease"], maneuver_ms=600_000).stuck
+    assert not simulate([], maneuver_ms=600_000).stuck
+
+
+# -- what is taken away
+
+
+def test_every_ablation_names_what_there_is() -> None:
+    assert len(BY_NAME) == len(ABLATIONS) + 1
+    for ablation in ABLATIONS:
+        assert ablation.rule in RULE_IDS
+        assert (ROOT / "spec" / "models" / f"{ablation.model}.cfg").exists(), ablation.model
+        assert ablation.model in (ROOT / "docs" / "models.md").read_text()
+
+
+def test_an_ablation_changes_rows_of_its_own_rule() -> None:
+    elsewhere = {"lease from the Acceptance": {"NEG-6"}}
+    for ablation in ABLATIONS:
+        with ablation.made() as made:
+            rows = {
+                row.rule
+                for kind, own in rules.RULES.items()
+                for row, other in zip(own, made[kind], strict=True)
+                if row is not other
+            }
+        if rows:
+            assert ablation.rule in rows or rows == elsewhere[ablation.name], ablation.name
+
+
+def test_an_ablation_changes_something_and_leaves_nothing_behind() -> None:
+    before = rules.require, outcome.in_session, ending.entry_acked, State.__dict__["marks"]
+    for ablation in ABLATIONS:
+        with ablation.made() as made:
+            during = outcome.in_session, ending.entry_acked, State.__dict__["marks"]
+            changed = made != rules.RULES or during != before[1:]
+            assert changed or ablation.parameters != Parameters(), ablation.name
+        after = rules.require, outcome.in_session, ending.entry_acked, State.__dict__["marks"]
+        assert after == before, ablation.name
+    with pytest.raises(RuntimeError), ABLATIONS[3].made():
+        raise RuntimeError
+    assert State.__dict__["marks"] is before[3]
+
+
+def test_act_5_with_plain_cams_a_restart_is_a_hazard_until_the_lease() -> None:
+    restart = [Fault("target restarts", 4000, 0)]
+    ((_, with_marks),) = lengths(simulate(restart, maneuver_ms=60_000))
+    ((_, plain),) = lengths(simulate(restart, BY_NAME["plain CAMs count"], maneuver_ms=60_000))
+    assert 1400 < with_marks <= B and 8000 < plain < 10_000
+
+
+def test_act_2_the_cancel_on_cam_loss_ends_a_one_way_cut_at_once() -> None:
+    cut = [Fault("cut forth", 4000, 9000)]
+    silent, deaf = BY_NAME["silent CAM-loss fallback"], BY_NAME["no CAM-loss fallback"]
+    ((excuse, told),) = lengths(simulate(cut))
+    ((_, untold),) = lengths(simulate(cut, silent))
+    assert excuse == "cam_loss" and told <= 40 and 1400 < untold <= B
+    assert lengths(simulate(cut, deaf)) == []
+    ((_, long),) = lengths(simulate([Fault("target restarts", 4000, 0)], deaf))
+    assert long > B
+
+
+def test_neg_4_without_the_busy_refusal_a_second_instruction_overwrites_the_first() -> None:
+    second = [Fault("second prescriber", 4000, 4000)]
+    assert lengths(simulate(second)) == []
+    ((excuse, length),) = lengths(simulate(second, BY_NAME["no busy refusal"]))
+    assert excuse == "" and length > 1000, "it acts on, but in the other session"
+
+
+def deaf_to_acks(watched: Watched) -> None:
+    """No Ack of the prescriber gets through; CAMs do."""
+    send = watched.radio._send
+
+    def some(src: int, data: bytes, to: int, tx: str) -> None:
+        if not (b'"Acceptance"' in data and b'"Ack"' in data):
+            send(src, data, to, tx)
+
+    watched.radio._send = some  # type: ignore[method-assign]
+
+
+def test_neg_9_a_commitment_outlives_its_acceptance() -> None:
+    assert lengths(simulate([], prepare=deaf_to_acks)) == []
+    abandoned = simulate([], BY_NAME["Acceptance abandoned"], prepare=deaf_to_acks)
+    ((excuse, length),) = lengths(abandoned)
+    assert excuse == "" and 1400 < length <= B
+
+
+def test_l_2_without_retransmission_fewer_agree() -> None:
+    def agreed(ablation: Ablation) -> int:
+        return sum(simulate([], ablation, loss=0.4, seed=s).agreed for s in range(12))
+
+    assert agreed(WHOLE) == 12 and agreed(BY_NAME["no retransmission"]) < 8
+
+
+# -- faults
+
+
+def test_faults_begin_in_their_window_and_end_later() -> None:
+    faults = drawn(KINDS, (100, 200), random.Random(1))
+    assert [fault.kind for fault in faults] == list(KINDS)
+    assert all(100 <= fault.at_ms <= 200 < fault.until_ms for fault in faults)
+    assert len({fault.at_ms for fault in faults}) > 5
+    assert inject([], Watched(), safety.ROLES) == 0
+
+
+def test_a_crash_is_a_hazard_from_the_moment_it_happens() -> None:
+    ((excuse, length),) = lengths(simulate([Fault("target crashes", 4000, 5000)]))
+    assert excuse == "crash" and 1400 < length <= B
+    assert lengths(simulate([Fault("prescriber crashes", 4000, 5000)])) == []
+    twice = [Fault("target crashes", 4000, 9000), Fault("prescriber crashes", 4500, 9000)]
+    assert lengths(simulate(twice)) == [("crash", 500)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_fault_changes_what_happens(kind: str) -> None:
+    quiet = simulate([])
+    assert (quiet.agreed, quiet.completed, quiet.in_vain, quiet.stuck) == (1, 1, 0, False)
+    hit = simulate([Fault(kind, 4000, 8000)])
+    assert hit != quiet or kind == "second prescriber"
+    assert simulate([Fault("second prescriber", 15_000, 15_000)]).agreed == 2
+
+
+def test_a_cut_that_is_over_early_is_survived() -> None:
+    for kind in CUTS:
+        short, long = (simulate([Fault(kind, 4000, until)]) for until in (4900, 7000))
+        assert (short.completed, short.in_vain, short.hazards) == (1, 0, [])
+        assert long.completed == 0
+
+
+def test_whoever_is_hit_drives_on_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[int, str]] = []
+
+    def fallback(self: Straight, session: Session, reason: str) -> None:
+        assert isinstance(self.service, McService)
+        told.append((self.service.station_id, reason))
+
+    monkeypatch.setattr(Straight, "fallback", fallback)
+    for who, station_id in (("prescriber", 1001), ("target", 2002)):
+        for what in ("abort", "restart"):
+            told.clear()
+            simulate([Fault(f"{who} {what}s", 4000, 5000)])
+            assert (station_id, what) in told
+        told.clear()
+        simulate([Fault(f"{who} crashes", 4000, 5000)])
+        assert (station_id, "crash") in told
+
+
+# -- the road
+
+
+def samples(*vehicles: tuple[int, list[tuple[float, float, float]]]) -> list[Sample]:
+    return [
+        Sample(0.1 * n, station_id, x, y, v, 0.0)
+        for station_id, rows in vehicles
+        for n, (x, y, v) in enumerate(rows)
+    ]
+
+
+def test_room_gap_and_time_to_collision() -> None:
+    mover = Vehicle(1, 0, 0, 8, 8)
+    own = [(0.0, 0.0, 8.0), (10.0, 0.0, 8.0), (20.0, 1.0, 8.0), (30.0, 2.0, 8.0), (40.0, 3.5, 8.0)]
+    behind = [(-20.0, 3.5, 9.0), (0.0, 3.5, 9.0), (15.0, 3.5, 9.0), (24.0, 3.5, 9.0)]
+    found = safety_road.nearest(samples((1, own), (3, [*behind, (34.0, 3.5, 10.0)])), mover)
+    assert found == pytest.approx((5.5, 1.5, 0.75))
+    assert safety_road.nearest(samples((1, own[:2]), (3, behind[:2])), mover) == (None, None, None)
+    ahead = [(x + 9, 3.5, 12.0) for x, *_ in own]
+    assert safety_road.nearest(samples((1, own), (2, ahead)), mover)[1:] == (4.5, None)
+
+
+def test_on_the_road_the_target_lets_go_and_room_is_what_tells() -> None:
+    values = {"part": "road", "ablation": WHOLE.name, "speed_kmh": 30, "delay_ms": 40}
+    values |= {"first": 0, "drives": 2}
+    coordinated = safety.run(values, 3)
+    alone = safety.run(values | {"ablation": safety_road.UNCOORDINATED}, 3)
+    assert coordinated["bound_ms"] == B and coordinated["wrong"] == []
+    assert all(room is None or room > 8 for room in coordinated["room_m"])
+    assert all(room < 0.5 for room in alone["room_m"]) and alone["lengths"] == {}
+    assert min(alone["braking"]) > 4 > max(coordinated["braking"])
+    assert alone["unasked"] == 2 and coordinated["unasked"] == 0
+
+
+def on_the_road(monkeypatch: pytest.MonkeyPatch, fault: Fault, name: str) -> safety_road.Driven:
+    monkeypatch.setattr(safety_road, "drawn", lambda *more: [fault])
+    values = {"part": "road", "ablation": name, "speed_kmh": 50, "delay_ms": 40}
+    return safety_road.drive(values, 1)
+
+
+def test_who_is_told_in_time_does_not_move_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    early = on_the_road(monkeypatch, Fault("target restarts", 4000, 0), WHOLE.name)
+    assert early.room_m is None and not early.begun and len(early.hazards) == 1
+    late = on_the_road(monkeypatch, Fault("target restarts", 8000, 0), WHOLE.name)
+    assert late.begun and late.room_m is not None and not late.unasked
+    over = on_the_road(monkeypatch, Fault("target restarts", 12_500, 0), WHOLE.name)
+    assert over.begun and over.room_m is not None
+    plain = on_the_road(monkeypatch, Fault("target restarts", 4000, 0), "plain CAMs count")
+    assert plain.begun and plain.room_m is not None and plain.room_m < 8
+    assert plain.braking > 4 > over.braking
+    crash = Fault("target crashes", 4000, 20_000)
+    alone = on_the_road(monkeypatch, crash, "no CAM-loss fallback")
+    assert alone.room_m is not None and alone.room_m < 8, "who has crashed drives on alone"
+    never = on_the_road(monkeypatch, Fault("cut back", 20_000, 21_000), WHOLE.name)
+    assert not never.begun and never.room_m is not None and never.hazards == []
+
+
+def test_only_who_is_not_committed_notices_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(safety_road, "Late", lambda: Late(range_m=30.0))
+    nothing = Fault("cut back", 20_000, 21_000)
+    assert on_the_road(monkeypatch, nothing, WHOLE.name).braking < Late().brake
+    assert on_the_road(monkeypatch, nothing, safety_road.UNCOORDINATED).braking > 4
+
+
+# -- the experiment
+
+
+def test_equal_seeds_give_equal_cells_in_any_order() -> None:
+    some = safety.cells(safety.Safety(drives=2, ablated=2, classes=2, road=1))
+    assert len({str(values) for values in some}) == len(some)
+    picked = [some[1], some[45], some[55], some[-1]]
+    first = [run_cell("safety", values, 1) for values in picked]
+    assert [run_cell("safety", values, 1) for values in reversed(picked)] == first[::-1]
+    assert first != [run_cell("safety", values, 2) for values in picked]
+
+
+def made_up() -> Json:
+    """A report of a few cells of each part; everything as it should be."""
+    faults = {"part": "faults", "fault": "target restarts", "loss": 0.4, "drives": 10}
+    result = {name: 0 for name in safety_tables.COUNTS}
+    result |= {"bound_ms": B, "lengths": {"restart": [1500]}, "wrong": []}
+    result |= {"agreed": 9, "completed": 8, "maneuvers": 9, "with_hazard": 1}
+    cells = [Cell(faults | {"delay_ms": 40}, result)]
+    for name in BY_NAME:
+        values = {"part": "mechanisms", "ablation": name, "drives": 10, "delay_ms": 40}
+        more = {"beyond": 2} if name == "plain CAMs count" else {}
+        cells.append(Cell(values, deepcopy(result) | more))
+    for name in safety.CLASS_ABLATIONS:
+        for fault in safety.CLASSES:
+            values = {"part": "classes", "ablation": name, "fault": fault, "drives": 7}
+            formula, ms = safety.class_bound(values | {"delay_ms": 40}, BY_NAME[name])
+            more = {"class_bound": formula, "class_bound_ms": ms, "lengths": {"x": [ms]}}
+            cells.append(Cell(values | {"delay_ms": 40}, deepcopy(result) | more))
+    for name in safety_road.PROTOCOLS:
+        values = {"part": "road", "ablation": name, "speed_kmh": 30, "drives": 2, "delay_ms": 40}
+        room = -1.25 if name == safety_road.UNCOORDINATED else 12.75
+        found = {"bound_ms": B, "room_m": [room, None], "gap_m": [3.5, None], "ttc_s": [None] * 2}
+        found |= {"braking": [5.0, 2.0], "lengths": {}, "with_hazard": 0, "begun": 1, "wrong": []}
+        found |= {"unasked": 0}
+        cells.append(Cell(values, found))
+    about = {"experiment": "safety", "profile": "quick", "seed": 1, "version": "0", "code": "0"}
+    settings = safety.Safety(speeds_kmh=(30,)).model_dump(mode="json")
+    return assemble(safety.EXPERIMENT, about | {"settings": settings}, cells)
+
+
+def verdicts(report: Json) -> list[str]:
+    return [claim.verdict for claim in safety_page.claims(report)]
+
+
+def test_all_claims_hold_of_what_is_as_it_should_be() -> None:
+    report = made_up()
+    assert set(verdicts(report)) == {"beyond the paper"}
+    assert "broken" not in report["summary"]
+
+
+def worse(report: Json, n: int) -> None:
+    """Make the figures of the n-th claim such that it does not hold."""
+    s = report["summary"]
+    match n:
+        case 0:
+            s["all"]["beyond"] = 1
+        case 1:
+            s["all"]["longest_ms"] = 1400
+        case 2:
+            s["all"]["unexcused"] = 1
+        case 3:
+            s["classes"][0]["longest_ms"] = 141
+        case 4 | 5:
+            fault = ("cut forth", "target restarts")[n - 4]
+            for row in s["classes"]:
+                if row["fault"] == fault and row["ablation"] != WHOLE.name:
+                    row["longest_ms"] = 30
+        case 6:
+            for row in s["mechanisms"]:
+                row["beyond"] = row["unexcused"] = 0
+        case _:
+            for row in s["road"]:
+                row["near"] = row["moved"]
+
+
+def test_where_nobody_moved_over_nothing_is_shown() -> None:
+    report = made_up()
+    for row in report["summary"]["road"]:
+        row["moved"] *= row["ablation"] != WHOLE.name
+    assert verdicts(report)[-1] == "not reproduced"
+
+
+@pytest.mark.parametrize("n", range(8))
+def test_a_claim_that_the_figures_are_against_is_not_reproduced(n: int) -> None:
+    report = made_up()
+    worse(report, n)
+    assert [v == "not reproduced" for v in verdicts(report)] == [k == n for k in range(8)]
+
+
+def test_what_is_worse_without_a_mechanism() -> None:
+    whole = {"drives": 100, "with_hazard": 20, "agreed": 90, "completed": 80, "in_vain": 2}
+    whole |= {"unexcused": 0, "beyond": 0, "stuck": 0}
+    assert safety_tables.shows(dict(whole), whole) == []
+    for changes, text in (
+        ({"unexcused": 1}, "S-5"),
+        ({"beyond": 1}, "T-2"),
+        ({"stuck": 1}, "L-1"),
+        ({"with_hazard": 50}, "more hazards"),
+        ({"agreed": 60}, "fewer agreements"),
+        ({"in_vain": 30}, "takes for failed"),
+    ):
+        (found,) = safety_tables.shows(whole | changes, whole)
+        assert text in found
+    assert safety_tables.shows(whole | {"with_hazard": 25, "agreed": 85}, whole) == []
+
+
+def test_a_fault_class_beyond_its_bound_and_a_run_without_end_are_broken() -> None:
+    report = made_up()
+    cells = [Cell(cell["values"], cell["result"]) for cell in report["cells"]]
+    for cell in cells:
+        if cell.values["part"] == "classes" and cell.values["fault"] == "target aborts":
+            cell.result["lengths"] = {"abort": [41]}
+    cells[0].result["stuck"] = 2
+    broken = safety_tables.summary(cells)["broken"]
+    assert [text[:10] for text in broken] == ["T-1: 2 run", "T-2: targe"]
+    assert "41 ms, D = 40 ms" in broken[1]
+
+
+def test_the_page_has_the_figures_of_the_report() -> None:
+    report = made_up()
+    text = "\n".join(safety_page.page(report))
+    assert "B = D + L = 40 + 1500 ms = 1540 ms" in text
+    assert "| target restarts | 10 | 9 | 1 (1.8 to 40.4 %) | 0 | 0 | 1500 | 1500 |" in text
+    assert "1540 of D + L = 1540 ms" in text and "10000 of E = 10000 ms" in text
+    assert "| no coordination | 30 | 2 | 1 | 1 | 0 | 0 | -1.25 |" in text
+    for ablation in ABLATIONS:
+        assert f"| {ablation.name}: {ablation.text} | {ablation.rule} |" in text
+    report["summary"]["mechanisms"][1]["longest_ms"] = 6543
+    assert "| 6543 |" in "\n".join(safety_page.page(report))
+
+
+def test_the_figures_are_drawn() -> None:
+    pytest.importorskip("matplotlib", reason="extra automcm[plot]")
+    names = [name for name, _ in safety_figures.figures(made_up())]
+    text = "\n".join(safety_page.page(made_up()))
+    assert names == ["hazards", "mechanisms", "room"]
+    assert all(f"]({name}.svg)" in text for name in names)

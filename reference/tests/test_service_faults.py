@@ -1,0 +1,227 @@
+"""Whatever is wrong with messages, codec or application, the service goes on."""
+
+from __future__ import annotations
+
+import base64
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_stage import Jumpy, Noted, Wire, alone, cam, pair
+
+from automcm.application import Advertised, Kinematics, Proposal
+from automcm.clock import VirtualClock
+from automcm.codec import MAX_BYTES
+from automcm.interface import Abort, Request
+from automcm.links.simulated import Channel
+from automcm.messages import Advertisement, Fin, Session, Trajectory, encode
+from automcm.service import NEIGHBOURS, McService
+from automcm.simulation import Simulation
+from automcm.straight import LANE_CHANGE, Straight
+from automcm_traces.reader import read
+
+
+def test_mem_1_the_neighbours_kept_are_those_heard_last_and_not_oneself() -> None:
+    service, wire, _ = alone()
+    for src in range(2, NEIGHBOURS + 12):
+        wire.receive(cam(src, 1), None)
+    wire.receive(cam(12, 2), None)
+    wire.receive(cam(1, 3), None)
+    assert len(service.neighbours) == NEIGHBOURS
+    assert list(service.neighbours)[-2:] == [NEIGHBOURS + 11, 12]
+    assert 11 not in service.neighbours and 1 not in service.neighbours
+
+
+def test_end_5_what_is_wrong_is_counted_by_what_is_wrong_with_it() -> None:
+    service, wire, _ = alone()
+    fin: dict[str, Any] = {"src": 2, "session": (2, 1), "seq": 1}
+    heard = [
+        b"\x00\xff",
+        b"x" * (MAX_BYTES + 1),
+        encode(Fin(**fin, dst=7)),
+        encode(Fin(src=1, dst=1, session=(2, 1), seq=1)),
+        encode(Fin(**fin, dst=1)),
+        encode(Fin(**fin, dst=1)),
+        cam(3, 5),
+    ]
+    sources = [wire.receive(data, None) for data in heard]
+    assert sources == [None, None, 2, 1, 2, 2, 3]
+    s = service.statistics
+    assert (s.malformed, s.oversized, s.elsewhere, s.broken, s.foreign) == (2, 1, 1, 1, 2)
+    assert s.received == {"Fin": 4, "CAM": 1} and s.received_bytes == sum(map(len, heard))
+    assert s.rules == {"END-5": 3, "MSG-1": 1, "END-3": 2, "ACT-5": 1}
+    assert s.sent == {"Ack": 2}  # each copy (END-3)
+    assert s.as_dict()["rules"] == dict(sorted(s.rules.items()))
+
+
+def test_end_5_copies_within_the_session_are_counted_as_repeated() -> None:
+    _, _, simulation = pair()
+    simulation.radio.channel = Channel(duplicate=1.0, delay_ms=(0, 0))
+    simulation.run(9000)
+    assert simulation.services[2].statistics.repeated > 20  # of 21 Advertisements, for a start
+
+
+def test_what_the_codec_cannot_carry_is_as_if_lost_and_counted() -> None:
+    application = Noted()
+    service, wire, clock = alone(application)
+    huge = Trajectory(t0=0, points=((0, 0, 0),) * 20_000)
+    service.command(Request(scenario="x", planned=huge))
+    clock.run(3000)
+    assert wire.of("Advertisement") == [] and service.statistics.unsendable == 21
+    assert application.calls == [("fallback", (1, 1), "no_participants")]
+
+
+def test_an_application_that_raises_stops_no_session() -> None:
+    class Faulty(Noted):
+        def verify(self, proposal: Proposal) -> None:
+            raise RuntimeError("a bug")
+
+    simulation = Simulation(channel=Channel(delay_ms=(0, 0)))
+    simulation.add(1, Noted(concerned_by_all=False))
+    simulation.add(2, Faulty())
+    simulation.request(1, 0)
+    for _ in range(3):  # rounds
+        with pytest.raises(RuntimeError, match="a bug"):
+            simulation.clock.run(20_000)
+    simulation.clock.run(20_000)
+    assert {service.state.phase for service in simulation.services.values()} == {"STANDALONE"}
+    assert simulation.services[2].statistics.rules["NEG-3"] == 3  # no verdict in time
+
+
+def advertisement(src: int, number: int = 1) -> bytes:
+    return encode(Advertisement(src=src, session=(src, number), seq=1, scenario="x", details={}))
+
+
+def test_what_was_due_happens_even_if_the_application_raises_when_asked_to_join() -> None:
+    class Faulty(Noted):
+        def concerned(self, advertised: Advertised) -> Trajectory | None:
+            raise RuntimeError("a bug")
+
+    application, clock, wire = Faulty(), Jumpy(), Wire()
+    service = McService(1, application, wire, clock)
+    service.start()
+    service.command(LANE_CHANGE)
+    clock.time = 2100  # the window closes just before the Advertisement is read
+    with pytest.raises(RuntimeError, match="a bug"):
+        wire.receive(advertisement(2), None)
+    assert application.calls == [("fallback", (1, 1), "no_participants")]
+    assert service.statistics.rules["PRE-1"] == 1 and len(clock.alarms) == 1
+
+
+def test_an_exception_keeps_nobody_else_from_being_told() -> None:
+    application = Noted()
+    clock, wire = VirtualClock(), Wire()
+
+    def breaks(before: object, effects: object) -> None:
+        raise RuntimeError("an observer's bug")
+
+    seen: list[str] = []
+    service = McService(
+        1,
+        application,
+        wire,
+        clock,
+        observers=(breaks, lambda before, effects: seen.append(effects.rule)),
+    )
+    service.start()
+    with pytest.raises(RuntimeError, match="an observer's bug"):
+        service.command(Abort(session=(1, 1)))
+    assert (application.calls, seen) == ([("refused", "abort", "CMD-1")], ["CMD-1"])
+
+
+def test_end_8_while_a_number_cannot_be_kept_nothing_goes_on_the_air() -> None:
+    broken = True
+
+    def keep(number: int) -> None:
+        if broken:
+            raise OSError("disk full")
+
+    service, wire, clock = alone(keep_number=keep)
+    with pytest.raises(OSError, match="disk full"):
+        service.command(LANE_CHANGE)
+    for _ in range(5):
+        with pytest.raises(OSError, match="disk full"):
+            clock.run(clock.now() + 100)
+    assert wire.of("Advertisement") == []
+    broken = False
+    clock.run(clock.now() + 1000)
+    assert len(wire.of("Advertisement")) > 5
+
+
+def test_a_position_that_raises_delays_the_next_cam_and_no_more() -> None:
+    class Lost(Noted):
+        asked = 0
+
+        def kinematics(self, now_ms: int) -> Kinematics:
+            self.asked += 1
+            raise RuntimeError("no position")
+
+    application = Lost()
+    _, wire, clock = alone(application)
+    for _ in range(10):
+        with pytest.raises(RuntimeError, match="no position"):
+            clock.run(1000)
+    clock.run(1000)
+    assert application.asked == 10 and wire.of("CAM") == []
+
+
+def test_a_command_given_before_the_start_is_carried_out_then() -> None:
+    clock, wire = VirtualClock(), Wire()
+    service = McService(1, Noted(), wire, clock)
+    service.command(LANE_CHANGE)
+    assert wire.sent == []
+    service.start()
+    assert len(wire.of("Advertisement")) == 1
+
+
+def test_a_service_closed_within_a_callback_sends_nothing_more() -> None:
+    class Quits(Noted):
+        def fallback(self, session: Session, reason: str) -> None:
+            self.service.command(LANE_CHANGE)
+            service.close()
+
+    service, wire, clock = alone(Quits())
+    service.command(LANE_CHANGE)
+    clock.run(9000)
+    assert len(wire.of("Advertisement")) == 21
+    assert {a.session for a in wire.of("Advertisement")} == {(1, 1)}
+
+
+def test_a_service_can_be_started_again() -> None:
+    service, wire, clock = alone()
+    clock.run(500)
+    service.close()
+    clock.run(1000)
+    before = len(wire.of("CAM"))
+    service.start()
+    clock.run(2000)
+    assert len(wire.of("CAM")) - before == pytest.approx(10, abs=1)
+
+
+def test_end_5_the_application_is_not_asked_about_its_own_echo_nor_when_it_is_bound() -> None:
+    application = Noted()
+    _, wire, _ = alone(application)
+    wire.receive(advertisement(1), None)
+    assert application.calls == []
+    for src in (2, 2, 3):
+        wire.receive(advertisement(src), None)
+    assert [call.session for call in application.calls] == [(2, 1)]
+
+
+def test_a_log_holds_cams_raw_bytes_and_the_transmission_of_each_input(tmp_path: Path) -> None:
+    simulation = Simulation(logs=tmp_path)
+    simulation.add(1, Straight())
+    simulation.add(2, Straight())
+    simulation.request(1, 100)
+    simulation.clock.at(300, lambda: simulation.services[2].receive(b"rubbish", "9:9"))
+    simulation.run(3000)
+    events = [event for _, event in read(tmp_path / "2.ndjson").events]
+    sent = [e for e in events if e.ev == "send"]
+    assert Counter(e.message["type"] for e in sent)["CAM"] >= 29
+    (raw,) = [e for e in events if e.ev == "receive" and e.raw]
+    assert base64.b64decode(raw.raw or "") == b"rubbish" and raw.tx == "9:9"
+    received = [e for e in events if e.ev == "receive"]
+    assert all(e.tx for e in received)
+    by_1 = {e.tx: e.message for _, e in read(tmp_path / "1.ndjson").events if e.ev == "send"}
+    assert all(by_1[e.tx] == e.message for e in received if e.message)

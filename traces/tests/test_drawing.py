@@ -1,0 +1,83 @@
+"""A run as a picture: nothing that was sent or received is missing, and text stays text."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+from automcm_traces.drawing import drawing
+from automcm_traces.log import Receive, Send
+from automcm_traces.merge import Merged, merge
+from automcm_traces.reader import read
+
+FOUR = Path(__file__).parents[1] / "corpus" / "four-vehicles"
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def four(*stations: int) -> Merged:
+    return merge([read(FOUR / f"{station}.ndjson") for station in stations])
+
+
+def parts(text: str, name: str) -> list[ElementTree.Element]:
+    return list(ElementTree.fromstring(text).iter(SVG + name))
+
+
+def drawn(merged: Merged, kind: type[Send] | type[Receive]) -> int:
+    events = [merged.event(node) for node in merged.order]
+    return sum(
+        isinstance(e, kind) and e.message is not None and e.message["type"] != "CAM" for e in events
+    )
+
+
+def test_each_message_received_has_an_arrow_and_each_lost_one_a_cross() -> None:
+    merged = four(1001, 2002, 3003, 4004)
+    text = drawing(merged)
+    heads = [p for p in parts(text, "path") if re.search(r"m-?6 -4l", p.get("d", ""))]
+    crosses = [p for p in parts(text, "path") if "l8 8m0 -8l-8 8" in p.get("d", "")]
+    assert len(heads) == drawn(merged, Receive) > 50
+    sent = sum(
+        3 if "dst" not in e.message else 1
+        for node in merged.order
+        if isinstance(e := merged.event(node), Send) and e.message["type"] != "CAM"
+    )
+    twice = len(merged.again)
+    assert 0 < len(crosses) <= sent - len(heads) + twice
+    assert len(parts(text, "text")) > drawn(merged, Send)
+
+
+def test_the_thick_lines_are_where_a_station_acts() -> None:
+    text = drawing(four(1001, 2002, 3003, 4004))
+    thick = [p.get("d", "") for p in parts(text, "path") if p.get("stroke-width") == "5"]
+    assert sorted({d.split(" ")[0] for d in thick}) == ["M160", "M540"]
+
+
+def test_a_station_without_a_log_has_a_line_and_what_it_gets_is_dashed() -> None:
+    text = drawing(four(1001, 2002))
+    assert [t.text for t in parts(text, "text")][:3] == ["1001", "2002", "3003"]
+    assert any(p.get("stroke-dasharray") for p in parts(text, "path"))
+
+
+def test_arrows_never_go_up_whatever_the_clocks_say(tmp_path: Path) -> None:
+    for name, ahead in (("1001", 0), ("2002", -40_000)):
+        lines = (FOUR / f"{name}.ndjson").read_text().splitlines()
+        records = [json.loads(line) for line in lines]
+        for record in records:
+            if "t_ms" in record:
+                record["t_ms"] += ahead + 50_000
+        (tmp_path / name).write_text("".join(json.dumps(record) + "\n" for record in records))
+    text = drawing(merge([read(tmp_path / "1001"), read(tmp_path / "2002")]))
+    ends = [re.match(r"M\S+ (\S+)L\S+ (\S+?)m", p.get("d", "")) for p in parts(text, "path")]
+    ways = [(float(end[1]), float(end[2])) for end in ends if end]
+    assert ways and all(begin < end for begin, end in ways)
+
+
+def test_names_stay_text() -> None:
+    text = drawing(four(1001), {1001: "<script>&\u202e"})
+    assert "<script>" not in text and "\u202e" not in text
+    assert parts(text, "text")[0].text == "<script>&\\u202e"
+
+
+def test_equal_logs_give_equal_pictures() -> None:
+    assert drawing(four(1001, 2002)) == drawing(four(2002, 1001))

@@ -1,0 +1,237 @@
+"""Two runs on one page: what is the same shares a row, and where they part is marked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from merged_runs import records, rewritten
+from test_page import CORPUS, FOUR, column, data_of, events, fives
+
+from automcm.links.simulated import Channel
+from automcm.simulation import Simulation
+from automcm.straight import Straight
+from automcm_traces.diff import diff
+from automcm_traces.page import html
+from automcm_traces.page_arrows import DELIVERED, DUPLICATE, OVERHEARD
+from automcm_traces.page_data import BESIDE, IS_CAM, OF_CAM, Page, as_dict, of_runs
+from automcm_traces.page_order import order
+from automcm_traces.page_run import PageError, load
+from automcm_traces.reader import Log, read
+
+Json = Any
+PAIR = sorted((CORPUS / "pair").glob("*.ndjson"))
+
+
+def simulated(folder: Path, seed: int, loss: float) -> list[Path]:
+    simulation = Simulation(seed=seed, channel=Channel(loss=loss, duplicate=0.1), logs=folder)
+    for station in (1001, 2002, 3003):
+        simulation.add(station, Straight())
+    simulation.request(1001, at=500)
+    simulation.run(until=9_000)
+    return sorted(folder.iterdir())
+
+
+class Two(NamedTuple):
+    logs: tuple[list[Path], list[Path]]
+    page: Page
+    text: bytes
+    data: Json
+
+
+@pytest.fixture(scope="module", params=[(3, 5, 0.0), (3, 4, 0.2), (100, 110, 0.1)], ids=str)
+def two(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Two:
+    """Two runs that part."""
+    one, other, loss = request.param
+    a = simulated(tmp_path_factory.mktemp("a"), one, loss)
+    b = simulated(tmp_path_factory.mktemp("b"), other, loss)
+    page = beside(a, b)
+    text = html(page)
+    return Two((a, b), page, text, data_of(text))
+
+
+def beside(a: list[Path], b: list[Path], stations: dict[int, int] | None = None) -> Page:
+    return of_runs(load(a), load(b), stations)
+
+
+def pairs(data: Json) -> list[int]:
+    """The rows that stand beside the one before."""
+    return [row for row, flag in enumerate(column(data["rows"], "flags")) if flag & BESIDE]
+
+
+def is_cam(data: Json, row: int) -> bool:
+    return bool(column(data["rows"], "flags")[row] & (OF_CAM | IS_CAM))
+
+
+def later(path: Path, to: Path, ms: int) -> Path:
+    """A log with all its times later."""
+    lines = records(path)
+    for record in lines:
+        for name in ("t_ms", "deadline"):
+            if name in record:
+                record[name] += ms
+    rewritten(to / path.name, lines)
+    return to / path.name
+
+
+def test_equal_runs_share_every_row_but_those_of_cams() -> None:
+    data = data_of(html(beside(FOUR, FOUR)))
+    assert data["compared"]["same"] and data["compared"]["first"] == -1
+    shared = set(pairs(data))
+    rows = range(len(data["rows"]["kinds"]))
+    alone = [r for r in rows if r not in shared and r + 1 not in shared]
+    assert len(shared) > 100 and all(is_cam(data, row) for row in alone)
+
+
+def test_each_run_is_there_as_it_stands_alone(two: Two) -> None:
+    data = two.data
+    found = events(data)
+    logs = column(data["rows"], "log")
+    for n, paths in enumerate(two.logs):
+        told = json.loads(json.dumps(load(paths).judged()))
+        assert data["runs"][n]["verdicts"] == told["logs"]
+        assert data["runs"][n]["system"] == told["system"]
+        for path, log in zip(paths, range(3 * n, 3 * n + 3), strict=True):
+            mine = [e for i, (_, _, e) in zip(logs, found, strict=True) if i == log]
+            assert mine == records(path)[1:-1]
+            assert data["logs"][log]["run"] == n and data["logs"][log]["file"] == str(path)
+
+
+def test_what_shares_a_row_is_of_one_station_and_the_same_but_the_first_difference(
+    two: Two,
+) -> None:
+    page, data = two.page, two.data
+    found, logs = events(data), column(data["rows"], "log")
+    assert page.comparison is not None
+    last = {b for a, b in page.comparison.ends if a and b}
+    equal = 0
+    for row in pairs(data):
+        assert row - 1 not in pairs(data)
+        assert logs[row] == logs[row - 1] + 3 and found[row][0] == found[row - 1][0]
+        if page.nodes[row] not in last:
+            assert found[row][2]["ev"] == found[row - 1][2]["ev"]
+            equal += 1
+    assert equal > 5
+
+
+def test_up_to_the_first_difference_all_that_diff_finds_equal_shares_a_row(two: Two) -> None:
+    data, told = two.data, diff(*two.logs)
+    compared = data["compared"]
+    first = compared["stations"][compared["first"]]["row"]
+    found, logs = events(data), column(data["rows"], "log")
+    place = {(logs[row], found[row][1]): row for row in range(len(found))}
+    marked, shared = [], 0
+    for n, one in enumerate(told.stations):
+        for a, b in one.pairs:
+            if max(place[n, a], place[n + 3, b]) < first:  # not so: B does it after the difference
+                assert place[n + 3, b] == place[n, a] + 1
+                shared += 1
+        d = one.difference
+        assert d is not None
+        ends = [place[n + 3 * s, deed.line] for s, deed in enumerate((d.a, d.b)) if deed]
+        assert compared["stations"][n]["row"] == min(ends)
+        marked += ends
+    assert first == min(marked) and shared > 3
+
+
+def test_messages_stay_in_their_run_and_go_down(two: Two) -> None:
+    data = two.data
+    found, logs = events(data), column(data["rows"], "log")
+    arrived = [a for a in fives(data["arrows"]) if a[1] in (DELIVERED, DUPLICATE)]
+    assert len({data["logs"][a[3]]["run"] for a in arrived}) == 2
+    for row, _, down, source, to in arrived:
+        assert logs[row] == source and data["logs"][source]["run"] == data["logs"][to]["run"]
+        if not is_cam(data, row):
+            assert down > 0 and found[row][2]["tx"] == found[row + down][2]["tx"]
+            assert logs[row + down] == to
+
+
+def test_runs_that_begin_at_other_times_are_aligned_all_the_same(tmp_path: Path) -> None:
+    late = [later(path, tmp_path, 70_000) for path in FOUR]
+    data, same = as_dict(beside(FOUR, late)), as_dict(beside(FOUR, FOUR))
+    assert [log["ahead"] for log in data["logs"]] == [
+        *(log["ahead"] for log in same["logs"][:4]),
+        *(log["ahead"] + 70_000 for log in same["logs"][4:]),
+    ]
+    assert pairs(data) == pairs(same) and data["rows"]["log"] == same["rows"]["log"]
+
+
+def test_single_logs_are_compared_whatever_their_stations(tmp_path: Path) -> None:
+    data = as_dict(beside(PAIR[:1], PAIR[1:]))
+    assert data["compared"]["stations"][0]["logs"] == (0, 1)
+    assert data["compared"]["stations"][0]["row"] >= 0
+
+
+def test_runs_without_a_common_station_are_refused() -> None:
+    with pytest.raises(PageError, match=r"^no station to compare: A has 1001, 2002, B has 3003,"):
+        beside(PAIR, FOUR[2:])
+    assert beside(PAIR, FOUR[2:], {2002: 4004}).comparison is not None
+
+
+def test_without_javascript_the_difference_is_told(two: Two) -> None:
+    page = two.text.decode()
+    table = page[page.index("<noscript>") : page.index("</noscript>")]
+    assert "1001: DIFFERS after" in table and "<td>A · 1001" in table and "<td>B · 1001" in table
+    assert f"A: {two.logs[0][0]}: ALLOWED" in table and f"B: {two.logs[1][0]}: ALLOWED" in table
+
+
+def test_a_damaged_log_is_compared_up_to_the_damage() -> None:
+    data = as_dict(beside([CORPUS / "bad" / "rubbish_inside.ndjson"], FOUR[:1]))
+    assert data["runs"][0]["verdicts"][0]["verdict"] == "unreadable"
+    assert data["compared"]["stations"]
+
+
+def test_what_is_overheard_is_an_arrow_of_its_own(tmp_path: Path) -> None:
+    heard = records(PAIR[1])
+    sent = next(r for r in heard if r.get("ev") == "send" and r["message"].get("dst"))
+    third = records(FOUR[2])
+    third[0]["run"] = heard[0]["run"]
+    got = {"rec": "event", "t_ms": sent["t_ms"], "ev": "receive", "tx": sent["tx"]}
+    rewritten(tmp_path / "c.ndjson", [third[0], got | {"message": sent["message"]}, third[-1]])
+    data = as_dict(of_runs(load([PAIR[1], tmp_path / "c.ndjson"])))
+    found = events(data)
+    (arrow,) = [a for a in fives(data["arrows"]) if a[1] == OVERHEARD]
+    assert found[arrow[0]][2]["tx"] == sent["tx"] and arrow[2] > 0
+    assert [data["logs"][i]["station"] for i in arrow[3:]] == [2002, 3003]
+
+
+def test_two_events_that_differ_in_a_field_share_the_row_of_the_first_difference(
+    tmp_path: Path,
+) -> None:
+    lines = records(PAIR[0])
+    next(r for r in lines if r.get("op") == "arm" and r["timer"]["name"] != "cam")["deadline"] += 7
+    rewritten(tmp_path / "a.ndjson", lines)
+    data = as_dict(beside(PAIR[:1], [tmp_path / "a.ndjson"]))
+    (one,) = data["compared"]["stations"]
+    assert [f["field"] for f in one["difference"]["fields"]] == ["duration_ms"]
+    assert one["row"] + 1 in pairs(data) and max(pairs(data)) == one["row"] + 1
+
+
+def test_after_a_pair_both_logs_go_on_from_one_time() -> None:
+    log = read(PAIR[0])
+
+    def at(*times: int) -> Log:
+        event = log.events[0][1]
+        events = [(n + 2, event.model_copy(update={"t_ms": t})) for n, t in enumerate(times)]
+        return replace(log, events=events)
+
+    logs = at(0, 100, 200), at(0, 150, 210)
+    found = order(logs, {}, [0, 0], {(0, 0): (1, 0), (0, 1): (1, 1)})
+    assert found == [((0, 0), (1, 0)), ((0, 1), (1, 1)), ((1, 2),), ((0, 2),)]
+
+
+def test_a_pair_that_the_messages_tear_apart_becomes_two_rows() -> None:
+    log = read(PAIR[0])
+    logs = [replace(log, events=log.events[:2]) for _ in range(4)]
+    crossed = {(0, 0): (2, 0), (1, 0): (3, 0)}
+    needs = {(0, 0): (1, 0), (3, 0): (2, 0)}  # A: 1 before 0; B: 0 before 1
+    found = order(logs, needs, [0] * 4, crossed)
+    assert sorted(node for nodes in found for node in nodes) == [
+        (i, k) for i in range(4) for k in range(2)
+    ]
+    place = {node: n for n, nodes in enumerate(found) for node in nodes}
+    assert all(place[first] < place[then] for then, first in needs.items())
+    assert sum(len(nodes) == 2 for nodes in found) == 1
