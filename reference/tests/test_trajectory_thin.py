@@ -112,6 +112,27 @@ def straight(n: int) -> Trajectory:
     return Trajectory(1.8e9 + 0.6 * np.arange(n), xy)
 
 
+@given(plans(), st.data())
+def test_what_no_message_tells_apart_costs_no_other_point(
+    full: Trajectory, data: st.DataObject
+) -> None:
+    """KIN-2: one more sample within half a millisecond of another, and the thinned is the same but
+    for that one; it did cost every point that is no change of speed."""
+    full = full.since(float(np.ceil(full.t[0] * 10) / 10))
+    full = Trajectory(np.rint(full.t * 1000) / 1000, full.xy, full.stopped)
+    n = data.draw(st.integers(0, len(full) - 1))
+    by = 4e-4 if n == 0 else data.draw(st.sampled_from([-4e-4, 4e-4]))
+    at = n + 1 if by > 0 else n
+    place = sampled(full, np.array([full.t[n] + by]))
+    close = Trajectory(
+        np.insert(full.t, at, full.t[n] + by), np.insert(full.xy, at, place, axis=0), full.stopped
+    )
+    made = thin.thin(close, 10**5, every=1)
+    assert len(made) == len(full)
+    assert np.abs(made.t - full.t).max() < 5e-4
+    assert {full.t[0], full.t[-1] + max(by, 0) * (n == len(full) - 1)} <= set(made.t)
+
+
 def test_paper() -> None:
     """60 points do not fit one frame, a fifth does (13 with the last); nor does a fifth of 1000."""
     assert thin.intention_bytes(straight(60)) > FRAME_BYTES

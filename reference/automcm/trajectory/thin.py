@@ -49,10 +49,11 @@ def thin(
     """Every 5th point, the first, the last and each change of speed, of at most ``budget`` bytes
     (KIN-2).
 
-    If ``size(thinned) > budget``, or ``size`` raises TrajectoryError (samples too close for a
-    message), the step grows by one until only the first, the last and the changes of speed are
-    left; then the changes go too, always the one without which the places move least (the
-    earliest on a tie).  ``size`` is asked each time, so any codec will do.
+    A sample that rounds to the same millisecond as the one kept before it is left out (the one
+    before the last, if the last does): no message can carry both.  If ``size(thinned) > budget``,
+    or ``size`` raises TrajectoryError, the step grows by one until only the first, the last and the
+    changes of speed are left; then the changes go too, always the one without which the places move
+    least (the earliest on a tie).  ``size`` is asked each time, so any codec will do.
 
     Open in the paper: which points, before or after the conversion (here: after it), and what to
     do if a fifth does not fit.  How far the places move is told by ``deviation``.
@@ -62,6 +63,7 @@ def thin(
     """
     whole("budget", budget, 0)
     every = whole("every", every, 1)
+    trajectory = pick(trajectory, _told_apart(trajectory.t))
     last = len(trajectory) - 1
     fixed = np.union1d(changes(trajectory), [0, last])
     before = -1
@@ -97,6 +99,12 @@ def deviation(full: Trajectory, thinned: Trajectory) -> float:
     """
     off = full.xy - thinned.at(full.t)
     return float(np.hypot(off[:, 0], off[:, 1]).max())
+
+
+def _told_apart(t: Floats) -> Indices:
+    """The first sample of each millisecond, but of the last millisecond the last."""
+    first = np.unique(np.rint(t * 1000), return_index=True)[1]
+    return np.union1d(first[:-1], [0, len(t) - 1])
 
 
 def _excess(thinned: Trajectory, budget: int, size: Callable[[Trajectory], int]) -> str | None:
