@@ -9,6 +9,7 @@ from automcm.experiments import figures as drawing
 from automcm.experiments.bandwidth_air import CODECS, FORMS
 from automcm.experiments.bandwidth_summary import MARKED, drive
 from automcm.experiments.experiment import Values
+from automcm.experiments.markdown import table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,11 +51,9 @@ def page(report: Values) -> list[str]:
     ]
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
-    """A table of Markdown, numbers to the right, between blank lines."""
-    line = "|---|" + "---:|" * (len(head) - 1)
-    cells = [f"| {' | '.join(map(str, row))} |" for row in (head, *rows)]
-    return ["", cells[0], line, *cells[1:], ""]
+def apart(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
+    """A table between blank lines."""
+    return ["", *table(heads, rows), ""]
 
 
 def _model(report: Values) -> list[str]:
@@ -123,7 +122,7 @@ def _sizes(s: Values) -> list[str]:
         f"Bytes of a message: with {points['paper']} points a kilometre from the origin, and the "
         "mean of",
         "what was sent in the drives of four. *Times a CAM*: of one in no session.",
-        *table(["message", *head], rows),
+        *apart(["message", *head], rows),
         f"An ETSI CAM with its basic and high-frequency containers has {etsi['cam']} bytes in "
         "UPER, encoded by",
         "pycrate (`python reference/tests/foreign_cam.py` encodes it again); an Intention of",
@@ -167,7 +166,7 @@ def _over_time(s: Values) -> list[str]:
         "![The same in UPER](fig7-uper.svg)",
         "",
         "A lane change without loss, in messages and bytes, CAMs apart:",
-        *table(["message", *head], rows),
+        *apart(["message", *head], rows),
         "The first two seconds are the",
         f"Advertisement, broadcast {four['count']['Advertisement']:.0f} times for receivers that "
         "nobody knows yet (ADV-2). In the paper's",
@@ -212,7 +211,7 @@ def _saving(s: Values) -> list[str]:
         "many always-on takes, without CAMs and with them; and how many lane changes a minute"
         " would",
         "use up the saving. *Lean* is an Advertisement without its trajectory.",
-        *table(
+        *apart(
             [
                 "vehicles",
                 "trajectories",
@@ -230,7 +229,7 @@ def _saving(s: Values) -> list[str]:
         "use of the trajectory in the Advertisement.",
         "",
         "By vehicle, as sent, in bytes:",
-        *table(
+        *apart(
             ["vehicle", "JSON", f"JSON, {ALWAYS}", "UPER", f"UPER, {ALWAYS}"],
             stations,
         ),
@@ -258,7 +257,7 @@ def _loss(s: Values) -> list[str]:
         "Bytes of a lane change, mean and range of the drives; and those that ended with a Fin,"
         " with the",
         "95 % interval of their share.",
-        *table(
+        *apart(
             ["vehicles", "loss", "drives", "finished", "JSON", "UPER", "saving (JSON), times"],
             rows,
         ),
@@ -304,7 +303,7 @@ def _scaling(s: Values) -> list[str]:
             "bytes a lane change",
             "always-on, times",
         ]
-        lines += [f"{name.upper()}:", *table([*head, *CASES.values()], rows)]
+        lines += [f"{name.upper()}:", *apart([*head, *CASES.values()], rows)]
     return lines
 
 
@@ -324,7 +323,7 @@ def _series(s: Values) -> list[str]:
         "",
         f"{s['series'][0]['vehicles']} vehicles, of which {len(s['series'])} change lanes one "
         "after another; who has moved over answers the next.",
-        *table(
+        *apart(
             [
                 "lane change",
                 "finished",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from automcm.experiments import figures
 from automcm.experiments.experiment import Values
 from automcm.experiments.loss_tables import MODELS, NAMES, PAPER_KNEES, T_TIMEOUTS, late
+from automcm.experiments.markdown import table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,13 +91,6 @@ def _percent(value: float | None) -> str:
     return "never" if value is None else f"{value:g}%"
 
 
-def _table(heads: str, rows: list[list[object]], left: int = 1) -> list[str]:
-    names = heads.split(" | ")
-    ruler = ["---" if n < left else "---:" for n in range(len(names))]
-    cells = [[str(cell) for cell in row] for row in rows]
-    return [f"| {' | '.join(row)} |" for row in [names, ruler, *cells]]
-
-
 def _road(s: Values) -> list[str]:
     rows: list[list[object]] = [
         [
@@ -107,8 +101,8 @@ def _road(s: Values) -> list[str]:
         for t in T_TIMEOUTS
         for r in s["road"][str(t)]
     ]
-    heads = f"t_timeout | loss | drives | {' | '.join(CLASSES)} | mean, s | agreed | stopped"
-    found = _table(heads, rows, 2)
+    heads = ["t_timeout", "loss", "drives", *CLASSES, "mean, s", "agreed", "stopped"]
+    found = table(heads, rows, 2)
     knees = [
         f"{_percent(late(s, t)['knee'])} and {_percent(late(s, t)['half'])} ({_seconds(t)}; the "
         f"paper: from {PAPER_KNEES[t]}%)"
@@ -131,8 +125,8 @@ def _success(s: Values) -> list[str]:
         for p in s["points"][str(t)]
         if p["loss"] % 10 == 0
     ]
-    heads = "t_timeout | loss | agreed | success | 95 % interval | " + " | ".join(NAMES.values())
-    return _table(heads, rows, 2)
+    heads = ["t_timeout", "loss", "agreed", "success", "95 % interval", *NAMES.values()]
+    return table(heads, rows, 2)
 
 
 def _knees(s: Values) -> list[str]:
@@ -144,8 +138,8 @@ def _knees(s: Values) -> list[str]:
             row.append(f"{_percent(k['knee'])} to {_percent(k['half'])}")
         rows.append(row)
     rows.append(['*the paper, "from"*', *(f"{PAPER_KNEES[t]}%" for t in T_TIMEOUTS)])
-    heads = "success falls below 90 % and below 50 % at | " + " | ".join(map(_seconds, T_TIMEOUTS))
-    return _table(heads, rows)
+    heads = ["success falls below 90 % and below 50 % at", *map(_seconds, T_TIMEOUTS)]
+    return table(heads, rows)
 
 
 def _deviation(s: Values) -> list[str]:
@@ -153,7 +147,7 @@ def _deviation(s: Values) -> list[str]:
         [NAMES[name], f"{d['largest']:.1%}", f"{d['mean']:.2%}"]
         for name, d in s["deviation"].items()
     ]
-    return _table("model, against what was measured | largest difference | mean", rows)
+    return table(["model, against what was measured", "largest difference", "mean"], rows)
 
 
 def _bursts(s: Values) -> list[str]:
@@ -172,10 +166,9 @@ def _bursts(s: Values) -> list[str]:
                 p = way[loss]
                 row.append(f"{p['share']:.1%} ({p['low']:.0%} to {p['high']:.0%})")
             rows.append(row)
-    heads = "t_timeout | mean loss | success, each copy by itself | " + " | ".join(
-        f"in bursts of {int(b) / 1000:g} s (95 % interval)" for b in s["bursts"]
-    )
-    return [*lines, *_table(heads, rows, 2)]
+    bursts = (f"in bursts of {int(b) / 1000:g} s (95 % interval)" for b in s["bursts"])
+    heads = ["t_timeout", "mean loss", "success, each copy by itself", *bursts]
+    return [*lines, *table(heads, rows, 2)]
 
 
 def _cost(s: Values) -> list[str]:
@@ -190,12 +183,12 @@ def _cost(s: Values) -> list[str]:
         ]
         for r in s["cost"]
     ]
-    heads = (
-        "t_timeout | loss | success (95 % interval) | messages for each agreement | time to it, ms "
-        "| within which 95 % of them are, ms"
-    )
+    heads = [
+        *("t_timeout", "loss", "success (95 % interval)", "messages for each agreement"),
+        *("time to it, ms", "within which 95 % of them are, ms"),
+    ]
     return [
-        *_table(heads, rows, 2),
+        *table(heads, rows, 2),
         "",
         "Most of the time is the window in which the prescriber advertises: it lasts t_timeout and",
         "100 ms whatever the loss, and is most of the messages too.",
@@ -211,8 +204,9 @@ def _smallest(s: Values) -> list[str]:
     rows: list[list[object]] = [
         [f"{row['loss']}%", said(row, "measured"), said(row, "model")] for row in s["smallest"]
     ]
-    heads = f"loss | smallest t_timeout tried with which 99 % agree | by {NAMES['four_messages']}"
-    return _table(heads, rows)
+    best = "smallest t_timeout tried with which 99 % agree"
+    heads = ["loss", best, f"by {NAMES['four_messages']}"]
+    return table(heads, rows)
 
 
 def _udp(s: Values) -> list[str]:
@@ -229,15 +223,16 @@ def _udp(s: Values) -> list[str]:
                 r["latest_ms"],
             ]
         )
-    heads = (
-        "t_timeout | loss | agreed over UDP | 95 % interval | simulated radio | alarms late by, ms"
-    )
+    heads = [
+        *("t_timeout", "loss", "agreed over UDP", "95 % interval", "simulated radio"),
+        "alarms late by, ms",
+    ]
     return [
         "The same two stations on sockets of this machine, through the relay that loses, in real",
         "time. These cells are not the same again with the same seed. With t_timeout = 0 a machine",
         "that is late by some 80 ms loses messages of its own.",
         "",
-        *_table(heads, rows, 2),
+        *table(heads, rows, 2),
     ]
 
 
