@@ -340,6 +340,16 @@ def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
     assert lines[-1] == f"Report: {tmp_path / 'report.html'}"
 
 
+@pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 80}])
+def test_a_long_reason_hides_no_verdict(options: Json) -> None:
+    bad = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason="why " * 100) for n in range(5)]
+    out = printed(lambda console: show.summary(run(*bad), console), no_color=True, **options)
+    table = [line for line in out.splitlines() if "AMCM/PRE" in line]
+    assert len(table) == 5
+    for line, each in zip(table, bad, strict=True):
+        assert line.startswith(f"FAIL  {each.id}  why why") and line.endswith("…"), line
+
+
 def test_a_good_summary_is_short() -> None:
     out = printed(lambda console: show.summary(run(case()), console))
     assert out.endswith("Every verdict is as expected.\n")
