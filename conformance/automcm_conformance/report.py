@@ -167,7 +167,7 @@ def conformance(report: Report) -> tuple[bool | None, str]:
     else:
         verdict, text = True, f"Conforms {_roles(report)}: {judged} of {judged} MUST cases pass"
     if found["SKIP"]:
-        notes.append(f"{found['SKIP']} skipped")
+        notes.append(f"{_count(found['SKIP'], 'MUST case')} skipped")
     if report.selectors:
         notes.append("only a part of the suite was run")
     if report.problems:

@@ -195,7 +195,7 @@ def test_the_folder_cannot_be_used(tmp_path: Path) -> None:
         (["run", "NEG-44", "--", "true"], "NEG-4"),
         (["run", "MOST", "--", "true"], "MUST"),
         (["list", "AMCM/RCV/NEG/BI-99"], "AMCM/RCV/NEG/BI-0"),
-        (["list", "--explain", "nonsense"], "no purpose has this id"),
+        (["list", "--explain", "nonsense"], "no case has this id"),
         (["run", "--limit", "0", "--", "true"], "--limit"),
         (["run", "--limit", "nan", "--", "true"], "--limit"),
         (["run", "--seed", "x", "--", "true"], "--seed"),

@@ -299,11 +299,15 @@ def test_implementations_stand_side_by_side() -> None:
     ("verdicts", "more", "wanted"),
     [
         ("PASS PASS", {}, (True, "Conforms as receiver: 2 of 2 MUST cases pass")),
-        ("PASS SKIP", {}, (True, "Conforms as receiver: 1 of 1 MUST cases pass; 1 skipped")),
+        (
+            "PASS SKIP SKIP",
+            {},
+            (True, "Conforms as receiver: 1 of 1 MUST cases pass; 2 MUST cases skipped"),
+        ),
         ("FAIL ERROR", {}, (False, "Does not conform: 1 MUST case fails; 1 could not be judged")),
         ("FAIL FAIL", {}, (False, "Does not conform: 2 MUST cases fail")),
         ("PASS INCONC", {}, (None, "Cannot tell: 1 MUST case could not be judged")),
-        ("SKIP", {}, (None, "Cannot tell: no MUST case was run; 1 skipped")),
+        ("SKIP", {}, (None, "Cannot tell: no MUST case was run; 1 MUST case skipped")),
         ("", {}, (None, "Cannot tell: no MUST case was run")),
         (
             "PASS",
