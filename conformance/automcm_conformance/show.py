@@ -108,7 +108,7 @@ def _unexpected(report: Report, console: Console) -> None:
     for case in sorted(cases, key=lambda case: ORDER.index(case.verdict))[:CASES]:
         why = case.reason or (case.failures[0].what if case.failures else "")
         if case.wanted != "PASS":
-            why = f"{case.wanted} was expected. {why}"
+            why = "; ".join(filter(None, (f"{case.wanted} was expected", why)))
         reason = _text(why)
         reason.no_wrap, reason.overflow = True, "ellipsis"
         verdict = Text(case.verdict, STYLES[case.verdict])

@@ -295,6 +295,15 @@ def test_implementations_stand_side_by_side() -> None:
         report.html([])
 
 
+def test_two_runs_of_one_implementation_have_numbers() -> None:
+    before = run(case(verdict="FAIL", failures=[failure()]), text="Alpha")
+    pages = [[before, run(case(), text="Alpha")], [before, run(case(), text="Beta")], [before]]
+    texts = [Tags(report.html(page)).text for page in pages]
+    assert "Conformance to AutoMCM: 2 runs" in texts[0]
+    assert "Alpha 1.0 (run 1)" in texts[0] and "Alpha 1.0 (run 2)" in texts[0]
+    assert not any("(run" in text for text in texts[1:])
+
+
 @pytest.mark.parametrize(
     ("verdicts", "more", "wanted"),
     [
@@ -352,6 +361,14 @@ def test_a_long_reason_hides_no_verdict(options: Json) -> None:
     assert len(table) == 5
     for line, each in zip(table, bad, strict=True):
         assert line.startswith(f"FAIL  {each.id}  why why") and line.endswith("…"), line
+
+
+@pytest.mark.parametrize("reason", ["", "left out of 9: 1 needs cam"])
+def test_what_was_expected_stands_before_the_reason(reason: str) -> None:
+    gone = case(wanted="FAIL", because="ticket 12", reason=reason)
+    out = printed(lambda console: show.summary(run(gone), console))
+    wanted = f"PASS  {gone.id}  FAIL was expected{'; ' if reason else ''}{reason}"
+    assert wanted in [line.rstrip() for line in out.splitlines()]
 
 
 def test_a_good_summary_is_short() -> None:
