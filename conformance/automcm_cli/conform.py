@@ -228,38 +228,45 @@ def replay(
     """Send exactly the lines of a failure again."""
     from automcm_conformance import records
     from automcm_conformance.adapter import Adapter, Singly
-    from automcm_conformance.exchange import Mismatch, Step
+    from automcm_conformance.exchange import Mismatch
     from automcm_conformance.process import AdapterError
     from automcm_conformance.protocol import ProtocolError
+    from automcm_conformance.report import visible
     from automcm_conformance.words import exchange
 
     command = command_of(ctx)
-    wrong = ""
-    steps: list[Step] = []
+    verdict, what, stderr, unanswered = "PASS", "", list[str](), 0
     try:
         about, steps = records.read_replay(file)
         station = Adapter(command, limit)
         try:
             records.replayed(steps, Singly(station))
         except Mismatch as error:
-            wrong = str(error)
+            verdict, what = "FAIL", str(error)
+            if about["what"].endswith(f": {what}"):
+                what = about["what"]  # it begins with what is odd about the message
+        except ProtocolError as error:
+            verdict, what = "ERROR", str(error)
+        except AdapterError as error:
+            verdict, what, stderr, unanswered = "ERROR", str(error), error.stderr, 1
         finally:
             station.stop()
     except (AdapterError, ProtocolError, records.ReplayError, OSError) as error:
         typer.echo(f"replay: {error}", err=True)
         raise typer.Exit(3) from None
-    lines = exchange([step for step in steps if step.answer])
-    verdict = {"case": about["case"], "verdict": "FAIL" if wrong else "PASS", "what": wrong}
-    write_json(json_, verdict)
+    write_json(json_, {"case": about["case"], "verdict": verdict, "what": what})
     if str(json_) != "-":
         console = console_of()
-        for line in lines:
+        sent = sum(1 for step in steps if step.answer) + unanswered
+        for line in exchange(steps[:sent]):
             console.print(
                 f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
             )
-        told = f"{about['rule']}: {wrong}" if wrong else "every answer is as expected"
-        console.print(f"{verdict['verdict']} {about['case']}  {told}", markup=False)
-    raise typer.Exit(1 if wrong else 0)
+        told = f"{about['rule']}: {what}" if what else "every answer is as expected"
+        console.print(f"{verdict} {about['case']}  {told}", markup=False)
+        for text in stderr:
+            console.print(f"  stderr  {visible(text)}", markup=False, highlight=False)
+    raise typer.Exit({"PASS": 0, "FAIL": 1, "ERROR": 3}[verdict])
 
 
 @app.command(

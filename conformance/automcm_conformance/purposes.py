@@ -418,7 +418,7 @@ def select(purposes: Iterable[Purpose], selectors: Iterable[str]) -> list[Purpos
             known |= {p.id[:end] for p in everything for end in (4, 8, 12, 15)}
             near = difflib.get_close_matches(each, sorted(known), 3)
             hint = f"; near ones: {', '.join(near)}" if near else ""
-            raise ValueError(f"{each}: no purpose has this id, rule or level{hint}")
+            raise ValueError(f"{each}: no case has this id, rule or level{hint}")
     return [p for p in everything if any(_names(each, p) for each in wanted)]
 
 

@@ -106,9 +106,11 @@ def html(reports: list[Report]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     ).get_template("report.html.j2")
+    names = Counter((r.implementation.name, r.implementation.version) for r in reports)
     cases = {case.id: case for report in reversed(reports) for case in reversed(report.cases)}
     text = page.render(
         reports=reports,
+        twice=lambda r: names[r.implementation.name, r.implementation.version] > 1,
         cases=list(reversed(cases.values())),
         results=[{case.id: n for n, case in enumerate(report.cases)} for report in reports],
         graphs=sorted({name for report in reports for name in report.graphs}),
@@ -167,7 +169,7 @@ def conformance(report: Report) -> tuple[bool | None, str]:
     else:
         verdict, text = True, f"Conforms {_roles(report)}: {judged} of {judged} MUST cases pass"
     if found["SKIP"]:
-        notes.append(f"{found['SKIP']} skipped")
+        notes.append(f"{_count(found['SKIP'], 'MUST case')} skipped")
     if report.selectors:
         notes.append("only a part of the suite was run")
     if report.problems:

@@ -103,14 +103,16 @@ def _unexpected(report: Report, console: Console) -> None:
         return
     console.print(Text(f"Not as expected: {len(cases)} of {len(report.cases)} cases"))
     table = _grid()
-    table.add_column(no_wrap=True, min_width=max(len(case.id) for case in cases))
-    table.add_column(no_wrap=True, overflow="ellipsis")
+    table.add_column(no_wrap=True)
+    table.add_column()  # rich shortens a column that may wrap before any that may not
     for case in sorted(cases, key=lambda case: ORDER.index(case.verdict))[:CASES]:
         why = case.reason or (case.failures[0].what if case.failures else "")
         if case.wanted != "PASS":
-            why = f"{case.wanted} was expected. {why}"
+            why = "; ".join(filter(None, (f"{case.wanted} was expected", why)))
+        reason = _text(why)
+        reason.no_wrap, reason.overflow = True, "ellipsis"
         verdict = Text(case.verdict, STYLES[case.verdict])
-        table.add_row(verdict, _text(case.id, limit=SHORT), _text(why, limit=SHORT))
+        table.add_row(verdict, _text(case.id, limit=SHORT), reason)
     console.print(table)
     if len(cases) > CASES:
         console.print(Text(f"and {len(cases) - CASES} more"))

@@ -90,7 +90,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     names: dict[bytes, str] = {}
     for what, message in bent(x.wire.command(good)["message"]):
         x.malformed(message)
-        names[x.waiting[-1]] = what
+        names[x.waiting[-1]] = f"{type_} with {what}"
     try:
         x.flush()
     except (Mismatch, Broken) as error:
@@ -108,7 +108,7 @@ def bounds(fresh: Fresh, type_: str) -> Played:
         try:
             yield played(fresh(USUAL), [*script, ["with", fields, good], *after])
         except (Mismatch, Broken) as error:
-            error.args = (f"{what}: {error}",)
+            error.args = (f"{type_} with {what}: {error}",)
             raise
 
 

@@ -195,7 +195,7 @@ def test_the_folder_cannot_be_used(tmp_path: Path) -> None:
         (["run", "NEG-44", "--", "true"], "NEG-4"),
         (["run", "MOST", "--", "true"], "MUST"),
         (["list", "AMCM/RCV/NEG/BI-99"], "AMCM/RCV/NEG/BI-0"),
-        (["list", "--explain", "nonsense"], "no purpose has this id"),
+        (["list", "--explain", "nonsense"], "no case has this id"),
         (["run", "--limit", "0", "--", "true"], "--limit"),
         (["run", "--limit", "nan", "--", "true"], "--limit"),
         (["run", "--seed", "x", "--", "true"], "--seed"),
@@ -321,10 +321,35 @@ def test_explain_says_all_of_one_case() -> None:
 def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done) -> None:
     (file,) = (bad.folder / "replay").iterdir()
     again = run.invoke(app, ["conform", "replay", str(file), "--", *CARELESS])
-    assert again.exit_code == 1 and f"FAIL {CASE}" in again.output and "END-5" in again.output
+    assert again.exit_code == 1 and f"FAIL {CASE}" in again.output
+    odd = "Intention with unknown 1: "
+    assert odd in bad.out and f"END-5: {odd}" in again.output, "what is wrong with the message"
     right = run.invoke(app, ["conform", "replay", str(file), "--json", "-", "--", *REFERENCE])
     assert right.exit_code == 0
     assert json.loads(right.output) == {"case": CASE, "verdict": "PASS", "what": ""}
+
+
+@pytest.mark.parametrize(
+    ("does", "what", "stderr"),
+    [
+        ("print('no room', file=sys.stderr); sys.exit(7)", "exit code 7", "stderr no room"),
+        ("print('got it')", "did you mean to write it to standard error?", ""),
+    ],
+)
+def test_a_replay_that_breaks_shows_what_led_to_it(
+    bad: Done, does: str, what: str, stderr: str
+) -> None:
+    (file,) = (bad.folder / "replay").iterdir()
+    odd = f"if 'unknown' in line: {does}"
+    broken = [*CARELESS[:2], CARELESS[2].replace("command.get(", f"{odd}\n    command.get(")]
+    answer = run.invoke(app, ["conform", "replay", str(file), "--", *broken])
+    assert answer.exit_code == 3
+    lines = answer.output.split(f"ERROR {CASE}  END-5: ")[0].splitlines()
+    assert "reset: a new station" in lines[0] and "kit      receive" in "".join(lines[-2:])
+    said = " ".join(answer.output.split())
+    assert what in said and stderr in said
+    data = run.invoke(app, ["conform", "replay", str(file), "--json", "-", "--", *broken])
+    assert data.exit_code == 3 and json.loads(data.stdout)["verdict"] == "ERROR"
 
 
 REPLAY = {"format": "automcm.replay/1", "case": "x", "rule": "END-5", "what": "w", "steps": []}

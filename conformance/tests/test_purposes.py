@@ -206,7 +206,7 @@ def test_select(selectors: list[str], wanted: Any) -> None:
     ],
 )
 def test_an_unknown_selector_is_refused(selector: str, near: str) -> None:
-    with pytest.raises(ValueError, match=f"{selector}: no purpose has .*; near ones: .*{near}"):
+    with pytest.raises(ValueError, match=f"{selector}: no case has .*; near ones: .*{near}"):
         select(PURPOSES, ["MUST", selector])
 
 

@@ -295,15 +295,28 @@ def test_implementations_stand_side_by_side() -> None:
         report.html([])
 
 
+def test_two_runs_of_one_implementation_have_numbers() -> None:
+    before = run(case(verdict="FAIL", failures=[failure()]), text="Alpha")
+    pages = [[before, run(case(), text="Alpha")], [before, run(case(), text="Beta")], [before]]
+    texts = [Tags(report.html(page)).text for page in pages]
+    assert "Conformance to AutoMCM: 2 runs" in texts[0]
+    assert "Alpha 1.0 (run 1)" in texts[0] and "Alpha 1.0 (run 2)" in texts[0]
+    assert not any("(run" in text for text in texts[1:])
+
+
 @pytest.mark.parametrize(
     ("verdicts", "more", "wanted"),
     [
         ("PASS PASS", {}, (True, "Conforms as receiver: 2 of 2 MUST cases pass")),
-        ("PASS SKIP", {}, (True, "Conforms as receiver: 1 of 1 MUST cases pass; 1 skipped")),
+        (
+            "PASS SKIP SKIP",
+            {},
+            (True, "Conforms as receiver: 1 of 1 MUST cases pass; 2 MUST cases skipped"),
+        ),
         ("FAIL ERROR", {}, (False, "Does not conform: 1 MUST case fails; 1 could not be judged")),
         ("FAIL FAIL", {}, (False, "Does not conform: 2 MUST cases fail")),
         ("PASS INCONC", {}, (None, "Cannot tell: 1 MUST case could not be judged")),
-        ("SKIP", {}, (None, "Cannot tell: no MUST case was run; 1 skipped")),
+        ("SKIP", {}, (None, "Cannot tell: no MUST case was run; 1 MUST case skipped")),
         ("", {}, (None, "Cannot tell: no MUST case was run")),
         (
             "PASS",
@@ -338,6 +351,24 @@ def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
     assert "Not as expected: 20 of 21 cases" in lines and "and 10 more" in lines
     assert any(line.split() == ["ACT", "actuating", ".", "20", ".", ".", "."] for line in lines)
     assert lines[-1] == f"Report: {tmp_path / 'report.html'}"
+
+
+@pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 80}])
+def test_a_long_reason_hides_no_verdict(options: Json) -> None:
+    bad = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason="why " * 100) for n in range(5)]
+    out = printed(lambda console: show.summary(run(*bad), console), no_color=True, **options)
+    table = [line for line in out.splitlines() if "AMCM/PRE" in line]
+    assert len(table) == 5
+    for line, each in zip(table, bad, strict=True):
+        assert line.startswith(f"FAIL  {each.id}  why why") and line.endswith("…"), line
+
+
+@pytest.mark.parametrize("reason", ["", "left out of 9: 1 needs cam"])
+def test_what_was_expected_stands_before_the_reason(reason: str) -> None:
+    gone = case(wanted="FAIL", because="ticket 12", reason=reason)
+    out = printed(lambda console: show.summary(run(gone), console))
+    wanted = f"PASS  {gone.id}  FAIL was expected{'; ' if reason else ''}{reason}"
+    assert wanted in [line.rstrip() for line in out.splitlines()]
 
 
 def test_a_good_summary_is_short() -> None:
