@@ -15,8 +15,9 @@ test: .venv/ready
 	@$(BIN)/mypy
 	@$(BIN)/pytest -q -n 2 --dist worksteal --cov --cov-report=term $(ARGS)
 
-# A million steps; --steps, --seed and --processes in ARGS.
+# The tests marked deep, then a million steps; --steps, --seed and --processes in ARGS.
 test-deep: .venv/ready
+	@$(BIN)/pytest -q -n 2 -m deep
 	@$(BIN)/python reference/tests/stateful.py $(ARGS)
 
 # The suite against the stations in C++ and Go, and mutants, and the page of a log in Chromium; what

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from automcm import kernel_bench
 from automcm_cli import simulate
 from automcm_cli.main import app
 
@@ -92,6 +94,8 @@ def test_bench_station_prints_ratios() -> None:
     assert code == 0 and "times that" in said and "bytes a station" in said
 
 
-def test_bench_kernels_prints_ratios() -> None:
+def test_bench_kernels_prints_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
+    small = partial(kernel_bench.run, points=(40,), pairs=(1, 4))
+    monkeypatch.setattr(kernel_bench, "run", small)
     code, said = run("bench", "kernels", "--seconds", "1")
     assert code == 0 and "to floor" in said and "pairs" in said

@@ -1,8 +1,9 @@
-"""State diagrams in Mermaid, drawn as SVG when the site is built: a page loads no script for them.
+"""Diagrams in Mermaid, drawn as SVG when the site is built: a page loads no script for them.
 
-Only what ``automcm_conformance/diagrams.py`` writes is understood: ``A --> B : event<br/>event``.
-The states stand in a column.  Ways back to the first go by a rail on the left, other ways that
-leave a state out by one on the right.
+A flowchart is for ``flowchart.py``.  Of state diagrams only what
+``automcm_conformance/diagrams.py`` writes is understood: ``A --> B : event<br/>event``.  The states
+stand in a column.  Ways back to the first go by a rail on the left, other ways that leave a state
+out by one on the right.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
+import flowchart
 from mkdocs.config.defaults import MkDocsConfig
 from pymdownx.superfences import SuperFencesException  # type: ignore[import-untyped]
 
@@ -51,6 +53,17 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 def draw(source: str, *_: Any, **__: Any) -> str:
     """The diagram.  Raises SuperFencesException, which alone ends the build, for a line
     that is no arrow."""
+    drawn = flowchart.draw(source, TIP) if source.startswith("flowchart") else _states(source)
+    return f'<div class="diagram">{drawn}</div>'
+
+
+TIP = (
+    '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" '
+    'orient="auto-start-reverse"><path d="M0 0 8 4 0 8z"/></marker></defs>'
+)
+
+
+def _states(source: str) -> str:
     names, arrows = _read(source)
     into = [_above(row, arrows) for row in range(len(names))]
     tops = [8]
@@ -66,10 +79,8 @@ def draw(source: str, *_: Any, **__: Any) -> str:
     for row in range(1, len(names)):
         parts += _joints(row, tops, arrows)
     return (
-        '<div class="diagram"><svg role="img" aria-label="State diagram" '
-        f'viewBox="0 0 {WIDTH} {tops[-1] + HEIGHT + 8}"><defs><marker id="tip" viewBox="0 0 8 8" '
-        'refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto-start-reverse">'
-        f'<path d="M0 0 8 4 0 8z"/></marker></defs>{"".join(parts)}</svg></div>'
+        '<svg role="img" aria-label="State diagram" '
+        f'viewBox="0 0 {WIDTH} {tops[-1] + HEIGHT + 8}">{TIP}{"".join(parts)}</svg>'
     )
 
 

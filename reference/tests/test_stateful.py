@@ -40,6 +40,7 @@ MORE = 3
 """Steps by which no seed need come closer, whatever it draws."""
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("name", BUGS)
 def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
     """A change of the machine changes what a seed draws, and so do the constants in whatever
