@@ -53,9 +53,12 @@ from automcm_traces.track import (
     difference,
     expected,
     lift,
+    off,
 )
 
 Json = Any
+NOTHING = "nothing more"
+"""What a step wants that has all that it calls for."""
 QUIET = 1000
 """Senders of CAMs whose question is remembered."""
 
@@ -361,10 +364,11 @@ class Engine:
                 step.fresh += bool(e.k and e.copy_of is None)
                 return
             if e.type == m["type"]:
-                problems.append(problem)
-        why = f" ({problems[0]})" if problems else ""
-        wanted = self.outstanding() or ["nothing more"]
-        raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen)
+                problems.append((off(e, m), problem))
+        least, problem = min(problems, key=lambda p: p[0], default=(0, None))
+        why = f" ({problem})" if problem else ""
+        wanted = self.outstanding() or [NOTHING]
+        raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen, least)
 
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
@@ -387,7 +391,7 @@ class Engine:
         seen = ("indication", name)
         step = self._current(at, event.t_ms, f"indication {name}", seen)
         if name not in step.told:
-            wanted = self.outstanding() or step.told or ["nothing more"]
+            wanted = self.outstanding() or step.told or [NOTHING]
             text = f"indication {name}"
             raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
         step.told.remove(name)
@@ -414,7 +418,7 @@ class Engine:
         if step.input[0] == "restart" and not armed and self.timers.pop(timer_key(timer), None):
             return
         if value is None:
-            wanted = self.outstanding() or ["nothing more"]
+            wanted = self.outstanding() or [NOTHING]
             raise Diverges(at, what, step.rule, wanted, step.guard, step, seen)
         pool.remove(value)
         if not isinstance(event, TimerArm):
