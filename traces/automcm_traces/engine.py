@@ -85,8 +85,9 @@ class Engine:
         self.observer: Callable[[Step, Track], None] | None = None
         """Called after each step is complete, with the station as it is then."""
         self._step: Step | None = None
-        self.odd: tuple[int, bool] | None = None
-        """The line of a message that is malformed, until it is reported, and whether it must be."""
+        self.odd: tuple[int, bool, str] | None = None
+        """The line of a message that is malformed, until it is reported, whether it must be, and
+        why it is."""
         self._quiet: dict[tuple[int, bool, bool], Step] = {}
         """CAMs that change nothing as the station is: by sender, marked, newer."""
 
@@ -224,7 +225,8 @@ class Engine:
             if is_ is not None and is_ != should:
                 rule, guard = (step.rule, step.guard) if step else ("", "")
                 wants = [f"{name} {should}"]
-                raise Diverges(at, f"{name} {is_}", rule, wants, guard, step, (name, is_))
+                text = f"{name} {is_}{'' if step else self._but_odd()}"
+                raise Diverges(at, text, rule, wants, guard, step, (name, is_))
 
     # -- inputs
 
@@ -236,7 +238,8 @@ class Engine:
                 else:
                     self._start(at, event.t_ms, received(self.track, event, m))
             case Receive(message=m):  # END-5: nothing may follow but "discarded"
-                self.odd = at, m is not None and m.get("dst", self.track.me) == self.track.me
+                mine = m is not None and m.get("dst", self.track.me) == self.track.me
+                self.odd = at, mine, malformed(m) or "" if m else "raw bytes"
             case ApplicationCommand(command=given):
                 c = {"name": given.name, **(given.model_extra or {})}
                 self._start(at, event.t_ms, command(self.track, c))
@@ -342,13 +345,20 @@ class Engine:
         up to late_ms before."""
         step = self._step
         if step is None:
-            raise Diverges(at, f"{event}: nothing called for it", "", [], "", None, seen)
+            text = f"{event}: nothing called for it{self._but_odd()}"
+            raise Diverges(at, text, "", [], "", None, seen)
         if step.unseen:
             if t_ms > step.t_ms:
                 wanted = [f"{step.what}, by {step.t_ms} ms"]
                 raise Diverges(at, event, step.rule, wanted, step.guard, step, seen)
             step.unseen, step.since_ms = False, max(step.since_ms, t_ms - self._late_ms)
         return step
+
+    def _but_odd(self) -> str:
+        """That nothing follows from the last message, if it is malformed."""
+        if self.odd is None:
+            return ""
+        return f"; the message of line {self.odd[0]} is malformed ({self.odd[2]})"
 
     def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
         event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)

@@ -24,7 +24,7 @@ def text(verdict: Verdict) -> str:
 
 
 def _lines(verdict: Verdict) -> Iterator[str]:
-    where = f"{verdict.file}:{verdict.line}"
+    where = f"{verdict.file}:{verdict.line}" if verdict.line else verdict.file
     match verdict.verdict:
         case "allowed":
             yield f"{verdict.file}: ALLOWED, {verdict.events} events"

@@ -409,7 +409,7 @@ def off(e: Expected, m: dict[str, Json]) -> int:
     told: dict[str, Json] = {"dst": e.dst, "session": list(e.session), "proposal": e.proposal}
     told |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
     found = {"dst": 0, "proposal": 0, "accepted": False} | m
-    return max(1, sum(found.get(name) != wanted for name, wanted in told.items()))
+    return len([name for name, wanted in told.items() if found.get(name) != wanted]) or 1
 
 
 def _acks(of: tuple[str, int | None], m: dict[str, Json]) -> list[Json]:
