@@ -30,7 +30,7 @@ def _lines(verdict: Verdict) -> Iterator[str]:
             yield f"{verdict.file}: ALLOWED, {verdict.events} events"
             yield from _allowed(verdict)
         case "unreadable":
-            yield f"UNREADABLE  {verdict.event}"
+            yield f"{where}: UNREADABLE: {verdict.event.removeprefix(f'{where}: ')}"
         case "cannot_tell":
             yield f"{where}: CANNOT TELL: {verdict.event}"
         case "diverges":
