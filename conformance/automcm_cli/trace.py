@@ -9,6 +9,7 @@ import typer
 
 from automcm_cli import trace_edit, trace_export, trace_html, trace_itf, trace_logs, trace_replay
 from automcm_cli.common import CODES, Json, Late, write_json
+from automcm_cli.trace_logs import Logs, files_of
 
 if TYPE_CHECKING:
     from automcm_traces.explain import Verdict
@@ -18,7 +19,7 @@ app = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
 
 @app.command(epilog="Example: automcm trace explain 1001.ndjson 2002.ndjson.  " + CODES)
 def explain(
-    logs: Annotated[list[Path], typer.Argument(help="Logs in the format automcm.trace/1.")],
+    logs: Logs,
     late: Late = None,
     out: Annotated[
         Path, typer.Option(help="Folder for the failing prefix of a log that diverges.")
@@ -39,6 +40,7 @@ def explain(
     from automcm_traces import explain as explain_
     from automcm_traces import telling, tlc_engine
 
+    logs = files_of("explain", logs)
     judge = tlc_engine.explain_files if engine == "tlc" else explain_.explain_files
     try:
         verdicts = judge(logs, late)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.common import CODES, Json, Late, progress, write_json
+from automcm_cli.trace_logs import Logs, files_of
 
 if TYPE_CHECKING:
     from automcm_traces.shrink import Shrunk
@@ -24,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 
 def shrink(
-    logs: Annotated[list[Path], typer.Argument(help="Logs in the format automcm.trace/1.")],
+    logs: Logs,
     out: Annotated[Path, typer.Option(help="Folder for the smallest logs.")] = Path("runs/shrink"),
     tries: Annotated[int, typer.Option(help="How many candidates may be judged.", min=1)] = 3000,
     late: Late = None,
@@ -41,6 +42,7 @@ def shrink(
     from automcm_traces import shrink as shrink_
     from automcm_traces.show import columns
 
+    logs = files_of("shrink", logs)
     try:
         with progress() as status:
             found = shrink_.shrink(logs, late_ms=late, tries=tries, say=status)

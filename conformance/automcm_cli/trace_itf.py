@@ -32,6 +32,9 @@ def itf(
     from automcm_traces.story import StoryError
     from automcm_traces.track import CannotTell
 
+    if file.is_dir():
+        typer.echo(f"itf: {file}: is a directory, neither a log nor a counterexample", err=True)
+        raise typer.Exit(3)
     try:
         texts = _log_as_itf(file) if file.suffix == ".ndjson" else _itf_as_logs(file)
         out.mkdir(parents=True, exist_ok=True)

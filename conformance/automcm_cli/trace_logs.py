@@ -28,7 +28,8 @@ def register(app: typer.Typer) -> None:
     app.command(epilog=epilog.format("coverage logs/ --json coverage.json"))(coverage)
 
 
-def _files(command: str, logs: list[Path]) -> list[Path]:
+def files_of(command: str, logs: list[Path]) -> list[Path]:
+    """The logs that are meant; what has none ends the command with exit code 3."""
     from automcm_traces.reader import LogError, logs_below
 
     try:
@@ -52,7 +53,7 @@ def lint(
     from automcm_traces import lint as lint_
 
     reports = []
-    for path in _files("lint", logs):
+    for path in files_of("lint", logs):
         report = lint_.report(path, most)
         reports.append(report)
         if str(json_) != "-":
@@ -113,7 +114,7 @@ def show(
         from_line=from_line,
     )
     try:
-        together = show_.Logs(_files("show", logs))
+        together = show_.Logs(files_of("show", logs))
     except LogError as error:
         typer.echo(f"show: {error}", err=True)
         raise typer.Exit(3) from None
@@ -171,7 +172,7 @@ def coverage(
     from automcm_spec.oracle import OracleError
     from automcm_traces import coverage as coverage_
 
-    files = _files("coverage", logs)
+    files = files_of("coverage", logs)
     try:
         with progress() as status:
             found = coverage_.measure(_told(files, status), late)

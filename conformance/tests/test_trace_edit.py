@@ -132,6 +132,11 @@ def test_a_picture_of_two_runs_is_refused(tmp_path: Path) -> None:
     assert answer.exit_code == 3 and "run" in answer.output
 
 
+def test_itf_of_a_folder_is_refused_in_words(tmp_path: Path) -> None:
+    answer = run.invoke(app, ["trace", "itf", str(tmp_path)])
+    assert answer.exit_code == 3 and "is a directory, neither a log" in answer.output
+
+
 def test_export_names_what_it_cannot_read(tmp_path: Path) -> None:
     options = ["--out", str(tmp_path / "out")]
     answer = run.invoke(app, ["trace", "export", str(CORPUS / "bad/empty.ndjson"), *options])

@@ -56,6 +56,20 @@ def test_several_logs_are_judged_together() -> None:
     assert {p["outcome"] for p in told["system"]["properties"]} == {"holds"}
 
 
+def test_a_folder_stands_for_its_logs(tmp_path: Path) -> None:
+    assert explained(CORPUS)[1] == explained(*LOGS)[1]
+    answer = run.invoke(app, ["trace", "explain", str(tmp_path)])
+    assert answer.exit_code == 3 and "holds no log" in answer.output
+
+
+def test_no_line_is_told_of_what_is_about_the_whole_log(tmp_path: Path) -> None:
+    log = tmp_path / "log.ndjson"
+    header = Path(LOGS[0]).read_text().splitlines()[0]
+    log.write_text(header + '\n{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
+    answer = run.invoke(app, ["trace", "explain", str(log)])
+    assert f"{log}: CANNOT TELL: the log holds no event" in answer.output
+
+
 def test_the_worst_verdict_is_the_exit_code(wrong: Path, tmp_path: Path) -> None:
     (tmp_path / "empty.ndjson").write_text("")
     out = ("--out", tmp_path / "out")

@@ -17,6 +17,7 @@ from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, load
 from automcm_spec.rules import RULES, kind
 from automcm_traces.engine import Engine
+from automcm_traces.explain import NEEDED
 from automcm_traces.form import TYPES
 from automcm_traces.log import Receive, Send
 from automcm_traces.reader import Log, LogError, LogStream, one_line
@@ -117,7 +118,13 @@ class Coverage:
         except LogError as error:
             self._problem(path, error.line, "unreadable", error.problem)
         except Diverges as error:
-            self._problem(path, error.at, "diverges", error.event)
+            # Where not all is promised, what is not in the log may have led there.
+            missing = ", ".join(sorted({*NEEDED} - engine.promised))
+            if missing:
+                text = f"{error.event}; the log does not promise {missing}"
+                self._problem(path, error.at, "cannot_tell", text)
+            else:
+                self._problem(path, error.at, "diverges", error.event)
         except CannotTell as error:
             self._problem(path, at, "cannot_tell", str(error))
         except (KeyError, TypeError, IndexError, ValueError) as error:
@@ -213,13 +220,15 @@ _PROBLEMS: dict[Problem, str] = {
 def text(coverage: Coverage) -> list[str]:
     """The report for a person: each figure with its whole, and what was never seen."""
     c = coverage
-    lines = [f"{c.logs:,} logs, {c.events:,} events, {c.steps:,} steps of the specification"]
+    logs = "1 log" if c.logs == 1 else f"{c.logs:,} logs"
+    lines = [f"{logs}, {c.events:,} events, {c.steps:,} steps of the specification"]
     counts = Counter(what for _, _, what, _ in c.problems)
     for what, words in _PROBLEMS.items():
         if counts[what]:
             lines.append(f"  {counts[what]:,} {words}; counted up to there")
     for file, line, problem, why in c.problems[:MOST_PROBLEMS]:
-        lines.append(f"  {one_line(file)}:{line}: {problem.replace('_', ' ').upper()}: {why}")
+        where = f"{one_line(file)}:{line}" if line else one_line(file)
+        lines.append(f"  {where}: {problem.replace('_', ' ').upper()}: {why}")
     if len(c.problems) > MOST_PROBLEMS:
         lines.append(f"  {len(c.problems) - MOST_PROBLEMS:,} more")
     for name, n in c.graphs().items():

@@ -53,9 +53,12 @@ from automcm_traces.track import (
     difference,
     expected,
     lift,
+    off,
 )
 
 Json = Any
+NOTHING = "nothing more"
+"""What a step wants that has all that it calls for."""
 QUIET = 1000
 """Senders of CAMs whose question is remembered."""
 
@@ -82,8 +85,9 @@ class Engine:
         self.observer: Callable[[Step, Track], None] | None = None
         """Called after each step is complete, with the station as it is then."""
         self._step: Step | None = None
-        self.odd: tuple[int, bool] | None = None
-        """The line of a message that is malformed, until it is reported, and whether it must be."""
+        self.odd: tuple[int, bool, str] | None = None
+        """The line of a message that is malformed, until it is reported, whether it must be, and
+        why it is."""
         self._quiet: dict[tuple[int, bool, bool], Step] = {}
         """CAMs that change nothing as the station is: by sender, marked, newer."""
 
@@ -221,7 +225,8 @@ class Engine:
             if is_ is not None and is_ != should:
                 rule, guard = (step.rule, step.guard) if step else ("", "")
                 wants = [f"{name} {should}"]
-                raise Diverges(at, f"{name} {is_}", rule, wants, guard, step, (name, is_))
+                text = f"{name} {is_}{'' if step else self._but_odd()}"
+                raise Diverges(at, text, rule, wants, guard, step, (name, is_))
 
     # -- inputs
 
@@ -233,7 +238,8 @@ class Engine:
                 else:
                     self._start(at, event.t_ms, received(self.track, event, m))
             case Receive(message=m):  # END-5: nothing may follow but "discarded"
-                self.odd = at, m is not None and m.get("dst", self.track.me) == self.track.me
+                mine = m is not None and m.get("dst", self.track.me) == self.track.me
+                self.odd = at, mine, malformed(m) or "" if m else "raw bytes"
             case ApplicationCommand(command=given):
                 c = {"name": given.name, **(given.model_extra or {})}
                 self._start(at, event.t_ms, command(self.track, c))
@@ -339,13 +345,20 @@ class Engine:
         up to late_ms before."""
         step = self._step
         if step is None:
-            raise Diverges(at, f"{event}: nothing called for it", "", [], "", None, seen)
+            text = f"{event}: nothing called for it{self._but_odd()}"
+            raise Diverges(at, text, "", [], "", None, seen)
         if step.unseen:
             if t_ms > step.t_ms:
                 wanted = [f"{step.what}, by {step.t_ms} ms"]
                 raise Diverges(at, event, step.rule, wanted, step.guard, step, seen)
             step.unseen, step.since_ms = False, max(step.since_ms, t_ms - self._late_ms)
         return step
+
+    def _but_odd(self) -> str:
+        """That nothing follows from the last message, if it is malformed."""
+        if self.odd is None:
+            return ""
+        return f"; the message of line {self.odd[0]} is malformed ({self.odd[2]})"
 
     def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
         event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
@@ -361,10 +374,11 @@ class Engine:
                 step.fresh += bool(e.k and e.copy_of is None)
                 return
             if e.type == m["type"]:
-                problems.append(problem)
-        why = f" ({problems[0]})" if problems else ""
-        wanted = self.outstanding() or ["nothing more"]
-        raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen)
+                problems.append((off(e, m), problem))
+        least, problem = min(problems, key=lambda p: p[0], default=(0, None))
+        why = f" ({problem})" if problem else ""
+        wanted = self.outstanding() or [NOTHING]
+        raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen, least)
 
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
@@ -387,7 +401,7 @@ class Engine:
         seen = ("indication", name)
         step = self._current(at, event.t_ms, f"indication {name}", seen)
         if name not in step.told:
-            wanted = self.outstanding() or step.told or ["nothing more"]
+            wanted = self.outstanding() or step.told or [NOTHING]
             text = f"indication {name}"
             raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
         step.told.remove(name)
@@ -414,7 +428,7 @@ class Engine:
         if step.input[0] == "restart" and not armed and self.timers.pop(timer_key(timer), None):
             return
         if value is None:
-            wanted = self.outstanding() or ["nothing more"]
+            wanted = self.outstanding() or [NOTHING]
             raise Diverges(at, what, step.rule, wanted, step.guard, step, seen)
         pool.remove(value)
         if not isinstance(event, TimerArm):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -181,10 +182,22 @@ def forged(logs: Sequence[Log]) -> dict[str, Verdict]:
             at,
             f"receive {e.message and e.message['type']} {e.tx}: not what its sender sent",
             "forged",
-            (str(original),),
+            tuple(_as_sent(original, e.message or {})) if original else (),
         )
         for file, (at, e, original) in forged_receptions(logs).items()
     }
+
+
+def _as_sent(original: dict[str, Json], m: dict[str, Json]) -> Iterator[str]:
+    """Each field in which a message is not the one that was sent."""
+    for name in sorted(original.keys() | m.keys()):
+        was, is_ = original.get(name), m.get(name)
+        if was != is_:
+            yield f"{name}: {_json(was)} was sent, not {_json(is_)}"
+
+
+def _json(value: Json) -> str:
+    return "nothing" if value is None else json.dumps(value)
 
 
 def explain_file(path: str | Path, late_ms: int | None = None) -> Verdict:

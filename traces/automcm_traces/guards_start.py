@@ -74,7 +74,7 @@ ADVERTISEMENT = Choice(
                     "~concerned",
                     lambda f: not f.concerned,
                     ("concerned",),
-                    "the Advertisement does not concern it",
+                    "the Advertisement does not concern it (no planned with it)",
                     "the Advertisement concerns it",
                 ),
                 leaf("ADV-3"),

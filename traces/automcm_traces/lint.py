@@ -167,7 +167,8 @@ def text(report: Report) -> str:
     if left:
         lines.append(f"{file}: {left} more")
     if report.unreadable:
-        lines.append(f"UNREADABLE  {report.unreadable}")
+        where, _, problem = report.unreadable.partition(": ")
+        lines.append(f"{where}: UNREADABLE: {problem}")
     else:
         warned = f", {_count(report.warnings, 'warning')}" if report.warnings else ""
         found = f"{_count(report.errors, 'error')}" if report.errors else "clean"

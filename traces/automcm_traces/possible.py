@@ -14,7 +14,7 @@ from typing import Any
 
 from automcm_spec.oracle import Answer, Oracle, canonical
 from automcm_traces.asking import frozen, state_place
-from automcm_traces.engine import Engine
+from automcm_traces.engine import NOTHING, Engine
 from automcm_traces.inputs import Asked, other
 from automcm_traces.log import (
     ApplicationCommand,
@@ -94,7 +94,7 @@ class Possible:
         if not taken:
             if self._given_up:
                 raise CannotTell(self._given_up)
-            raise refused[0]
+            raise _nearest(refused)
         self._engines = list(taken.values())
 
     def finish(self) -> None:
@@ -194,6 +194,16 @@ def _merge(engines: dict[Json, Engine], engine: Engine) -> None:
         other.timers[key] = Deadline(min(a.first, b.first), last)
     if other.step is not None and engine.step is not None:
         other.step.since_ms = min(other.step.since_ms, engine.step.since_ms)
+
+
+def _nearest(refused: list[Diverges]) -> Diverges:
+    """Why an event cannot be: the state that needs the fewest unseen inputs says so, unless it
+    calls for nothing more and another one calls for that message in another form."""
+    first = refused[0]
+    if first.off or list(first.wanted) not in ([], [NOTHING]):
+        return first
+    close = [d for d in refused if d.off and d.at == first.at]
+    return min(close, key=lambda d: d.off, default=first)
 
 
 def _is_cam(event: Event) -> bool:

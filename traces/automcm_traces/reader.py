@@ -230,6 +230,8 @@ _MAGIC = {
 
 def _known(line: bytes) -> str:
     """What begins like this, for people who give us the wrong file."""
+    if line.strip() in (b"[", b"{"):
+        return " (a log has one JSON object a line)"
     return next((f" ({w})" for m, w in _MAGIC.items() if line.startswith(m)), "")
 
 
@@ -264,7 +266,10 @@ class _Reader:
                 yield Entry(self._line, Notice("truncated", "the last line is cut, ignored"))
                 break
             except ValidationError as error:
-                raise self._error(*first_problem(error)) from None
+                field, problem = first_problem(error)
+                if not self._header and field == "rec":
+                    problem += ": the first line is no header of automcm.trace/1"
+                raise self._error(field, problem) from None
             if missing := self._check(record):
                 yield Entry(self._line, Notice("gap", f"seq: {missing}"))
             if isinstance(record, UnknownEvent):

@@ -19,6 +19,8 @@ class Diverges(Exception):
     ``step`` is the step that did not go on as it must, None if nothing called for anything, and
     ``seen`` what the log has instead: ``("send", message)``, ``("arm" | "stop" | "expire",
     timer)``, ``("indication", name)``, ``("phase", name)``; empty if something is missing.
+    ``off`` says of a message of which another form was called for in how many fields it is not
+    that; 0 if none was.
     """
 
     def __init__(
@@ -30,10 +32,11 @@ class Diverges(Exception):
         guard: str,
         step: Step | None = None,
         seen: tuple[str, Json] | tuple[()] = (),
+        off: int = 0,
     ) -> None:
         super().__init__(event)
         self.at, self.event, self.rule, self.wanted, self.guard = at, event, rule, wanted, guard
-        self.step, self.seen = step, seen
+        self.step, self.seen, self.off = step, seen, off
 
 
 class Deadline(NamedTuple):

@@ -24,13 +24,13 @@ def text(verdict: Verdict) -> str:
 
 
 def _lines(verdict: Verdict) -> Iterator[str]:
-    where = f"{verdict.file}:{verdict.line}"
+    where = f"{verdict.file}:{verdict.line}" if verdict.line else verdict.file
     match verdict.verdict:
         case "allowed":
             yield f"{verdict.file}: ALLOWED, {verdict.events} events"
             yield from _allowed(verdict)
         case "unreadable":
-            yield f"UNREADABLE  {verdict.event}"
+            yield f"{where}: UNREADABLE: {verdict.event.removeprefix(f'{where}: ')}"
         case "cannot_tell":
             yield f"{where}: CANNOT TELL: {verdict.event}"
         case "diverges":

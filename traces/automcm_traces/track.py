@@ -404,6 +404,14 @@ def difference(
     return None
 
 
+def off(e: Expected, m: dict[str, Json]) -> int:
+    """In how many fields the logged message ``m`` is not the expected one, at least 1."""
+    told: dict[str, Json] = {"dst": e.dst, "session": list(e.session), "proposal": e.proposal}
+    told |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
+    found = {"dst": 0, "proposal": 0, "accepted": False} | m
+    return len([name for name, wanted in told.items() if found.get(name) != wanted]) or 1
+
+
 def _acks(of: tuple[str, int | None], m: dict[str, Json]) -> list[Json]:
     """The ``of`` that an Ack may hold; any seq if what it acks was not observed."""
     seq = m["of"]["seq"] if of[1] is None else of[1]

@@ -140,6 +140,26 @@ def every_kind_of_arrow_is_drawn(browser: Browser, folder: Path) -> None:
         assert len(shapes) == 7
 
 
+def a_hazard_is_where_the_page_opens(browser: Browser, folder: Path) -> None:
+    """A station that acts dies: every log is allowed, but its prescriber acts on alone."""
+    simulation = Simulation(seed=3, channel=Channel(), logs=folder)
+    for station in (1001, 2002):
+        simulation.add(station, Straight())
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    killed(folder / "2002.ndjson", 4000)
+    path = browser.write("hazard", *sorted(folder.glob("*.ndjson")))
+    with browser.page(path) as page:
+        opened = page.inner_text("#where")
+        assert not opened.startswith("1 "), opened
+        begins, ends = page.query_selector_all("#judged button.link")
+        ends.click()
+        assert page.inner_text("#where") != opened
+        page.click("#divergence")
+        assert page.inner_text("#where") == opened
+        assert page.inner_text("#divergence") == "Hazard" and "from" in begins.inner_text()
+
+
 def an_arrow_longer_than_the_window_is_drawn(browser: Browser, folder: Path) -> None:
     with browser.page(browser.write("long", *FOUR)) as page:
         page.evaluate(
@@ -393,6 +413,7 @@ def steps_of_two_runs_lead_forward_and_back_to_the_same_state(
 CHECKS: tuple[Callable[[Browser, Path], None], ...] = (
     the_verdict_is_that_of_explain,
     every_kind_of_arrow_is_drawn,
+    a_hazard_is_where_the_page_opens,
     an_arrow_longer_than_the_window_is_drawn,
     steps_lead_forward_and_back_to_the_same_state,
     states_from_deltas_are_those_of_the_log,

@@ -12,6 +12,7 @@ from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_spec.rules import RULES
 from automcm_traces.coverage import EXIT, Coverage, exit_code, measure, possible, text
+from automcm_traces.explain import explain_file
 from automcm_traces.form import TYPES
 
 
@@ -117,6 +118,21 @@ def test_a_log_that_diverges_is_named(logs: list[Path], tmp_path: Path) -> None:
     ]
     assert exit_code(both) == 1
     assert f"{wrong}:{number}: DIVERGES: send Acceptance" in "\n".join(text(both))
+
+
+def test_a_log_that_does_not_promise_all_does_not_diverge(logs: list[Path], tmp_path: Path) -> None:
+    """automcm trace explain allows it: the command before the Acceptance is unseen."""
+    header, *rest = [json.loads(line) for line in logs[1].read_text().splitlines()]
+    kept = [r for r in rest if r["rec"] == "end" or r["ev"] in ("receive", "send")]
+    records = [header | {"complete": ["receive", "send"]}]
+    records += [r | {"seq": n} for n, r in enumerate(kept[:-1], 1)]
+    records.append(kept[-1] | {"seq": len(kept) - 1})
+    part = tmp_path / "part.ndjson"
+    part.write_text("".join(json.dumps(record) + "\n" for record in records))
+    assert explain_file(part).verdict == "allowed"
+    [(_, at, what, why)] = measure([part]).problems
+    assert what == "cannot_tell" and at > 1
+    assert "the log does not promise command, restart, timer" in why
 
 
 def test_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:

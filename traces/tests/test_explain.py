@@ -19,7 +19,8 @@ from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.station import Station
 from automcm.straight import LANE_CHANGE, Straight
-from automcm_traces.explain import exit_code, explain, explain_files
+from automcm_traces.explain import exit_code, explain, explain_file, explain_files
+from automcm_traces.lint import report
 from automcm_traces.reader import read
 from automcm_traces.telling import text
 from automcm_traces.writer import LogWriter
@@ -177,6 +178,35 @@ def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_pat
         number,
         "forged",
     )
+    assert verdicts[1].expected == ("hold_ms: 2000 was sent, not 1",)
+
+
+def test_the_small_logs_of_the_page_are_what_it_says(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs/trace-format.md").read_text()
+    blocks = page.split("## A log of your own")[1].split("## Was it")[0].split("```\n")[1::2]
+    found = []
+    wrong = blocks[1].replace('"proposal":1,"accepted"', '"proposal":2,"accepted"')
+    for content in (*blocks, wrong):
+        path = tmp_path / "log.ndjson"
+        path.write_text(content)
+        assert report(path, 0).verdict == "clean"
+        found.append(explain_file(path))
+    assert [v.verdict for v in found] == ["cannot_tell", "allowed", "diverges"]
+    assert found[2].line == 7 and f"`{found[2].event}`" in " ".join(page.split())
+
+
+def test_what_is_called_for_by_a_malformed_message_is_said(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    number = find(logs[2], "receive", type="Prescription")
+    wrong = edited(logs[2], number, tmp_path, v=2)
+    why = f"; the message of line {number} is malformed (v: 1 is wanted)"
+    verdict = explain(read(wrong))
+    assert (verdict.line, verdict.event) == (number, f"phase NEGOTIATING{why}")
+    wrong.write_text(wrong.read_text().replace(', "phase": "NEGOTIATING", "role": "receiver"', ""))
+    verdict = explain(read(wrong))
+    assert (verdict.line, verdict.rule) == (number + 1, "")
+    assert verdict.event == f"send Ack to 1001: nothing called for it{why}"
 
 
 def without_line(path: Path, number: int, tmp_path: Path) -> Path:
@@ -262,7 +292,8 @@ def test_end_5_a_message_without_its_fields_calls_for_nothing(
     path.write_text("\n".join(lines) + "\n")
     verdict = explain(read(path))
     assert (verdict.verdict, verdict.line) == ("diverges", number)
-    assert (verdict.event, verdict.expected) == ("phase INTENDING", ("phase STANDALONE",))
+    assert verdict.event.startswith("phase INTENDING; the message of line")
+    assert verdict.expected == ("phase STANDALONE",)
 
 
 def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:

@@ -65,7 +65,10 @@ def test_adv_3_what_did_not_concern_it() -> None:
     unconcerned = [*ADVERTISEMENT[:2], False]
     found = nearest(oracle(), oracle().states[0], unconcerned, ("send", "Intention"))
     assert found is not None
-    assert (found.guard, found.why) == ("~concerned", "the Advertisement does not concern it")
+    assert (found.guard, found.why) == (
+        "~concerned",
+        "the Advertisement does not concern it (no planned with it)",
+    )
     assert found.also == ()
 
 
@@ -306,7 +309,7 @@ def test_adv_3_where_a_log_diverges_the_guard_is_found(log: Log) -> None:
     assert found is not None
     assert (found.rule, found.action) == ("ADV-3", "phase INTENDING")  # what it says first
     assert found.text(names(d.step.view, d.step.given)).endswith(
-        "the Advertisement does not concern it: concerned = FALSE  "
+        "the Advertisement does not concern it (no planned with it): concerned = FALSE  "
         f"Station.tla:{place('OnAdvertisement', '~concerned')[0]}"
     )
 

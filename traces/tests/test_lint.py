@@ -192,7 +192,7 @@ def test_what_is_no_log_at_all_is_unreadable(tmp_path: Path, content: bytes) -> 
     path.write_bytes(content)
     one = report(path)
     assert (one.verdict, exit_code([one]), one.findings) == ("unreadable", 3, [])
-    assert text(one).startswith(f"UNREADABLE  {path}")
+    assert text(one).startswith((f"{path}: UNREADABLE: ", f"{path}:1: UNREADABLE: "))
 
 
 def test_a_missing_file_or_a_folder_is_unreadable(tmp_path: Path) -> None:

@@ -88,6 +88,53 @@ def test_without_what_is_sent_nothing_can_be_told(
     assert verdict.verdict == "cannot_tell" and "sends" in verdict.event
 
 
+def _proposal(m: dict[str, Any]) -> None:
+    m["proposal"] += 1
+
+
+def _seq(m: dict[str, Any]) -> None:
+    m["seq"] += 7
+
+
+def _session(m: dict[str, Any]) -> None:
+    m["session"] = [m["session"][0], 9]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "why"),
+    [
+        (_proposal, "proposal: 2 is expected, not 3"),
+        (_seq, "seq: new content takes the next seq"),
+        (_session, "session: [1001, 1] is expected, not [1001, 9]"),
+    ],
+)
+def test_of_a_message_in_another_form_the_field_is_named(
+    wrong: Callable[[dict[str, Any]], None], why: str, logs: list[Records], tmp_path: Path
+) -> None:
+    """The command that the Acceptance follows is not in the log; the answer is still its form."""
+    records = json.loads(json.dumps(logs[2]))
+    first = next(r for r in records if r.get("message", {}).get("accepted") and r["ev"] == "send")
+    wrong(first["message"])
+    verdict = judged(records, ("receive", "send"), tmp_path)
+    assert verdict.verdict == "diverges" and why in verdict.event, verdict.event
+    assert verdict.rule == "NEG-2"
+    assert "proposal=2, accepted" in verdict.expected[0], verdict.expected
+
+
+def test_what_is_still_missing_is_told_before_what_could_be_unseen(
+    logs: list[Records], tmp_path: Path
+) -> None:
+    records = json.loads(json.dumps(logs[2]))
+    ack = next(
+        n
+        for n, r in enumerate(records)
+        if r.get("ev") == "send" and r["message"].get("of", {}).get("type") == "Prescription"
+    )
+    del records[ack]
+    verdict = judged(records, ("receive", "send"), tmp_path)
+    assert verdict.rule == "NEG-1" and verdict.expected[0].startswith("send Ack")
+
+
 def _no_ack(records: Records) -> None:
     """NEG-1: a Prescription is not acked."""
     del records[place(records, "send", "Ack")]

@@ -121,6 +121,8 @@ def test_a_last_line_that_was_being_written_is_cut(tmp_path: Path, tail: bytes) 
         (b"\x1f\x8b\x08\x00\x00\x00\x00\x00", "gzip"),
         (b"\x89PNG\r\n\x1a\n", "PNG"),
         (b"PK\x03\x04", "zip"),
+        (b"[\n", "one JSON object a line"),
+        (b'{"ts":1}\n', "no header of automcm.trace/1"),
     ],
 )
 def test_the_wrong_file_is_named_for_what_it_is(tmp_path: Path, start: bytes, said: str) -> None:

@@ -131,3 +131,10 @@ def test_several_sessions_of_one_log_are_told_apart() -> None:
     assert session.role == "prescriber" and session.rule == "ACT-3"
     assert session.phases == ["ADVERTISING", "CHOOSING", "PRESCRIBING", "NEGOTIATING", "ACTUATING"]
     assert verdict.as_dict()["sessions"] == [session.as_dict()]
+
+
+def test_what_cannot_be_read_begins_with_its_place_as_any_other_verdict(tmp_path: Path) -> None:
+    log = tmp_path / "log.ndjson"
+    log.write_text(PRESCRIBER.read_text().replace('"seq":2,', '"seq":1,', 1))
+    assert text(explain_file(log)).startswith(f"{log}:3: UNREADABLE: seq: 1 after 1")
+    assert text(explain_file(tmp_path / "none")) == f"{tmp_path / 'none'}: UNREADABLE: no such file"

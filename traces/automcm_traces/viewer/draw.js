@@ -24,7 +24,7 @@ function arrange() {
   const used = COLUMNS.map((one, n) => !OTHERS.includes(n) || othersUsed().includes(n));
   const bare = COLUMNS.filter((one, n) => used[n] && !one.logged).length;
   const free = Math.max(view.clientWidth, 300) - GUTTER - bare * BARE - DIVIDE * (RUNS.length - 1);
-  const wide = Math.max(TWO ? 110 : 190, Math.floor(free / LOGS.length));
+  const wide = Math.max(TWO ? 110 : 170, Math.floor(free / LOGS.length));
   let x = GUTTER;
   layout.width = COLUMNS.map((one, n) => (used[n] ? (one.logged ? wide : BARE) : 0));
   layout.spans = RUNS.map((_, run) => {
@@ -199,7 +199,7 @@ function drawBar(layer, bar, at, height) {
 /** A timer in words. */
 function said(bar) {
   const name = text(bar.first).replace(/^arm /, "").replace(/ \+-?\d+$/, "");
-  const spec = bar.spec === null ? "no deadline told" : `due after ${bar.spec} ms`;
+  const spec = bar.spec === null ? "no duration known" : `due after ${bar.spec} ms`;
   const lasted = bar.open ? "" : ` after ${ROW.t[bar.last] - ROW.t[bar.first]} ms`;
   return `${name}: ${spec}, ${ENDS[bar.how]}${lasted}`;
 }

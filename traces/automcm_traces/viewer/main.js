@@ -8,7 +8,7 @@ for (const id of ["text", "station", "session", "type", "cams", "timers"]) {
 const KEYS = [["← →, h l", "step back, step forward"], ["↑ ↓, k j", "the same"],
   ["Page Up, Page Down", "a window back or forward"], ["Home, End", "first, last"],
   ["g", "go to a step"], ["/", "search"], ["n, N", "next or previous row with the text"],
-  ["d", "jump to the divergence"], ...(TWO ? [["f", "jump to the first difference"]] : []), ["t", "event order or real time"], ["+ −", "room for a second"],
+  ["d", "jump to the divergence, or the hazard"], ...(TWO ? [["f", "jump to the first difference"]] : []), ["t", "event order or real time"], ["+ −", "room for a second"],
   ["b", "the rows as a table"], ["?", "this help"]];
 
 /** The type of the message of a row; empty if there is none. */
@@ -80,7 +80,7 @@ function find(by) {
 }
 
 function jump() {
-  if (firstDivergence !== Infinity) select(firstDivergence);
+  if (firstWrong !== Infinity) select(firstWrong);
 }
 
 function jumpToDifference() {
@@ -278,7 +278,9 @@ function begin() {
   choices(filters.station, "all", [...new Set(LOGS.map((log) => String(log.station)))]);
   choices(filters.session, "all", sessions);
   choices(filters.type, "all", types());
-  document.getElementById("divergence").disabled = firstDivergence === Infinity;
+  const button = document.getElementById("divergence");
+  button.disabled = firstWrong === Infinity;
+  if (firstWrong !== firstDivergence) button.textContent = "Hazard";
   if (TWO) document.getElementById("difference").disabled = DIFFERENCE === Infinity;
   filters.cams.checked = COUNT > 0 && ROW.flags.every((flag) => flag & OF_CAM);
   nameTheme();
@@ -286,7 +288,7 @@ function begin() {
   legend();
   listen();
   sift();
-  const wrong = Math.min(firstDivergence, DIFFERENCE);
+  const wrong = Math.min(firstDivergence, DIFFERENCE < Infinity ? DIFFERENCE : firstWrong);
   if (!fromHash()) select(wrong === Infinity ? now.shown[0] ?? 0 : wrong);
 }
 

@@ -57,7 +57,7 @@ function verdictOf(run, v) {
   const row = rowOf(run, v.file, v.line);
   const where = v.line ? `${v.file}:${v.line}` : v.file;
   const terms = [["event", v.event], ["expected", v.expected], ["rule", v.guard || v.rule],
-    ["nearest", v.nearest], ["allowed after", v.allowed_after], ["state before", v.state],
+    ["nearest", v.nearest.replace(/^nearest allowed: /, "")], ["allowed after", v.allowed_after], ["state before", v.state],
     ["possible states", v.verdict === "allowed" && v.possible_states === 1 ? "" : v.possible_states],
     ["not logged", v.unobserved.join(", ")], ["warnings", v.warnings]];
   return el("div", { class: "verdict" },
@@ -82,14 +82,34 @@ function definitions(terms) {
   return list;
 }
 
-function systemOf({ system: report, hazards }) {
+/** The row of a place in words, FILE:LINE; of an end that the log lacks, the last one. */
+function placeOf(run, words) {
+  const [, file, line] = /^(.+):(\d+)$/.exec(words) ?? [];
+  const log = LOGS.findIndex((one) => one.run === run && one.file === file);
+  return log < 0 ? undefined : rowsOf[log].findLast((row) => ROW.line[row] <= Number(line));
+}
+
+/** The row in which the first hazard begins. */
+const firstHazard = Math.min(...RUNS.flatMap(({ system }, run) =>
+  (system?.hazards ?? []).map((one) => placeOf(run, one.since) ?? Infinity)));
+
+const firstWrong = firstDivergence !== Infinity ? firstDivergence : firstHazard;
+
+/** A line of the report on a hazard; where it begins and ends leads there. */
+function hazardLine(run, words) {
+  const [, from] = /^\s*(?:from|to)\s+(.+?:\d+) \(/.exec(words) ?? [];
+  const row = from === undefined ? undefined : placeOf(run, from);
+  return row === undefined ? words : link(row, words);
+}
+
+function systemOf({ system: report, hazards }, run) {
   if (!report) return "";
   const judged = report.properties.map((p) => el("li", { class: p.outcome },
     `${{ holds: "✓", violated: "✗", cannot_tell: "?" }[p.outcome]} ${p.property} ${p.outcome.replace("_", " ")}`,
     p.outcome === "holds" ? "" : el("div", { class: "dim" }, lines(p.where.slice(0, 5)))));
   const ways = Object.entries(report.deliveries).map(([way, counts]) => el("li", {}, `${way}: `
     + Object.entries(counts).map(([name, n]) => `${n} ${name.replace("_", " ")}`).join(", ")));
-  const lists = [["hazards", hazards.map((t) => el("li", {}, lines(t.split("\n"))))], ["forged", report.forged.map((t) => el("li", {}, t))],
+  const lists = [["hazards", hazards.map((t) => el("li", {}, lines(t.split("\n").map((one) => hazardLine(run, one)))))], ["forged", report.forged.map((t) => el("li", {}, t))],
     ["received before sent", report.cycles.map((t) => el("li", {}, t))], ["properties", judged],
     ["messages", ways], ["notes", report.notices.map((t) => el("li", {}, t))]];
   return folded(el("span", {}, "All logs together ", badge(report.verdict)),
@@ -290,7 +310,7 @@ function comparison() {
 
 function judgedOf(run, n) {
   const part = folded(TWO ? el("span", {}, `Verdict on ${"AB"[n]} `, badge(worst(run))) : "Verdict", true,
-    ...run.verdicts.slice(0, 20).map((v) => verdictOf(n, v)), systemOf(run));
+    ...run.verdicts.slice(0, 20).map((v) => verdictOf(n, v)), systemOf(run, n));
   part.id = `judged${n || ""}`;
   return part;
 }
