@@ -1,7 +1,7 @@
 """A flowchart in Mermaid, ``A --> B`` or ``A -->|label| B``, drawn as SVG.
 
 The boxes stand in a column, each above all it points to.  An arrow to the next one is straight,
-every other goes by a rail of its own on the right.
+every other goes by a rail of its own on the right, those with a label last.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ RAIL = 22
 """From one rail to the next."""
 PORT = 9
 """From one arrow to the next along the side of a box."""
+WIDTH = 660
+"""Of the whole: as wide as a state diagram, so that the letters are as large."""
 
 
 def draw(source: str, defs: str) -> str:
@@ -38,7 +40,8 @@ def draw(source: str, defs: str) -> str:
     ]
     ports = [0] * len(rows)
     rail = LEFT + BOX
-    for begin, label, end in sorted(arrows, key=lambda a: (rows[a[2]] - rows[a[0]], rows[a[0]])):
+    ordered = sorted((bool(a[1]), rows[a[2]] - rows[a[0]], rows[a[0]], a) for a in arrows)
+    for begin, label, end in (arrow for *_, arrow in ordered):
         a, b = rows[begin], rows[end]
         if b == a + 1:
             middle = LEFT + BOX // 2
@@ -52,9 +55,10 @@ def draw(source: str, defs: str) -> str:
         ports[b] += 1
         out, into = tops[a] + HEIGHT - PORT * ports[a], tops[b] + PORT * ports[b]
         parts.append(_path(f"M{LEFT + BOX} {out}H{rail}V{into}H{LEFT + BOX}"))
+        parts.append(f'<text x="{rail + 8}" y="{(out + into) // 2}">{escape(label)}</text>')
     return (
         '<svg role="img" aria-label="Flowchart" '
-        f'viewBox="0 0 {rail + RAIL} {tops[-1] + HEIGHT + 8}">{defs}{"".join(parts)}</svg>'
+        f'viewBox="0 0 {WIDTH} {tops[-1] + HEIGHT + 8}">{defs}{"".join(parts)}</svg>'
     )
 
 
