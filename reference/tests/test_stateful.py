@@ -8,17 +8,15 @@ from seeded_bugs import BUGS, Bug, hunt
 from stateful import Coordination, profile, repeated, run
 from stateful_oracle import PROPERTIES, Coverage
 
-BATCHES = 3
-MOST_BATCHES = 12
+pytestmark = pytest.mark.no_cover  # tracing makes it four times slower
 
 
 def test_s_1_to_s_7_t_1_to_t_3_and_the_oracle() -> None:
-    """The CI profile.  All rules and phases must be met; for a while it goes on until they are."""
+    """Some thousand steps, a million in ``make test-deep``.  All rules and phases must be met; if a
+    change of the machine changes what a seed draws, others may be needed for that."""
     total = Coverage()
-    for seed in range(1, MOST_BATCHES + 1):
-        total.add(run(Coordination, profile(100, 50, steered=seed == 3), seed))
-        if seed >= BATCHES and not total.rules_and_phases_missing():
-            break
+    for seed in (1, 2, 3):
+        total.add(run(Coordination, profile(60, 50, steered=seed == 3), seed))
     print(total.report())
     assert total.rules_and_phases_missing() == []
     assert not total.cannot_tell
@@ -36,27 +34,14 @@ def test_same_seed_same_run() -> None:
     assert first == second
 
 
-MORE = 3
-"""Steps by which no seed need come closer, whatever it draws."""
-
-
-@pytest.mark.no_cover
 @pytest.mark.parametrize("name", BUGS)
 def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
-    """A change of the machine changes what a seed draws, and so do the constants in whatever
-    modules are loaded (hypothesis draws from them), so the next seeds count as well.
-    ``python reference/tests/seeded_bugs.py`` tells what to write into the table."""
+    """``python reference/tests/seeded_bugs.py`` tells what to write into the table if a change of
+    the machine changes what a seed draws."""
     bug: Bug = BUGS[name]
-    found: dict[int, list[stateful.Call]] = {}
-    for seed in range(bug.seed, bug.seed + 12):
-        what, calls = hunt(bug, seed)
-        if what == bug.what:
-            found.setdefault(len(calls) - 1, calls)
-        if found and min(found) <= bug.steps + MORE:
-            break
-    calls = found[min(found)]
+    what, calls = hunt(bug, bug.seed)
     print(stateful.told(calls))
-    assert len(calls) - 1 <= bug.steps + MORE
+    assert (what, len(calls) - 1) == (bug.what, bug.steps)
     assert repeated(Coordination, calls) == ""  # without the bug nothing breaks
 
 
