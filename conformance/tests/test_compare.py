@@ -14,6 +14,9 @@ from automcm_spec import generate
 from automcm_spec.oracle import Oracle, load
 
 
+pytestmark = pytest.mark.no_cover
+
+
 @pytest.fixture(scope="module")
 def oracle() -> Oracle:
     return load(generate.ONE_PEER.path, generate.spec_hash())
