@@ -13,7 +13,6 @@ from automcm_conformance.coverage import rules
 from automcm_spec import generate
 from automcm_spec.oracle import Oracle, load
 
-
 pytestmark = pytest.mark.no_cover
 
 
