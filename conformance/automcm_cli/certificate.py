@@ -246,10 +246,11 @@ def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], l
         row = kept.row(mutant)
         if row is not None:
             rows[mutant.id] = row
+    left = [mutant for mutant in mutants if mutant.id not in rows]
     try:
-        with _pool(asked) as work:
-            left = [mutant for mutant in mutants if mutant.id not in rows]
-            _judge(left, asked, work, rows, kept, say)
+        if left:
+            with _pool(asked) as work:
+                _judge(left, asked, work, rows, kept, say)
     except KeyboardInterrupt:
         problems.append("interrupted")
     return [rows[mutant.id] for mutant in mutants if mutant.id in rows], problems

@@ -139,19 +139,14 @@ class Shrinker:
         assert pair is not None
         state, i = pair
         oracle = self.ground.oracle
-        here = _kind(oracle.states[state])
-        kinds: list[Callable[[int, int], bool]] = [
-            lambda s, j: j == i and _kind(oracle.states[s]) == here,
-            lambda s, j: j == i,
-            lambda s, j: True,
-        ]
+        alike, any_ = _kind(oracle.states[state]), range(len(oracle.inputs))
+        kinds: list[tuple[Sequence[int], Json]] = [([i], alike), ([i], None), (any_, None)]
         timer = found.error.steps[-1].next_timer
         shown = Setting(True, soonest=timer[0] if timer else "")
         for setting in (found.setting, shown):
-            for kind in kinds:
-                found = (
-                    self._nearest_of(self._by_distance(pair, found.sent, kind), setting) or found
-                )
+            for inputs, kind in kinds:
+                walks = self._by_distance(pair, found.sent, inputs, kind)
+                found = self._nearest_of(walks, setting) or found
         return found
 
     def _nearest_of(self, walks: Iterator[list[Act]], setting: Setting) -> Short | None:
@@ -168,9 +163,10 @@ class Shrinker:
         return None
 
     def _by_distance(
-        self, pair: Pair, below: int, kind: Callable[[int, int], bool]
+        self, pair: Pair, below: int, inputs: Sequence[int], kind: Json | None
     ) -> Iterator[list[Act]]:
-        """Shortest walks to each pair of this kind with the rule of this one, shortest first."""
+        """Shortest walks to each pair of these inputs, and of this kind of state if it is given,
+        with the rule of this pair; shortest first."""
         oracle = self.ground.oracle
         broken = oracle.answer(*pair)
         assert broken is not None
@@ -180,8 +176,10 @@ class Shrinker:
         for state in sorted(range(len(oracle.states)), key=depth.__getitem__):
             if depth[state] + 1 >= below:
                 return
-            for i in range(len(oracle.inputs)):
-                if not kind(state, i) or not self.ground.offered[i]:
+            if kind is not None and _kind(oracle.states[state]) != kind:
+                continue
+            for i in inputs:
+                if not self.ground.offered[i]:
                     continue
                 answer = oracle.answer(state, i)
                 if answer is not None and answer.effect.rule == broken.effect.rule:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from automcm_cli import certificate, certificate_page, equivalence
+from automcm_cli import certificate, certificate_page, equivalence, source_mutants
 from automcm_cli.certificate import Asked, Certificate, Row
 from automcm_cli.equivalence import Difference
 from automcm_cli.main import app
@@ -204,7 +204,8 @@ def test_the_page_is_made_of_the_certificate() -> None:
     assert text == certificate_page.markdown(of(killed, survived))
 
 
-def test_usage() -> None:
+def test_usage(made: Generated, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source_mutants, "generate", lambda: made)
     for bad in (["--class", "odd"], ["--mutant", "no/such/one-1"], ["--station", "moon"]):
         assert CliRunner().invoke(app, ["conform", "certify", *bad]).exit_code == 2
     listed = CliRunner().invoke(app, ["conform", "certify", "--list", "--class", "form"])
@@ -212,19 +213,19 @@ def test_usage() -> None:
     assert "state/" not in listed.output
 
 
-def hidden(id_: str, folder: Path) -> bool:
+def hidden(made: Generated, id_: str, folder: Path) -> bool:
     """What a run in lockstep on the smallest graph finds out of a mutant."""
-    (mutant,) = [each for each in generate().mutants if each.id == id_]
+    (mutant,) = [each for each in made.mutants if each.id == id_]
     source = folder / f"{mutant.module}.py"
     source.write_text(mutant.source, encoding="utf-8")
     return equivalence.hidden(mutant, source, [("tight", 0)])
 
 
-def test_what_is_kept_and_never_said_is_equivalent(tmp_path: Path) -> None:
+def test_what_is_kept_and_never_said_is_equivalent(made: Generated, tmp_path: Path) -> None:
     """Who has withdrawn is of no use once the choice has begun (ADV-5)."""
-    assert hidden("prescribing/window_closes/memory-1", tmp_path)
+    assert hidden(made, "prescribing/window_closes/memory-1", tmp_path)
 
 
-def test_what_is_kept_and_said_later_is_not(tmp_path: Path) -> None:
+def test_what_is_kept_and_said_later_is_not(made: Generated, tmp_path: Path) -> None:
     """Who withdraws, and stays recorded all the same, is acked again (END-2)."""
-    assert not hidden("ending/withdraw/memory-4", tmp_path)
+    assert not hidden(made, "ending/withdraw/memory-4", tmp_path)

@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from automcm.links.udp import bind
 from automcm_cli.demo import Demo, Vehicle
+from automcm_cli.main import app
 from automcm_traces.reader import read
 
 COMMAND = [sys.executable, "-m", "automcm_cli"]
@@ -73,6 +75,9 @@ def test_the_demonstration_ends_as_described(
         assert len(read(tmp_path / f"{vehicle['station']}.ndjson").events) > 50
 
 
+SOON_OVER = ["--maneuver", "1000"]
+
+
 def shown(folder: Path, **options: list[str]) -> Demo:
     """A demonstration in which vehicles get further options."""
     demo = Demo(folder, listen_ms=0)
@@ -83,7 +88,7 @@ def shown(folder: Path, **options: list[str]) -> Demo:
 
 
 def test_another_end_than_described_is_a_problem(tmp_path: Path) -> None:
-    demo = shown(tmp_path, B=["--refuse-first", "3"])
+    demo = shown(tmp_path, prescriber=SOON_OVER, B=["--refuse-first", "3"])
     assert "not as described: B accepts" in demo.problems
     assert not demo.as_dict()["ok"]
     assert {v.verdict for v in demo.verdicts} == {"allowed"}  # but no rule was broken
@@ -95,7 +100,7 @@ def test_a_station_that_cannot_start_is_a_problem(tmp_path: Path) -> None:
 
 
 def test_a_log_that_the_oracle_does_not_allow_is_a_problem(tmp_path: Path) -> None:
-    demo = shown(tmp_path)
+    demo = shown(tmp_path, prescriber=SOON_OVER)
     assert demo.problems == []
     path = tmp_path / "3.ndjson"
     path.write_text(path.read_text().replace('"accepted":true', '"accepted":false', 1))
@@ -112,7 +117,10 @@ def test_a_log_that_the_oracle_does_not_allow_is_a_problem(tmp_path: Path) -> No
     assert any("3.ndjson" in problem and "unreadable" in problem for problem in demo.problems)
 
 
-def test_a_process_that_hangs_or_leaves_early_is_a_problem(tmp_path: Path) -> None:
+def test_a_process_that_hangs_or_leaves_early_is_a_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("automcm_cli.demo.ENDING_S", 2)
     early = shown(tmp_path / "early", C=["--for", "2500"])
     assert early.problems[0] == "C: ended before it was told to"
 
@@ -123,7 +131,7 @@ def test_a_process_that_hangs_or_leaves_early_is_a_problem(tmp_path: Path) -> No
         if a.way and a.process is not None:
             a.process.send_signal(signal.SIGSTOP)
             demo.changed = lambda demo: None
-            asyncio.get_running_loop().call_later(4, os.kill, os.getpid(), signal.SIGTERM)
+            asyncio.get_running_loop().call_later(1, os.kill, os.getpid(), signal.SIGTERM)
 
     hung.changed = hang
     asyncio.run(hung.run())
@@ -176,8 +184,8 @@ REST: dict[str, Any] = {"session": None, "sending": 0}
     ],
 )
 def test_wrong_usage_is_exit_code_2_and_names_it(args: list[str], error: str) -> None:
-    done = automcm(*args)
-    assert done.returncode == 2 and error in done.stderr
+    done = CliRunner().invoke(app, args)
+    assert done.exit_code == 2 and error in done.output
 
 
 def test_a_port_in_use_is_exit_code_3_and_names_it() -> None:

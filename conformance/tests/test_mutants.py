@@ -20,6 +20,8 @@ from automcm_spec import generate
 from automcm_spec.oracle import dump, parse
 from automcm_spec.paths import TLA
 
+pytestmark = pytest.mark.no_cover
+
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "reference" / "automcm"
 
@@ -113,7 +115,7 @@ def test_a_change_to_the_reference_is_named(what: str, tmp_path: Path) -> None:
     assert answer.stdout.strip() == rule
 
 
-TINY = generate.Graph("tiny", (2,), 1, 1, 2, 4, 1)
+TINY = generate.Graph("tiny", (2,), 1, 1, 2, 3, 1)
 
 SPEC = {
     "a withdrawn station is acked": (
@@ -147,14 +149,14 @@ SPEC = {
 
 
 def differences(tla: Path) -> int:
-    """How much the reference differs from the specification in a folder."""
+    """How much the reference differs from the specification in a folder, where it first does."""
     try:
-        data, _ = generate.build(TINY, tla=tla, workers=1)
+        data, _ = generate.build(TINY, tla=tla, workers=1, short=True)
     except ValueError as error:  # the type invariant
         assert "TypeInv" in str(error)
         return 1
     oracle = parse(dump(data), "tiny")
-    return walk(oracle, Reference(oracle.constants)).differences
+    return walk(oracle, Reference(oracle.constants), stop_at_first=True).differences
 
 
 def test_unchanged_there_is_no_difference() -> None:

@@ -143,10 +143,11 @@ def build(
     *,
     tla: Path = TLA,
     workers: int = 2,
+    short: bool = False,
     on_progress: Callable[[tlc.Progress], None] | None = None,
     stop: tlc.Stop | None = None,
 ) -> tuple[dict[str, Json], tlc.Result]:
-    """The oracle's data (see ``oracle.dump``) and TLC's result.
+    """The oracle's data (see ``oracle.dump``) and TLC's result; ``short`` as for ``tlc.run``.
 
     Raises tlc.TlcError if TLC fails, ValueError if the print-out is not the whole graph.
     """
@@ -158,6 +159,7 @@ def build(
             "OpenStation",
             cfg,
             workers=workers,
+            short=short,
             tla_dir=tla,
             on_progress=on_progress,
             on_print=printed.line,

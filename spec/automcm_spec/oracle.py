@@ -119,11 +119,8 @@ class Oracle:
     @cached_property
     def refusals(self) -> int:
         """How many pairs of state and offered input change nothing."""
-        return sum(
-            sum(1 for effect in self._patterns[pattern] if effect >= 0)
-            for patterns in self._answers
-            for pattern in patterns
-        )
+        of_pattern = [sum(effect >= 0 for effect in effects) for effects in self._patterns]
+        return sum(of_pattern[pattern] for patterns in self._answers for pattern in patterns)
 
     def answer(self, state: int, i: int) -> Answer | None:
         """What must happen; None if the environment does not offer this input here."""
