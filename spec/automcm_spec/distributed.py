@@ -120,7 +120,7 @@ def _java(
     java, jar = tlc.tools()
     command = [str(java), "-Xss64m", "-XX:-UsePerfData", "-Duser.language=en"]
     command += [f"-Djava.io.tmpdir={place}", f"-Djava.rmi.server.hostname={host}", *options]
-    command += ["-cp", str(jar), f"tlc2.tool.distributed.{name}", *arguments]
+    command += [*tlc.quick_start(), "-cp", str(jar), f"tlc2.tool.distributed.{name}", *arguments]
     lines: list[str] = []
 
     def read(said: Iterable[str]) -> None:

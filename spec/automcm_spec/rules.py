@@ -116,9 +116,14 @@ def kind(i: Any) -> str:
 
 def line(rule: str, i: Any, tla: Path = TLA) -> int:
     """The line of Station.tla where ``rule`` decides input ``i``; 0 if it is nowhere."""
-    where = [(n, operator) for n, operator, text in _lines(tla) if f'"{rule}"' in text]
-    wanted = handler(i)
+    where, wanted = _deciding(rule, tla), handler(i)
     return next((n for n, operator in where if operator == wanted), where[0][0] if where else 0)
+
+
+@cache
+def _deciding(rule: str, tla: Path) -> list[tuple[int, str]]:
+    """Where Station.tla names a rule: line and operator."""
+    return [(n, operator) for n, operator, text in _lines(tla) if f'"{rule}"' in text]
 
 
 @cache

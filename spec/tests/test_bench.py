@@ -69,7 +69,8 @@ def test_a_bound_too_low_is_no_verdict(
 
 
 def test_what_ends_in_time_is_finished(tmp_path: Path) -> None:
-    report = bench.run(60, bench=small(tmp_path, Receivers="{}", MaxSessions="1"))
+    folder = small(tmp_path, Receivers="{}", MaxSessions="1", MaxRounds="1")
+    report = bench.run(60, bench=folder)
     assert all(f.finished for f in (report.ours, *report.naive))
     assert report.exit_code == 1
     assert all(f.distinct_states > report.ours.distinct_states for f in report.naive)

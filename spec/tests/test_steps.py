@@ -33,9 +33,9 @@ def test_every_step_of_a_station_names_its_input_rule_and_line() -> None:
 
 
 def test_a_liveness_counterexample_goes_on_for_ever() -> None:
-    result = checked("no_lease").result
+    result = checked("no_give_up").result
     assert result is not None and result.loop == len(result.trace)
-    text = [step.text for step in found("no_lease")]
+    text = [step.text for step in found("no_give_up")]
     assert "a message is lost: " in "".join(text)
 
 

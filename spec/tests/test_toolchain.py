@@ -60,6 +60,40 @@ def test_no_java(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         toolchain.java()
 
 
+def fake_java(folder: Path, does: str) -> Path:
+    (folder / "java" / "bin").mkdir(parents=True)
+    (folder / "java" / "release").write_text(does)
+    java = folder / "java" / "bin" / "java"
+    java.write_text(f"#!/bin/sh\n{does}\n")
+    java.chmod(0o755)
+    return java
+
+
+@pytest.mark.parametrize(
+    ("does", "text"),
+    [("echo classes > ${1#*=}", "classes\n"), ("exit 1", None)],
+)
+def test_an_archive_is_made_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, text: str | None
+) -> None:
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    kept = tmp_path / "share" / "automcm"
+    kept.mkdir(parents=True)
+    java = fake_java(tmp_path, f"echo >> {tmp_path / 'calls'}; {does}")
+    archive = toolchain._archive.__wrapped__
+    for _ in range(2):
+        found = archive(java, kept / "tla2tools.jar")
+        assert (found and found.read_text()) == text
+    assert sorted(path.suffix for path in kept.iterdir()) == [".aot"]
+    assert (tmp_path / "calls").read_text() == "\n"
+    assert archive(java, tmp_path / "other.jar") is None
+
+
+def test_no_archive_of_another_jar(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(OVERRIDE, "tla2tools.jar")
+    assert toolchain.archive() is None
+
+
 def test_the_folders() -> None:
     assert (paths.TLA / "System.tla").is_file()
     assert (paths.MODELS / "expectations.toml").is_file()

@@ -80,6 +80,9 @@ class Entry(NamedTuple):
     accepted: bool = False
 
 
+NOTHING = Message(), Command(), Cam(), Entry()
+
+
 class Facts:
     """What guards look at: a state, an input, and the constants of the oracle.
 
@@ -92,9 +95,9 @@ class Facts:
     def __init__(self, state: Json, i: Json, limits: dict[str, Json], full: bool = False) -> None:
         self.st = State(*state)
         self.limits, self.full = limits, full
-        self.m, self.concerned, self.c, self.i = Message(), False, Command(), Cam()
+        self.m, self.c, self.i, self.e = NOTHING
+        self.concerned = False
         self.t: Json = [""]
-        self.e = Entry()
         if i[0] == "receive":
             self.m, self.concerned = Message(*i[1]), i[2]
         elif i[0] == "command":

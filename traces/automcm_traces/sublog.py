@@ -145,7 +145,8 @@ class Sublog:
         gone = _numbers((item.record for item in self.items), station)
         for key, values in _numbers((item.record for item in left), station).items():
             gone[key] -= values
-        return self.having([_renumbered(item, gone, station) for item in moved])
+        gone = {key: values for key, values in gone.items() if values}
+        return self.having([_renumbered(item, gone, station) for item in moved] if gone else moved)
 
 
 def is_input(event: Event) -> bool:
@@ -218,19 +219,18 @@ def _named(
     fields: dict[str, Json], station: int
 ) -> Iterator[tuple[tuple[str, ...], dict[str, Json], str]]:
     """Where a record names a seq or a proposal: whose it is, and the place."""
-    told = fields.get("indication", {})
-    holders = [fields.get("message", {}), fields.get("command", {}), told]
-    holders += [value for value in told.values() if isinstance(value, dict)]
+    holders = [fields[part] for part in ("message", "command", "indication") if part in fields]
+    if "indication" in fields:
+        holders += [value for value in fields["indication"].values() if isinstance(value, dict)]
     for holder in holders:
-        session = str(holder.get("session"))
         if type(holder.get("proposal")) is int:
-            yield ("proposal", session), holder, "proposal"
+            yield ("proposal", str(holder.get("session"))), holder, "proposal"
         if type(holder.get("seq")) is int:
-            yield ("seq", session, str(holder.get("src"))), holder, "seq"
+            yield ("seq", str(holder.get("session")), str(holder.get("src"))), holder, "seq"
         of = holder.get("of")
         if isinstance(of, dict) and type(of.get("seq")) is int:
-            yield ("seq", session, str(holder.get("dst"))), of, "seq"
-    about = fields.get("timer", {}).get("message", {})
+            yield ("seq", str(holder.get("session")), str(holder.get("dst"))), of, "seq"
+    about = fields["timer"].get("message") if "timer" in fields else None
     if about:
         yield ("seq", str(about["session"]), str(station)), about, "seq"
 

@@ -62,12 +62,12 @@ def placed(shown: list[Row]) -> list[tuple[int, int]]:
     return [(row.station, row.line) for row in shown if row.event is not None]
 
 
-def simulated(folder: Path, stations: int, seed: int = 3) -> list[Path]:
+def simulated(folder: Path, stations: int, seed: int = 3, until: int = 8000) -> list[Path]:
     simulation = Simulation(seed=seed, channel=Channel(loss=0.2, duplicate=0.2), logs=folder)
     for station in range(1, stations + 1):
         simulation.add(1000 + station, Straight(target=1002))
     simulation.request(1001, at=500)
-    simulation.run(until=8_000)
+    simulation.run(until=until)
     return sorted(folder.glob("*.ndjson"))
 
 
@@ -80,7 +80,8 @@ def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None
     assert placed(rows(*paths)) == [(8, 2), (7, 2), (7, 3), (8, 3)]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.no_cover
+@pytest.mark.parametrize("seed", range(3))
 def test_the_order_keeps_every_log_and_every_sending_with_any_clocks(
     tmp_path: Path, seed: int
 ) -> None:
@@ -161,7 +162,7 @@ def test_columns_are_as_wide_as_they_may_be(tmp_path: Path) -> None:
     for stations, width in ((1, 80), (2, 80), (3, 80), (6, 80), (2, 50), (4, 132)):
         folder = tmp_path / f"{stations}-{width}"
         folder.mkdir()
-        logs = Logs(simulated(folder, stations))
+        logs = Logs(simulated(folder, stations, until=5000))
         lines = columns(logs.rows(), logs.stations, width)
         assert max(len(line) for line in lines) <= width
         assert ("station" in lines[0]) == (stations == 6 or width == 50)
@@ -298,8 +299,8 @@ def test_any_message_has_words(tmp_path: Path, message: Line) -> None:
 
 def test_long_logs_are_merged_in_bounded_memory(tmp_path: Path) -> None:
     said_ = {"message": fin(7, 8), "x_pad": "x" * 400}
-    sent = [event("send", n, tx=f"7:{n}", **said_) for n in range(2000)]
-    received = [event("receive", n, tx=f"7:{n}", **said_) for n in range(2000)]
+    sent = [event("send", n, tx=f"7:{n}", **said_) for n in range(800)]
+    received = [event("receive", n, tx=f"7:{n}", **said_) for n in range(800)]
     paths = [log(tmp_path, 7, *sent), log(tmp_path, 8, *received)]
     tracemalloc.start()
     assert sum(1 for _ in Shown(Logs(paths), Filter(), last=3)) == 3

@@ -86,6 +86,8 @@ TEN = [
      "command complete", 2),
     (1001, longer("timer", 1, op="arm", name="answer"), "PRE-4", "PRESCRIBING", "receive Ack", 2),
 ]  # fmt: skip
+QUICK = (1, 4, 6)
+"""Of both stations, and of what is missing, changed and too late; the others are deep."""
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +155,10 @@ def cause_of(value: Json) -> str:
     return str(value[0])
 
 
-@pytest.mark.parametrize("n", range(10))
+@pytest.mark.no_cover  # thousands of tries; the tests below are shorter
+@pytest.mark.parametrize(
+    "n", [n if n in QUICK else pytest.param(n, marks=pytest.mark.deep) for n in range(10)]
+)
 def test_ten_long_failing_logs_shrink_to_nearly_the_shortest(
     n: int, long_logs: Path, tmp_path: Path
 ) -> None:
@@ -184,9 +189,15 @@ def written(found: Shrunk, folder: Path) -> list[Path]:
 
 INDEX = json.loads((CORPUS / "index.json").read_text())
 BAD = [e for e in INDEX if e["file"].startswith("bad/") and e["verdict"] == "diverges"]
+"""Every second one is deep."""
 
 
-@pytest.mark.parametrize("entry", BAD, ids=[Path(e["file"]).stem for e in BAD])
+@pytest.mark.no_cover
+@pytest.mark.parametrize(
+    "entry",
+    [pytest.param(e, marks=[pytest.mark.deep] * (n % 2)) for n, e in enumerate(BAD)],
+    ids=[Path(e["file"]).stem for e in BAD],
+)
 def test_every_bad_log_keeps_its_fault(entry: dict[str, Json], tmp_path: Path) -> None:
     paths = [CORPUS / entry["file"]]
     paths += [CORPUS / entry["beside"]] if "beside" in entry else []
