@@ -210,7 +210,8 @@ def markdown(report: Report) -> str:
         "# Mutation testing of the specification",
         "",
         f"Written by `automcm spec mutate --profile {report.profile} --write`. Each mutant is one "
-        "small fault in a module; the models must find it.",
+        "small fault in a module; the models must find it. "
+        "`automcm spec mutate --list` names them, and `--only ID` runs one.",
         "",
         *markdown_table(
             ["kind", *_heads(), "what"],

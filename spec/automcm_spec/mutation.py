@@ -185,22 +185,27 @@ class _Run:
         }
         self._modules = {path.stem: path.read_bytes() for path in sorted(tla.glob("*.tla"))}
         self._locks = {m.cfg: threading.Lock() for m in chosen}
-        self._sound: set[str] = set()
+        self._sound: dict[str, float] = {}
         texts = {name: text.decode() for name, text in self._modules.items()}
         self._read_by = {m.module: models.extended(m.module, texts, instances=True) for m in chosen}
 
-    def _baseline(self, model: Model) -> None:
-        """Raise MutationError if the model is not as expected without a mutant (checked once)."""
+    def _baseline(self, model: Model) -> float:
+        """How long the model takes without a mutant, on this machine as it is (measured once).
+
+        Raises MutationError if it is not as expected.
+        """
         with self._locks[model.cfg]:
             if model.cfg in self._sound:
-                return
+                return self._sound[model.cfg]
             with tempfile.TemporaryDirectory(prefix="automcm-mutant-") as folder:
-                found = self._run(None, model, self._cfg[model.cfg], Path(folder))
+                longest = 20 * _limit(model.seconds)
+                found = self._run(None, model, self._cfg[model.cfg], Path(folder), longest)
             if found.how is not None:
                 raise MutationError(
                     f"{model.cfg} is not as expected without a mutant: {found.how}, {found.what}"
                 )
-            self._sound.add(model.cfg)
+            self._sound[model.cfg] = found.seconds
+            return found.seconds
 
     def quick(self, mutant: Mutant) -> Outcome:
         """Until something kills it.
@@ -302,14 +307,25 @@ class _Run:
             del left[ids.index(found.what)]
 
     def _check(self, mutant: Mutant, model: Model, cfg: str, folder: Path) -> _Found:
-        """What TLC says of a mutant; a difference counts if the model is right without it."""
-        found = self._run(mutant, model, cfg, folder)
+        """What TLC says of a mutant; a difference counts if the model is right without it.
+
+        If it does not end, and the model is slower here than it was when it was recorded, it gets
+        more time.
+        """
+        found = self._run(mutant, model, cfg, folder, _limit(model.seconds))
         if found.how is not None:
-            self._baseline(model)
+            seconds = self._baseline(model)
+            if found.how == "timeout" and seconds > model.seconds:
+                return self._run(mutant, model, cfg, folder, _limit(seconds))
         return found
 
-    def _run(self, mutant: Mutant | None, model: Model, cfg: str, folder: Path) -> _Found:
-        """One run of TLC, or what it said last time. folder is the mutant's own."""
+    def _run(
+        self, mutant: Mutant | None, model: Model, cfg: str, folder: Path, timeout_s: float
+    ) -> _Found:
+        """One run of TLC, or what it said last time. folder is the mutant's own.
+
+        That it did not end is not taken from the last time: the machine may have been busy.
+        """
         modules = {name: self._modules[name] for name in sorted(self._read_by[model.module])}
         if mutant is not None:
             modules[mutant.module] = mutant.apply(modules[mutant.module])
@@ -318,7 +334,7 @@ class _Run:
         for name, text in modules.items():
             digest.update(f"\0{name}\0".encode() + text)
         key = digest.hexdigest()
-        if (known := self._cache.get(key)) is not None:
+        if (known := self._cache.get(key)) is not None and known.how != "timeout":
             return known
         if self.stop.stopped:
             raise _Stopped
@@ -329,7 +345,7 @@ class _Run:
             model,
             models_dir=folder,
             tla_dir=folder,
-            timeout_s=3 * model.seconds + 10,
+            timeout_s=timeout_s,
             stop=self.stop,
         )
         if self.stop.stopped:
@@ -337,6 +353,11 @@ class _Run:
         found = _found(verdict, cfg)
         self._cache.put(key, found)
         return found
+
+
+def _limit(seconds: float) -> float:
+    """When TLC does not end, if it ended after so long without a mutant."""
+    return 3 * seconds + 10
 
 
 def _answers(data: dict[str, Any]) -> str:

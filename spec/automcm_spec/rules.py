@@ -58,7 +58,7 @@ NO_GRAPH: dict[str, str] = {
 }
 """What no graph of one station can show, and the test that shows it."""
 
-_OPERATOR = re.compile(r"^(\w+)(\([^=]*\))? ==", re.MULTILINE)
+_OPERATOR = re.compile(r"^(\w+)(\([^=]*\))? +==", re.MULTILINE)
 _HANDLER = {
     "request": "OnRequest",
     "prescribe": "OnPrescribe",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -300,6 +301,32 @@ def test_a_model_that_is_wrong_without_a_mutant_ends_the_run(
     monkeypatch.setattr(models, "check", lambda model, **_: ok(model, "depth is 3"))
     with pytest.raises(mutation.MutationError, match="tiny is not as expected without a mutant"):
         run([tiny()], mutants.generate(folder, ["Tiny"]), folder)
+
+
+def test_on_a_slower_machine_a_model_gets_more_time(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check(model: Model, *, tla_dir: Path, timeout_s: float, **_: object) -> Verdict:
+        """One second when it was recorded, thirty here."""
+        if timeout_s < 30:
+            return failed(model, "timeout")
+        mutated = (tla_dir / "Tiny.tla").read_text() != TINY
+        verdict = ok(model, "depth is 3" if mutated else None)
+        assert verdict.result is not None
+        return replace(verdict, result=replace(verdict.result, seconds=30))
+
+    monkeypatch.setattr(models, "check", check)
+    [outcome] = run([tiny()], mutants.generate(folder, ["Tiny"])[:1], folder).outcomes
+    assert outcome.how == "counts"
+
+
+def test_what_did_not_end_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, cache = mutants.generate(folder, ["Tiny"])[:1], folder / "cache.jsonl"
+    monkeypatch.setattr(models, "check", lambda model, **_: failed(model, "timeout"))
+    with pytest.raises(mutation.MutationError, match="without a mutant: timeout"):
+        run([tiny()], one, folder, cache=cache)
+    monkeypatch.setattr(models, "check", lambda model, **_: ok(model))
+    assert run([tiny()], one, folder, cache=cache).outcomes[0].survived
 
 
 def test_an_interrupted_run_is_incomplete(folder: Path, pretend: Any) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from automcm_spec import generate, oracle
 from automcm_spec.paths import TLA
-from automcm_spec.rules import RULES, cited, handler, line
+from automcm_spec.rules import RULES, cited, handler, line, operators
 
 INITIAL = ["STANDALONE", "none", [0, 0], [], [], 0, 0, False, False, 0, [], [], False, False]
 REQUEST = ["command", "request", [0, 0], 0, 0]
@@ -109,3 +109,9 @@ def test_a_missing_oracle_is_named(tmp_path: Path) -> None:
 
 def test_cited_finds_ids_only() -> None:
     assert cited("see NEG-4, (END-8) and not XNEG-4 or KIN-1") == {"NEG-4", "END-8"}
+
+
+def test_blanks_before_the_sign_of_a_definition_hide_no_operator() -> None:
+    known = operators(TLA)
+    assert "OlderOrSame" not in known["SameProposal"][1]
+    assert known["AckMatches"][1].count("/\\") == 4
