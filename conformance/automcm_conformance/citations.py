@@ -14,7 +14,7 @@ from automcm_spec.rules import RULES
 
 COLUMNS = ("specification", "must fail", "code", "case", "vector", "counterexample", "test")
 _ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|S|L|R|T)-\d\b")
-_OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? ==", re.MULTILINE)
+_OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? +==", re.MULTILINE)
 CODE, EXPERIMENTS = ("reference/automcm/**/*.py",), "/experiments/"
 """What carries a rule out; experiments only measure what it does."""
 _TESTS = tuple(f"{folder}/tests/*.py" for folder in ("spec", "reference", "traces", "conformance"))
