@@ -7,6 +7,8 @@ from suite_stage import ACCEPTS, BUSY, FOREIGN, LATER, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
+pytestmark = pytest.mark.no_cover
+
 # -- other answers to the same lines
 
 OTHERWISE = {
@@ -21,8 +23,6 @@ def answer(command):
 """,
     "the number of a session grows from reset to reset": """
 from dataclasses import replace
-
-pytestmark = pytest.mark.no_cover
 last = 0
 def answer(command):
     global last

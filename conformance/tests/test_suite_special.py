@@ -9,12 +9,12 @@ from wrong_station import station
 
 from automcm_conformance import records, suite
 
+pytestmark = pytest.mark.no_cover
+
 # -- cases that no graph carries: each can fail
 
 LASTS = """
 from automcm import station as station_
-
-pytestmark = pytest.mark.no_cover
 lasts = station_.Station._duration
 def other(self, t, now):
     ms = lasts(self, t, now)
