@@ -235,7 +235,7 @@ def replay(
     from automcm_conformance.words import exchange
 
     command = command_of(ctx)
-    verdict, what, stderr, unanswered = "PASS", "", list[str](), 0
+    verdict, what, stderr, unanswered = "PASS", "", list[str](), False
     try:
         about, steps = records.read_replay(file)
         station = Adapter(command, limit)
@@ -248,7 +248,8 @@ def replay(
         except ProtocolError as error:
             verdict, what = "ERROR", str(error)
         except AdapterError as error:
-            verdict, what, stderr, unanswered = "ERROR", str(error), error.stderr, 1
+            verdict, what, stderr = "ERROR", str(error), error.stderr
+            unanswered = not error.answers
         finally:
             station.stop()
     except (AdapterError, ProtocolError, records.ReplayError, OSError) as error:

@@ -15,6 +15,7 @@ from pydantic_core import from_json
 
 from automcm_conformance.answers import differences
 from automcm_conformance.exchange import Link, Mismatch, Step
+from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import INDICATIONS
 from automcm_conformance.wire import Expected
 from automcm_traces.writer import LogWriter
@@ -81,7 +82,12 @@ def replayed(steps: Sequence[Step], link: Link) -> list[Step]:
     what the link and the reading of an answer raise."""
     done: list[Step] = []
     for step in steps:
-        (step.answer,) = link.exchange([step.line])
+        try:
+            (step.answer,) = link.exchange([step.line])
+        except AdapterError as error:
+            for step.answer in error.answers:
+                differences(step.expected, step.answer)  # what cannot be read says more
+            raise
         problems = differences(step.expected, step.answer)
         done.append(step)
         if problems:

@@ -334,6 +334,7 @@ def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done) -> None:
     [
         ("print('no room', file=sys.stderr); sys.exit(7)", "exit code 7", "stderr no room"),
         ("print('got it')", "did you mean to write it to standard error?", ""),
+        ("print('got it', flush=True)", "did you mean to write it to standard error?", ""),
     ],
 )
 def test_a_replay_that_breaks_shows_what_led_to_it(
