@@ -213,11 +213,14 @@ class Walked(Protocol):
     """A graph with the reference in it, or the forms of messages (forms.py)."""
 
     @property
-    def states(self) -> Sequence[Json]: ...
+    def states(self) -> Sequence[Json]:
+        """All, by number; 0 is the initial one."""
 
-    def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]: ...
+    def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
+        """What every input does in state ``n``: a digest of the answer, by input."""
 
-    def shown(self, n: int) -> list[tuple[str, str]]: ...
+    def shown(self, n: int) -> list[tuple[str, str]]:
+        """The inputs of state ``n`` and what they do, to read."""
 
 
 def write(walked: Walked, path: Path) -> None:

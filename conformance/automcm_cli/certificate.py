@@ -73,6 +73,7 @@ class Row:
     difference: Difference | None = None
 
     def as_dict(self) -> dict[str, Json]:
+        """As in the file."""
         return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
 
 
@@ -99,6 +100,7 @@ class Certificate:
 
     @property
     def complete(self) -> bool:
+        """Whether every mutant that was chosen was run."""
         return len(self.rows) == self.chosen
 
     @property

@@ -30,12 +30,14 @@ class WithCommand(TyperCommand):
     """What stands after ``--`` is the command of the adapter, or the address of a WebSocket."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """What stands behind ``--`` is the command, whatever it looks like."""
         if "--" in args:
             at = args.index("--")
             args, ctx.meta[COMMAND] = args[:at], args[at + 1 :]
         return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """The command stands in the line of usage."""
         return [*super().collect_usage_pieces(ctx), "-- COMMAND..."]
 
 

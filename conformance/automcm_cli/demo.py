@@ -117,10 +117,12 @@ class Demo:
             self.vehicles.append(Vehicle("second prescriber", 5, asks_long + aside))
 
     def vehicle(self, name: str) -> Vehicle:
+        """The one of this name."""
         return next(vehicle for vehicle in self.vehicles if vehicle.name == name)
 
     @property
     def logs(self) -> list[Path]:
+        """One of each station."""
         return [self.folder / f"{vehicle.station_id}.ndjson" for vehicle in self.vehicles]
 
     async def run(self) -> None:

@@ -55,6 +55,7 @@ class Mutant:
 
     @property
     def module(self) -> str:
+        """The module it changes."""
         return self.id.split("/")[0]
 
     def as_dict(self) -> dict[str, str | int]:

@@ -47,6 +47,7 @@ class Measured:
         return rows if self.tlc_s is None else [*rows, ("TLC, one batch", self.tlc_s)]
 
     def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
         engine = self.explain_s - self.read_s
         return asdict(self) | {
             "explain_events_per_s": round(self.events / self.explain_s),

@@ -45,6 +45,7 @@ class Report:
 
     @property
     def divergences(self) -> list[dict[str, Any]]:
+        """Of all comparisons, as in ``--json``."""
         found = [d.as_dict() for c in self.compared.values() for d in c.divergences]
         return found + [{"behaviour": text} for text in self.behaviour_differences]
 
@@ -55,6 +56,7 @@ class Report:
 
     @property
     def ok(self) -> bool:
+        """Whether everything is as it must be."""
         return (
             not self.errors
             and not self.drift

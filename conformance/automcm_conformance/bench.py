@@ -43,6 +43,7 @@ class Row:
         return self.lines / self.checked_s
 
     def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
         return asdict(self) | {
             "steps_per_s": round(self.steps_per_s),
             "checked_over_echo": round(self.checked_s / self.echo_s, 2),

@@ -21,19 +21,26 @@ LIMIT = 20
 class Adapter(Protocol):
     """What the walk needs of an implementation (values: automcm_spec.oracle)."""
 
-    def reset(self) -> None: ...
+    def reset(self) -> None:
+        """The initial state."""
 
-    def put(self, state: Json) -> None: ...
+    def put(self, state: Json) -> None:
+        """Be in this state."""
 
-    def put_state(self, state: Any) -> None: ...
+    def put_state(self, state: Any) -> None:
+        """Be in this state, which ``save`` gave."""
 
-    def save(self) -> Any: ...
+    def save(self) -> Any:
+        """The state, for ``put_state``."""
 
-    def state(self) -> Json: ...
+    def state(self) -> Json:
+        """The state, as the graph writes it."""
 
-    def marks(self) -> Json: ...
+    def marks(self) -> Json:
+        """The marks of the peers, as the graph writes them."""
 
-    def apply(self, value: Json) -> tuple[Json, Json, Json, Json]: ...
+    def apply(self, value: Json) -> tuple[Json, Json, Json, Json]:
+        """Take an input: messages, indications, timers armed and timers stopped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +56,7 @@ class Divergence:
     actual: dict[str, Json]
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "inputs": self.inputs,
             "rule": self.rule,

@@ -34,6 +34,7 @@ class Edge:
 
     @property
     def way(self) -> Way:
+        """What the drawings know it by."""
         return self.role, self.source, self.target, self.rule
 
 

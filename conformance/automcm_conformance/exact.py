@@ -80,6 +80,7 @@ class Trajectory:
         return None if self.stopped else self.t[-1]
 
     def at(self, when: Fraction) -> Place:
+        """Where and how fast at this time."""
         for n in range(len(self.t) - 1):
             if when <= self.t[n + 1]:
                 share = (when - self.t[n]) / (self.t[n + 1] - self.t[n])
@@ -94,6 +95,7 @@ class Trajectory:
         ]
 
     def as_json(self) -> Json:
+        """As in a vector."""
         return {"t": self.t, "xy": [list(each) for each in self.xy], "stopped": self.stopped}
 
 

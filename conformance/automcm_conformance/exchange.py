@@ -37,7 +37,8 @@ Json = Any
 class Link(Protocol):
     """What an exchange needs of a process."""
 
-    def exchange(self, lines: Sequence[bytes]) -> list[bytes]: ...
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+        """As that of an adapter."""
 
 
 @dataclass(slots=True)

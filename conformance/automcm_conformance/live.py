@@ -27,7 +27,8 @@ Came = tuple[int, dict[str, Json]]
 class Air(Protocol):
     """Where the stations are, and the kit's clock, in ms."""
 
-    def now(self) -> int: ...
+    def now(self) -> int:
+        """The time in ms."""
 
     def send(self, data: bytes) -> None:
         """Send to all stations."""

@@ -16,11 +16,14 @@ class Opened(Protocol):
 
     def __exit__(self, *exc: object) -> None: ...
 
-    def exchange(self, lines: Sequence[bytes]) -> list[bytes]: ...
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+        """Send these lines; as many answers.  Raises AdapterError."""
 
-    def stop(self, line: bytes = STOP) -> str | None: ...
+    def stop(self, line: bytes = STOP) -> str | None:
+        """Tell it to stop.  Returns a sentence on what was wrong, or None."""
 
-    def kill(self) -> None: ...
+    def kill(self) -> None:
+        """End it at once.  May be called again."""
 
 
 def is_address(command: Sequence[str]) -> bool:

@@ -100,6 +100,7 @@ class Cases:
         items.extend(collected.result)
 
     def tests(self, suite: Suite) -> Iterator[Case]:
+        """The cases that were chosen, as tests."""
         for purpose in self._chosen:
             case = Case.from_parent(suite, name=purpose.id, cases=self)
             for name in (*purpose.rules, purpose.level):
@@ -191,6 +192,7 @@ class Cases:
         node.workerinput["automcm_asked"] = self._asked
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        """The verdict, and where the report is."""
         made = self._made or self._stored()
         if isinstance(made, Report):
             terminalreporter.section("AutoMCM conformance")
@@ -200,6 +202,7 @@ class Cases:
             terminalreporter.line(f"Report: {self._folder / 'report.html'}")
 
     def pytest_unconfigure(self, config: pytest.Config) -> None:
+        """The folder that the workers shared goes."""
         if self._shared and not hasattr(config, "workerinput"):
             shutil.rmtree(self._shared, ignore_errors=True)
 
@@ -212,6 +215,7 @@ class Suite(pytest.Collector):
         self._cases = cases
 
     def collect(self) -> Iterator[Case]:
+        """The cases."""
         return self._cases.tests(self)
 
 
@@ -234,4 +238,5 @@ class Case(pytest.Item):
             pytest.xfail(why)
 
     def reportinfo(self) -> tuple[Path, None, str]:
+        """The case stands in no file."""
         return self.config.rootpath / NAME, None, self.name

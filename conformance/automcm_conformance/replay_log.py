@@ -99,6 +99,7 @@ class Replayed:
 
     @property
     def exit_code(self) -> int:
+        """Of the command."""
         return {"allowed": 0, "diverges": 1, "error": 3, "cannot_tell": 4}[self.verdict]
 
     def as_dict(self) -> dict[str, Json]:

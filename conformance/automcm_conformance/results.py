@@ -117,6 +117,7 @@ class Report:
 
     @property
     def unexpected(self) -> list[CaseResult]:
+        """Cases that did not end as expected."""
         return [case for case in self.cases if not case.expected]
 
     @property

@@ -58,6 +58,7 @@ class Result:
 
     @property
     def ok(self) -> bool:
+        """Whether the answer is right."""
         return not self.problem
 
 

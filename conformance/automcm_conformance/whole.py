@@ -90,6 +90,7 @@ class Graphs:
 
     @cached_property
     def two(self) -> Oracle:
+        """The graph with two peers."""
         return load(TWO_PEERS.path, self.one.spec_hash)
 
     @cached_property
@@ -99,6 +100,7 @@ class Graphs:
 
     @cached_property
     def tight(self) -> Oracle:
+        """The graph with the limits of the tight model."""
         return load(TIGHT.path, self.one.spec_hash)
 
     @cached_property

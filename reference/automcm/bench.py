@@ -100,6 +100,7 @@ class Report:
     memory: Memory
 
     def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
         return asdict(self)
 
 

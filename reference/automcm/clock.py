@@ -33,9 +33,11 @@ class VirtualClock:
         self._alarms: list[tuple[int, int, list[Callable[[], None]]]] = []
 
     def now(self) -> int:
+        """The time in ms."""
         return self._now
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
+        """As ``Clock.at``."""
         what = [do]
         self._set += 1
         heapq.heappush(self._alarms, (max(when_ms, self._now), self._set, what))
@@ -60,9 +62,11 @@ class AsyncioClock:
         self._set = 0
 
     def now(self) -> int:
+        """The time in ms."""
         return int((self._loop.time() - self._zero) * 1000)
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
+        """As ``Clock.at``."""
         # A hair late rather than early: woken early, now() would still be before when_ms.  And a
         # hair later than the one set before: asyncio does not keep the order of equal times.
         self._set = self._set % 10_000 + 1

@@ -27,15 +27,14 @@ class Codec(Protocol):
     """A message as bytes and back: ``decode(encode(m)) == m``."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """As in ``--codec`` and in logs."""
 
     def encode(self, message: Message | Cam) -> bytes:
         """At most MAX_BYTES.  Raises MessageError, naming what the codec cannot carry."""
-        ...
 
     def decode(self, data: bytes) -> Message | Cam:
         """Raises MessageError, and nothing else, naming the first fault (END-5)."""
-        ...
 
 
 def bounded(data: bytes) -> bytes:

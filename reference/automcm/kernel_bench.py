@@ -57,6 +57,7 @@ class Row:
 
     @property
     def to_floor(self) -> float:
+        """Times the floor."""
         return self.us / self.floor_us
 
     @property
@@ -80,6 +81,7 @@ class Report:
     """Peers that are not installed."""
 
     def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
         rows = [{**asdict(r), "to_floor": r.to_floor, "ahead": r.ahead} for r in self.rows]
         return {"rows": rows, "missing": list(self.missing)}
 

@@ -83,6 +83,7 @@ class Station:
 
     @property
     def station_id(self) -> int:
+        """Its own id."""
         return self.me.station_id
 
     def next_deadline(self) -> int | None:

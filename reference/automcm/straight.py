@@ -32,9 +32,11 @@ class Straight:
     lease_ms: int = 20_000
 
     def attach(self, service: Service) -> None:
+        """As ``Application.attach``."""
         self.service = service
 
     def kinematics(self, now_ms: int) -> Kinematics:
+        """As ``Application.kinematics``."""
         return Kinematics(x_mm=self.speed_mm_s * now_ms // 1000, speed_mm_s=self.speed_mm_s)
 
     def trajectory(self, per_cent: int = 100) -> Trajectory:
@@ -42,9 +44,11 @@ class Straight:
         return Trajectory(t0=0, points=((0, 0, 0), (1000, self.speed_mm_s * per_cent // 100, 0)))
 
     def concerned(self, advertised: Advertised) -> Trajectory | None:
+        """As ``Application.concerned``."""
         return self.trajectory() if self.concerned_by_all else None
 
     def choose(self, choice: Choice) -> None:
+        """As ``Application.choose``."""
         if not choice.target and self.target not in choice.planned:
             self.target = next(iter(choice.planned))
         self.service.command(self._proposal(choice), self.think_ms)
@@ -54,11 +58,13 @@ class Straight:
         return choice.prescribe(self.target, slower, hold_ms=self.hold_ms, lease_ms=self.lease_ms)
 
     def verify(self, proposal: Proposal) -> None:
+        """As ``Application.verify``."""
         refused = proposal.proposal <= self.refuse_first
         answer = proposal.refuse() if refused else proposal.accept()
         self.service.command(answer, self.think_ms)
 
     def load(self, drive: Drive) -> None:
+        """As ``Application.load``."""
         if drive.role == "prescriber":
             self.service.command(drive.complete(), self.maneuver_ms)
 

@@ -53,6 +53,7 @@ class Definition:
         self._has_station = "st" in {text(name) for name in names}
 
     def edits(self) -> Iterator[Edit]:
+        """All that can be made in it."""
         body = self._definition.child_by_field_name("definition")
         assert body is not None
         if _symbol(body) in _RELATIONS | {"lnot"}:

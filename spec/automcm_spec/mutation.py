@@ -82,6 +82,7 @@ class Outcome:
         return sorted({kill.what for kill in self.kills if kill.how == "property"})
 
     def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
         m = self.mutant
         return {
             "id": m.id,
@@ -149,9 +150,11 @@ class Cache:
                     continue  # the line that was being written when the run ended
 
     def get(self, key: str) -> _Found | None:
+        """What was found before, if anything."""
         return self._found.get(key)
 
     def put(self, key: str, found: _Found) -> None:
+        """Keep what was found."""
         with self._lock:
             if self._found.get(key) == found:
                 return

@@ -34,6 +34,7 @@ class Span:
         return f"{self.best} ms ({self.low} to {self.high} ms)"
 
     def as_dict(self) -> dict[str, int | bool]:
+        """As in ``--json``."""
         return {
             "ms": self.best,
             "at_least_ms": self.low,

@@ -58,9 +58,11 @@ class Log:
         return line
 
     def at(self, line: int) -> Json:
+        """The record of a line, from 1."""
         return self.records[line - 1]
 
     def drop(self, line: int) -> None:
+        """Leave a line out."""
         del self.records[line - 1]
 
     def text(self) -> bytes:
@@ -75,6 +77,7 @@ class Log:
         return self.as_it_is()
 
     def as_it_is(self) -> bytes:
+        """The log as it stands now."""
         return b"".join(_line(record) for record in self.records)
 
 

@@ -174,6 +174,7 @@ class Coverage:
         }
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "logs": self.logs,
             "events": self.events,

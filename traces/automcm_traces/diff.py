@@ -66,6 +66,7 @@ class Compared:
     both have it, the one that differs."""
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         d = self.difference
         found: dict[str, Json] = {
             "station": self.station,
@@ -103,6 +104,7 @@ class Diff:
         return not (self.only_a or self.only_b or any(c.difference for c in self.stations))
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "same": self.same,
             "first": self.first,

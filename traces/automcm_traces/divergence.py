@@ -25,6 +25,7 @@ class Why:
     """The station before the event."""
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {"nearest": self.nearest, "causes": list(self.causes), "state": self.state}
 
     def lines(self) -> list[str]:

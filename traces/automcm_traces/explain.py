@@ -56,6 +56,7 @@ class Verdict:
     why: Why = field(default_factory=Why)
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "verdict": self.verdict,
             "file": self.file,

@@ -63,6 +63,7 @@ class Hazard:
     why: str = ""
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "session": list(self.session),
             "prescriber": self.prescriber,

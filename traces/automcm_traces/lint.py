@@ -74,6 +74,7 @@ class Finding:
         return CHECKS[self.check][0]
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "file": self.file,
             "line": self.line,
@@ -126,6 +127,7 @@ class Report:
         return "findings" if self.errors else "clean"
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "file": self.file,
             "verdict": self.verdict,

@@ -51,10 +51,12 @@ class Run:
 
     @property
     def logs(self) -> Sequence[Log]:
+        """Of the stations."""
         return self.merged.logs
 
     @property
     def title(self) -> str:
+        """For the head of the page."""
         stations = self.merged.stations
         some = ", ".join(map(str, stations[:4])) + (", …" if stations[4:] else "")
         return f"{self.merged.run}: {some}"

@@ -54,6 +54,7 @@ class Judged:
     where: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "property": self.property,
             "outcome": self.outcome,
@@ -95,6 +96,7 @@ class SystemReport:
         return "cannot_tell" if self.problem or "cannot_tell" in outcomes else "allowed"
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "verdict": self.verdict,
             "run": self.run,

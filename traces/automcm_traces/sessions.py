@@ -29,6 +29,7 @@ class Session:
     """The rule by which it ended."""
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "session": list(self.session),
             "role": self.role,
@@ -55,6 +56,7 @@ class Sessions:
     number: int = 0
 
     def __call__(self, step: Step, track: Track) -> None:
+        """Follow a step."""
         current = self.kept[-1] if self.kept and not self.kept[-1].last else None
         if current is not None and current.session != track.session:
             current.last, current.rule = step.at, step.rule

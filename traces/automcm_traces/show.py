@@ -40,6 +40,7 @@ class Row:
     """The log cannot be read on from here."""
 
     def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
         return {
             "station": self.station,
             "line": self.line,
@@ -51,6 +52,7 @@ class Row:
 
     @property
     def kind(self) -> Kind:
+        """What kind of row it is."""
         return "note" if self.event is None else kind(self.event)
 
     @property

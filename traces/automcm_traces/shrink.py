@@ -70,6 +70,7 @@ class Shrunk:
         return kept.index(self.line) + 2 if self.line in kept else 0
 
     def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
         return {
             "what": self.what,
             "rule": self.rule,

@@ -70,6 +70,7 @@ class Air:
     _known: dict[bytes, dict[str, Bytes]] = field(default_factory=dict)
 
     def encode(self, message: Message | Cam) -> bytes:
+        """As JSON, and counted."""
         data = JSON.encode(message)
         if isinstance(message, Cam):
             forms = dict.fromkeys(FORMS, measured(on_air(message)))
@@ -91,6 +92,7 @@ class Air:
         return data
 
     def decode(self, data: bytes) -> Message | Cam:
+        """From JSON."""
         return JSON.decode(data)
 
 
@@ -179,6 +181,7 @@ class Recorded:
 
     @property
     def vehicles(self) -> int:
+        """How many take part."""
         return len(self.drive.drivers)
 
 

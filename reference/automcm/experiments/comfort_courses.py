@@ -91,14 +91,17 @@ class Changer(LaneChange):
         return command.model_copy(update=changed)
 
     def choose(self, choice: Choice) -> None:
+        """Unless nobody is there to."""
         if not self.absent:
             super().choose(choice)
 
     def verify(self, proposal: Proposal) -> None:
+        """Unless nobody is there to."""
         if not self.absent:
             super().verify(proposal)
 
     def load(self, drive: Drive) -> None:
+        """Unless nobody is there to."""
         if not self.absent:
             self.executing = drive.role == "receiver"
             super().load(drive)

@@ -57,6 +57,7 @@ class Hazard:
 
     @property
     def length_ms(self) -> int:
+        """How long it lasted."""
         return self.until_ms - self.since_ms
 
 

@@ -375,6 +375,7 @@ class WebSocketBridge:
     # -- the application interface
 
     def attach(self, service: application.Service) -> None:
+        """To a service of its own kind only."""
         if not isinstance(service, McService):
             raise TypeError("the bridge needs an McService: it publishes the station's state")
         self._service = service
@@ -392,6 +393,10 @@ class WebSocketBridge:
         return self._kinematics
 
     def concerned(self, advertised: application.Advertised) -> Trajectory | None:
+        """What the driving software last planned for this scenario, if that is not too old.
+
+        It is told of the maneuver, unless a session is under way.
+        """
         now = self._service.now()
         planned, since = self._plans.get(advertised.scenario, (None, now))
         if now - since >= self._plan_ms:
@@ -405,9 +410,11 @@ class WebSocketBridge:
         return planned
 
     def choose(self, choice: application.Choice) -> None:
+        """Ask the driving software."""
         self._ask(choice, ros.Choice.of)
 
     def verify(self, proposal: application.Proposal) -> None:
+        """Ask the driving software."""
         self._ask(proposal, ros.Proposal.of)
 
     def _ask(self, question: Any, of: Any) -> None:
@@ -428,6 +435,7 @@ class WebSocketBridge:
         self._show()
 
     def load(self, drive: application.Drive) -> None:
+        """Hand the drive over."""
         try:
             self._drive = ros.publication(ros.Drive.of(drive, self._service.now()))
         except ValueError:
@@ -437,12 +445,15 @@ class WebSocketBridge:
         self._show()
 
     def fallback(self, session: Session, reason: str) -> None:
+        """Tell the driving software that it drives alone."""
         self._alone(session, reason)
 
     def finished(self, session: Session) -> None:
+        """Tell the driving software that it drives alone."""
         self._alone(session, "finished")
 
     def refused(self, command: str, rule: str) -> None:
+        """Tell the driving software, with the rule."""
         message = ros.Refused(header=ros.stamped(self._service.now()), command=command, rule=rule)
         self._publish(message.topic, ros.publication(message))
 

@@ -74,6 +74,7 @@ class Session(Ros):
 
     @property
     def key(self) -> SessionKey | None:
+        """The session, if it names one."""
         return (self.prescriber, self.number) if self.prescriber and self.number else None
 
 
@@ -119,6 +120,7 @@ class Drive(Message):
 
     @classmethod
     def of(cls, drive: application.Drive, now: int) -> Drive:
+        """What goes to the driving software; ``now`` in ms."""
         return cls(
             header=stamped(now),
             mode="coordinated",
@@ -130,6 +132,7 @@ class Drive(Message):
         )
 
     def drive(self, session: SessionKey) -> application.Drive:
+        """What it stands for.  Raises ValueError."""
         selected = trajectory(self.selected, "selected")
         return application.Drive(session, self.role, selected, self.start.ms, self.until.ms)
 
@@ -154,6 +157,7 @@ class Choice(Message):
 
     @classmethod
     def of(cls, choice: application.Choice, now: int) -> Choice:
+        """What goes to the driving software; ``now`` in ms."""
         if sum(len(t.points) for t in choice.planned.values()) > MAX_PLANNED:
             raise MessageError(f"planned: more than {MAX_PLANNED} points")
         return cls(
@@ -169,6 +173,7 @@ class Choice(Message):
         )
 
     def choice(self, session: SessionKey) -> application.Choice:
+        """What it stands for.  Raises ValueError."""
         planned = {p.station_id: trajectory(p.trajectory, "planned") for p in self.planned}
         return application.Choice(session, self.proposal, planned, self.target, self.reason)
 
@@ -186,6 +191,7 @@ class Proposal(Message):
 
     @classmethod
     def of(cls, proposal: application.Proposal, now: int) -> Proposal:
+        """What goes to the driving software; ``now`` in ms."""
         return cls(
             header=stamped(now),
             session=to_session(proposal.session),
@@ -196,6 +202,7 @@ class Proposal(Message):
         )
 
     def asked(self, session: SessionKey) -> application.Proposal:
+        """What it stands for.  Raises ValueError."""
         prescribed = trajectory(self.prescribed, "prescribed")
         return application.Proposal(session, self.proposal, prescribed, self.hold_ms, self.lease_ms)
 
@@ -214,6 +221,7 @@ class Advertised(Message):
 
     @classmethod
     def of(cls, advertised: application.Advertised, concerned: bool, now: int) -> Advertised:
+        """What goes to the driving software; ``now`` in ms."""
         planned = advertised.planned
         return cls(
             header=stamped(now),
@@ -225,6 +233,7 @@ class Advertised(Message):
         )
 
     def advertised(self, session: SessionKey) -> application.Advertised:
+        """What it stands for.  Raises ValueError."""
         planned = trajectory(self.planned, "planned") if self.planned.points else None
         return application.Advertised(session, self.scenario, self.details, planned)
 
@@ -267,6 +276,7 @@ class Request(Message):
     planned: AutowareTrajectory = NO_TRAJECTORY
 
     def command(self) -> interface.Request:
+        """What it asks of the station.  Raises ValueError."""
         if len(to_json(self.details)) > MAX_DETAILS:
             raise MessageError(f"msg.details: more than {MAX_DETAILS} bytes")
         planned = trajectory(self.planned, "msg.planned") if self.planned.points else None
@@ -296,6 +306,7 @@ class Prescribe(_OfSession):
     lease_ms: Annotated[Duration, Field(ge=1)]
 
     def command(self) -> interface.Prescribe:
+        """What it asks of the station.  Raises ValueError."""
         return interface.Prescribe(
             session=self.key,
             proposal=self.proposal,
@@ -313,6 +324,7 @@ class Proceed(_OfSession):
     type = TYPES + "Proceed"
 
     def command(self) -> interface.Proceed:
+        """What it asks of the station.  Raises ValueError."""
         return interface.Proceed(session=self.key)
 
 
@@ -332,6 +344,7 @@ class Refuse(_OfSession):
     proposal: Positive
 
     def command(self) -> interface.Refuse:
+        """What it asks of the station.  Raises ValueError."""
         return interface.Refuse(session=self.key, proposal=self.proposal)
 
 
@@ -342,6 +355,7 @@ class Complete(_OfSession):
     type = TYPES + "Complete"
 
     def command(self) -> interface.Complete:
+        """What it asks of the station.  Raises ValueError."""
         return interface.Complete(session=self.key)
 
 
@@ -352,6 +366,7 @@ class Abort(_OfSession):
     type = TYPES + "Abort"
 
     def command(self) -> interface.Abort:
+        """What it asks of the station.  Raises ValueError."""
         return interface.Abort(session=self.key)
 
 

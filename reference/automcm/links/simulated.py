@@ -151,11 +151,14 @@ class SimulatedLink:
         self._radio, self._station_id = radio, station_id
 
     def open(self, receive: Receiver) -> None:
+        """As ``Link.open``."""
         self._radio._receivers[self._station_id] = receive
 
     def send(self, data: bytes, to: int, tx: str) -> None:
+        """As ``Link.send``."""
         if self._station_id in self._radio._receivers:
             self._radio._send(self._station_id, data, to, tx)
 
     def close(self) -> None:
+        """As ``Link.close``."""
         self._radio._receivers.pop(self._station_id, None)

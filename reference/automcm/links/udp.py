@@ -107,6 +107,7 @@ class UdpLink:
                 raise
 
     def open(self, receive: Receiver) -> None:
+        """As ``Link.open``."""
         self._receive = receive
         loop = asyncio.get_running_loop()
         for sock in self._sockets:
@@ -115,10 +116,12 @@ class UdpLink:
             self._put(b"", self._via)  # tells the relay where we are
 
     def send(self, data: bytes, to: int, tx: str) -> None:
+        """As ``Link.send``."""
         known = self._addresses.get(to) if to != BROADCAST and self._via is None else None
         self._put(data, known or self._all)
 
     def close(self) -> None:
+        """As ``Link.close``."""
         loop = asyncio.get_running_loop()
         for sock in self._sockets:
             loop.remove_reader(sock)

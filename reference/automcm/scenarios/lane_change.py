@@ -153,9 +153,11 @@ class LaneChange:
         self._proposal: tuple[Proposal, Trajectory] | None = None
 
     def attach(self, service: Service) -> None:
+        """As ``Application.attach``."""
         self.service = service
 
     def kinematics(self, now_ms: int) -> Kinematics:
+        """As ``Application.kinematics``."""
         return kinematics(self.vehicle)
 
     # -- prescriber
@@ -237,6 +239,7 @@ class LaneChange:
     # -- receiver
 
     def concerned(self, advertised: Advertised) -> messages.Trajectory | None:
+        """As ``Application.concerned``."""
         lane = advertised.details.get("lane")
         if advertised.scenario != SCENARIO or type(lane) is not int or lane != self.vehicle.lane:
             return None
@@ -296,6 +299,7 @@ class LaneChange:
         self._alone()
 
     def finished(self, session: Session) -> None:
+        """As ``Application.finished``."""
         self._tell("is done")
         self._alone()
 
@@ -306,6 +310,7 @@ class LaneChange:
             self.wanted = None
 
     def refused(self, command: str, rule: str) -> None:
+        """As ``Application.refused``."""
         self._tell(f"{command} is refused by {rule}")
         if command == "request":
             self.wanted = None

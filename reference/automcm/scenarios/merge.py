@@ -69,9 +69,11 @@ class Merge:
         self._asked: Trajectory | None = None
 
     def attach(self, service: Service) -> None:
+        """As ``Application.attach``."""
         self.service = service
 
     def kinematics(self, now_ms: int) -> Kinematics:
+        """As ``Application.kinematics``."""
         return kinematics(self.vehicle)
 
     def signal(self) -> None:
@@ -83,6 +85,7 @@ class Merge:
         self.service.command(Request(scenario=SCENARIO, details=details))
 
     def concerned(self, advertised: Advertised) -> messages.Trajectory | None:
+        """As ``Application.concerned``."""
         joins = advertised.details.get("joins_mm")
         ahead = type(joins) is int and self.vehicle.x * 1000 < joins
         if advertised.scenario != SCENARIO or self.vehicle.lane != self.ramp.lane or not ahead:
@@ -91,6 +94,7 @@ class Merge:
         return to_message(thin(self._intended))
 
     def choose(self, choice: Choice) -> None:
+        """As ``Application.choose``."""
         try:
             command = self._chosen(choice)
         except TrajectoryError as error:
@@ -121,6 +125,7 @@ class Merge:
         return choice.prescribe(self._target, prescribed, hold_ms=0, lease_ms=round(lease_s * 1000))
 
     def verify(self, proposal: Proposal) -> None:
+        """As ``Application.verify``."""
         self._asked = None
         try:
             asked = read("Prescription", proposal.prescribed)
@@ -134,6 +139,7 @@ class Merge:
         self.service.command(proposal.refuse() if self._asked is None else proposal.accept())
 
     def load(self, drive: Drive) -> None:
+        """As ``Application.load``."""
         self._drive = drive
         if drive.role == "prescriber":
             self.agreed = True
@@ -152,12 +158,15 @@ class Merge:
                 self._drive = None
 
     def fallback(self, session: Session, reason: str) -> None:
+        """As ``Application.fallback``."""
         self._over(reason)
 
     def finished(self, session: Session) -> None:
+        """As ``Application.finished``."""
         self._over("finished")
 
     def refused(self, command: str, rule: str) -> None:
+        """As ``Application.refused``."""
         self.ended.append(f"{command} {rule}")
         if command == "request":
             self.merging = self.agreed = False

@@ -38,9 +38,11 @@ class SpeedAdvice:
         self._own = vehicle.desired
 
     def attach(self, service: Service) -> None:
+        """As ``Application.attach``."""
         self.service = service
 
     def kinematics(self, now_ms: int) -> Kinematics:
+        """As ``Application.kinematics``."""
         return kinematics(self.vehicle)
 
     def signal(self) -> None:
@@ -49,12 +51,14 @@ class SpeedAdvice:
         self.service.command(Request(scenario=SCENARIO, details=dict(details)))
 
     def concerned(self, advertised: Advertised) -> Trajectory | None:
+        """As ``Application.concerned``."""
         speed = round(self.vehicle.speed * 1000)
         asked = advertised.details.get("speed_mm_s")
         fits = advertised.scenario == SCENARIO and type(asked) is int and asked < speed
         return a_second_at(speed) if fits else None
 
     def choose(self, choice: Choice) -> None:
+        """As ``Application.choose``."""
         if choice.proposal == 1:
             read = {station_id: speed_in(t) for station_id, t in choice.planned.items()}
             speeds = {s: speed for s, speed in read.items() if speed is not None}
@@ -76,6 +80,7 @@ class SpeedAdvice:
         self.service.command(proposal.accept() if fits else proposal.refuse())
 
     def load(self, drive: Drive) -> None:
+        """As ``Application.load``."""
         if drive.role == "receiver":
             speed = speed_in(drive.selected)
             assert speed is not None
@@ -87,12 +92,15 @@ class SpeedAdvice:
         """Nothing to control: the cruise control does."""
 
     def fallback(self, session: Session, reason: str) -> None:
+        """As ``Application.fallback``."""
         self._over(reason)
 
     def finished(self, session: Session) -> None:
+        """As ``Application.finished``."""
         self._over("finished")
 
     def refused(self, command: str, rule: str) -> None:
+        """As ``Application.refused``."""
         self.ended.append(f"{command} {rule}")
 
     def _over(self, how: str) -> None:

@@ -60,6 +60,7 @@ class Adapter:
         self.station: Station | None = None
 
     def answer(self, line: Json) -> Json:
+        """The answer to a line."""
         cmd = line["cmd"]
         if cmd == "hello":
             return ABOUT
