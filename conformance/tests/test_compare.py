@@ -19,17 +19,14 @@ def oracle() -> Oracle:
     return load(generate.ONE_PEER.path, generate.spec_hash())
 
 
-@pytest.mark.no_cover
 def test_the_map_is_its_own_inverse_on_every_state(oracle: Oracle) -> None:
     assert all(abstract(concrete(state)) == state for state in oracle.states)
 
 
-@pytest.mark.no_cover
 def test_every_state_differs_in_the_reference(oracle: Oracle) -> None:
     assert len({repr(concrete(state)) for state in oracle.states}) == len(oracle.states)
 
 
-@pytest.mark.no_cover
 def test_every_transition_agrees(oracle: Oracle) -> None:
     result = walk(oracle, Reference(oracle.constants), transitions_only=True)
     assert (result.states, result.inputs) == (len(oracle.states), oracle.transitions)
@@ -52,7 +49,6 @@ def test_the_path_to_a_difference_is_a_shortest_one(oracle: Oracle) -> None:
     assert [i[0] for i in inputs] == ["receive", "receive", inputs[-1][0]]
 
 
-@pytest.mark.no_cover
 def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
     class Broken(Reference):
         def apply(self, value: Any) -> Any:
@@ -65,7 +61,6 @@ def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Orac
     assert "RuntimeError: no" in explain(result.divergences[0], oracle)
 
 
-@pytest.mark.no_cover
 def test_marks_are_compared(oracle: Oracle) -> None:
     class Unmarked(Reference):
         def marks(self) -> Any:

@@ -105,7 +105,6 @@ def explored(
     )
 
 
-@pytest.mark.no_cover
 def test_a_right_station_passes_and_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     one, other = (explored("", tmp_path, 40).as_dict() for _ in range(2))
     assert json.dumps(one) == json.dumps(other)
@@ -116,7 +115,6 @@ def test_a_right_station_passes_and_the_same_seed_gives_the_same_bytes(tmp_path:
     assert explored("", tmp_path, 40, seed=2).as_dict()["coverage"] != one["coverage"]
 
 
-@pytest.mark.no_cover
 def test_a_station_that_numbers_its_sessions_freely_passes(tmp_path: Path) -> None:
     code = """
 def answer(command):
@@ -129,7 +127,6 @@ def answer(command):
     assert found.cases == [] and found.problems == []
 
 
-@pytest.mark.no_cover
 def test_a_station_without_durations_is_walked_in_natural_time(tmp_path: Path) -> None:
     without = 'kit.HELLO["features"].remove("durations")\nkit.HELLO["features"].remove("restart")\n'
     found = explored(without, tmp_path, 25)
@@ -151,7 +148,6 @@ def replays(found: Exploration, folder: Path, code: str) -> None:
     assert len(wrong.value.steps) == len(steps)
 
 
-@pytest.mark.no_cover
 def test_a_fault_of_the_second_session_is_found_and_shortened(tmp_path: Path) -> None:
     found = explored(SECOND_SESSION, tmp_path, 400)
     (case,) = found.cases
@@ -180,7 +176,6 @@ SAME_NUMBER = AFTER_RESTART.format(
 )
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize("code", [SEQ_AFTER_RESTART, SAME_NUMBER])
 def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
     tmp_path: Path, code: str
@@ -191,7 +186,6 @@ def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
     replays(found, tmp_path, code)
 
 
-@pytest.mark.no_cover
 def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> None:
     found = explored(LATE_LEASE, tmp_path, 100)
     (case,) = found.cases
@@ -200,7 +194,6 @@ def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> 
     replays(found, tmp_path, LATE_LEASE)
 
 
-@pytest.mark.no_cover
 def test_a_station_that_stops_failing_is_nondeterministic_with_both_logs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -281,7 +274,6 @@ def test_what_is_remembered_over_reset_is_nondeterministic(tmp_path: Path) -> No
     assert len(list((tmp_path / "logs").glob("1-again.*"))) == 1
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize("code", [LINE_TOO_MANY, LINE_TOO_FEW])
 def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str) -> None:
     found = explored(code, tmp_path, 30, limit_s=1.0)
@@ -290,7 +282,6 @@ def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str)
     assert not found.problems
 
 
-@pytest.mark.no_cover
 def test_an_interruption_of_shortening_keeps_the_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,8 +20,6 @@ from automcm_spec import generate
 from automcm_spec.oracle import dump, parse
 from automcm_spec.paths import TLA
 
-pytestmark = pytest.mark.no_cover
-
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "reference" / "automcm"
 

@@ -7,8 +7,6 @@ from suite_stage import ACCEPTS, BUSY, FOREIGN, LATER, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
-pytestmark = pytest.mark.no_cover
-
 # -- other answers to the same lines
 
 OTHERWISE = {

@@ -9,8 +9,6 @@ from wrong_station import station
 
 from automcm_conformance import records, suite
 
-pytestmark = pytest.mark.no_cover
-
 # -- cases that no graph carries: each can fail
 
 LASTS = """

@@ -14,8 +14,6 @@ from automcm_conformance.exchange import Mismatch
 from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.wire import Expected, Wire
 
-pytestmark = pytest.mark.no_cover
-
 
 def test_a_wrong_answer_is_blamed_on_its_case(conform: Suite) -> None:
     found = conform(station(IGNORES), BUSY, ACCEPTS, "AMCM/RCV/ADV/BV-01", states=60)

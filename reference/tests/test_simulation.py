@@ -18,8 +18,6 @@ from automcm.state import State
 from automcm.station import Effects
 from automcm.straight import Straight
 
-pytestmark = pytest.mark.no_cover
-
 PRESCRIBER, TARGET = 1001, 2002
 STATIONS = (1001, 2002, 3003, 4004)
 END = 12_000

@@ -8,8 +8,6 @@ from seeded_bugs import BUGS, Bug, hunt
 from stateful import Coordination, profile, repeated, run
 from stateful_oracle import PROPERTIES, Coverage
 
-pytestmark = pytest.mark.no_cover  # tracing makes it four times slower
-
 
 def test_s_1_to_s_7_t_1_to_t_3_and_the_oracle() -> None:
     """Some thousand steps, a million in ``make test-deep``.  All rules and phases must be met; if a

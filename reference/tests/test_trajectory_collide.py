@@ -24,8 +24,6 @@ from test_trajectory_cases import (
 from automcm.trajectory import collide
 from automcm.trajectory.core import Trajectory
 
-pytestmark = pytest.mark.no_cover
-
 pairs = st.tuples(trajectories(), trajectories())
 Pair = tuple[Trajectory, Trajectory]
 EXACT = 1e-6

@@ -22,8 +22,6 @@ from automcm import messages
 from automcm.trajectory import convert
 from automcm.trajectory.core import Floats, Trajectory, from_message, to_message
 
-pytestmark = pytest.mark.no_cover
-
 V_EPS = 0.1
 
 

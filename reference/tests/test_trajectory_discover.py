@@ -14,8 +14,6 @@ from test_trajectory_cases import BAD, numbers, places, raises, turned
 from automcm.trajectory import discover
 from automcm.trajectory.core import Floats
 
-pytestmark = pytest.mark.no_cover
-
 LANE = np.array([(-60, -60), (60, -60), (60, 60), (-60, 60.0)])
 """Holds every place of the strategies."""
 

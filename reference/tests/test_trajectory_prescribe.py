@@ -15,8 +15,6 @@ from automcm.trajectory import prescribe, verify
 from automcm.trajectory.core import Floats, Trajectory, TrajectoryError, from_message, to_message
 from automcm.trajectory.thin import thin
 
-pytestmark = pytest.mark.no_cover
-
 Case = tuple[Trajectory, float, dict[str, float]]
 
 

@@ -13,8 +13,6 @@ from automcm.messages import Intention
 from automcm.trajectory import collide, thin
 from automcm.trajectory.core import Trajectory, TrajectoryError, to_message
 
-pytestmark = pytest.mark.no_cover
-
 
 def points(of: Trajectory) -> int:
     """A size that counts: a byte for each point."""

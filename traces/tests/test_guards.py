@@ -314,7 +314,6 @@ def test_adv_3_where_a_log_diverges_the_guard_is_found(log: Log) -> None:
     )
 
 
-@pytest.mark.no_cover
 def test_of_everything_done_somewhere_the_nearest_is_found_in_every_state() -> None:
     """It blocks as it says, its values can be shown, and it names a line."""
     things = sorted(

@@ -18,8 +18,6 @@ from automcm_traces.guards_end import HANDLERS
 from automcm_traces.guards_timers import ARMED, armed
 from automcm_traces.guards_tree import Choice, Facts, Leaf, Tree, decide, done, ways
 
-pytestmark = pytest.mark.no_cover  # what asks for each answer of three graphs
-
 Json = Any
 Seen = dict[tuple[str, str, tuple[str, ...]], tuple[set[str], set[str]]]
 """What each leaf of a handler does always, and ever."""

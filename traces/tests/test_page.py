@@ -320,7 +320,6 @@ def test_a_field_of_100_000_characters_is_there_once(tmp_path: Path) -> None:
     assert page.count(b"a" * 1000 + b"<") == 0  # cut in the table, and in titles
 
 
-@pytest.mark.no_cover
 def test_10_000_stations_share_a_column(tmp_path: Path) -> None:
     lines = records(FOUR[0])
     cams = [
@@ -369,7 +368,6 @@ def test_without_javascript_there_is_a_table_of_all_rows() -> None:
 # -- size, and what cannot be shown
 
 
-@pytest.mark.no_cover
 def test_a_large_log_takes_less_than_250_bytes_an_event(tmp_path: Path) -> None:
     simulation = Simulation(seed=1, channel=Channel(loss=0.1), logs=tmp_path)
     for station in (1, 2, 3):

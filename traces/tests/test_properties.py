@@ -287,7 +287,6 @@ CHANGES: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize("change", CHANGES, ids=str)
 @pytest.mark.parametrize("ev", ["send", "receive"])
 def test_whatever_a_message_holds_there_is_a_report(

@@ -155,7 +155,6 @@ def cause_of(value: Json) -> str:
     return str(value[0])
 
 
-@pytest.mark.no_cover  # thousands of tries; the tests below are shorter
 @pytest.mark.parametrize(
     "n", [n if n in QUICK else pytest.param(n, marks=pytest.mark.deep) for n in range(10)]
 )
@@ -192,7 +191,6 @@ BAD = [e for e in INDEX if e["file"].startswith("bad/") and e["verdict"] == "div
 """Every second one is deep."""
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize(
     "entry",
     [pytest.param(e, marks=[pytest.mark.deep] * (n % 2)) for n, e in enumerate(BAD)],
