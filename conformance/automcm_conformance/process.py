@@ -21,6 +21,8 @@ from typing import IO, Literal, NoReturn
 Kind = Literal["start", "hang", "crash", "closed", "line", "output"]
 
 STOP = b'{"cmd": "stop"}\n'
+LIMIT_S = 10.0
+"""The real time that an answer may take, unless another is asked for (``--limit``)."""
 TAIL = 30
 """Lines of standard error that are kept."""
 CUT = 2_000
@@ -71,7 +73,7 @@ class Process:
     """
 
     def __init__(
-        self, command: Sequence[str], *, limit_s: float = 10.0, max_line: int = 1 << 20
+        self, command: Sequence[str], *, limit_s: float = LIMIT_S, max_line: int = 1 << 20
     ) -> None:
         self.limit_s = limit_s
         self.max_line = max_line

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import get_args
 
 from automcm_conformance import records, words
+from automcm_conformance.process import LIMIT_S
 from automcm_conformance.purposes import Purpose
 from automcm_conformance.results import (
     CaseResult,
@@ -141,8 +142,7 @@ def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
         return [failure(runner, case, n, fault, folder) for n, fault in enumerate(tally.faults, 1)]
     if o.verdict in ("PASS", "SKIP"):
         return []
-    command = shlex.join(runner.adapter.command)
-    again = f"automcm conform run {case} --seed {runner.seed} -- {command}"
+    again = f"automcm conform run {case} --seed {runner.seed} {_behind(runner)}"
     text = RULES.get(o.rule, "")
     return [
         Failure(o.rule, text, o.operator, o.line, o.what, o.allowed, o.came, o.lines, command=again)
@@ -172,6 +172,13 @@ def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
     return "PASS", f"left out of {tally.total:,}: {'; '.join(out)}" if out else ""
 
 
+def _behind(runner: Runner) -> str:
+    """What stands at the end of a command that asks the same station again."""
+    adapter = runner.adapter
+    limit = "" if adapter.limit_s == LIMIT_S else f"--limit {adapter.limit_s:g} "
+    return f"{limit}-- {shlex.join(adapter.command)}"
+
+
 def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Failure:
     """A fault in the words of a report; its replay is written."""
     name = re.sub(r"[^A-Za-z0-9]+", "-", case)
@@ -184,7 +191,6 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
         cut = Line(lines[0].now, "kit", f"… {len(lines) - SHOWN} lines; the replay has all …")
         lines = [cut, *lines[-SHOWN:]]
     came = [words.answered(last.answer)] if last.answer else ["no answer", *fault.stderr]
-    command = shlex.join(runner.adapter.command)
     return Failure(
         fault.rule,
         RULES.get(fault.rule, ""),
@@ -195,5 +201,5 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
         came,
         lines,
         str(replay.relative_to(folder)),
-        f"automcm conform replay {shlex.quote(str(replay))} -- {command}",
+        f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}",
     )

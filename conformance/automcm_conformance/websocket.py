@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from automcm_conformance.process import STOP, TOGETHER, AdapterError, Kind
+from automcm_conformance.process import LIMIT_S, STOP, TOGETHER, AdapterError, Kind
 
 if TYPE_CHECKING:
     from websockets.exceptions import ConnectionClosed
@@ -44,7 +44,7 @@ class WebSocket:
     how many bytes an answer may have.  Raises AdapterError (start) if it cannot be connected to.
     """
 
-    def __init__(self, address: str, *, limit_s: float = 10.0, max_line: int = 1 << 20) -> None:
+    def __init__(self, address: str, *, limit_s: float = LIMIT_S, max_line: int = 1 << 20) -> None:
         self.limit_s = limit_s
         self.max_line = max_line
         self.stderr: list[str] = []

@@ -53,9 +53,15 @@ def report(process: subprocess.Popen[str]) -> dict[str, Any]:
     ("options", "story"),
     [
         ([], {"prescriber": "ACT-3", "B": "finished"}),
-        (["--loss", "0.3"], {"prescriber": "ACT-3", "B": "finished"}),
+        pytest.param(
+            ["--loss", "0.3"], {"prescriber": "ACT-3", "B": "finished"}, marks=pytest.mark.deep
+        ),
         (["--kill", "B"], {"prescriber": "fallback(cam_loss)"}),
-        (["--second-prescriber"], {"B": "busy", "second prescriber": "fallback(no_agreement)"}),
+        pytest.param(
+            ["--second-prescriber"],
+            {"B": "busy", "second prescriber": "fallback(no_agreement)"},
+            marks=pytest.mark.deep,
+        ),
     ],
     ids=["plain", "loss", "kill", "second"],
 )

@@ -60,7 +60,13 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("how", BROKEN)
+COSTLY = ("is killed", "no UTF-8", "half a line", "output without end", "an error")
+"""Of each kind one other is quick, and test_process.py has them all."""
+
+
+@pytest.mark.parametrize(
+    "how", [pytest.param(h, marks=[pytest.mark.deep] * (h in COSTLY)) for h in BROKEN]
+)
 def test_what_breaks_costs_its_case_alone(conform: Suite, how: str) -> None:
     bad, says = BROKEN[how]
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -73,6 +79,7 @@ def test_what_breaks_costs_its_case_alone(conform: Suite, how: str) -> None:
     (failure,) = case.failures
     assert failure.rule == "NEG-4" and (conform.folder / "report" / failure.replay).exists()
     assert ("Traceback: no more" in failure.came) == (how == "crashes")
+    assert f".json --limit {limit_s:g} -- " in failure.command
     assert found.exit_code == 3 and found.problems == []
     report.write(found, conform.folder / "report")
     assert report.load(conform.folder / "report" / "report.json") == found
@@ -191,7 +198,7 @@ def test_a_deadline_in_the_past_is_wrong(conform: Suite) -> None:
     assert of(found, ACCEPTS).verdict == "PASS"
 
 
-@pytest.mark.parametrize("second", ["the same", "busy!"])
+@pytest.mark.parametrize("second", ["the same", pytest.param("busy!", marks=pytest.mark.deep)])
 def test_more_answers_than_asked(conform: Suite, second: str) -> None:
     bad = """
 def bad(command, out):

@@ -80,7 +80,10 @@ SOME = (
 )
 
 
-@pytest.mark.parametrize("feature", CLAIMS)
+@pytest.mark.parametrize(
+    "feature",
+    [pytest.param(f, marks=[pytest.mark.deep] * (f in ("durations", "cam"))) for f in CLAIMS],
+)
 def test_what_is_not_claimed_is_skipped(conform: Suite, feature: str) -> None:
     code = WITHOUT.format(feature=feature, claim=CLAIMS[feature])
     found = conform(station(code), *SOME, states=100)

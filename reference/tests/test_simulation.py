@@ -92,7 +92,7 @@ def phases(states: list[State]) -> list[str]:
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", SEEDS[:3])
 def test_same_seed_same_bytes(tmp_path: Path, seed: int, loss: float) -> None:
     logs = []
     for name in ("first", "second"):

@@ -32,7 +32,18 @@ def test_same_seed_same_run() -> None:
     assert first == second
 
 
-@pytest.mark.parametrize("name", BUGS)
+SLOW = (
+    "any CAM counts",
+    "no memory of what was joined",
+    "the mark goes before the Fin is acknowledged",
+    "closed is answered although a Fin is still being sent",
+)
+"""Those that take more than four seconds."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(b, marks=[pytest.mark.deep] * (b in SLOW)) for b in BUGS]
+)
 def test_a_seeded_bug_is_found_and_shortened(name: str) -> None:
     """``python reference/tests/seeded_bugs.py`` tells what to write into the table if a change of
     the machine changes what a seed draws."""

@@ -73,7 +73,15 @@ def test_the_itf_of_a_log_that_diverges_ends_there_and_says_so() -> None:
     assert len(value["states"]) == 1
 
 
-@pytest.mark.parametrize("model", ["bare_ack", "plain_cams", "memory_dropped", "retarget"])
+@pytest.mark.parametrize(
+    "model",
+    [
+        "bare_ack",
+        "plain_cams",
+        pytest.param("memory_dropped", marks=pytest.mark.deep),
+        pytest.param("retarget", marks=pytest.mark.deep),
+    ],
+)
 def test_the_command_writes_the_logs_of_the_corpus(model: str, tmp_path: Path) -> None:
     """Untimed, timed, and reduced twice; TLC works out what follows."""
     source = COUNTEREXAMPLES / f"{model}.itf.json"
