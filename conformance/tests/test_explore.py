@@ -198,7 +198,7 @@ def test_a_station_that_stops_failing_is_nondeterministic_with_both_logs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # It never fails again, so nothing is shortened, however often that is tried.
-    monkeypatch.setattr(explore, "Shrinker", partial(Shrinker, runs=40, near=40))
+    monkeypatch.setattr(explore, "Shrinker", partial(Shrinker, runs=12, near=12))
     found = explored(FLAKY, tmp_path, 200)
     (case,) = found.cases
     assert case.verdict == "ERROR" and case.reason.startswith("nondeterministic")

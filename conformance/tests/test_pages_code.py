@@ -41,7 +41,7 @@ def test_the_scenario_of_the_page_runs(
     parts = blocks("adding-a-scenario.md")
     code = "\n".join(text for language, text in parts if language == "python")
     names: dict[str, object] = {"__name__": "page"}
-    exec(compile(code, "adding-a-scenario.md", "exec"), names)
+    exec(compile(code, "<adding-a-scenario.md>", "exec"), names)
     assert [capsys.readouterr().out] == [text for language, text in parts if not language]
 
     logs = [str(path) for path in sorted(Path("runs/narrow").iterdir())]

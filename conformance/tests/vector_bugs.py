@@ -318,6 +318,6 @@ def mutated(kernel: str, bug: str) -> vectors.Call:
         assert source.count(old) == 1, f"{kernel}: {bug}: {source.count(old)} times {old!r}"
         source = source.replace(old, new)
     module: dict[str, Any] = {"__name__": exact.__name__}
-    exec(compile(source, f"exact with {bug}", "exec"), module)
+    exec(compile(source, f"<exact with {bug}>", "exec"), module)
     call: Callable[[str, Any], Any] = module["call"]
     return call

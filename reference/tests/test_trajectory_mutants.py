@@ -75,7 +75,7 @@ def mutated(kernel: str, old: str, new: str) -> ModuleType:
     assert source.count(old) >= 1, f"{kernel}: {old!r} is not there"
     copy = ModuleType(module.__name__)
     sys.modules[copy.__name__] = copy  # dataclasses look here
-    exec(compile(source.replace(old, new), f"{kernel} mutated", "exec"), vars(copy))
+    exec(compile(source.replace(old, new), f"<{kernel} mutated>", "exec"), vars(copy))
     sys.modules[copy.__name__] = module
     return copy
 
