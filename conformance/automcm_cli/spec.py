@@ -26,7 +26,7 @@ def models_page(loaded: Sequence[models.Model]) -> str:
         "",
         "Generated from `spec/models/expectations.toml` by `make generate`. The seconds were",
         "measured once, on two cores with two models at a time; everything else is compared in",
-        "every run.",
+        "every run. `.venv/bin/automcm spec check NAME ...` checks some of them alone.",
         "",
         "## Must hold",
         "",
