@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,21 @@ def test_the_scenario_of_the_page_runs(
     logs = [str(path) for path in sorted(Path("runs/narrow").iterdir())]
     answer = CliRunner().invoke(app, ["trace", "explain", *logs])
     assert answer.exit_code == 0, answer.output
+
+
+def test_the_code_of_the_reference_s_page_prints_what_stands_below_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    parts = blocks("reference.md")
+    shown = [(c, o[1]) for (kind, c), o in pairwise(parts) if kind == "python"]
+    assert len(shown) == 2
+    for code, printed in shown:
+        exec(compile(code, "<reference.md>", "exec"), {})
+        assert capsys.readouterr().out == printed
+    logs = [str(path) for path in sorted(Path("runs/two").iterdir())]
+    assert len(logs) == 2
+    assert CliRunner().invoke(app, ["trace", "explain", *logs]).exit_code == 0
 
 
 def test_the_counterexample_of_the_page_is_what_is_printed(tmp_path: Path) -> None:

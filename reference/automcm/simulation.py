@@ -38,6 +38,8 @@ class Simulation:
         self.services: dict[int, McService] = {}
         self._seed, self._logs, self._rules = seed, logs, rules
         self._stack = ExitStack()
+        if logs is not None:
+            logs.mkdir(parents=True, exist_ok=True)
 
     def add(
         self,
