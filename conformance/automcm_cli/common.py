@@ -7,9 +7,12 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 CODES = (
     "Exit codes: 0 as expected; 1 a verdict against; 2 usage; 3 a tool or an input could not be "
@@ -80,3 +83,11 @@ def markdown_table(
     ruler = ["---" if n == 0 or head in left else "---:" for n, head in enumerate(heads)]
     cells = [[str(value).replace("|", "\\|") for value in row] for row in rows]
     return [f"| {' | '.join(row)} |" for row in [list(heads), ruler, *cells]]
+
+
+def console_of(columns: int = 100) -> Console:
+    """The terminal, or so many columns where there is none."""
+    from rich.console import Console
+
+    console = Console()
+    return console if console.is_terminal else Console(width=columns)

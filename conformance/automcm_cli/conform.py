@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, console_of, progress, write_json
 from automcm_cli.station import Remote, carry_out
 from automcm_cli.station import report as report_event
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from automcm_conformance.purposes import Purpose
 
 app = typer.Typer(help="A station in any language against the specification.", epilog=CODES)
@@ -91,14 +89,6 @@ def _purposes(selectors: Sequence[str]) -> list[Purpose]:
         return purposes.select(purposes.load(), selectors)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
-
-
-def console_of() -> Console:
-    """The terminal, or a hundred columns where there is none."""
-    from rich.console import Console
-
-    console = Console()
-    return console if console.is_terminal else Console(width=100)
 
 
 @app.command(

@@ -11,10 +11,8 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, console_of, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_conformance.bench import Row
@@ -99,8 +97,8 @@ def _all_must(command: list[str], folder: Path) -> float:
 
 
 def _show(rows: list[Row], notes: list[str]) -> None:
-    console = Console()
-    console = console if console.is_terminal else Console(width=100)
+    from rich.table import Table
+
     table = Table(box=None)
     for column in (
         "",
@@ -125,6 +123,7 @@ def _show(rows: list[Row], notes: list[str]) -> None:
             f"{out['checked_over_single']:.2f}",
             str(row.faults),
         )
+    console = console_of()
     console.print(table)
     for note in notes:
         console.print(note, highlight=False)

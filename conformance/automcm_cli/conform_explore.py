@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, write_json
-from automcm_cli.conform import Limit, command_of, console_of, fresh_folder
+from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.conform import Limit, command_of, fresh_folder
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, write_json
-from automcm_cli.conform import COMMAND, Limit, console_of
+from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.conform import COMMAND, Limit
 from automcm_cli.parameters import chosen
 from automcm_cli.station import Remote
 

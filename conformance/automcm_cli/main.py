@@ -23,7 +23,7 @@ from automcm_cli import (
     trace_bench,
     vectors,
 )
-from automcm_cli.common import CODES, ROOT, Json, needs_repository, progress, write_json
+from automcm_cli.common import CODES, ROOT, Json, console_of, needs_repository, progress, write_json
 
 app = typer.Typer(
     name="automcm",
@@ -80,8 +80,6 @@ def verify(
 ) -> None:
     """Model-check, write the oracle out, compare the reference with it; one screen."""
     needs_repository("verify")
-    from rich.console import Console
-
     from automcm_cli import screen, spec
     from automcm_cli import verify as verify_
     from automcm_spec.models import PROFILES
@@ -93,8 +91,7 @@ def verify(
         report = verify_.run(profile, say)
     write_json(json_, report.as_dict())
     if str(json_) != "-":
-        console = Console()
-        screen.show(report, console if console.is_terminal else Console(width=100))
+        screen.show(report, console_of())
     raise typer.Exit(report.exit_code)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, needs_repository, progress, write_json
+from automcm_cli.common import CODES, Json, console_of, needs_repository, progress, write_json
 
 spec = typer.Typer(
     help="The specification: its models, and how far they can be trusted.", epilog=CODES
@@ -143,8 +143,6 @@ def spec_mutate(
     survives must be in spec/models/survivors.toml with the reason.
     """
     needs_repository("spec mutate")
-    from rich.console import Console
-
     from automcm_cli import mutate
 
     try:
@@ -166,8 +164,7 @@ def spec_mutate(
         raise typer.Exit(3) from None
     write_json(json_, mutate.as_dict(report))
     if str(json_) != "-":
-        console = Console()
-        mutate.show(report, console if console.is_terminal else Console(width=110))
+        mutate.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
 
 
@@ -269,8 +266,6 @@ def spec_bench(
 
     A naive one that does not finish in time gives a lower bound.  Too low a bound is code 4.
     """
-    from rich.console import Console
-
     from automcm_cli import bench as bench_
     from automcm_spec import bench
     from automcm_spec.tlc import TlcError
@@ -283,8 +278,7 @@ def spec_bench(
         raise typer.Exit(3) from None
     write_json(json_, report.as_dict())
     if str(json_) != "-":
-        console = Console()
-        bench_.show(report, console if console.is_terminal else Console(width=100))
+        bench_.show(report, console_of())
     raise typer.Exit(report.exit_code)
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, console_of, progress, write_json
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
     from automcm.bench import Report
     from automcm.kernel_bench import Report as KernelReport
 
@@ -32,8 +33,7 @@ def station(
         report = measured.run(seconds, say)
     write_json(json_, report.as_dict())
     if str(json_) != "-":
-        console = Console()
-        show(report, console if console.is_terminal else Console(width=100))
+        show(report, console_of())
 
 
 @bench.command(epilog="Example: automcm bench kernels --seconds 60.  " + CODES)
@@ -52,8 +52,7 @@ def kernels(
         report = kernel_bench.run(seconds, say=say)
     write_json(json_, report.as_dict())
     if str(json_) != "-":
-        console = Console()
-        show_kernels(report, console if console.is_terminal else Console(width=110))
+        show_kernels(report, console_of(110))
 
 
 @bench.callback()
@@ -62,6 +61,8 @@ def _group() -> None:
 
 
 def _table(*columns: str) -> Table:
+    from rich.table import Table
+
     table = Table(box=None, pad_edge=False, header_style="bold")
     for n, column in enumerate(columns):
         table.add_column(column, justify="left" if n == 0 else "right")

@@ -12,8 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from automcm_cli.common import CODES, Json, progress, write_json
 
@@ -166,6 +164,9 @@ def traces(
     write_json(json_, measured.as_dict())
     if str(json_) == "-":
         return
+    from rich.console import Console
+    from rich.table import Table
+
     console = Console()
     console.print(
         f"{measured.logs} logs of {EVENTS} events, best of three rounds (CPU time; TLC: the clock)"

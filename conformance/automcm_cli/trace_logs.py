@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from automcm_cli.common import CODES, Json, Late, progress, write_json
 
@@ -133,6 +131,9 @@ def show(
 
 
 def _print(shown: Shown, stations: Sequence[int], width: int) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
     from automcm_traces.show import Table
 
     console = Console(highlight=False)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, console_of, progress, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,7 +29,6 @@ def check(
     json_: Json = None,
 ) -> None:
     """Does the reference compute what the rules KIN-1 to KIN-7 say?"""
-    from rich.console import Console
 
     from automcm import vector_adapter
     from automcm_cli import spec
@@ -50,8 +49,7 @@ def check(
         raise typer.Exit(3) from None
     write_json(json_, as_dict(results))
     if str(json_) != "-":
-        console = Console()
-        show(results, console if console.is_terminal else Console(width=200))
+        show(results, console_of(200))
     raise typer.Exit(0 if all(result.ok for result in results) else 1)
 
 
