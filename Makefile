@@ -43,7 +43,7 @@ generate: .venv/ready
 pages: .venv/ready
 	@$(BIN)/automcm spec pages $(ARGS)
 
-# The paper's evaluation anew, into docs: 20 minutes on two cores, and SUMO.
+# The paper's evaluation anew, into docs: 23 minutes on two cores, and SUMO.
 evaluation: .venv/ready .venv/foreign
 	@$(BIN)/automcm experiment all --profile standard --out docs/evaluation $(ARGS)
 

@@ -23,19 +23,14 @@ def pytest_runtest_protocol() -> Generator[None, object, object]:
     traced = Coverage.current() if sys.gettrace() is not None else None
     if traced is None:
         return (yield)
-    stopped = []
-
-    def stop(*_: object) -> None:
-        stopped.append(True)
-        sys.settrace(None)
-
-    before = signal.signal(signal.SIGVTALRM, stop)
+    before = signal.signal(signal.SIGVTALRM, lambda *_: sys.settrace(None))
     signal.setitimer(signal.ITIMER_VIRTUAL, TRACED_S)
     try:
         return (yield)
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
         signal.signal(signal.SIGVTALRM, before)
-        if stopped:  # a new tracer: the old one thinks that it is still within the calls it saw
+        if sys.gettrace() is None:
+            # A new tracer: the old one thinks that it is still within the calls that it saw.
             traced.stop()
             traced.start()

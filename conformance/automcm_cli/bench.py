@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from rich.console import Console
-from rich.table import Table
 
+from automcm_cli.common import table_of
 from automcm_spec.bench import FACTOR, Figure, Report
 
 
 def show(report: Report, console: Console) -> None:
     """Print the table, and what follows from it."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("encoding")
-    for column in ("distinct states", "depth", "seconds", "ratio"):
-        table.add_column(column, justify="right")
+    table = table_of("encoding", "distinct states", "depth", "seconds", "ratio")
     table.add_column("")
     for figure in (report.ours, *report.naive):
         table.add_row(*_row(report, figure))

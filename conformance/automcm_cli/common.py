@@ -13,6 +13,7 @@ import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 CODES = (
     "Exit codes: 0 as expected; 1 a verdict against; 2 usage; 3 a tool or an input could not be "
@@ -91,3 +92,13 @@ def console_of(columns: int = 100) -> Console:
 
     console = Console()
     return console if console.is_terminal else Console(width=columns)
+
+
+def table_of(*columns: str, words: int = 1) -> Table:
+    """Without lines; so many columns hold words, and those behind them figures."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for n, column in enumerate(columns):
+        table.add_column(column, justify="left" if n < words else "right")
+    return table

@@ -15,6 +15,7 @@ from typer.core import TyperCommand
 from automcm_cli.common import CODES, Json, console_of, progress, write_json
 from automcm_cli.station import Remote, carry_out
 from automcm_cli.station import report as report_event
+from automcm_conformance.process import LIMIT_S
 
 if TYPE_CHECKING:
     from automcm_conformance.purposes import Purpose
@@ -107,7 +108,7 @@ def run(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
     ] = None,
-    limit: Limit = 10.0,
+    limit: Limit = LIMIT_S,
     seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
     json_: Json = None,
 ) -> None:
@@ -214,7 +215,7 @@ def _plain(value: Any) -> Any:
 def replay(
     ctx: typer.Context,
     file: Annotated[Path, typer.Argument(help="A replay that a run has written.")],
-    limit: Limit = 10.0,
+    limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
     """Send exactly the lines of a failure again."""
@@ -267,7 +268,7 @@ def replay(
     cls=WithCommand,
     epilog="Example: automcm conform check-adapter -- ./my_adapter.  " + CODES,
 )
-def check_adapter(ctx: typer.Context, limit: Limit = 10.0, json_: Json = None) -> None:
+def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None) -> None:
     """Does an adapter speak the protocol?  Each line by the schema, and the usual mistakes."""
     from dataclasses import asdict
 

@@ -11,6 +11,7 @@ import typer
 
 from automcm_cli.common import CODES, Json, console_of, progress, write_json
 from automcm_cli.conform import Limit, command_of, fresh_folder
+from automcm_conformance.process import LIMIT_S
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,7 +32,7 @@ def explore(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
     ] = None,
-    limit: Limit = 10.0,
+    limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
     """Walk through the specification's graphs against a station until time is up.

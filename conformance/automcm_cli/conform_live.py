@@ -14,6 +14,7 @@ from automcm_cli.common import CODES, Json, console_of, progress, write_json
 from automcm_cli.conform import COMMAND, Limit
 from automcm_cli.parameters import chosen
 from automcm_cli.station import Remote
+from automcm_conformance.process import LIMIT_S
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,7 +49,7 @@ def live(
         list[str] | None, typer.Option("--set", help="A parameter that the station runs with.")
     ] = None,
     scenario: Annotated[str, typer.Option(help="One that its application joins.")] = "lane_change",
-    limit: Limit = 10.0,
+    limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
     """Play the other stations against a live receiver, over UDP, in real time.

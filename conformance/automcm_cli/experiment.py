@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="The paper's evaluation, and what it does not have.", epilog=CODES)
 
-Profile = Annotated[str, typer.Option(help="quick (all in 2 minutes) or standard (20 minutes).")]
+Profile = Annotated[str, typer.Option(help="quick (all in 2 minutes) or standard (23 minutes).")]
 Seed = Annotated[int, typer.Option(help="Equal seeds give equal bytes.", min=0)]
 Out = Annotated[Path, typer.Option(help="A folder of each experiment's name goes there.")]
 Changes = Annotated[

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.common import CODES, Json, console_of, progress, table_of, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from automcm.bench import Report
     from automcm.kernel_bench import Report as KernelReport
@@ -60,22 +59,13 @@ def _group() -> None:
     """Keeps ``station`` a command of its own."""
 
 
-def _table(*columns: str) -> Table:
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for n, column in enumerate(columns):
-        table.add_column(column, justify="left" if n == 0 else "right")
-    return table
-
-
 def show(report: Report, console: Console) -> None:
     """Print the tables."""
     from automcm.bench import POINTS
 
     core = report.core
     console.print(f"the core, {core.messages} messages of a session of four stations")
-    table = _table("", "us a message", "core costs")
+    table = table_of("", "us a message", "core costs")
     table.add_row("core", f"{core.core_us:.2f}", "")
     for name, us in (
         ("decoding it (pydantic, JSON)", core.decode_us),
@@ -85,12 +75,12 @@ def show(report: Report, console: Console) -> None:
         table.add_row(name, f"{us:.2f}", f"{core.core_us / us:.2f} times that")
     console.print(table)
     console.print(f"messages a second: {1e6 / core.core_us:,.0f}\n", highlight=False)
-    table = _table("by type", "messages", "core us", "decoding us", "ratio")
+    table = table_of("by type", "messages", "core us", "decoding us", "ratio")
     for type_, (n, handled, decoded) in core.by_type.items():
         ratio = f"{handled / decoded:.2f}"
         table.add_row(type_, str(n), f"{handled:.2f}", f"{decoded:.2f}", ratio)
     console.print(table)
-    table = _table(
+    table = table_of(
         f"\nPrescription, {POINTS} points",
         "bytes",
         "encoding us",
@@ -109,7 +99,7 @@ def show(report: Report, console: Console) -> None:
             f"{coding.decode_us / first.decode_us:.1f}",
         )
     console.print(table)
-    table = _table("\nsessions", "loss", "a second", "to no loss", "messages a second", "agreed")
+    table = table_of("\nsessions", "loss", "a second", "to no loss", "messages a second", "agreed")
     for each in report.sessions:
         perfect = next(s for s in report.sessions if (s.t_timeout, s.loss) == (each.t_timeout, 0.0))
         table.add_row(
@@ -122,7 +112,7 @@ def show(report: Report, console: Console) -> None:
         )
     console.print(table)
     m = report.memory
-    table = _table(f"\nmemory, {m.stations} stations", "bytes a station", "to idle")
+    table = table_of(f"\nmemory, {m.stations} stations", "bytes a station", "to idle")
     for name, size in (("idle", m.idle), ("waiting", m.waiting), ("acting", m.acting)):
         table.add_row(name, f"{size:,}", f"{size / m.idle:.2f}")
     table.add_row(f"one trajectory of {POINTS} points", f"{m.trajectory:,}", "")
@@ -131,7 +121,7 @@ def show(report: Report, console: Console) -> None:
 
 def show_kernels(report: KernelReport, console: Console) -> None:
     """Print one row for each kernel, number of points and number of pairs."""
-    table = _table(
+    table = table_of(
         "kernel", "points", "pairs", "us a pair", "to floor", "numpy", "python", "shapely", "pycrcc"
     )
     for row in report.rows:

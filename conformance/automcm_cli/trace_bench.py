@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, progress, table_of, write_json
 
 EVENTS = 50
 """Events of each log."""
@@ -165,15 +165,12 @@ def traces(
     if str(json_) == "-":
         return
     from rich.console import Console
-    from rich.table import Table
 
     console = Console()
     console.print(
         f"{measured.logs} logs of {EVENTS} events, best of three rounds (CPU time; TLC: the clock)"
     )
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("", "events a second", "times reading"):
-        table.add_column(column, justify="left" if not column else "right")
+    table = table_of("", "events a second", "times reading")
     for name, seconds in measured.rows():
         ratio = f"{seconds / measured.read_s:.2f}"
         table.add_row(name, f"{measured.events / seconds:,.0f}", ratio)

@@ -9,6 +9,7 @@ import typer
 
 from automcm_cli.common import CODES, Json, write_json
 from automcm_cli.conform import Limit, WithCommand, command_of
+from automcm_conformance.process import LIMIT_S
 
 if TYPE_CHECKING:
     from automcm_conformance.replay_log import Replayed
@@ -22,7 +23,7 @@ def replay(
     ctx: typer.Context,
     log: Annotated[Path, typer.Argument(help="A log in the format automcm.trace/1.")],
     out: Annotated[Path, typer.Option(help="Folder for the new log.")] = Path("runs/replay"),
-    limit: Limit = 10.0,
+    limit: Limit = LIMIT_S,
     seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
     json_: Json = None,
 ) -> None:
@@ -67,7 +68,9 @@ def _well_formed(message: dict[str, Any]) -> bool:
 
 
 def _text(result: Replayed) -> list[str]:
-    place = f"{result.file}:{result.line}" if result.line else result.file
+    from automcm_traces.reader import at_line
+
+    place = at_line(result.file, result.line)
     head = {
         "allowed": f"{result.file}: FOLLOWS the specification, {result.inputs} inputs",
         "diverges": f"{place}: DIVERGES: {result.event}",
@@ -90,9 +93,7 @@ def _text(result: Replayed) -> list[str]:
         lines.append("  not compared with the log, which does not hold all that was sent")
     lines += [f"  note: {note}" for note in result.notes]
     if result.log:
-        lines.append(
-            f"  its log: {result.log}" + (f":{result.log_line}" if result.log_line else "")
-        )
+        lines.append(f"  its log: {at_line(result.log, result.log_line)}")
         if result.verdict == "diverges" and not result.in_log:
             lines.append("  the new log alone does not show it: no log holds the next deadline")
     return lines

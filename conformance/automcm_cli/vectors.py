@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.common import CODES, Json, console_of, progress, table_of, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,7 +29,6 @@ def check(
     json_: Json = None,
 ) -> None:
     """Does the reference compute what the rules KIN-1 to KIN-7 say?"""
-
     from automcm import vector_adapter
     from automcm_cli import spec
     from automcm_conformance import vectors
@@ -65,11 +64,7 @@ def as_dict(results: list[Result]) -> dict[str, list[dict[str, object]]]:
 
 def show(results: list[Result], console: Console) -> None:
     """A table by kernel, then each vector that fails."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for n, column in enumerate(("rule", "kernel", "vectors", "failed")):
-        table.add_column(column, justify="left" if n < 2 else "right")
+    table = table_of("rule", "kernel", "vectors", "failed", words=2)
     for rule, kernel in dict.fromkeys((each.case.rule, each.case.kernel) for each in results):
         mine = [each for each in results if each.case.kernel == kernel]
         failed = sum(not each.ok for each in mine)

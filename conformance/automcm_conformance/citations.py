@@ -10,11 +10,10 @@ from pathlib import Path
 
 from automcm_conformance import purposes, uncited, vectors
 from automcm_spec import models
-from automcm_spec.rules import RULES
+from automcm_spec.rules import OPERATOR, RULES
 
 COLUMNS = ("specification", "must fail", "code", "case", "vector", "counterexample", "test")
 _ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|S|L|R|T)-\d\b")
-_OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? +==", re.MULTILINE)
 CODE, EXPERIMENTS = ("reference/automcm/**/*.py",), "/experiments/"
 """What carries a rule out; experiments only measure what it does."""
 _TESTS = tuple(f"{folder}/tests/*.py" for folder in ("spec", "reference", "traces", "conformance"))
@@ -131,7 +130,7 @@ def _operators(root: Path) -> list[tuple[str, str, str]]:
     """Operators that cite a rule, those of Station.tla first, and the formulas of properties."""
     rows = []
     for path in sorted(root.glob("spec/tla/*.tla"), key=lambda p: (p.stem != "Station", p.stem)):
-        parts = _OPERATOR.split(path.read_text())
+        parts = OPERATOR.split(path.read_text())
         for name, body in zip(parts[1::2], parts[2::2], strict=True):
             link = path.relative_to(root).as_posix()
             rows += [(rule, name, link) for rule in _ids(body) if rule in RULES]

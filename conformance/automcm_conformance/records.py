@@ -85,8 +85,9 @@ def replayed(steps: Sequence[Step], link: Link) -> list[Step]:
         try:
             (step.answer,) = link.exchange([step.line])
         except AdapterError as error:
-            for step.answer in error.answers:
-                differences(step.expected, step.answer)  # what cannot be read says more
+            for answer in error.answers:
+                step.answer = answer
+                differences(step.expected, answer)  # what cannot be read says more
             raise
         problems = differences(step.expected, step.answer)
         done.append(step)

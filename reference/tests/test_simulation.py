@@ -92,7 +92,9 @@ def phases(states: list[State]) -> list[str]:
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("seed", SEEDS[:3])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=[pytest.mark.deep] * (s >= 3)) for s in SEEDS]
+)
 def test_same_seed_same_bytes(tmp_path: Path, seed: int, loss: float) -> None:
     logs = []
     for name in ("first", "second"):

@@ -188,7 +188,7 @@ def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
         texts = [path.read_text(encoding="utf-8") for path in sorted(tla_dir.glob("*.tla"))]
     except OSError as error:
         raise ModelError(f"a module cannot be read: {error}") from error
-    defined = set(re.findall(r"^(\w+) ==", "\n".join(texts), re.MULTILINE))
+    defined = set(re.findall(r"^(\w+) +==", "\n".join(texts), re.MULTILINE))
     for name in PROPERTIES.values():
         if name not in defined:
             raise ModelError(f"no module defines the property {name}")

@@ -58,7 +58,8 @@ NO_GRAPH: dict[str, str] = {
 }
 """What no graph of one station can show, and the test that shows it."""
 
-_OPERATOR = re.compile(r"^(\w+)(\([^=]*\))? +==", re.MULTILINE)
+OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? +==", re.MULTILINE)
+"""Where an operator of a module is defined, and its name."""
 _HANDLER = {
     "request": "OnRequest",
     "prescribe": "OnPrescribe",
@@ -83,7 +84,7 @@ def _lines(tla: Path) -> list[tuple[int, str, str]]:
     """(line number, operator, text) of every line of Station.tla."""
     operator, lines = "", []
     for number, text in enumerate((tla / "Station.tla").read_text().splitlines(), 1):
-        if match := _OPERATOR.match(text):
+        if match := OPERATOR.match(text):
             operator = match[1]
         lines.append((number, operator, text))
     return lines

@@ -17,16 +17,21 @@ def test_the_listed_models_and_the_larger_ones_have_names() -> None:
     assert set(KNOWN) == {p.stem for p in [*MODELS.glob("*.cfg"), *SIMULATION.glob("*.cfg")]}
 
 
-def test_the_same_seed_gives_the_same_bytes() -> None:
+@pytest.mark.parametrize(
+    ("number", "depth"), [(4, 20), pytest.param(20, 30, marks=pytest.mark.deep)]
+)
+def test_the_same_seed_gives_the_same_bytes(number: int, depth: int) -> None:
     def report(seed: int) -> str:
-        found = walks.run(KNOWN["two_by_three"], seed=seed, depth=20, seconds=None, number=4)
+        found = walks.run(
+            KNOWN["two_by_three"], seed=seed, depth=depth, seconds=None, number=number
+        )
         return json.dumps(found.as_dict())
 
     first = report(1)
     assert first == report(1)
     one, other = json.loads(first), json.loads(report(2))
     assert one["rules"] != other["rules"]
-    assert one["behaviours"] == 4
+    assert one["behaviours"] == number
 
 
 def test_every_step_is_decided_by_a_rule() -> None:

@@ -20,7 +20,7 @@ from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
 from automcm_traces.form import TYPES
 from automcm_traces.log import Receive, Send
-from automcm_traces.reader import Log, LogError, LogStream, one_line
+from automcm_traces.reader import Log, LogError, LogStream, at_line, one_line
 from automcm_traces.step import Diverges, Step
 from automcm_traces.track import CannotTell, Track
 
@@ -228,7 +228,7 @@ def text(coverage: Coverage) -> list[str]:
         if counts[what]:
             lines.append(f"  {counts[what]:,} {words}; counted up to there")
     for file, line, problem, why in c.problems[:MOST_PROBLEMS]:
-        where = f"{one_line(file)}:{line}" if line else one_line(file)
+        where = at_line(one_line(file), line)
         lines.append(f"  {where}: {problem.replace('_', ' ').upper()}: {why}")
     if len(c.problems) > MOST_PROBLEMS:
         lines.append(f"  {len(c.problems) - MOST_PROBLEMS:,} more")

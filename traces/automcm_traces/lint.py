@@ -31,7 +31,15 @@ from automcm_traces.log import (
     problems_of,
 )
 from automcm_traces.numbers import Numbers
-from automcm_traces.reader import LONGEST_LINE, LogError, NotJsonError, cut, one_line, parse
+from automcm_traces.reader import (
+    LONGEST_LINE,
+    LogError,
+    NotJsonError,
+    at_line,
+    cut,
+    one_line,
+    parse,
+)
 from automcm_traces.track import PHASES, ROLES
 
 Json = Any
@@ -85,7 +93,7 @@ class Finding:
         }
 
     def __str__(self) -> str:
-        place = self.file + (f":{self.line}" if self.line else "")
+        place = at_line(self.file, self.line)
         warning = "warning: " if self.level == "warning" else ""
         field = f"{self.field}: " if self.field else ""
         return one_line(f"{place}: {warning}{field}{self.problem} [{self.check}]")

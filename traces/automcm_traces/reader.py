@@ -33,8 +33,8 @@ class LogError(Exception):
         self.line = line
         self.field = field
         self.problem = problem
-        place = self.file + (f":{line}" if line else "")
-        super().__init__(one_line(": ".join(part for part in (place, field, problem) if part)))
+        parts = at_line(self.file, line), field, problem
+        super().__init__(one_line(": ".join(part for part in parts if part)))
 
 
 @dataclass(frozen=True)
@@ -322,6 +322,11 @@ class NotJsonError(Exception):
     def __init__(self, problem: str) -> None:
         super().__init__(problem)
         self.problem = problem
+
+
+def at_line(file: str, line: int) -> str:
+    """FILE:LINE, or the file alone if no line is meant (0)."""
+    return f"{file}:{line}" if line else file
 
 
 def one_line(text: str) -> str:

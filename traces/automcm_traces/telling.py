@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_traces.explain import Verdict
+from automcm_traces.reader import at_line
 from automcm_traces.show import Row, columns
 
 Json = Any
@@ -24,7 +25,7 @@ def text(verdict: Verdict) -> str:
 
 
 def _lines(verdict: Verdict) -> Iterator[str]:
-    where = f"{verdict.file}:{verdict.line}" if verdict.line else verdict.file
+    where = at_line(verdict.file, verdict.line)
     match verdict.verdict:
         case "allowed":
             yield f"{verdict.file}: ALLOWED, {verdict.events} events"

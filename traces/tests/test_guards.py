@@ -314,13 +314,18 @@ def test_adv_3_where_a_log_diverges_the_guard_is_found(log: Log) -> None:
     )
 
 
-def test_of_everything_done_somewhere_the_nearest_is_found_in_every_state() -> None:
+@pytest.mark.parametrize(
+    ("every", "least"), [(12, 500), pytest.param(4, 1000, marks=pytest.mark.deep)]
+)
+def test_of_everything_done_somewhere_the_nearest_is_found_in_every_state(
+    every: int, least: int
+) -> None:
     """It blocks as it says, its values can be shown, and it names a line."""
     things = sorted(
         {text for tree in HANDLERS.values() for _, leaf in ways(tree) for text in leaf.does}
     )
     o, found = oracle(TIGHT), 0
-    for at, i in list(enumerate(o.inputs))[::12]:
+    for at, i in list(enumerate(o.inputs))[::every]:
         s = o.states[at * 31 % len(o.states)]
         for text in things:
             near = nearest(o, s, i, text.removesuffix("?").split())
@@ -329,4 +334,4 @@ def test_of_everything_done_somewhere_the_nearest_is_found_in_every_state() -> N
             found += 1
             assert near.line > 0 and near.why in near.text()
             assert len(causes(o, s, text.removesuffix("?").split())) <= MOST
-    assert found > 500
+    assert found > least

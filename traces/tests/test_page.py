@@ -368,13 +368,14 @@ def test_without_javascript_there_is_a_table_of_all_rows() -> None:
 # -- size, and what cannot be shown
 
 
-def test_a_large_log_takes_less_than_250_bytes_an_event(tmp_path: Path) -> None:
+@pytest.mark.parametrize("sessions", [3, pytest.param(10, marks=pytest.mark.deep)])
+def test_a_large_log_takes_less_than_250_bytes_an_event(tmp_path: Path, sessions: int) -> None:
     simulation = Simulation(seed=1, channel=Channel(loss=0.1), logs=tmp_path)
     for station in (1, 2, 3):
         simulation.add(station, Straight(target=2))
-    for n in range(3):
+    for n in range(sessions):
         simulation.request(1, at=500 + n * 9000)
-    simulation.run(until=27_000)
+    simulation.run(until=sessions * 9000)
     for paths in (sorted(tmp_path.iterdir()), [tmp_path / "1.ndjson"]):
         page = load(paths)
         fixed = len(html(load(FOUR[:1])))

@@ -80,7 +80,9 @@ def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None
     assert placed(rows(*paths)) == [(8, 2), (7, 2), (7, 3), (8, 3)]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    "seed", [pytest.param(s, marks=[pytest.mark.deep] * (s >= 3)) for s in range(5)]
+)
 def test_the_order_keeps_every_log_and_every_sending_with_any_clocks(
     tmp_path: Path, seed: int
 ) -> None:
