@@ -44,7 +44,7 @@ def certify(
     page: Annotated[bool, typer.Option(help="Write docs/certificate.md as well.")] = False,
     json_: Json = None,
 ) -> None:
-    """A certificate of the kit: the suite is held against stations that are wrong on purpose."""
+    """A certificate of the kit.  The suite is held against stations that are wrong on purpose."""
     needs_repository("conform certify")
     from automcm_cli import certificate, certificate_page, cpp
     from automcm_cli.certificate import Asked

@@ -1,8 +1,7 @@
-"""``automcm conform``: anybody's station against the specification; ``automcm adapter``."""
+"""``automcm conform``: anybody's station against the specification."""
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -13,14 +12,12 @@ import typer
 from typer.core import TyperCommand
 
 from automcm_cli.common import CODES, Json, console_of, progress, write_json
-from automcm_cli.station import Remote, carry_out
-from automcm_cli.station import report as report_event
 from automcm_conformance.process import LIMIT_S
 
 if TYPE_CHECKING:
     from automcm_conformance.purposes import Purpose
 
-app = typer.Typer(help="A station in any language against the specification.", epilog=CODES)
+app = typer.Typer()
 COMMAND = "automcm.command"
 Limit = Annotated[float, typer.Option(help="Real seconds an answer may take.", min=0.01)]
 
@@ -48,39 +45,6 @@ def command_of(ctx: typer.Context) -> list[str]:
             "the command of the adapter, or its ws:// address, is missing; it stands after --"
         )
     return command
-
-
-def adapter(
-    websocket: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOST:PORT", help="Serve it there over WebSocket, a station per connection."
-        ),
-    ] = None,
-    allow_remote: Remote = False,
-) -> None:
-    """The reference behind the adapter protocol (docs/adapter.md), on standard input and output."""
-    from automcm.kit import serve
-
-    if websocket is not None:
-        carry_out("adapter", _served(websocket, allow_remote))
-        return
-    out = sys.stdout.buffer
-    for answer in serve(sys.stdin.buffer):
-        out.write(answer)
-        out.flush()
-
-
-async def _served(where: str, allow_remote: bool) -> None:
-    """Serve until SIGTERM; where it listens is told in a line of JSON."""
-    from automcm.links.adapter_server import serve
-    from automcm.process import stopping
-
-    over = stopping()
-    async with await serve(where, allow_remote=allow_remote) as server:
-        host, port = server.sockets[0].getsockname()
-        report_event({"event": "start", "uri": f"ws://{host}:{port}"})
-        await over
 
 
 def _purposes(selectors: Sequence[str]) -> list[Purpose]:
@@ -269,7 +233,7 @@ def replay(
     epilog="Example: automcm conform check-adapter -- ./my_adapter.  " + CODES,
 )
 def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None) -> None:
-    """Does an adapter speak the protocol?  Each line by the schema, and the usual mistakes."""
+    """Holds an adapter against its protocol.  Each line by the schema, and the usual mistakes."""
     from dataclasses import asdict
 
     from automcm_conformance.check import check
@@ -295,7 +259,7 @@ def new(
     folder: Annotated[Path, typer.Argument(help="Where to write it; must be new or empty.")],
     language: Annotated[str, typer.Option(help="python or cpp.")] = "python",
 ) -> None:
-    """Write an adapter that runs at once and holds no station yet."""
+    """Write an adapter that runs, and holds no station yet."""
     from automcm_conformance.new import create, next_commands
 
     try:

@@ -32,7 +32,7 @@ def conform(
     ] = False,
     json_: Json = None,
 ) -> None:
-    """Steps a second through an adapter, beside an echo in the same language.
+    """Steps a second through an adapter, beside an echo.  The echo is in the same language.
 
     There is no verdict: what is measured depends on the machine, and the ratios less so.
     """

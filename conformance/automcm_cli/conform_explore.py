@@ -35,7 +35,7 @@ def explore(
     limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
-    """Walk through the specification's graphs against a station until time is up.
+    """Walk through the graphs against a station until time is up.
 
     The walks go where none has been, with peers that answer and a radio that repeats, delays and
     loses.  What goes wrong is shortened on the station itself, and can be replayed.

@@ -52,7 +52,7 @@ def live(
     limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
-    """Play the other stations against a live receiver, over UDP, in real time.
+    """Play the other stations against a live receiver, over UDP.  In real time.
 
     It must be alone with the kit there, join what it is asked, and accept.  After -- may stand the
     adapter of the same implementation, its twin in virtual time: without a twin that fails as

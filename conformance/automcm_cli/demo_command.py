@@ -32,7 +32,7 @@ def demo(
     listen: Annotated[int, typer.Option(help="See automcm station --help.", hidden=True)] = 1100,
     json_: Json = None,
 ) -> None:
-    """Four stations as four processes over UDP: a prescriber, and receivers A, B and C.
+    """Four stations as four processes: a prescriber and receivers.
 
     B is prescribed to slow down and accepts, A and C are let go, and it ends with a Fin.  With
     --kill B the prescriber falls back by CAM loss.  With --second-prescriber, B refuses the

@@ -15,7 +15,7 @@ from automcm_cli.common import CODES, Json, progress, write_json
 if TYPE_CHECKING:
     from automcm.experiments.experiment import Values
 
-app = typer.Typer(help="The paper's evaluation, and what it does not have.", epilog=CODES)
+app = typer.Typer()
 
 Profile = Annotated[str, typer.Option(help="quick (all in 2 minutes) or standard (23 minutes).")]
 Seed = Annotated[int, typer.Option(help="Equal seeds give equal bytes.", min=0)]
@@ -56,11 +56,11 @@ def _command(name: str, about: str) -> None:
 
 
 ABOUT = {
-    "bandwidth": "Bytes on the air by message, event-driven and always-on (Fig. 7).",
-    "arrival": "When a receiver arrives, with coordination and without (Fig. 8).",
-    "comfort": "Speeds of four vehicles, and what coordination and fallbacks cost (Fig. 6).",
-    "loss": "Success under packet loss for three time-outs (Fig. 9, Eq. 2).",
-    "safety": "How often and how long hazards are, against the proved bound (T-2).",
+    "bandwidth": "Bytes on the air, event-driven and always-on (figure 7).",
+    "arrival": "When a receiver arrives, coordinated and not (figure 8).",
+    "comfort": "What coordination and fallbacks cost four vehicles (figure 6).",
+    "loss": "Success under loss, three time-outs (figure 9, equation 2).",
+    "safety": "How often and how long hazards are, against the bound (T-2).",
 }
 for _name, _about in ABOUT.items():
     _command(_name, _about)
@@ -84,7 +84,7 @@ def all_(
 def render(
     folder: Annotated[Path, typer.Argument(help="Where folders with results.json are.")],
 ) -> None:
-    """Write figures, pages and CSVs again from the results that are there."""
+    """Figures, pages and CSVs again, from the results that are there."""
     from automcm.experiments import report
     from automcm.experiments.experiment import ExperimentError
 

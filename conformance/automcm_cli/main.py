@@ -7,45 +7,20 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli import (
-    certify,
-    conform,
-    conform_bench,
-    conform_explore,
-    conform_live,
-    demo_command,
-    experiment,
-    simulate,
-    spec_commands,
-    station,
-    station_bench,
-    trace,
-    trace_bench,
-    vectors,
-)
+from automcm_cli import demo_command, station
 from automcm_cli.common import CODES, ROOT, Json, console_of, needs_repository, progress, write_json
+from automcm_cli.groups import Groups
 
 app = typer.Typer(
     name="automcm",
+    cls=Groups,
     help="Maneuver coordination: a checked specification, and what is held against it.",
     epilog=CODES,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # plain help: to import rich and draw with it takes 0.15 s
 )
-app.add_typer(trace.app, name="trace", no_args_is_help=True)
-app.add_typer(spec_commands.spec, name="spec", no_args_is_help=True)
-app.add_typer(station_bench.bench, name="bench", no_args_is_help=True)
-app.add_typer(vectors.app, name="vectors", no_args_is_help=True)
-app.add_typer(simulate.simulate, name="simulate", no_args_is_help=True)
-app.add_typer(experiment.app, name="experiment", no_args_is_help=True)
-app.add_typer(station.link, name="link", no_args_is_help=True)
-station_bench.bench.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
-station_bench.bench.command(epilog=trace_bench.EPILOG)(trace_bench.traces)
-conform.app.command(cls=conform.WithCommand, epilog=conform_explore.EPILOG)(conform_explore.explore)
-conform.app.command(cls=conform.WithCommand, epilog=conform_live.EPILOG)(conform_live.live)
-app.add_typer(conform.app, name="conform", no_args_is_help=True)
-conform.app.command(epilog=certify.EPILOG)(certify.certify)
-app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(conform.adapter)
+app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(station.adapter)
 app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
 app.command(epilog="Example: automcm drive --uri ws://127.0.0.1:9090.  " + CODES)(station.drive)
 app.command(epilog="Example: automcm station --id 7 --request-after 500.  " + CODES)(
@@ -78,7 +53,7 @@ def verify(
     ] = "quick",
     json_: Json = None,
 ) -> None:
-    """Model-check, write the oracle out, compare the reference with it; one screen."""
+    """Model-check, write the oracle, compare the reference with it."""
     needs_repository("verify")
     from automcm_cli import screen, spec
     from automcm_cli import verify as verify_
@@ -99,7 +74,7 @@ def verify(
 def generate(
     two_peers: Annotated[bool, typer.Option(help="Also the two-peer graph (minutes).")] = True,
 ) -> None:
-    """Renew the generated files: oracles, counterexamples, corpus, schema, rule table."""
+    """Renew the generated files.  Oracles, counterexamples, corpus, schema, rule table."""
     needs_repository("generate")
     from automcm_cli import generated
     from automcm_spec.models import ModelError

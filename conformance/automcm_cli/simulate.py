@@ -12,15 +12,10 @@ from automcm_cli.common import CODES, Json, write_json
 if TYPE_CHECKING:
     from automcm.scenarios.drive import Drive
 
-simulate = typer.Typer(help="Scenarios on a simulated road.", epilog=CODES)
+app = typer.Typer()
 
 
-@simulate.callback()
-def _group() -> None:
-    """Keeps ``lane-change`` a command of its own."""
-
-
-@simulate.command(
+@app.command(
     "lane-change",
     epilog="Example: automcm simulate lane-change --vehicles 4 --speed 30.  " + CODES,
 )
@@ -36,7 +31,7 @@ def lane_change(
     out: Annotated[Path, typer.Option(help="Where plots and logs go.")] = Path("runs/simulate"),
     json_: Json = None,
 ) -> None:
-    """A prescriber changes lanes beside receivers A, B and C (the paper's Fig. 6).
+    """A prescriber changes lanes beside A, B and C (figure 6).
 
     Prints the story and writes the plots speed-over-position and space-time (they need
     automcm[plot]) and each station's log.  Exit code 1 if the lane change was not done.

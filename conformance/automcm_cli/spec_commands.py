@@ -9,9 +9,7 @@ import typer
 
 from automcm_cli.common import CODES, Json, console_of, needs_repository, progress, write_json
 
-spec = typer.Typer(
-    help="The specification: its models, and how far they can be trusted.", epilog=CODES
-)
+app = typer.Typer()
 
 
 Profile = Annotated[
@@ -22,7 +20,7 @@ Property = Annotated[
 ]
 
 
-@spec.command("list", epilog="Example: automcm spec list --property T-2.  " + CODES)
+@app.command("list", epilog="Example: automcm spec list --property T-2.  " + CODES)
 def spec_list(profile: Profile = None, property_: Property = None, json_: Json = None) -> None:
     """The models: what each must show, and why it is there."""
     from automcm_cli import spec as spec_
@@ -34,7 +32,7 @@ def spec_list(profile: Profile = None, property_: Property = None, json_: Json =
             typer.echo(spec_.described(model))
 
 
-@spec.command("check", epilog="Example: automcm spec check rejoin --json -.  " + CODES)
+@app.command("check", epilog="Example: automcm spec check rejoin --json -.  " + CODES)
 def spec_check(
     names: Annotated[
         list[str] | None, typer.Argument(help="Models, as automcm spec list names them.")
@@ -57,7 +55,7 @@ def spec_check(
     ] = "127.0.0.1",
     json_: Json = None,
 ) -> None:
-    """Check models with TLC; a counterexample is shown as the inputs that lead to it.
+    """Check models with TLC.  A counterexample is shown as the inputs that lead to it.
 
     A run that does not come to its end (time, memory, disk) is incomplete: code 4, and the
     states it has looked at.
@@ -87,13 +85,13 @@ def spec_check(
     raise typer.Exit(spec_.exit_code(verdicts))
 
 
-@spec.command("pages", epilog="Example: automcm spec pages --out runs/counterexamples.  " + CODES)
+@app.command("pages", epilog="Example: automcm spec pages --out runs/counterexamples.  " + CODES)
 def spec_pages(
     out: Annotated[Path, typer.Option(help="The folder of the pages.")] = Path(
         "docs/counterexamples"
     ),
 ) -> None:
-    """Each counterexample of docs/models.md as a page, like those of automcm trace html."""
+    """Each counterexample of docs/models.md as a page.  It is like those of automcm trace html."""
     needs_repository("spec pages")
     from automcm_cli import spec_pages
     from automcm_spec import models
@@ -109,7 +107,7 @@ def spec_pages(
     typer.echo(f"{len(written)} pages in {out}")
 
 
-@spec.command("mutate", epilog="Example: automcm spec mutate --only OnAck.  " + CODES)
+@app.command("mutate", epilog="Example: automcm spec mutate --only OnAck.  " + CODES)
 def spec_mutate(
     profile: Annotated[
         str, typer.Option(help="quick: till a mutant is killed; deep: by which properties.")
@@ -186,7 +184,7 @@ def _check_distributed(asked: list[Any], host: str, json_: Path | None) -> None:
     raise typer.Exit(1 if any(one.problem for one in found) else 0)
 
 
-@spec.command("worker", epilog="Example: automcm spec worker 192.0.2.7.  " + CODES)
+@app.command("worker", epilog="Example: automcm spec worker 192.0.2.7.  " + CODES)
 def spec_worker(
     server: Annotated[
         str, typer.Argument(metavar="HOST", help="Where spec check --distributed is.")
@@ -210,7 +208,7 @@ def spec_worker(
     typer.echo(f"{computed:,} states computed here")
 
 
-@spec.command("simulate", epilog="Example: automcm spec simulate two_by_three.  " + CODES)
+@app.command("simulate", epilog="Example: automcm spec simulate two_by_three.  " + CODES)
 def spec_simulate(
     name: Annotated[
         str, typer.Argument(metavar="MODEL", help="As automcm spec list names it, or two_by_three.")
@@ -224,7 +222,7 @@ def spec_simulate(
     ] = False,
     json_: Json = None,
 ) -> None:
-    """Random behaviours of a model, till a property is violated; which rules decided how often?
+    """Random behaviours of a model, till a property is violated.  Which rules decided how often?
 
     Code 4: a model that must fail did not in these behaviours, or there were none in time.
     """
@@ -257,12 +255,12 @@ def spec_simulate(
     raise typer.Exit(found.exit_code)
 
 
-@spec.command("bench", epilog="Example: automcm spec bench --seconds 120.  " + CODES)
+@app.command("bench", epilog="Example: automcm spec bench --seconds 120.  " + CODES)
 def spec_bench(
     seconds: Annotated[int, typer.Option(min=1, help="For each naive encoding.")] = 60,
     json_: Json = None,
 ) -> None:
-    """States and seconds of our encoding of the radio against two naive ones; at least 20 times?
+    """Our encoding of the radio against two naive ones.  States and seconds; at least 20 times?
 
     A naive one that does not finish in time gives a lower bound.  Too low a bound is code 4.
     """

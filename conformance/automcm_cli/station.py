@@ -1,4 +1,4 @@
-"""``automcm station``, ``automcm link relay`` and ``automcm drive``: the reference at work."""
+"""``automcm station``, ``automcm adapter`` and ``automcm drive``: the reference at work."""
 
 from __future__ import annotations
 
@@ -14,13 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES
 from automcm_cli.parameters import chosen
 
 if TYPE_CHECKING:
     from automcm.links.bridge import WebSocketBridge
-
-link = typer.Typer(help="Links between stations.", epilog=CODES)
 
 Remote = Annotated[
     bool, typer.Option("--allow-remote", help="Also addresses that other hosts can reach.")
@@ -49,14 +46,6 @@ def carry_out(name: str, what: Coroutine[Any, Any, None]) -> None:
     except (LinkError, NumberError, OSError) as error:
         typer.echo(f"{name}: {error}", err=True)
         raise typer.Exit(3) from None
-
-
-def delays(text: str) -> tuple[int, int]:
-    """``MIN:MAX`` in ms."""
-    low, _, high = text.partition(":")
-    if not low.isdecimal() or not high.isdecimal() or int(low) > int(high):
-        raise typer.BadParameter(f"{text}: a delay is MIN:MAX in ms, such as 2:40")
-    return int(low), int(high)
 
 
 def station(
@@ -102,7 +91,7 @@ def station(
         float, typer.Option(help="What counts as 0 ms on the host's monotonic clock, in s.")
     ] = 0.0,
 ) -> None:
-    """Run one station on UDP until SIGTERM; report messages and phases as lines of JSON.
+    """Run one station on UDP until SIGTERM.  Messages and phases are reported as lines of JSON.
 
     With --bridge its application is at the other end of a WebSocket: driving software that speaks
     rosbridge JSON, or automcm drive.  Without, it drives straight on and agrees to what it is
@@ -171,7 +160,7 @@ def drive(
     attempts: Annotated[int, typer.Option(help="To connect the first time.", min=1)] = 5,
     for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
 ) -> None:
-    """The driving software's end of a bridge: drives straight on, agrees to what it is asked."""
+    """The driving software's end of a bridge.  Drives straight on, agrees to what it is asked."""
     import asyncio
 
     from automcm.links import LinkError
@@ -210,33 +199,34 @@ def drive(
     carry_out("drive", run())
 
 
-@link.command(epilog="Example: automcm link relay --port 47200 --loss 0.2 --delay 5:40.  " + CODES)
-def relay(
-    port: Annotated[int, typer.Option(help="Where to listen; 0: any.", min=0, max=65_535)] = 47_200,
-    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
-    loss: Annotated[float, typer.Option(min=0, max=1, help="Share of copies lost.")] = 0.0,
-    duplicate: Annotated[float, typer.Option(min=0, max=1, help="Share doubled.")] = 0.0,
-    reorder: Annotated[float, typer.Option(min=0, max=1, help="Share held back.")] = 0.0,
-    delay: Annotated[str, typer.Option(help="MIN:MAX in ms.")] = "0:0",
-    seed: Annotated[int, typer.Option(help="Seed of what is lost, doubled and held back.")] = 0,
+def adapter(
+    websocket: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Serve it there over WebSocket, a station per connection."
+        ),
+    ] = None,
     allow_remote: Remote = False,
-    for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
 ) -> None:
-    """Pass what one station sends on to all others, with loss and delay, until SIGTERM."""
-    from automcm.links.relay import Relay
-    from automcm.links.simulated import Channel
+    """The reference as an adapter, on standard input and output.  See docs/adapter.md."""
+    from automcm.kit import serve
+
+    if websocket is not None:
+        carry_out("adapter", _served(websocket, allow_remote))
+        return
+    out = sys.stdout.buffer
+    for answer in serve(sys.stdin.buffer):
+        out.write(answer)
+        out.flush()
+
+
+async def _served(where: str, allow_remote: bool) -> None:
+    """Serve until SIGTERM; where it listens is told in a line of JSON."""
+    from automcm.links.adapter_server import serve
     from automcm.process import stopping
 
-    channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=delays(delay))
-
-    async def run() -> None:
-        over = stopping(for_ms)
-        relay = Relay(host, port, channel=channel, seed=seed, allow_remote=allow_remote)
-        report({"event": "start", "host": relay.address[0], "port": relay.address[1]})
-        try:
-            await over
-        finally:
-            relay.close()
-            report({"event": "end", "delivered": relay.radio.delivered, "lost": relay.radio.lost})
-
-    carry_out("link relay", run())
+    over = stopping()
+    async with await serve(where, allow_remote=allow_remote) as server:
+        host, port = server.sockets[0].getsockname()
+        report({"event": "start", "uri": f"ws://{host}:{port}"})
+        await over

@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from automcm.bench import Report
     from automcm.kernel_bench import Report as KernelReport
 
-bench = typer.Typer(help="What the reference costs.", epilog=CODES)
+STATION = "Example: automcm bench station --seconds 20.  " + CODES
+KERNELS = "Example: automcm bench kernels --seconds 60.  " + CODES
 
 
-@bench.command(epilog="Example: automcm bench station --seconds 20.  " + CODES)
 def station(
     seconds: Annotated[float, typer.Option(help="About how long to measure.", min=0.1)] = 20,
     json_: Json = None,
 ) -> None:
-    """Messages, sessions and memory, each beside a baseline measured in the same run.
+    """Messages, sessions and memory, each beside a baseline.  Both are measured in the same run.
 
     There is no verdict: what is measured depends on the machine, and the ratios less so.
     """
@@ -35,12 +35,11 @@ def station(
         show(report, console_of())
 
 
-@bench.command(epilog="Example: automcm bench kernels --seconds 60.  " + CODES)
 def kernels(
     seconds: Annotated[float, typer.Option(help="About how long to measure.", min=1)] = 60,
     json_: Json = None,
 ) -> None:
-    """Each trajectory kernel, single and batched, beside other ways to compute the same.
+    """Each trajectory kernel beside other ways to compute the same.  Single and batched.
 
     Ratios are to the kernel: 2.0 takes twice as long as it.  The floor is copying the bytes that
     must be read.  There is no verdict.
@@ -52,11 +51,6 @@ def kernels(
     write_json(json_, report.as_dict())
     if str(json_) != "-":
         show_kernels(report, console_of(110))
-
-
-@bench.callback()
-def _group() -> None:
-    """Keeps ``station`` a command of its own."""
 
 
 def show(report: Report, console: Console) -> None:

@@ -14,7 +14,7 @@ from automcm_cli.trace_logs import Logs, files_of
 if TYPE_CHECKING:
     from automcm_traces.explain import Verdict
 
-app = typer.Typer(help="Logs: what happened, and was it allowed?", epilog=CODES)
+app = typer.Typer()
 
 
 @app.command(epilog="Example: automcm trace explain 1001.ndjson 2002.ndjson.  " + CODES)
@@ -30,7 +30,7 @@ def explain(
     ] = "oracle",
     json_: Json = None,
 ) -> None:
-    """Is each log allowed by the specification?  If not: the first event that is not, and why.
+    """Is each log allowed?  If not: the first event that is not, why.
 
     Several logs of one run are also judged together: what was received against what was sent,
     and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.

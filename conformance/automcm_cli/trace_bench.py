@@ -148,7 +148,7 @@ def traces(
     tlc: Annotated[bool, typer.Option(help="Measure TLC's batch too.")] = True,
     json_: Json = None,
 ) -> None:
-    """Events a second of the oracle engine, beside parsing alone and TLC on the same logs.
+    """Events a second of the oracle engine, beside parsing and TLC.  All on the same logs.
 
     There is no verdict: what is measured depends on the machine, and the ratios less so.
     """

@@ -31,7 +31,7 @@ def shrink(
     late: Late = None,
     json_: Json = None,
 ) -> None:
-    """The smallest logs that show the same: the same event diverges, by the same rule.
+    """The smallest logs that show the same.  The same event diverges, by the same rule.
 
     Sessions go first, then logs, then steps, then single events. The gaps are closed: later
     events come earlier, and numbers are counted anew. What is wrong only with the other logs (a
@@ -99,7 +99,7 @@ def compare(
     width: Annotated[int, typer.Option(help="Columns of the table.", min=40)] = 80,
     json_: Json = None,
 ) -> None:
-    """Two runs, or two implementations: where does a station first do something else?
+    """Two runs, or two implementations: where do they first differ?
 
     Logs are compared by station, a step (an input with its effects) at a time. What a station is
     free to choose is not compared: numbers of sessions, transmission ids, the order of the effects

@@ -25,7 +25,7 @@ def export(
     out: Annotated[Path, typer.Option(help="Folder for what is written.")] = Path("runs/export"),
     json_: Json = None,
 ) -> None:
-    """Logs for other tools: a diagram, a picture, states in ITF, or MCAP for Foxglove.
+    """Logs for other tools.  A diagram, a picture, states in ITF, or MCAP for Foxglove.
 
     A diagram has 400 messages at most, and says how many more there are. MCAP has a channel of
     JSON for each station; --to logs makes logs of it again, byte for byte.

@@ -47,7 +47,7 @@ def html(
     ] = None,
     json_: Json = None,
 ) -> None:
-    """One page that shows what happened, what was allowed, and where it first went wrong.
+    """One page: what happened, what was allowed, where it went wrong.
 
     The page is one file and needs no network. It has what explain says, the messages between the
     stations, the timers, the states, and the lines of Station.tla. With --compare it has two runs

@@ -20,7 +20,7 @@ def itf(
     out: Annotated[Path, typer.Option(help="Folder for what is written.")] = Path("."),
     json_: Json = None,
 ) -> None:
-    """A counterexample in ITF as the logs of its stations; a log as ITF.
+    """A counterexample in ITF as logs of its stations, a log as ITF.
 
     The counterexample is one of ours (automcm spec check, traces/counterexamples): TLC works out
     what its stations send.  In the ITF of a log each state is the station after a step.

@@ -44,7 +44,7 @@ def lint(
     ] = 100,
     json_: Json = None,
 ) -> None:
-    """Is each file a log in the format?  If not: everything wrong with it.
+    """Is each file a log in the format?  If not: all that is wrong.
 
     Warnings (a missing end, an event of an unknown kind) do not count against a log.
     """
@@ -166,7 +166,7 @@ def coverage(
     late: Late = None,
     json_: Json = None,
 ) -> None:
-    """How much of the specification do these logs exercise, and what never happens in them?
+    """What of the specification these logs exercise, and what not.
 
     A log that diverges, or cannot be told or read, is counted up to there.
     """

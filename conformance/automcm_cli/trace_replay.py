@@ -27,7 +27,7 @@ def replay(
     seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
     json_: Json = None,
 ) -> None:
-    """Give the inputs of a log to a station, and follow it on the specification.
+    """Give a log's inputs to a station.  It is followed on the specification.
 
     What the log's own station sent is only compared.  The new log goes into --out.
     """

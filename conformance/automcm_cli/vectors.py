@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from automcm_conformance.vectors import Result
 
-app = typer.Typer(help="Test vectors for the trajectory kernels.", epilog=CODES)
+app = typer.Typer()
 
 
 @app.callback()

@@ -208,7 +208,7 @@ def test_the_folder_cannot_be_used(tmp_path: Path) -> None:
 def test_usage_errors_are_2(arguments: list[str], says: str) -> None:
     answer = run.invoke(app, ["conform", *arguments])
     assert answer.exit_code == 2, answer.output
-    assert says in re.sub(r"[\s│]+", " ", answer.output)
+    assert says in " ".join(answer.output.split())
 
 
 @pytest.mark.parametrize(
@@ -425,7 +425,7 @@ def test_a_new_adapter_speaks_the_protocol_but_is_no_station(tmp_path: Path) -> 
     done = conform(tmp_path / "r", CASE, command=[str(folder / "run")])
     assert done.code != 0 and done.report["counts"]["PASS"] == 0
     again = run.invoke(app, ["conform", "new", str(folder)])
-    assert again.exit_code == 2 and "not an empty folder" in re.sub(r"[\s│]+", " ", again.output)
+    assert again.exit_code == 2 and "not an empty folder" in " ".join(again.output.split())
     assert (
         run.invoke(app, ["conform", "new", "--language", "ada", str(tmp_path / "a")]).exit_code == 2
     )

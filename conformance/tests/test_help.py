@@ -13,7 +13,16 @@ from typer.testing import CliRunner
 
 from automcm_cli.main import app
 
-HEAVY = ("numpy", "pydantic", "matplotlib", "asyncio", "statemachine", "hypothesis", "jinja2")
+HEAVY = (
+    "numpy",
+    "pydantic",
+    "matplotlib",
+    "asyncio",
+    "statemachine",
+    "hypothesis",
+    "jinja2",
+    "rich",
+)
 
 
 def commands(group: object, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], bool]]:
@@ -35,11 +44,21 @@ def test_each_command_has_help_with_an_example_and_its_exit_codes(path: tuple[st
     assert COMMANDS[path] or re.search(f"Example: .*automcm {' '.join(path)}", text)
 
 
-def test_help_loads_nothing_heavy() -> None:
+def test_a_group_lists_its_commands_in_whole_sentences() -> None:
+    for path in (path for path, group in COMMANDS.items() if group):
+        shown = CliRunner().invoke(app, [*path, "--help"]).output
+        listed = re.findall(r"^  [a-z]\S+ {2,}(.*)", shown.partition("Commands:")[2], re.MULTILINE)
+        assert len(listed) == sum(other[:-1] == path and bool(other) for other in COMMANDS)
+        cut = [text for text in listed if text.endswith(("...", "Fig.")) or text[-1] not in ".?"]
+        assert not cut
+
+
+@pytest.mark.parametrize("path", [[], ["trace"], ["trace", "explain"], ["conform", "run"]])
+def test_help_loads_nothing_heavy(path: list[str]) -> None:
     code = (
         "import sys\nfrom automcm_cli.main import app\n"
-        "try:\n    app(['--help'])\nexcept SystemExit:\n    pass\n"
+        f"try:\n    app([*{path!r}, '--help'])\nexcept SystemExit:\n    pass\n"
         f"print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stderr.strip() == "[]"
+    assert "Usage:" in done.stdout and done.stderr.strip() == "[]"
