@@ -35,6 +35,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, get_args
 
@@ -143,8 +144,9 @@ class Purpose:
         )
 
 
-def load(path: Path = PATH) -> list[Purpose]:
-    """The purposes of a file.  Raises ValueError naming the file, the id and the field."""
+@cache
+def load(path: Path = PATH) -> tuple[Purpose, ...]:
+    """The purposes of a file, which is read once.  Raises ValueError naming file, id and field."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -166,7 +168,7 @@ def load(path: Path = PATH) -> list[Purpose]:
         except ValueError as error:
             raise ValueError(f"{path.name}: {name}: {error}") from None
         found[purpose.id] = purpose
-    return list(found.values())
+    return tuple(found.values())
 
 
 def _purpose(row: Json) -> Purpose:
