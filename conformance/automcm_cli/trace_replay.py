@@ -41,7 +41,7 @@ def replay(
         result = replay_(log, command, out, limit_s=limit, seed=seed, well_formed=_well_formed)
     except LogError as error:
         verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
-        write_json(json_, verdict | {"event": str(error), "exit_code": 3})
+        write_json(json_, verdict | {"event": error.what, "exit_code": 3})
         typer.echo(f"replay: {error}", err=True)
         raise typer.Exit(3) from None
     except (OracleError, OSError) as error:

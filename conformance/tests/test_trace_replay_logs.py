@@ -186,7 +186,7 @@ def test_rubbish(logs: Path, tmp_path: Path) -> None:
         rubbish.write_bytes(data)
         code, result = replay(rubbish, touch, tmp_path)
         assert (code, result["verdict"], result["line"]) == (3, "unreadable", line)
-        assert str(rubbish) in result["event"]
+        assert result["file"] == str(rubbish) and str(rubbish) not in result["event"]
     assert not started.exists()
     code, result = replay(tmp_path / "none", touch, tmp_path)
     assert code == 3 and "no such file" in result["event"]

@@ -15,7 +15,7 @@ from automcm_traces.engine import Engine
 from automcm_traces.log import Event, Header
 from automcm_traces.possible import Possible, unobserved
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, read
+from automcm_traces.reader import Log, LogError, LogStream, one_line, read
 from automcm_traces.sessions import Session, Sessions
 from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell
@@ -138,9 +138,9 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
     except CannotTell as error:
         return Verdict("cannot_tell", log.file, at, str(error), events=events, **about)
     except LogError as error:
-        return Verdict("unreadable", log.file, error.line, str(error), events=events, **about)
+        return Verdict("unreadable", log.file, error.line, error.what, events=events, **about)
     except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
-        text = f"{log.file}:{at}: a message lacks or misuses a field: {error}"
+        text = one_line(f"a message lacks or misuses a field: {error}")
         return Verdict("unreadable", log.file, at, text, events=events, **about)
     return Verdict(
         "allowed",
@@ -206,7 +206,7 @@ def explain_file(path: str | Path, late_ms: int | None = None) -> Verdict:
     try:
         log = LogStream(path)
     except LogError as error:
-        return Verdict("unreadable", str(path), error.line, str(error))
+        return Verdict("unreadable", str(path), error.line, error.what)
     return explain(log, late_ms)
 
 

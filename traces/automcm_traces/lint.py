@@ -124,7 +124,7 @@ class Report:
     findings: list[Finding]
     errors: int
     warnings: int
-    unreadable: str = ""
+    unreadable: LogError | None = None
     """Why it is no log at all."""
 
     @property
@@ -141,7 +141,7 @@ class Report:
             "verdict": self.verdict,
             "errors": self.errors,
             "warnings": self.warnings,
-            "unreadable": self.unreadable,
+            "unreadable": str(self.unreadable or ""),
             "findings": [finding.as_dict() for finding in self.findings],
         }
 
@@ -156,7 +156,7 @@ def report(path: str | Path, most: int = 0) -> Report:
             if not most or len(kept) < most:
                 kept.append(finding)
     except LogError as error:
-        return Report(str(path), kept, levels["error"], levels["warning"], str(error))
+        return Report(str(path), kept, levels["error"], levels["warning"], error)
     return Report(str(path), kept, levels["error"], levels["warning"])
 
 
@@ -177,8 +177,7 @@ def text(report: Report) -> str:
     if left:
         lines.append(f"{file}: {left} more")
     if report.unreadable:
-        where, _, problem = report.unreadable.partition(": ")
-        lines.append(f"{where}: UNREADABLE: {problem}")
+        lines.append(f"{report.unreadable.where}: UNREADABLE: {report.unreadable.what}")
     else:
         warned = f", {_count(report.warnings, 'warning')}" if report.warnings else ""
         found = f"{_count(report.errors, 'error')}" if report.errors else "clean"

@@ -22,6 +22,9 @@ from pydantic import (
     ConfigDict,
     Field,
     Strict,
+    StrictBool,
+    StrictInt,
+    StrictStr,
     TypeAdapter,
     ValidationError,
     model_validator,
@@ -31,7 +34,9 @@ from typing_extensions import TypeAliasType
 
 SCHEMA: Final = "automcm.trace/1"
 
-Value = TypeAliasType("Value", "bool | int | str | list[Value] | dict[str, Value]")
+Value = TypeAliasType(
+    "Value", "StrictBool | StrictInt | StrictStr | list[Value] | dict[str, Value]"
+)
 """Plain JSON without null and float."""
 
 EventKind = Literal["command", "indication", "receive", "restart", "send", "timer"]

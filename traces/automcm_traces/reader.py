@@ -33,8 +33,11 @@ class LogError(Exception):
         self.line = line
         self.field = field
         self.problem = problem
-        parts = at_line(self.file, line), field, problem
-        super().__init__(one_line(": ".join(part for part in parts if part)))
+        self.where = one_line(at_line(self.file, line))
+        """The file, and the line if one is meant."""
+        self.what = one_line(f"{field}: {problem}" if field else problem)
+        """The field, if one is meant, and what is wrong."""
+        super().__init__(f"{self.where}: {self.what}")
 
 
 @dataclass(frozen=True)

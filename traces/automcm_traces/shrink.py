@@ -22,7 +22,7 @@ from typing import Any
 from automcm_traces.explain import Verdict, explain, explain_files, forged
 from automcm_traces.log import Receive, Send
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, one_line
+from automcm_traces.reader import Log, LogError, LogStream, at_line, one_line
 from automcm_traces.show import Row
 from automcm_traces.sublog import Item, Sublog
 
@@ -134,7 +134,7 @@ def shrink(
         return Search((alone,), diverges_as(wrong, late_ms), tries, say).run(found)
     for v in verdicts:
         if v.verdict == "unreadable":
-            raise NothingToShrink(v.event, 3)
+            raise NothingToShrink(f"{at_line(v.file, v.line)}: {v.event}", 3)
     told = next((v for v in verdicts if v.verdict == "cannot_tell"), None)
     text, code = "everything in the logs is allowed: there is nothing to shrink", 1
     if told is not None:

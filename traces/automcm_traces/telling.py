@@ -31,7 +31,7 @@ def _lines(verdict: Verdict) -> Iterator[str]:
             yield f"{verdict.file}: ALLOWED, {verdict.events} events"
             yield from _allowed(verdict)
         case "unreadable":
-            yield f"{where}: UNREADABLE: {verdict.event.removeprefix(f'{where}: ')}"
+            yield f"{where}: UNREADABLE: {verdict.event}"
         case "cannot_tell":
             yield f"{where}: CANNOT TELL: {verdict.event}"
         case "diverges":

@@ -97,7 +97,7 @@ def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], li
         try:
             logs[path], problem = _whole(LogStream(path))
         except LogError as error:
-            problem = Verdict("unreadable", str(path), error.line, str(error))
+            problem = Verdict("unreadable", str(path), error.line, error.what)
         if problem is not None:
             found[path] = problem
     for path, verdict in zip(logs, explain_batch(list(logs.values()), late_ms), strict=True):
@@ -116,7 +116,7 @@ def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
     try:
         events.extend(stream)
     except LogError as error:
-        problem = Verdict("unreadable", stream.file, error.line, str(error))
+        problem = Verdict("unreadable", stream.file, error.line, error.what)
     if problem is None and stream.gap is not None:
         line, what = stream.gap
         text = f"records are missing before this line: {what}"

@@ -196,8 +196,10 @@ def test_what_is_no_log_at_all_is_unreadable(tmp_path: Path, content: bytes) -> 
 
 
 def test_a_missing_file_or_a_folder_is_unreadable(tmp_path: Path) -> None:
-    assert "no such file" in report(tmp_path / "none").unreadable
-    assert "is a directory" in report(tmp_path).unreadable
+    none = tmp_path / "a: b"
+    assert text(report(none)) == f"{none}: UNREADABLE: no such file"
+    assert report(none).as_dict()["unreadable"] == f"{none}: no such file"
+    assert text(report(tmp_path)) == f"{tmp_path}: UNREADABLE: is a directory, not a log"
 
 
 def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> None:

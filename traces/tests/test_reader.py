@@ -212,6 +212,28 @@ def test_the_quick_way_to_read_a_line_says_the_same(line: bytes) -> None:
     assert repr(outcome(line, True)) == repr(outcome(line, False))
 
 
+def with_each_value(value: Any, other: Any) -> Iterator[Any]:
+    """The same JSON with another value in place of one, for each that it has."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from (value | {key: odd} for odd in with_each_value(inner, other))
+    elif isinstance(value, list):
+        for at, inner in enumerate(value):
+            yield from (
+                [*value[:at], odd, *value[at + 1 :]] for odd in with_each_value(inner, other)
+            )
+    yield other
+
+
+@pytest.mark.parametrize("other", [0.0, -0.0, 1.0, 2.0, 1e3, 0.5, 1, True, "1", [0.0], {"a": 1.0}])
+def test_the_quick_way_takes_no_float_for_an_integer(other: Any) -> None:
+    lines = [*EVENTS, restart(1, ev="send", tx="7:1", message={"type": "Fin", "a": [[1]]})]
+    for line in lines:
+        for changed in with_each_value(line, other):
+            data = json.dumps(changed).encode()
+            assert repr(outcome(data, True)) == repr(outcome(data, False)), data
+
+
 def test_the_quick_way_is_taken_and_gives_the_same(tmp_path: Path) -> None:
     for line in EVENTS[:-1]:
         text = json.dumps(line).encode()
