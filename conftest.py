@@ -1,7 +1,8 @@
-"""A test is traced for half a second, and then runs at its own speed.
+"""What holds for all tests: how long they are traced, and what their examples are drawn from.
 
-What loops a lot would take two to four times as long, and covers the same lines again.  So the
-coverage that is printed is a little less than all.
+A test is traced for half a second, and then runs at its own speed: what loops a lot would take two
+to four times as long, and covers the same lines again.  So the coverage that is printed is a little
+less than all.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Generator
 
 import pytest
 from coverage import Coverage
+from hypothesis.internal.conjecture.providers import Constants, HypothesisProvider
 
 TRACED_S = 0.5
 """Of its processor time, with its fixtures."""
@@ -34,3 +36,10 @@ def pytest_runtest_protocol() -> Generator[None, object, object]:
             # A new tracer: the old one thinks that it is still within the calls that it saw.
             traced.stop()
             traced.start()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The same examples each time: hypothesis also draws constants that it finds in whatever
+    modules are loaded, and that depends on the tests that ran before."""
+    if config.getoption("--hypothesis-profile") == "ci":
+        HypothesisProvider._local_constants = property(lambda self: Constants())
