@@ -231,6 +231,8 @@ def _selector(value: Json) -> dict[str, frozenset[Any]]:
             if not isinstance(each, str) or not _known(name, each):
                 raise ValueError(f"select.{name}: no {each}")
         out[name] = frozenset(names)
+    if "rule" not in out:
+        raise ValueError("select.rule: missing")
     return out
 
 

@@ -57,6 +57,9 @@ class Runner:
         self.seed = seed
         self.say = say
         self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
+        chosen = (tally.purpose.select for tally in self.tallies.values())
+        self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
+        """What decides a pair of a case that graphs carry is one of these."""
         self.elsewhere = ""
         """The first wrong answer of a case that is not run."""
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")

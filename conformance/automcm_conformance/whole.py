@@ -76,6 +76,7 @@ class Graphs:
     def __init__(self, one: Oracle) -> None:
         self.one = one
         self.owners = Owners(load_purposes())
+        self._pairs: dict[frozenset[str], list[Answer]] = {}
 
     @classmethod
     def load(cls, spec_hash: str) -> Graphs:
@@ -83,10 +84,11 @@ class Graphs:
         with uncollected():
             return cls(load(ONE_PEER.path, spec_hash))
 
-    @cached_property
-    def everything(self) -> list[Answer]:
-        """All pairs of ``one``."""
-        return [a for state in range(len(self.one.states)) for a in self.one.answers(state)]
+    def pairs(self, rules: frozenset[str]) -> list[Answer]:
+        """The pairs of ``one`` that these rules decide."""
+        if rules not in self._pairs:
+            self._pairs[rules] = list(self.one.decided_by(rules))
+        return self._pairs[rules]
 
     @cached_property
     def two(self) -> Oracle:
@@ -106,8 +108,7 @@ class Graphs:
     @cached_property
     def limits(self) -> list[Answer]:
         """The pairs that MEM-1 decides."""
-        answers = (a for state in range(len(self.tight.states)) for a in self.tight.answers(state))
-        return [answer for answer in answers if answer.effect.rule == "MEM-1"]
+        return list(self.tight.decided_by({"MEM-1"}))
 
 
 def _drive(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
@@ -119,10 +120,12 @@ def _drive(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: 
 
 def tours(runner: Runner, graphs: Graphs) -> None:
     """Drive what the graphs hold."""
-    owners = graphs.owners
-    runner.graph(Part("one-peer", graphs.one), graphs.everything, owners)
-    runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), graphs.third, owners)
-    runner.graph(Part("tight, MEM-1", graphs.tight), graphs.limits, owners)
+    owners, rules = graphs.owners, runner.rules
+    third = [answer for answer in graphs.third if answer.effect.rule in rules]
+    limits = graphs.limits if "MEM-1" in rules else []
+    runner.graph(Part("one-peer", graphs.one), graphs.pairs(rules), owners)
+    runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), third, owners)
+    runner.graph(Part("tight, MEM-1", graphs.tight), limits, owners)
 
 
 def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:

@@ -248,6 +248,7 @@ def test_a_good_file(tmp_path: Path) -> None:
         ("select", "{}", "BI-01: select: a table with at least one field"),
         ("select", "{ colour = 1 }", "BI-01: select.colour: no such field"),
         ("select", '{ rule = "NEG-10" }', "BI-01: select.rule: no NEG-10"),
+        ("select", '{ role = "none" }', "BI-01: select.rule: missing"),
         ("select", "{ role = [] }", "BI-01: select.role: empty"),
         ("select", "{ phase = 3 }", "BI-01: select.phase: no 3"),
         ("select", '{ input = "expire lunch" }', "BI-01: select.input: no expire lunch"),

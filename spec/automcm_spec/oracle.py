@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import json
 import lzma
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -146,6 +146,24 @@ class Oracle:
             answer = self.answer(state, i)
             if answer is not None:
                 yield answer
+
+    def decided_by(self, rules: Set[str]) -> Iterator[Answer]:
+        """Every pair of a state and an offered input that one of these rules decides: state by
+        state, in the order of the alphabet."""
+        wanted = [effect.rule in rules for effect in self.effects]
+        refused = [
+            [
+                [(i, e) for i, e in zip(group, effects, strict=False) if e >= 0 and wanted[e]]
+                for effects in self._patterns
+            ]
+            for group in self._groups
+        ]
+        for state, moves in enumerate(self._moves):
+            found = [(i, to, e, True) for i, (to, e) in moves.items() if wanted[e]]
+            for of_pattern, pattern in zip(refused, self._answers[state], strict=True):
+                found += [(i, state, e, False) for i, e in of_pattern[pattern]]
+            for i, to, e, changes in sorted(found):
+                yield Answer(state, i, to, self.effects[e], changes)
 
     def changes(self, state: int) -> Iterator[Answer]:
         """The transitions alone."""

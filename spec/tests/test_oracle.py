@@ -55,6 +55,14 @@ def test_every_input_has_an_answer_where_it_is_offered(one_peer: oracle.Oracle) 
     assert pairs == one_peer.transitions + one_peer.refusals
 
 
+def test_what_some_rules_decide_is_found_in_the_same_order() -> None:
+    tight = oracle.load(generate.TIGHT.path)
+    everything = [a for state in range(len(tight.states)) for a in tight.answers(state)]
+    for rules in ({*RULES, ""}, {"MEM-1"}, {"END-5", "NEG-4", "ADV-1"}, set[str]()):
+        expected = [answer for answer in everything if answer.effect.rule in rules]
+        assert list(tight.decided_by(rules)) == expected
+
+
 def test_paths_lead_where_they_say(one_peer: oracle.Oracle) -> None:
     for n in range(0, len(one_peer.states), 97):
         state = 0
