@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from shutil import copyfileobj, rmtree
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,7 +18,8 @@ if TYPE_CHECKING:
     from automcm_traces.show import Shown
 
 Logs = Annotated[
-    list[Path], typer.Argument(help="Logs, or folders with logs (*.ndjson) below them.")
+    list[Path],
+    typer.Argument(help="Logs, or folders with logs (*.ndjson) below them; - for standard input."),
 ]
 
 
@@ -27,14 +32,26 @@ def register(app: typer.Typer) -> None:
 
 
 def files_of(command: str, logs: list[Path]) -> list[Path]:
-    """The logs that are meant; what has none ends the command with exit code 3."""
+    """The logs that are meant; what has none ends the command with exit code 3.
+
+    Standard input is kept in a file till the end: a log is read more than once.
+    """
     from automcm_traces.reader import LogError, logs_below
 
     try:
-        return logs_below(logs)
-    except LogError as error:
+        return logs_below([_kept() if str(log) == "-" else log for log in logs])
+    except (LogError, OSError) as error:
         typer.echo(f"{command}: {error}", err=True)
         raise typer.Exit(3) from None
+
+
+def _kept() -> Path:
+    folder = mkdtemp(prefix="automcm-")
+    atexit.register(rmtree, folder, ignore_errors=True)
+    path = Path(folder, "standard-input.ndjson")
+    with path.open("wb") as out:
+        copyfileobj(sys.stdin.buffer, out)
+    return path
 
 
 def lint(

@@ -69,6 +69,7 @@ def _well_formed(message: dict[str, Any]) -> bool:
 
 def _text(result: Replayed) -> list[str]:
     from automcm_traces.reader import at_line
+    from automcm_traces.telling import expected
 
     place = at_line(result.file, result.line)
     head = {
@@ -80,7 +81,7 @@ def _text(result: Replayed) -> list[str]:
     lines = [head[result.verdict]]
     if result.verdict != "allowed" and result.input:
         lines.append(f"  last input, {result.inputs} of {result.total}: {result.input}")
-    lines += [f"  expected one of: {'; '.join(result.expected)}"] if result.expected else []
+    lines += [f"  {line}" for line in expected(result.expected)]
     lines += [f"  by {result.guard}"] if result.guard else []
     lines += [f"  standard error: {text!r}" for text in result.stderr]
     if result.difference is not None:

@@ -246,13 +246,18 @@ def _check_pairs(field: str, pairs: dict[str, list[int]]) -> None:
 
 
 def _junit(report: Report) -> JUnitXml:
-    """What is not as expected is a failure or an error, as it is in the exit code."""
+    """What is not as expected is a failure or an error, as it is in the exit code.
+
+    Cases are driven together: only the whole has a time, in seconds.
+    """
     who = report.implementation
     suites: dict[str, TestSuite] = {}
     for case in report.cases:
         name = visible(case.id.rpartition("/")[0] or case.id)
         if name not in suites:
             suites[name] = TestSuite(name)
+            if report.started:
+                suites[name].timestamp = report.started
             suites[name].add_property("implementation", visible(f"{who.name} {who.version}"))
             suites[name].add_property("specification", visible(report.spec_hash))
         test = TestCase(visible(case.id), name.replace("/", "."))
@@ -263,6 +268,7 @@ def _junit(report: Report) -> JUnitXml:
     for suite in suites.values():
         xml.add_testsuite(suite)
     xml.update_statistics()  # type: ignore[no-untyped-call]
+    xml.time = round(report.seconds, 3)
     return xml
 
 

@@ -49,6 +49,18 @@ def test_a_prefix_that_cannot_be_written_is_told(wrong: Path, tmp_path: Path) ->
     assert answer.exit_code == 1 and "is not written" in answer.output
 
 
+def test_a_log_may_come_from_standard_input(wrong: Path, tmp_path: Path) -> None:
+    here = explained(wrong, "--out", tmp_path / "out")[1]
+    arguments = ["trace", "explain", "-", "--json", "-", "--out", str(tmp_path / "again")]
+    answer = run.invoke(app, arguments, input=wrong.read_bytes())
+    told = json.loads(answer.output)
+    assert answer.exit_code == 1 and Path(told["file"]).name == "standard-input.ndjson"
+    assert Path(told["prefix"]).read_bytes() == Path(here["prefix"]).read_bytes()
+    assert {name: told[name] for name in ("line", "event", "rule", "expected")} == {
+        name: here[name] for name in ("line", "event", "rule", "expected")
+    }
+
+
 def test_several_logs_are_judged_together() -> None:
     code, told = explained(*LOGS)
     assert code == 0 and told["system"]["verdict"] == "allowed"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -50,9 +50,14 @@ def _allowed(verdict: Verdict) -> Iterator[str]:
     yield from (f"  {session}" for session in shown)
 
 
+def expected(these: Sequence[str]) -> list[str]:
+    """What was to come instead, in a line; no line for nothing."""
+    order = ", in any order" if len(these) > 1 else ""
+    return [f"expected{order}: {'; '.join(these)}"] if these else []
+
+
 def _diverges(verdict: Verdict) -> Iterator[str]:
-    if verdict.expected:
-        yield f"  expected one of: {'; '.join(verdict.expected)}"
+    yield from (f"  {line}" for line in expected(verdict.expected))
     if verdict.guard:
         yield f"  by {verdict.guard}"
     yield from (f"  {line}" for line in verdict.why.lines())
