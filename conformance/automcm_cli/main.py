@@ -51,6 +51,9 @@ def verify(
         str,
         typer.Option(help="quick; full (larger models, all graphs); deep (up to half an hour)."),
     ] = "quick",
+    models: Annotated[
+        bool, typer.Option(help="Check the models; without, the reference alone (a minute).")
+    ] = True,
     json_: Json = None,
 ) -> None:
     """Model-check, write the oracle, compare the reference with it."""
@@ -63,7 +66,7 @@ def verify(
         raise typer.BadParameter(spec.unknown(profile, PROFILES, "profile"))
 
     with progress() as say:
-        report = verify_.run(profile, say)
+        report = verify_.run(profile, say, models_too=models)
     write_json(json_, report.as_dict())
     if str(json_) != "-":
         screen.show(report, console_of())

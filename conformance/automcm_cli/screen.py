@@ -17,6 +17,8 @@ def show(report: Report, console: Console) -> None:
     """Print the report: models, must-fail models, oracle, comparison, the verdict."""
     holds = [v for v in report.verdicts if v.model.expect == "holds"]
     fails = [v for v in report.verdicts if v.model.expect == "violates"]
+    if not report.models_too:
+        console.print("Models      not checked")
     if holds:
         console.print(_holds(holds))
     if fails:

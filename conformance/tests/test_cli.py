@@ -156,6 +156,33 @@ def test_the_report_of_verify() -> None:
     assert set(value["oracle"]) == {"states", "transitions", "refusals", "spec_hash"}
 
 
+def test_without_its_models_verify_says_so() -> None:
+    from rich.console import Console
+
+    report = wrong(good_report(), "no models")
+    report.models_too = False
+    assert report.ok and report.exit_code == 0 and not report.as_dict()["models_too"]
+    console = Console(file=io.StringIO(), record=True, width=100)
+    screen.show(report, console)
+    assert console.export_text().startswith("Models      not checked\n")
+    assert not wrong(report, "nothing compared").ok
+
+
+def test_verify_without_models_asks_for_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unwanted(*_: object, **__: object) -> None:
+        raise AssertionError("models were asked for")
+
+    def compared(report: verify_.Report, *_: object) -> None:
+        report.compared = good_report().compared
+
+    monkeypatch.setattr(verify_, "_models", unwanted)
+    monkeypatch.setattr(verify_, "_oracle", lambda report, say: b"fresh")
+    monkeypatch.setattr(verify_, "_compare", compared)
+    answer = run.invoke(app, ["verify", "--no-models", "--json", "-"])
+    assert answer.exit_code == 1, answer.output  # no rule was taken away
+    assert json.loads(answer.output)["reference"]["inputs_compared"] == 5
+
+
 def wrong(report: verify_.Report, what: str) -> verify_.Report:
     model = models.load()[0]
     match what:

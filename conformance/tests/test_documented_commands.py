@@ -205,6 +205,7 @@ TABLE: dict[str, Way] = {
     "automcm vectors check --kernel collide": Run(),
     "automcm vectors check [--kernel KERNEL] [--json PATH]": SYNOPSIS,
     "automcm verify --profile full --json report.json": LONG,
+    "automcm verify --no-models": LONG,
     "make -C automcm .venv/ready": Parsed("it is what runs before every other target"),
     "make .venv/ready": Parsed("it is what runs before every other target"),
     "make generate": FRESH,
