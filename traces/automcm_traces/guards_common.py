@@ -9,7 +9,7 @@ def phase(where: str, text: str, test: Test, wanted: str) -> Guard:
     """A guard on phase or role; ``wanted`` says what it is, or is not if the text is negated."""
     shows = tuple(f"st.{name}" for name in ("phase", "role") if f"st.{name}" in text)
     words = f"it is {wanted}", f"it is not {wanted}"
-    negated = text.startswith("~") or "#" in text
+    negated = text.startswith("~") or "#" in text or "\\notin" in text
     return Guard(where, text, test, shows, *(words[::-1] if negated else words))
 
 

@@ -14,6 +14,7 @@ from automcm_spec.oracle import Oracle, load
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES, handler, place
 from automcm_traces.guards import lines
+from automcm_traces.guards_common import phase
 from automcm_traces.guards_end import HANDLERS
 from automcm_traces.guards_timers import ARMED, armed
 from automcm_traces.guards_tree import Choice, Facts, Leaf, Tree, decide, done, ways
@@ -228,3 +229,19 @@ def test_two_guards_in_the_wrong_order_are_caught() -> None:
         "OnFin": 1,
         "OnAck": 1,
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "negated"),
+    [
+        ('st.phase = "WAITING"', False),
+        ('st.phase \\in {"WAITING"}', False),
+        ('st.phase # "WAITING"', True),
+        ('~(st.phase = "WAITING")', True),
+        ('st.phase \\notin {"WAITING"}', True),
+    ],
+)
+def test_what_is_negated_is_told_the_other_way_round(text: str, negated: bool) -> None:
+    guard = phase("OnHold", text, lambda f: True, "waiting")
+    assert (guard.yes, guard.no)[negated] == "it is waiting"
+    assert (guard.no, guard.yes)[negated] == "it is not waiting"
