@@ -25,6 +25,10 @@ from automcm_traces.reader import read
 
 COMMAND = [sys.executable, "-m", "automcm_cli"]
 LIMIT_S = 60
+LATE_MS = 50
+"""An alarm that rings so late (half of ``t_resend``) is a pause of the machine, not of the station;
+the same is then tried again."""
+ATTEMPTS = 4
 
 
 def automcm(*args: str) -> subprocess.CompletedProcess[str]:
@@ -68,9 +72,13 @@ def report(process: subprocess.Popen[str]) -> dict[str, Any]:
 def test_the_demonstration_ends_as_described(
     options: list[str], story: dict[str, str], tmp_path: Path
 ) -> None:
-    done = automcm("demo", "--logs", str(tmp_path), "--listen", "0", "--json", "-", *options)
+    for n in range(ATTEMPTS):
+        logs = tmp_path / str(n)
+        done = automcm("demo", "--logs", str(logs), "--listen", "0", "--json", "-", *options)
+        found = json.loads(done.stdout)
+        if max(vehicle["latest_ms"] for vehicle in found["vehicles"]) < LATE_MS:
+            break
     assert (done.returncode, done.stderr) == (0, "")
-    found = json.loads(done.stdout)
     assert found["ok"] and found["problems"] == []
     for vehicle in found["vehicles"]:
         if vehicle["name"] in story:
@@ -78,7 +86,7 @@ def test_the_demonstration_ends_as_described(
     assert (found["lost"] > 0) == ("--loss" in options)
     assert [log["verdict"] for log in found["logs"]] == ["allowed"] * len(found["vehicles"])
     for vehicle in found["vehicles"]:
-        assert len(read(tmp_path / f"{vehicle['station']}.ndjson").events) > 50
+        assert len(read(logs / f"{vehicle['station']}.ndjson").events) > 50
 
 
 SOON_OVER = ["--maneuver", "1000"]
@@ -86,10 +94,13 @@ SOON_OVER = ["--maneuver", "1000"]
 
 def shown(folder: Path, **options: list[str]) -> Demo:
     """A demonstration in which vehicles get further options."""
-    demo = Demo(folder, listen_ms=0)
-    for vehicle in demo.vehicles:
-        vehicle.options += options.get(vehicle.name, [])
-    asyncio.run(demo.run())
+    for _ in range(ATTEMPTS):
+        demo = Demo(folder, listen_ms=0)
+        for vehicle in demo.vehicles:
+            vehicle.options += options.get(vehicle.name, [])
+        asyncio.run(demo.run())
+        if max(vehicle.latest_ms for vehicle in demo.vehicles) < LATE_MS:
+            break
     return demo
 
 
