@@ -45,7 +45,9 @@ def explain(
     try:
         verdicts = judge(logs, late)
         system = explain_.together(logs) if len(logs) > 1 else None
-        written = [_prefix(verdict, out) for verdict in verdicts]
+        written: list[dict[str, str]] = []
+        for verdict in verdicts:
+            written.append(_prefix(verdict, out, written))
     except (OracleError, TlcError) as error:
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None
@@ -65,14 +67,15 @@ def explain(
     raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
 
 
-def _prefix(verdict: Verdict, out: Path) -> dict[str, str]:
-    """The failing prefix of a log that diverges, and how to replay it."""
+def _prefix(verdict: Verdict, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
+    """The failing prefix of a log that diverges, beside those before, and how to replay it."""
     from automcm_traces import telling
 
     if verdict.verdict != "diverges" or not verdict.seen:
         return {}
     try:
-        path = telling.prefix(verdict, out)
+        taken = {Path(other["prefix"]) for other in before if other}
+        path = telling.prefix(verdict, out, taken)
     except OSError as error:
         typer.echo(f"explain: {error}: the prefix is not written", err=True)
         return {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from shutil import copyfileobj, rmtree
 from tempfile import mkdtemp
@@ -34,23 +35,26 @@ def register(app: typer.Typer) -> None:
 def files_of(command: str, logs: list[Path]) -> list[Path]:
     """The logs that are meant; what has none ends the command with exit code 3.
 
-    Standard input is kept in a file till the end: a log is read more than once.
+    Standard input and pipes are kept in files till the end: a log is read more than once.
     """
     from automcm_traces.reader import LogError, logs_below
 
     try:
-        return logs_below([_kept() if str(log) == "-" else log for log in logs])
+        return logs_below([_kept(log) for log in logs])
     except (LogError, OSError) as error:
         typer.echo(f"{command}: {error}", err=True)
         raise typer.Exit(3) from None
 
 
-def _kept() -> Path:
+def _kept(log: Path) -> Path:
+    stdin = str(log) == "-"
+    if not stdin and not log.is_fifo():
+        return log
     folder = mkdtemp(prefix="automcm-")
     atexit.register(rmtree, folder, ignore_errors=True)
-    path = Path(folder, "standard-input.ndjson")
-    with path.open("wb") as out:
-        copyfileobj(sys.stdin.buffer, out)
+    path = Path(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    with path.open("wb") as out, nullcontext(sys.stdin.buffer) if stdin else log.open("rb") as pipe:
+        copyfileobj(pipe, out)
     return path
 
 

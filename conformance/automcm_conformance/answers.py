@@ -9,23 +9,13 @@ from pydantic_core import from_json, to_json
 from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.protocol import ProtocolError, read_answer
 from automcm_conformance.wire import Expected
+from automcm_traces.same import same
 
 Json = Any
 Problem = tuple[str, str]
 """The part of an answer that is wrong (``messages``, ``indications``, ``deadline``, ``phase``,
 ``cams``), and a sentence."""
 _FIELDS = {"messages", "indications", "deadline", "phase", "cams"}
-
-
-def same(wanted: Json, found: Json) -> bool:
-    """Equal, and of the same types: 1 is neither 1.0 nor true."""
-    if type(wanted) is not type(found):
-        return False
-    if type(wanted) is dict:
-        return wanted.keys() == found.keys() and all(same(v, found[k]) for k, v in wanted.items())
-    if type(wanted) is list:
-        return len(wanted) == len(found) and all(map(same, wanted, found))
-    return bool(wanted == found)
 
 
 def differences(expected: Expected, line: bytes) -> list[Problem]:

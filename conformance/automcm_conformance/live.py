@@ -13,11 +13,12 @@ from typing import Any, NoReturn, Protocol
 from pydantic_core import from_json, to_json
 
 from automcm_conformance import words
-from automcm_conformance.answers import first_difference, same
+from automcm_conformance.answers import first_difference
 from automcm_conformance.exchange import Exchange
 from automcm_conformance.results import Line
 from automcm_conformance.scripted import number
 from automcm_conformance.scripts import Script
+from automcm_traces.same import same
 
 Json = Any
 Came = tuple[int, dict[str, Json]]

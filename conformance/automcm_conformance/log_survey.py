@@ -67,7 +67,7 @@ class Survey:
         for name, value in out.items():
             if not (0 if name == "t_timeout" else 1) <= value <= LARGE:
                 raise CannotTell(f"header: {name} {value}: no station can be given that")
-        others = told | self.armed
+        others = self.armed | told
         notes = [
             f"{n} is {others[n]} in the log and fixed at {out[n]} in the station"
             for n in others

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +61,25 @@ def test_a_log_may_come_from_standard_input(wrong: Path, tmp_path: Path) -> None
     assert {name: told[name] for name in ("line", "event", "rule", "expected")} == {
         name: here[name] for name in ("line", "event", "rule", "expected")
     }
+
+
+def test_a_log_may_come_through_a_pipe(wrong: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=lambda: pipe.write_bytes(wrong.read_bytes()))
+    writer.start()
+    code, told = explained(pipe, "--out", tmp_path / "out")
+    writer.join()
+    assert (code, told["line"]) == (1, explained(wrong, "--out", tmp_path / "out")[1]["line"])
+
+
+def test_logs_of_one_name_leave_a_prefix_each(wrong: Path, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other" / wrong.name
+    other.write_bytes(wrong.read_bytes().replace(b'"run":"seed-', b'"run":"other-'))
+    logs = explained(wrong, other, "--out", tmp_path / "out")[1]["logs"]
+    runs = [json.loads(Path(log["prefix"]).read_text().splitlines()[0])["run"] for log in logs]
+    assert len(set(runs)) == 2
 
 
 def test_several_logs_are_judged_together() -> None:

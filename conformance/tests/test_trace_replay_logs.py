@@ -38,6 +38,14 @@ def answer(command):
     assert result["notes"] == ["t_decide is 500 in the log and fixed at 400 in the station"]
 
 
+def test_what_the_header_tells_is_not_said_to_be_fixed_in_the_station(
+    logs: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "told.ndjson"
+    path.write_text((logs / "2002.ndjson").read_text().replace('"t_decide":500', '"t_decide":600'))
+    assert replay(path, REFERENCE, tmp_path)[1]["notes"] == []
+
+
 def test_a_feature_that_is_missing(logs: Path, tmp_path: Path) -> None:
     for feature, which in (("restart", "3003"), ("receiver", "2002"), ("prescriber", "1001")):
         less = f"""

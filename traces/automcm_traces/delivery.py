@@ -16,6 +16,7 @@ from automcm_traces.clocks import Clocks
 from automcm_traces.log import Receive, Send
 from automcm_traces.merge import Merged, Node, receptions, sends
 from automcm_traces.reader import Log
+from automcm_traces.same import same
 
 Json = Any
 Outcome = Literal["delivered", "duplicated", "lost", "in_flight", "unobserved"]
@@ -201,7 +202,7 @@ def forged_receptions(logs: Sequence[Log]) -> dict[str, tuple[int, Receive, Json
             original = sent.get((log.header.run, e.tx))
             station, count = (int(part) for part in e.tx.split(":"))
             sender = log.header.run, station
-            if original == e.message or sender not in last:
+            if same(original, e.message) or sender not in last:
                 continue
             limit = last[sender]
             if original is None and limit is not None and count > limit:

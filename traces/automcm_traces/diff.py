@@ -16,6 +16,7 @@ from typing import Any
 
 from automcm_traces.canonical import Canonical, Deed, DeedStep
 from automcm_traces.reader import Log, LogError, read
+from automcm_traces.same import same
 from automcm_traces.show import Logs
 from automcm_traces.words import fitted, safe, said
 
@@ -265,7 +266,7 @@ def _fields(a: Deed | None, b: Deed | None) -> _Fields:
 
 
 def _paths(path: str, a: Json, b: Json) -> Iterator[tuple[str, Json, Json]]:
-    if a == b:
+    if same(a, b):
         return
     if isinstance(a, dict) and isinstance(b, dict):
         for name in sorted(a.keys() | b.keys()):

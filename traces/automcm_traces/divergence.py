@@ -36,6 +36,10 @@ class Why:
         return [*found, f"state before: {self.state}"] if self.state else found
 
 
+UNKNOWN = ("resend",), ("giveup",)
+"""Timers of a message that the log does not tell."""
+
+
 def why(d: Diverges, track: Track) -> Why:
     """What is known of a divergence of a station that was in the state of ``track``."""
     step = d.step
@@ -52,9 +56,10 @@ def why(d: Diverges, track: Track) -> Why:
         found = nearest(graph, before, step.input, seen, full=full)
     elif seen and seen[0] == "expire":
         timer = timer_in(view, seen[1])
-        found = unarmed(graph, before, timer)
-        phases = armed_in(graph, timer) if len(timer) == 1 else []
-        after = [f"a step into {', '.join(phases)}"] if phases else []
+        if tuple(timer) not in UNKNOWN:
+            found = unarmed(graph, before, timer)
+            phases = armed_in(graph, timer) if len(timer) == 1 else []
+            after = [f"a step into {', '.join(phases)}"] if phases else []
     written = names(view, step.given if step else None)
     if found is None and seen and seen[0] not in ("without", "expire"):
         after = causes(graph, before, seen, written)

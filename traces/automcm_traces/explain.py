@@ -16,6 +16,7 @@ from automcm_traces.log import Event, Header
 from automcm_traces.possible import Possible, unobserved
 from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log, LogError, LogStream, one_line, read
+from automcm_traces.same import same
 from automcm_traces.sessions import Session, Sessions
 from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell
@@ -193,7 +194,7 @@ def _as_sent(original: dict[str, Json], m: dict[str, Json]) -> Iterator[str]:
     """Each field in which a message is not the one that was sent."""
     for name in sorted(original.keys() | m.keys()):
         was, is_ = original.get(name), m.get(name)
-        if was != is_:
+        if not same(was, is_):
             yield f"{name}: {_json(was)} was sent, not {_json(is_)}"
 
 

@@ -103,6 +103,7 @@ JsonArray = Strict(False)
 
 StationId = Annotated[int, Field(ge=1, le=2**32 - 1)]
 Natural = Annotated[int, Field(ge=0)]
+Positive = Annotated[int, Field(ge=1)]
 Name = Annotated[str, Field(min_length=1)]
 Transmission = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,9}:[0-9]{1,19}$")]
 Message = Annotated[
@@ -157,10 +158,10 @@ class Parameters(Part):
     t_hold: Natural | None = None
     t_life: Natural | None = None
     t_cam_loss: Natural | None = None
-    max_rounds: Natural | None = None
-    max_participants: Natural | None = None
-    outbox_limit: Natural | None = None
-    memory_limit: Natural | None = None
+    max_rounds: Positive | None = None
+    max_participants: Positive | None = None
+    outbox_limit: Positive | None = None
+    memory_limit: Positive | None = None
 
 
 class Header(Part):
@@ -232,6 +233,17 @@ class Command(Part):
 
     __pydantic_extra__: dict[str, Value]
     name: Literal["request", "prescribe", "proceed", "accept", "refuse", "complete", "abort"]
+
+    @model_validator(mode="after")
+    def _names_what_it_means(self) -> Self:
+        given = self.model_extra or {}
+        session = given.get("session", [0, 0])
+        if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
+            raise _refusal("session", "a station and a number are needed")
+        for name in ("proposal", "target"):
+            if type(given.get(name, 0)) is not int:
+                raise _refusal(name, "an integer is needed")
+        return self
 
 
 class Indication(Part):

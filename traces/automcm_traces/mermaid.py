@@ -12,6 +12,7 @@ from automcm_traces.log import (
     Restart,
     Send,
 )
+from automcm_traces.reader import printable
 from automcm_traces.show import Row
 from automcm_traces.words import said
 
@@ -99,5 +100,6 @@ def _addressee(event: Event | None) -> int | None:
 
 def _plain(text: str) -> str:
     """Text in which nothing is Mermaid's: a semicolon ends a line, a hash begins a code."""
+    text = printable(text)
     codes = {"#": "#35;", ";": "#59;", "<": "#lt;", ">": "#gt;", "%": "#37;", "&": "#38;"}
     return "".join(codes.get(c, c) for c in text)

@@ -15,6 +15,7 @@ from typing import Any
 from automcm_spec.oracle import Answer, Oracle, canonical
 from automcm_traces.asking import frozen, state_place
 from automcm_traces.engine import NOTHING, Engine
+from automcm_traces.form import well_formed
 from automcm_traces.inputs import Asked, other
 from automcm_traces.log import (
     ApplicationCommand,
@@ -220,7 +221,7 @@ def _about(event: Event) -> tuple[set[int], set[tuple[int, int]], int]:
     sessions: set[tuple[int, int]] = set()
     fields: dict[str, Json] = {}
     match event:
-        case Send(message=m) | Receive(message=dict(m)):
+        case Send(message=m) | Receive(message=dict(m)) if well_formed(m):
             fields = m
         case TimerArm(timer=timer) | TimerEnd(timer=timer):
             told = timer.model_dump(exclude_none=True)

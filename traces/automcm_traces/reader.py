@@ -332,7 +332,12 @@ def at_line(file: str, line: int) -> str:
     return f"{file}:{line}" if line else file
 
 
+def printable(text: str) -> str:
+    """`text` with control characters and the like escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
 def one_line(text: str) -> str:
     """`text` with control characters and the like escaped, and not longer than a screen's worth."""
-    safe = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    safe = printable(text)
     return safe if len(safe) <= 1000 else safe[:1000] + "..."

@@ -18,8 +18,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from automcm_traces.log import End, Event, Header, Send, UnknownEvent, record
-from automcm_traces.reader import Log, NotJsonError, parse, read
+from automcm_traces.log import End, Event, Header, Record, Send, UnknownEvent, record
+from automcm_traces.reader import Log, NotJsonError, cut, parse, read
 from automcm_traces.words import session_of
 
 Json = Any
@@ -65,7 +65,7 @@ class Sublog:
         items = []
         header: Header | None = None
         for number, text in enumerate(texts, 1):
-            match parse(text) if text.endswith(b"\n") else None:
+            match _parsed(text):
                 case Header() as header:
                     pass
                 case None | End() | UnknownEvent():
@@ -257,3 +257,13 @@ def _renumbered(item: Item, gone: Numbers, station: int) -> Item:
     for key, holder, name in list(_named(fields, station)):
         holder[name] -= sum(0 < value < holder[name] for value in gone.get(key, ()))
     return Item.of(item.line, fields)
+
+
+def _parsed(line: bytes) -> Record | UnknownEvent | None:
+    """A line of a log; None for a last one that is cut.  Raises what ``parse`` raises."""
+    try:
+        return parse(line)
+    except NotJsonError:
+        if cut(line):
+            return None
+        raise

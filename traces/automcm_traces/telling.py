@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Iterator, Sequence
-from itertools import islice
+from collections.abc import Collection, Iterator, Sequence
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
 from automcm_traces.explain import Verdict
-from automcm_traces.reader import at_line
+from automcm_traces.reader import at_line, printable
 from automcm_traces.show import Row, columns
 
 Json = Any
@@ -21,7 +21,7 @@ SESSIONS = 10
 def text(verdict: Verdict) -> str:
     """The verdict in lines of a terminal, with what the reader had to overlook."""
     lines = [*_lines(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)]
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def _lines(verdict: Verdict) -> Iterator[str]:
@@ -72,18 +72,24 @@ def _diverges(verdict: Verdict) -> Iterator[str]:
         yield from (f"  {line}" for line in columns(rows, [station], 78))
 
 
-def prefix(verdict: Verdict, folder: Path) -> Path:
+def prefix(verdict: Verdict, folder: Path, taken: Collection[Path] = ()) -> Path:
     """Write what the log says up to the divergence as a log of its own; the verdict on it is the
-    same.
+    same.  Its name is none of those ``taken``.
 
     Raises OSError.
     """
     lines = max(verdict.seen, verdict.line)
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{Path(verdict.file).stem}-{verdict.line}.ndjson"
+    name = f"{Path(verdict.file).stem}-{verdict.line}"
+    path = folder / f"{name}.ndjson"
+    for n in count(2):
+        if path not in taken:
+            break
+        path = folder / f"{name}-{n}.ndjson"
     with open(verdict.file, "rb") as stream:
         kept = list(islice(stream, lines))
     last: dict[str, Json] = json.loads(kept[-1])
+    kept[-1] = kept[-1].removesuffix(b"\n") + b"\n"
     end = {"rec": "end", "seq": last["seq"], "reason": "prefix", "lost_records": 0}
     kept.append(json.dumps(end).encode() + b"\n")
     path.write_bytes(b"".join(kept))

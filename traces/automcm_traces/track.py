@@ -15,6 +15,8 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
+from automcm_traces.same import same
+
 Json = Any
 ME, Y, Z, STRANGER = 1, 2, 3, 9
 FIELDS = {
@@ -377,7 +379,7 @@ def difference(
             return f"{name}: {e.type} {'needs' if name in allowed else 'has no'} this field"
     if m["v"] != 1:
         return f"v: 1 is expected, not {m['v']}"
-    same = (
+    plain = (
         ("type", e.type, m.get("type")),
         ("src", t.me, m.get("src")),
         ("dst", e.dst, m.get("dst", 0)),
@@ -385,7 +387,7 @@ def difference(
         ("proposal", e.proposal, m.get("proposal", 0)),
         ("accepted", e.accepted, m.get("accepted", False)),
     )
-    for name, wanted, found in same:
+    for name, wanted, found in plain:
         if wanted != found and not (name == "session" and _opens(e, m, t)):
             return f"{name}: {wanted} is expected, not {found}"
     if e.copy_of is not None:
@@ -399,7 +401,7 @@ def difference(
     if e.k and m["seq"] != t.seq + fresh + 1:
         return f"seq: new content takes the next seq, {t.seq + fresh + 1}, not {m['seq']}"
     for name in set(content) & set(m) - {"name", "session", "proposal", "target"}:
-        if content[name] != m[name]:
+        if not same(content[name], m[name]):
             return f"{name}: not what the application gave"
     return None
 
@@ -432,7 +434,7 @@ def _opens(e: Expected, m: dict[str, Json], t: Track) -> bool:
 
 def _copy_difference(first: dict[str, Json], m: dict[str, Json]) -> str | None:
     for name in sorted(set(first) | set(m)):
-        if first.get(name) != m.get(name):
+        if not same(first.get(name), m.get(name)):
             return f"{name}: a copy repeats the message byte for byte"
     return None
 
