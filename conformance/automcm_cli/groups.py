@@ -46,13 +46,15 @@ class _Later(Group):
             name=name, help=about, epilog=CODES, no_args_is_help=True, rich_markup_mode=None
         )
         self._module = module
+        del self.commands
 
-    def __getattribute__(self, name: str) -> Any:
-        if name == "commands" and (module := self.__dict__.pop("_module", None)):
-            app = import_module(f"automcm_cli.{module}").app
-            app.rich_markup_mode = None
-            self.commands = get_group(app).commands
-        return super().__getattribute__(name)
+    def __getattr__(self, name: str) -> Any:
+        if name != "commands":
+            raise AttributeError(name)
+        app = import_module(f"automcm_cli.{self._module}").app
+        app.rich_markup_mode = None
+        self.commands = get_group(app).commands
+        return self.commands
 
 
 class Groups(Group):

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import atexit
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
 from pathlib import Path
-from shutil import copyfileobj, rmtree
-from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -50,6 +46,11 @@ def _kept(log: Path) -> Path:
     stdin = str(log) == "-"
     if not stdin and not log.is_fifo():
         return log
+    import atexit
+    from contextlib import nullcontext
+    from shutil import copyfileobj, rmtree
+    from tempfile import mkdtemp
+
     folder = mkdtemp(prefix="automcm-")
     atexit.register(rmtree, folder, ignore_errors=True)
     path = Path(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")

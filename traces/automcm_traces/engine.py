@@ -77,9 +77,8 @@ class Engine:
         self.promised = frozenset(header.complete)
         self._late_ms = longest_delay(p) if late_ms is None else late_ms
         told = (p.max_participants, p.outbox_limit, p.memory_limit)
-        limits = Limits(*(d if n is None else n for n, d in zip(told, Limits(), strict=True)))
-        rounds = ROUNDS if p.max_rounds is None else p.max_rounds
-        self.track = Track(header.station, rounds, limits)
+        limits = Limits(*(n or default for n, default in zip(told, Limits(), strict=True)))
+        self.track = Track(header.station, p.max_rounds or ROUNDS, limits)
         self.timers: dict[str, Deadline] = {}
         self.since_ms = 0
         """The time of the last event but CAMs: what was not observed happened later."""
@@ -366,9 +365,9 @@ class Engine:
         step = self._current(at, t_ms, event, seen)
         problems = []
         for e in step.messages:
-            problem = malformed(m)
-            if well_formed(m):
-                problem = difference(e, m, self.track, step.content, step.fresh)
+            right = well_formed(m)
+            given = self.track, step.content, step.fresh
+            problem = difference(e, m, *given) if right else malformed(m)
             if problem is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))

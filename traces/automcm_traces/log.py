@@ -226,10 +226,16 @@ class PlainTimer(Part):
 Timer = Annotated[MessageTimer | ForgetTimer | PlainTimer, Field(discriminator="name")]
 
 
+def _with_its_names(schema: dict[str, Any]) -> None:
+    number = {"type": "integer"}
+    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    schema["properties"] |= {"session": pair, "proposal": number, "target": number}
+
+
 class Command(Part):
     """A command of the application, with its own fields beside the name."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="allow", json_schema_extra=_with_its_names)
 
     __pydantic_extra__: dict[str, Value]
     name: Literal["request", "prescribe", "proceed", "accept", "refuse", "complete", "abort"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Collection, Iterator, Sequence
-from itertools import count, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -81,10 +81,9 @@ def prefix(verdict: Verdict, folder: Path, taken: Collection[Path] = ()) -> Path
     lines = max(verdict.seen, verdict.line)
     folder.mkdir(parents=True, exist_ok=True)
     name = f"{Path(verdict.file).stem}-{verdict.line}"
-    path = folder / f"{name}.ndjson"
-    for n in count(2):
-        if path not in taken:
-            break
+    path, n = folder / f"{name}.ndjson", 1
+    while path in taken:
+        n += 1
         path = folder / f"{name}-{n}.ndjson"
     with open(verdict.file, "rb") as stream:
         kept = list(islice(stream, lines))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from automcm_traces import tlc_engine
 from automcm_traces.explain import explain_file, explain_files
@@ -15,6 +16,7 @@ from automcm_traces.lint import report
 from automcm_traces.log import RECORD
 from automcm_traces.mermaid import diagram
 from automcm_traces.same import same
+from automcm_traces.schema import schema
 from automcm_traces.show import Logs
 from automcm_traces.shrink import shrink
 from automcm_traces.telling import prefix, text
@@ -113,9 +115,11 @@ def test_end_5_a_malformed_message_that_is_sent_diverges(tmp_path: Path) -> None
 def test_a_command_that_names_something_odd_is_no_record(name: str, value: object) -> None:
     line = {"rec": "event", "seq": 1, "t_ms": 0, "ev": "command", "command": {"name": "abort"}}
     RECORD.validate_json(json.dumps(line))
+    assert Draft202012Validator(schema()).is_valid(line)
     line["command"] = {"name": "abort", name: value}
     with pytest.raises(ValueError, match=r"needed"):
         RECORD.validate_json(json.dumps(line))
+    assert not Draft202012Validator(schema()).is_valid(line)
 
 
 @pytest.mark.parametrize("limit", ["max_participants", "outbox_limit", "memory_limit"])
