@@ -52,7 +52,7 @@ def verify(
         typer.Option(help="quick; full (larger models, all graphs); deep (up to half an hour)."),
     ] = "quick",
     models: Annotated[
-        bool, typer.Option(help="Check the models; without, the reference alone (a minute).")
+        bool, typer.Option(help="Check the models; without, the reference alone (a minute or two).")
     ] = True,
     json_: Json = None,
 ) -> None:
