@@ -2,7 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test test-deep test-foreign test-explore test-traces generate pages evaluation docs \
+.PHONY: verify test test-all test-deep test-faults test-foreign test-explore test-traces generate pages evaluation docs \
   fuzz clean
 .DELETE_ON_ERROR:
 
@@ -14,6 +14,9 @@ test: .venv/ready
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/pytest -q -n 2 --dist worksteal --cov --cov-report=term $(ARGS)
+
+# Everything there is: about two hours.
+test-all: test test-deep test-faults test-traces test-explore test-foreign
 
 # The tests marked deep, then a million steps; --steps, --seed and --processes in ARGS.
 test-deep: .venv/ready
@@ -27,6 +30,12 @@ test-foreign: .venv/ready .venv/foreign
 	@$(BIN)/python reference/tests/foreign_cam.py
 	@$(BIN)/python reference/tests/foreign_sumo.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
+
+# Each system call of a station made to fail in each phase (docs/faults.md), then 30 minutes of random
+# faults on 20 stations; six minutes and more.
+test-faults: .venv/ready
+	@$(BIN)/python conformance/tests/faults.py --write docs/faults.md
+	@$(BIN)/python conformance/tests/soak.py $(ARGS)
 
 # Exploration against stations with two mistakes each: found in a minute, shortened; minutes in all.
 test-explore: .venv/ready

@@ -206,6 +206,10 @@ class StationProcess:
             parameters=logging.parameters(self.parameters),
             complete=logging.COMPLETE,
         )
+        output.drain(FINISH_S)
+        if output.lost:  # not even the header: nothing later could be read
+            output.finish(FINISH_S)
+            raise OSError(f"{path}: the log cannot be written")
         service.log_to(log)
         reason = "crash"
         try:

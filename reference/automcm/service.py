@@ -285,7 +285,7 @@ class McService:
             before, self._before = self._before, effect.state
             kept = _attempt(partial(self._keep, effect.state.number), errors)
             messages = effect.messages if kept else ()
-            txs = [self._send(message) for message in messages]
+            txs = [self._send(message, errors) for message in messages]
             if self._log is not None:
                 mine = n == last
                 write = partial(
@@ -319,23 +319,27 @@ class McService:
 
     # -- sending
 
-    def _send(self, message: Message | Cam) -> str:
+    def _send(self, message: Message | Cam, errors: list[Exception]) -> str:
         """Put a message on the air; returns its transmission id.
 
-        What the codec cannot carry, such as a trajectory too long for it, is as if lost.
+        What the codec cannot carry, such as a trajectory too long for it, is as if lost; so is
+        what raises anything else, which is kept in ``errors``.
         """
         self._sent += 1
         tx = f"{self.station_id}:{self._sent}"
+        _attempt(partial(self._put, message, tx), errors)
+        return tx
+
+    def _put(self, message: Message | Cam, tx: str) -> None:
         try:
             data = self._codec.encode(message)
         except MessageError as error:
             self.statistics.unsendable += 1
             _logger.warning("%s: %s is not sent: %s", self.station_id, message.type, error)
-            return tx
+            return
         self.statistics.sent[message.type] += 1
         self.statistics.sent_bytes += len(data)
         self._link.send(data, BROADCAST if isinstance(message, Cam) else message.dst, tx)
-        return tx
 
     def _send_cam(self, now: int) -> None:
         at = self.application.kinematics(now)
@@ -348,9 +352,12 @@ class McService:
             speed_mm_s=at.speed_mm_s,
             marks=self.state.marks,
         )
-        tx = self._send(cam)
+        errors: list[Exception] = []
+        tx = self._send(cam, errors)
         if self._log is not None:
             self._log.event("send", now, tx=tx, message=to_dict(cam), late_ms=self._noted())
+        if errors:
+            raise errors[0]
 
     # -- the application interface
 
