@@ -123,7 +123,7 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
             "diverges",
             log.file,
             d.at,
-            d.event,
+            d.event + _late(at, recent[-1][1].late_ms),
             d.rule,
             wanted,
             d.guard,
@@ -152,6 +152,10 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
         number_of_sessions=sessions.number,
         **about,
     )
+
+
+def _late(line: int, ms: int | None) -> str:
+    return f"; the station says that it was {ms} ms late (late_ms, line {line})" if ms else ""
 
 
 def _follower(header: Header, late_ms: int | None, sessions: Sessions) -> Engine | Possible:
