@@ -46,6 +46,8 @@ LATE_MS = 150
 """How late a timer or a CAM of a process on a busy machine may be."""
 MANEUVER_MS = 2000
 ENDING_S = 4
+CAMS_S = 0.5
+"""How long CAMs are looked at after the session."""
 LIMIT_S = 14
 RETRIES = 2
 PHASES = (
@@ -95,9 +97,9 @@ def only_new(text: str) -> Why:
     return Why(text, FIN, LOG, diverges=True)
 
 
-def stops(text: str = STOPS, codes: tuple[int, ...] = (0,), diverges: bool = False) -> Why:
+def stops(text: str = STOPS, codes: tuple[int, ...] = (0,)) -> Why:
     """The process stops in order."""
-    return Why(text, ABORT, codes, diverges, ends=True)
+    return Why(text, ABORT, codes, ends=True)
 
 
 WHY: dict[str, Why] = {
@@ -130,7 +132,7 @@ WHY: dict[str, Why] = {
         (0, *OURS),
         ends=True,
     ),
-    "no memory now and then": stops(codes=OURS, diverges=True),
+    "no memory now and then": stops(codes=OURS),
     "time jumps ahead": Why(
         "All timers are due: the station leaves, by ACT-2 if it acts.",
         ("Cancel(cam_loss)",),
@@ -220,6 +222,7 @@ class Cell:
             if WHY[self.fault].ends:
                 await self._until(lambda: process.returncode is not None, ENDING_S)
             if process.returncode is None:
+                await asyncio.sleep(CAMS_S)
                 with suppress(ProcessLookupError):
                     os.kill(process.pid, signal.SIGTERM)  # asyncio's own may swallow the exit code
             with suppress(TimeoutError):

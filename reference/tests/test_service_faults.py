@@ -10,15 +10,18 @@ from typing import Any
 import pytest
 from service_stage import Jumpy, Noted, Wire, alone, cam, pair
 
+from automcm import logging
 from automcm.application import Advertised, Kinematics, Proposal
 from automcm.clock import VirtualClock
-from automcm.codec import MAX_BYTES
+from automcm.codec import JSON, MAX_BYTES
 from automcm.interface import Abort, Request
 from automcm.links.simulated import Channel
 from automcm.messages import Advertisement, Fin, Session, Trajectory, encode
+from automcm.parameters import Parameters
 from automcm.service import NEIGHBOURS, McService
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_traces.explain import explain_file
 from automcm_traces.reader import read
 from automcm_traces.writer import LogWriter
 
@@ -295,3 +298,43 @@ def test_of_an_absence_the_log_tells_once(tmp_path: Path) -> None:
     told = [e.late_ms for _, e in read(tmp_path / "log").events]
     assert [late for late in told if late] == [service.statistics.latest_ms]
     assert service.statistics.latest_ms > 1500
+
+
+def test_a_message_that_cannot_be_encoded_is_as_if_lost_and_its_step_is_logged(
+    tmp_path: Path,
+) -> None:
+    class Scarce:
+        """Out of memory for the first of each kind of message."""
+
+        name = "json"
+        seen: set[str] = set()  # noqa: RUF012
+
+        def encode(self, message: Any) -> bytes:
+            if message.type not in self.seen:
+                self.seen.add(message.type)
+                raise MemoryError
+            return encode(message)
+
+        def decode(self, data: bytes) -> Any:
+            return JSON.decode(data)
+
+    log = LogWriter(
+        tmp_path / "log",
+        run="r",
+        station=1,
+        implementation="i",
+        version="1",
+        parameters=logging.parameters(Parameters()),
+        complete=logging.COMPLETE,
+    )
+    service, wire, clock = alone(codec=Scarce(), log=log)
+    with pytest.raises(MemoryError):
+        service.command(LANE_CHANGE)
+    with pytest.raises(MemoryError):  # the first CAM
+        clock.run(5000)
+    clock.run(5000)
+    log.end("clean")
+    assert len(wire.of("Advertisement")) == 20
+    assert explain_file(tmp_path / "log").verdict == "allowed"
+    events = [e for _, e in read(tmp_path / "log").events if e.ev == "send"]
+    assert len(events) == service._sent
