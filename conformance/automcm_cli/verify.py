@@ -79,7 +79,8 @@ class Report:
     def undecided(self) -> bool:
         """The rule asked for decides nothing in the small graph, and is not missed there."""
         covered = self.coverage.covered if self.coverage else {}
-        return bool(self.rule and self.compared and not self.pairs and self.rule not in covered)
+        told = bool(self.pairs or self.divergences or self.rule in covered)
+        return self.rule is not None and bool(self.compared) and not told
 
     @property
     def ok(self) -> bool:
@@ -102,7 +103,7 @@ class Report:
         decides nothing."""
         if self.errors:
             return 3
-        if self.undecided and not self.divergences:
+        if self.undecided:
             return 4
         return spec.exit_code(self.verdicts) or int(not self.ok)
 

@@ -207,7 +207,9 @@ def _data(graph: Graph, printed: _Print, version: str) -> dict[str, Json]:
     names = sorted(set(group_of))
     groups = [[n for n, g in enumerate(group_of) if g == name] for name in names]
 
-    initial = next(key for key in printed.moves if key.startswith(_INITIAL))
+    initial = next((key for key in printed.moves if key.startswith(_INITIAL)), None)
+    if initial is None:
+        raise ValueError(f"OpenStation: no state is {_INITIAL}, the initial one (generate.py)")
     order, parents = {initial: 0}, [[0, 0]]
     queue = deque([initial])
     while queue:
