@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -20,17 +21,17 @@ _LAUNCHER = Path(__file__).with_name("launcher.py")
 _LINUX = sys.platform == "linux"
 
 
-def tied(command: Sequence[str], *, error: int = -1, group: bool = False) -> list[str]:
+def tied(command: Sequence[str], *, link: int = -1, group: bool = False) -> list[str]:
     """The command line that runs ``command`` as a child that ends with this process.
 
     The kernel ends it when the *thread* that starts it ends: start it from one that lives longer.
-    ``error``: the write end of a pipe for the errno of a command that cannot be started.
     ``group``: the command is started in a session of its own, and all of its process group ends.
+    ``link`` is for ``popen``.
     """
     if not _LINUX:
         return list(command)
     words = [sys.executable, "-I", "-S", str(_LAUNCHER)]
-    return [*words, str(os.getpid()), str(error), str(int(group)), *command]
+    return [*words, str(os.getpid()), str(link), str(int(group)), *command]
 
 
 def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> subprocess.Popen[Any]:
@@ -41,17 +42,20 @@ def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> sub
     if not _LINUX:
         return subprocess.Popen(command, start_new_session=group, **options)
     name = command[0]
-    read, write = os.pipe()
-    with open(read, "rb") as failures:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:  # if this is interrupted, the launcher gives up
+        link = theirs.fileno()
+        process = subprocess.Popen(
+            tied(command, link=link, group=group), pass_fds=(link,), **options
+        )
         try:
-            process = subprocess.Popen(
-                tied(command, error=write, group=group),
-                pass_fds=(write,),
-                **options,
-            )
-        finally:
-            os.close(write)
-        failure = failures.read()
+            theirs.close()
+            ours.send(b"1")
+            failure = ours.recv(10)
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
     if failure:
         with process:
             raise OSError(int(failure), os.strerror(int(failure)), name)

@@ -1,9 +1,10 @@
 """Becomes the command that it is given, as a child that ends with its parent (``children``).
 
-    python -I -S launcher.py PARENT ERROR GROUP COMMAND...
+    python -I -S launcher.py PARENT LINK GROUP COMMAND...
 
-PARENT is the process id of the parent; ERROR a pipe that takes the errno if the command cannot be
-started, or -1; GROUP is 1 for a command in a session of its own, all of whose process group ends.
+PARENT is the process id of the parent; LINK a socket to it, or -1; GROUP is 1 for a command in a
+session of its own, all of whose process group ends.  Over the link comes a byte when the command
+may run, and the errno goes back if it cannot be started.
 Linux only.  It is run as a file, without any package.
 """
 
@@ -14,32 +15,34 @@ import signal
 import sys
 
 _PR_SET_PDEATHSIG = 1
-_NOT_FOUND = 127
+_NOT_STARTED = 127
 
 
 def _main() -> None:
-    parent, error, group = (int(word) for word in sys.argv[1:4])
+    parent, link, group = (int(word) for word in sys.argv[1:4])
     command = sys.argv[4:]
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     watched = _opened(parent) if group else None
     if os.getppid() != parent:
-        os._exit(_NOT_FOUND)  # it ended before the kernel was asked
+        os._exit(_NOT_STARTED)  # it ended before the kernel was asked
     if group:
         os.setsid()
     if watched is not None:
         _watch(watched)
-    if error >= 0:
-        os.set_inheritable(error, False)
+    if link >= 0:
+        os.set_inheritable(link, False)
+        if not os.read(link, 1):
+            os._exit(_NOT_STARTED)  # the parent has given up
     for number in (signal.SIGPIPE, signal.SIGXFSZ):
         signal.signal(number, signal.SIG_DFL)  # Python ignores them, and exec keeps that
     try:
         os.execvp(command[0], command)
     except OSError as problem:
-        if error < 0:
+        if link < 0:
             print(f"{command[0]} cannot be started: {problem.strerror}", file=sys.stderr)
         else:
-            os.write(error, str(problem.errno).encode())
-        sys.exit(_NOT_FOUND)
+            os.write(link, str(problem.errno).encode())
+        sys.exit(_NOT_STARTED)
 
 
 def _opened(process: int) -> int | None:

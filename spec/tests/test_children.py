@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -189,6 +190,31 @@ def test_a_child_has_the_signals_and_the_files_of_popen(tmp_path: Path) -> None:
 def test_killed_by_a_signal_is_what_the_parent_sees() -> None:
     with children.popen(["sh", "-c", "kill -SEGV $$"]) as child:
         assert child.wait() == -signal.SIGSEGV
+
+
+@pytest.mark.parametrize("place", ["Popen", "recv"])
+def test_interrupted_while_a_command_is_started_it_is_not_run(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Popen(subprocess.Popen[bytes]):
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            started.append(self)
+            if place == "Popen":
+                raise KeyboardInterrupt
+
+    class Socket(socket.socket):
+        def send(self, *_: Any) -> int:
+            raise KeyboardInterrupt
+
+    started: list[Popen] = []
+    monkeypatch.setattr(subprocess, "Popen", Popen)
+    if place == "recv":
+        monkeypatch.setattr(socket, "socket", Socket)
+    with pytest.raises(KeyboardInterrupt):
+        children.popen(["touch", str(tmp_path / "run")])
+    assert started[0].wait(timeout=20) != 0
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_elsewhere_commands_are_as_given(monkeypatch: pytest.MonkeyPatch) -> None:
