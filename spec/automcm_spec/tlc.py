@@ -209,6 +209,7 @@ def execute(
         process = children.popen(
             command,
             cwd=cwd,
+            env=toolchain.environment(),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=stderr,

