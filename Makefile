@@ -69,7 +69,7 @@ LOCK := import fcntl, os, sys; f = os.open("Makefile", 0); fcntl.flock(f, 2); \
   os.set_inheritable(f, True); os.execvp(sys.argv[1], sys.argv[1:])
 
 ready:
-	@$(PYTHON) -c '$(LOCK)' $(MAKE) --no-print-directory .venv/ready
+	@$(PYTHON) -c '$(LOCK)' $(MAKE) --silent .venv/ready
 
 # Two stamps, so that a change of pyproject.toml alone installs nothing anew but ourselves.
 .venv/packages: requirements.txt requirements-peers.txt

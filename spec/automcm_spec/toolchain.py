@@ -177,8 +177,8 @@ def _resolve() -> Path:
     except Exception as error:  # jgo and what is below it raise many unrelated types
         raise ToolError(
             f"the TLA+ tools {COORDINATES} could not be resolved "
-            f"({type(error).__name__}: {error}); M2_REPO and JGO_CACHE_DIR name other folders for the "
-            f"download, {OVERRIDE} a tla2tools.jar"
+            f"({type(error).__name__}: {error}); M2_REPO and JGO_CACHE_DIR name other folders for "
+            f"the download, {OVERRIDE} a tla2tools.jar"
         ) from error
     name = COORDINATES.split(":")[1]
     for jar in jars:
