@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from automcm_spec import files
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -49,7 +51,7 @@ def write_json(target: Path | None, value: Any) -> None:
         if str(target) == "-":
             sys.stdout.write(text)
         else:
-            target.write_text(text)
+            files.write(target, text)
     except OSError as error:
         typer.echo(f"{target}: {error.strerror}", err=True)
         raise typer.Exit(3) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +11,7 @@ from automcm_cli import cli_page, imports, spec
 from automcm_cli.common import ROOT
 from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
 from automcm_conformance.paths import VECTORS
-from automcm_spec import generate, models, oracle
+from automcm_spec import files, generate, models, oracle, scratch
 from automcm_traces import corpus, corpus_page, schema
 
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -88,13 +87,13 @@ def picture() -> str:
     from automcm_traces.reader import read
 
     setting = FourVehicles(seed=3, until_s=12, plan=Plan(hold_s=0.2))
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch.folder("logs") as folder:
         setting.run(
             channel=Channel(loss=0.15),
             parameters=Parameters(t_timeout=200, t_cam=500),
-            logs=Path(folder),
+            logs=folder,
         )
-        logs = [read(path) for path in sorted(Path(folder).iterdir())]
+        logs = [read(path) for path in sorted(folder.iterdir())]
     return drawing(merge(logs), NAMES)
 
 
@@ -102,9 +101,9 @@ def _corpus() -> dict[Path, bytes]:
     """What of the corpus is generated in seconds, from the logs on disk that need TLC."""
     runs = {}
     for name, run in (("four-vehicles", four_vehicles), ("pair", pair)):
-        with tempfile.TemporaryDirectory() as folder:
-            run(Path(folder))
-            for path in sorted(Path(folder).iterdir()):
+        with scratch.folder("logs") as folder:
+            run(folder)
+            for path in sorted(folder.iterdir()):
                 runs[f"{name}/{path.name}"] = path.read_bytes()
     files = corpus.rest(CORPUS_ROOT, runs)
     found = {CORPUS_ROOT / name: data for name, data in files.items()}
@@ -132,14 +131,14 @@ def _stale_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[str]:
     return [_stale(path) for path in sorted([*stale, *_superfluous(kinds, files)])]
 
 
-def _write_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
-    changed = _superfluous(kinds, files)
+def _write_corpus(kinds: Sequence[str], wanted: dict[Path, bytes]) -> list[Path]:
+    changed = _superfluous(kinds, wanted)
     for path in changed:
         path.unlink()
-    for path, data in files.items():
+    for path, data in wanted.items():
         if not path.exists() or path.read_bytes() != data:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
+            files.write(path, data)
             changed.append(path)
     return changed
 
@@ -293,7 +292,7 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
     for path, text in texts.items():
         if _differs(path, text):
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
+            files.write(path, text)
             changed.append(path)
     return changed + write_corpus(say)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import generate, models, tlc
+from automcm_spec import files, generate, models, tlc
 from automcm_spec import steps as steps_
 from automcm_spec.paths import MODELS
 from automcm_traces import itf
@@ -138,7 +138,7 @@ def write_trace(verdict: models.Verdict, folder: Path) -> Path:
     """Write the counterexample as ITF into a folder; returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{verdict.model.cfg}.itf.json"
-    path.write_text(counterexample(verdict))
+    files.write(path, counterexample(verdict))
     return path
 
 

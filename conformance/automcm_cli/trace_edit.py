@@ -9,6 +9,7 @@ import typer
 
 from automcm_cli.common import CODES, Json, Late, progress, write_json
 from automcm_cli.trace_logs import Logs, files_of
+from automcm_spec import files
 
 if TYPE_CHECKING:
     from automcm_traces.shrink import Shrunk
@@ -84,7 +85,7 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
         paths.append(path)
     out.mkdir(parents=True, exist_ok=True)
     for path, log in zip(paths, found.logs, strict=True):
-        path.write_bytes(log.text())
+        files.write(path, log.text())
     return paths
 
 

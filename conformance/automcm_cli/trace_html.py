@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +10,7 @@ import typer
 
 from automcm_cli.common import CODES, Json, write_json
 from automcm_cli.trace_edit import station_pairs
+from automcm_spec import files, scratch
 
 if TYPE_CHECKING:
     from automcm_traces.page_data import Page
@@ -70,7 +70,7 @@ def html(
         page = page_of(logs, late, compare or [], pairs)
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_bytes(data)
+        files.write(out, data)
     except (ItfError, LogError, OracleError, OSError, PageError, StoryError, TlcError) as error:
         typer.echo(f"html: {error}", err=True)
         raise typer.Exit(3) from None
@@ -112,8 +112,7 @@ def _run(paths: list[Path], late: int | None) -> tuple[Run, str]:
     if len(paths) > 1:
         raise PageError("a counterexample is one run, without other logs")
     found = behaviour(itf[0])
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with scratch.folder("html") as folder:
         for station, text in found.logs().items():
             (folder / f"{station}.ndjson").write_bytes(text)
         run = load(sorted(folder.iterdir()), late)

@@ -47,13 +47,15 @@ def _kept(log: Path) -> Path:
     if not stdin and not log.is_fifo():
         return log
     import atexit
-    from contextlib import nullcontext
-    from shutil import copyfileobj, rmtree
-    from tempfile import mkdtemp
+    from contextlib import ExitStack, nullcontext
+    from shutil import copyfileobj
 
-    folder = mkdtemp(prefix="automcm-")
-    atexit.register(rmtree, folder, ignore_errors=True)
-    path = Path(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    from automcm_spec import scratch
+
+    kept = ExitStack()
+    atexit.register(kept.close)
+    folder = kept.enter_context(scratch.folder("logs"))
+    path = folder / ("standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
     with path.open("wb") as out, nullcontext(sys.stdin.buffer) if stdin else log.open("rb") as pipe:
         copyfileobj(pipe, out)
     return path

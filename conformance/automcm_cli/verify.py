@@ -13,7 +13,7 @@ from typing import Any
 from automcm_cli import generated, spec, verify_pages
 from automcm_conformance import compare, coverage
 from automcm_conformance.replay import replay
-from automcm_spec import generate, models, oracle, simulate
+from automcm_spec import children, generate, models, oracle, simulate
 from automcm_spec.rules import RULES
 from automcm_spec.tlc import TlcError
 from automcm_spec.toolchain import ToolError
@@ -279,9 +279,13 @@ def _drift(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
         )
 
 
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, initializer=children.end_with_parent)
+
+
 def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
     _load_reference()
-    with _timed(report, "comparison"), ProcessPoolExecutor(2) as pool:
+    with _timed(report, "comparison"), _pool() as pool:
         say("comparison: every state, every input")
         data = {generate.ONE_PEER.name: one_peer}
         for graph in (generate.TIGHT, generate.TWO_PEERS):

@@ -41,7 +41,7 @@ def test_a_counterexample_is_named_after_its_file(tmp_path: Path) -> None:
     assert run.exit_code == 0, run.output
     names = {log["file"] for log in json.loads(run.stdout)["logs"]}
     assert names and all(name.startswith("ack_from_anybody-") for name in names)
-    assert b"ack_from_anybody" in out.read_bytes() and b"/tmp" not in out.read_bytes()
+    assert b"ack_from_anybody" in out.read_bytes() and b"/scratch/" not in out.read_bytes()
 
 
 def test_what_is_no_log_is_named(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_two_counterexamples_are_compared(tmp_path: Path) -> None:
     run = CliRunner().invoke(app, ["trace", "html", itf[0], "--compare", itf[1], "--out", str(out)])
     assert run.exit_code == 0, run.output
     text = out.read_bytes()
-    assert b"no_lease-1" in text and b"no_decide-1" in text and b"/tmp" not in text
+    assert b"no_lease-1" in text and b"no_decide-1" in text and b"/scratch/" not in text
 
 
 def test_runs_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import (
@@ -31,6 +30,7 @@ from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.state import State
 from automcm.station import Effects
+from automcm_spec import files
 from automcm_traces.writer import LogWriter
 
 Report = Callable[[dict[str, Any]], None]
@@ -69,13 +69,8 @@ class NumberFile:
 
     def keep(self, number: int) -> None:
         """Raises NumberError: without it, the number must not go on the air."""
-        new = self.path.with_name(self.path.name + ".new")
         try:
-            with new.open("w") as file:
-                file.write(f"{number}\n")
-                file.flush()
-                os.fsync(file.fileno())
-            new.replace(self.path)
+            files.write(self.path, f"{number}\n", durable=True)
         except OSError as error:
             raise NumberError(f"{self.path}: {error.strerror}") from None
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tempfile
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import tlc
+from automcm_spec import scratch, tlc
 from automcm_spec.oracle import (
     EFFECTIVE,
     FORMAT,
@@ -176,8 +175,8 @@ def build(
     Raises tlc.TlcError if TLC fails, ValueError if the print-out is not the whole graph.
     """
     printed = _Print()
-    with tempfile.TemporaryDirectory() as folder:
-        cfg = Path(folder) / f"{graph.name}.cfg"
+    with scratch.folder("oracle") as folder:
+        cfg = folder / f"{graph.name}.cfg"
         cfg.write_text(_config(graph))
         result = tlc.run(
             "OpenStation",

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from automcm_spec import files
 from automcm_traces.explain import Verdict
 from automcm_traces.reader import at_line, printable
 from automcm_traces.show import Row, columns
@@ -91,7 +92,7 @@ def prefix(verdict: Verdict, folder: Path, taken: Collection[Path] = ()) -> Path
     kept[-1] = kept[-1].removesuffix(b"\n") + b"\n"
     end = {"rec": "end", "seq": last["seq"], "reason": "prefix", "lost_records": 0}
     kept.append(json.dumps(end).encode() + b"\n")
-    path.write_bytes(b"".join(kept))
+    files.write(path, b"".join(kept))
     return path
 
 

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import json
 import shutil
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import tlc
+from automcm_spec import scratch, tlc
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES
 from automcm_traces.explain import Verdict, forged
@@ -162,8 +161,7 @@ def _run(constants: Sequence[int], translations: Sequence[Translation]) -> list[
         if before is None or what == "ALLOWED" or (before[0] != "ALLOWED" and line > before[1]):
             best[log] = [what, line, rule, wanted]
 
-    with tempfile.TemporaryDirectory(prefix="automcm-traces-") as name:
-        folder = Path(name)
+    with scratch.folder("traces") as folder:
         for file in _MODULES:
             shutil.copy(TLA / file, folder)
         text = module("Batch", [t.text for t in translations])
