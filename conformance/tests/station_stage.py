@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -35,6 +37,8 @@ class Running:
         )
         os.close(writing)
         self.lines = os.fdopen(self.reading)
+        self._limit = threading.Timer(LIMIT_S, self.process.kill)  # else a test waits for ever
+        self._limit.start()
 
     def report(self) -> dict[str, Any]:
         """The next report; {} at the end."""
@@ -61,6 +65,7 @@ class Running:
         return self.process.wait(LIMIT_S)
 
     def close(self) -> None:
+        self._limit.cancel()
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGCONT)
             self.process.kill()
@@ -87,8 +92,12 @@ class Road:
         return self._folder / f"{station_id}.ndjson"
 
     def station(self, station_id: int, *args: str, **more: Any) -> Running:
+        """A station that is on the air."""
         where = ("--id", str(station_id), "--via", self.via, "--log", str(self.log(station_id)))
-        return self.run("station", *where, *QUICK, *args, **more)
+        running = self.run("station", *where, *QUICK, *args, **more)
+        while not self.log(station_id).exists() and running.process.poll() is None:
+            time.sleep(0.02)
+        return running
 
     def prescriber(self, *args: str, **more: Any) -> Running:
         asks = ("--request-after", "300", "--target", str(RECEIVER), "--no-concerned")

@@ -71,7 +71,7 @@ def test_a_log_on_a_full_disk_ends_no_session_and_goes_on_when_there_is_room(
         limit(full, resource.RLIM_INFINITY)
         full.until(event="received", type="Ack") if victim == PRESCRIBER else None
         at_least = len(on.log(victim).read_bytes()) + 500
-        while on.log(victim).stat().st_size < at_least:
+        while on.log(victim).stat().st_size < at_least and full.process.poll() is None:
             pass
         full.signal(signal.SIGTERM)
         assert full.wait() == 3
@@ -96,11 +96,14 @@ def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: 
         receiver = [] if victim == RECEIVER else ["--request-after", "300", "--target", "2"]
         args = ["--via", on.via, "--set", "t_timeout=400", "--listen", "0", "--first"]
         args += ["--id", str(victim), "--for", "5000", "--log", str(on.log(victim)), *receiver]
-        peer = on.station(RECEIVER) if victim == PRESCRIBER else on.prescriber()
+        peer = on.station(RECEIVER) if victim == PRESCRIBER else None
         with open("/dev/full", "wb") as full:
             done = subprocess.Popen(
                 [*COMMAND, "station", *args], stdout=full, stderr=subprocess.PIPE, text=True
             )
+        while not on.log(victim).exists() and done.poll() is None:
+            pass
+        peer = peer or on.prescriber()
         peer.until(event="phase", phase="ACTUATING")
         peer.until(event="phase", phase="STANDALONE", rule="ACT-3")
         assert done.wait(LIMIT_S) == 0
