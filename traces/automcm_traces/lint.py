@@ -223,7 +223,7 @@ class _Lint:
 
     def _one(self, line: bytes) -> Iterator[Finding]:
         try:
-            record = parse(line)
+            record = parse(line, first=self._line == 1)
         except NotJsonError as error:
             if self._line == 1:
                 raise LogError(self._file, 1, "", error.problem) from None

@@ -196,31 +196,35 @@ class LogStream:
             self.warnings.append(one_line(f"{self.file}:{line}: {notice.problem}"))
 
 
-def parse(line: bytes) -> Record | UnknownEvent:
-    """One line of a log.  Raises NotJsonError or pydantic.ValidationError."""
+def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
+    """One line of a log; ``first``: the file begins with it, and may be no log at all.
+
+    Raises NotJsonError or pydantic.ValidationError.
+    """
     try:
         line.decode()
     except UnicodeDecodeError as error:
-        raise NotJsonError(f"not UTF-8 at byte {error.start + 1}{_known(line)}") from None
+        raise NotJsonError(f"not UTF-8 at byte {error.start + 1}{_known(line, first)}") from None
     if not line.strip():
         raise NotJsonError("empty line")
     try:
         return record(line)
     except ValidationError as error:
         if not unknown_event(error):
-            raise _json_error(error, line) from None
+            raise _json_error(error, line, first) from None
     try:
         return UnknownEvent.model_validate_json(line)
     except ValidationError as error:
-        raise _json_error(error, line) from None
+        raise _json_error(error, line, first) from None
 
 
-def _json_error(error: ValidationError, line: bytes) -> Exception:
+def _json_error(error: ValidationError, line: bytes, first: bool) -> Exception:
     _, problem = first_problem(error)
-    return NotJsonError(problem + _known(line)) if problem.startswith("not JSON") else error
+    known = _known(line, first)
+    return NotJsonError(problem + known) if problem.startswith("not JSON") else error
 
 
-_MAGIC = {
+_FILES = {
     b"\xef\xbb\xbf": "it begins with a byte order mark; write UTF-8 without one",
     b"\xff\xfe": "this is UTF-16",
     b"\xfe\xff": "this is UTF-16",
@@ -231,11 +235,13 @@ _MAGIC = {
 }
 
 
-def _known(line: bytes) -> str:
-    """What begins like this, for people who give us the wrong file."""
+def _known(line: bytes, first: bool) -> str:
+    """What this is, for people who give us the wrong file: a kind of file is known by its first
+    bytes, and by no others."""
     if line.strip() in (b"[", b"{"):
         return " (a log has one JSON object a line)"
-    return next((f" ({w})" for m, w in _MAGIC.items() if line.startswith(m)), "")
+    files = _FILES.items() if first else ()
+    return next((f" ({what})" for begin, what in files if line.startswith(begin)), "")
 
 
 def cut(line: bytes) -> bool:
@@ -262,7 +268,7 @@ class _Reader:
             if len(line) > LONGEST_LINE:
                 raise self._error("", f"longer than {LONGEST_LINE} bytes")
             try:
-                record = parse(line)
+                record = parse(line, first=self._line == 1)
             except NotJsonError as error:
                 if not self._header or self._end or not cut(line):
                     raise self._error("", error.problem) from None
