@@ -51,9 +51,12 @@ def _kept(log: Path) -> Path:
     from shutil import copyfileobj, rmtree
     from tempfile import mkdtemp
 
+    from automcm_traces.reader import Kept
+
     folder = mkdtemp(prefix="automcm-")
     atexit.register(rmtree, folder, ignore_errors=True)
-    path = Path(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    path = Kept(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    path.given = str(log)
     with path.open("wb") as out, nullcontext(sys.stdin.buffer) if stdin else log.open("rb") as pipe:
         copyfileobj(pipe, out)
     return path

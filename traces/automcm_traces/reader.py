@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PosixPath
 from typing import BinaryIO, Literal
 
 from pydantic import ValidationError
@@ -22,6 +22,18 @@ LONGEST_LINE = 16 * 2**20
 """Bytes; a longer line is refused rather than read into memory."""
 
 
+class Kept(PosixPath):
+    """A file that keeps a log that cannot be read again, or that was not one: messages name it as
+    ``given``, and never the file."""
+
+    given = ""
+
+
+def name_of(path: str | Path) -> str:
+    """How messages name a file."""
+    return path.given if isinstance(path, Kept) else str(path)
+
+
 class LogError(Exception):
     """A log that cannot be read; the text is one line and names file, line and field.
 
@@ -29,7 +41,7 @@ class LogError(Exception):
     """
 
     def __init__(self, file: str | Path, line: int, field: str, problem: str) -> None:
-        self.file = str(file)
+        self.file = name_of(file)
         self.line = line
         self.field = field
         self.problem = problem
@@ -90,7 +102,7 @@ def read(path: str | Path) -> Log:
         match entry.record:
             case Notice(kind, problem):
                 truncated = truncated or kind == "truncated"
-                warnings.append(one_line(f"{path}:{entry.line}: {problem}"))
+                warnings.append(one_line(f"{name_of(path)}:{entry.line}: {problem}"))
             case Header() as header:
                 pass
             case End() as end:
@@ -98,7 +110,7 @@ def read(path: str | Path) -> Log:
             case event:
                 events.append((entry.line, event))
     assert header is not None, "records() gives the header first"
-    return Log(str(path), header, events, end, truncated, warnings)
+    return Log(name_of(path), header, events, end, truncated, warnings)
 
 
 def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
@@ -149,7 +161,7 @@ class LogStream:
     """
 
     def __init__(self, path: str | Path, *, past_gaps: bool = False) -> None:
-        self.file = str(path)
+        self.file = name_of(path)
         self.end: End | None = None
         self.truncated = False
         """The last line was cut."""
