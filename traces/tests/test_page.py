@@ -504,9 +504,10 @@ def states(followed: Followed) -> dict[int, Json]:
     return {line: followed.state(n) for n, line in enumerate(followed.steps)}
 
 
-def test_a_part_shows_what_the_whole_page_shows_there() -> None:
-    whole = load(FOUR)
-    first, last = 40, 100
+@pytest.mark.parametrize("last", range(12, 20))
+def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
+    """Also where it ends within a step."""
+    whole, first = load(FOUR), 5
     part = load([FOUR[1], FOUR[0], *FOUR[2:]], part=Part(first, last))
     assert [log.header.station for log in part.logs] == [log.header.station for log in whole.logs]
     own = next(n for n, log in enumerate(part.logs) if log.file == str(FOUR[1]))
