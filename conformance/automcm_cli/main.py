@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import signal
+import sys
 from typing import Annotated
 
 import typer
 
-from automcm_cli import demo_command, station
+from automcm_cli import demo_command, exit_codes, station
 from automcm_cli.common import CODES, ROOT, Json, console_of, needs_repository, progress, write_json
 from automcm_cli.groups import Groups
 
@@ -116,4 +117,4 @@ def main() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, stop)
-    app()
+    sys.exit(exit_codes.run(app))

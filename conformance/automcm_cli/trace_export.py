@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from automcm_cli.common import CODES, Json, say_written
+from automcm_cli.trace_logs import files_of
 from automcm_spec import files
 
 
@@ -34,11 +35,11 @@ def export(
     from automcm_spec.oracle import OracleError
     from automcm_traces.mcap_file import McapError
     from automcm_traces.merge import MergeError
-    from automcm_traces.reader import LogError, logs_below
+    from automcm_traces.reader import LogError
     from automcm_traces.track import CannotTell
 
     try:
-        contents = _files(logs if to == "logs" else logs_below(logs), to)
+        contents = _files(logs if to == "logs" else files_of("export", logs), to)
         out.mkdir(parents=True, exist_ok=True)
         for name, data in contents.items():
             if (out / name).resolve() in {path.resolve() for path in logs}:

@@ -51,11 +51,13 @@ def _kept(log: Path) -> Path:
     from shutil import copyfileobj
 
     from automcm_spec import scratch
+    from automcm_traces.reader import Kept
 
     kept = ExitStack()
     atexit.register(kept.close)
     folder = kept.enter_context(scratch.folder("logs"))
-    path = folder / ("standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    path = Kept(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    path.given = str(log)
     with path.open("wb") as out, nullcontext(sys.stdin.buffer) if stdin else log.open("rb") as pipe:
         copyfileobj(pipe, out)
     return path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import stat
@@ -37,7 +38,7 @@ class LineOutput:
         self.lost = 0
         """Lines that were not written."""
         self.closed_by_reader = False
-        """Nobody reads the pipe any more; every further line is lost."""
+        """Nobody reads the pipe any more, or it is closed; every further line is lost."""
         self._fd, self._owned, self._trouble = fd, owned, trouble
         self._limit = waiting_bytes
         self._regular = _is_regular(fd)
@@ -111,7 +112,7 @@ class LineOutput:
         try:
             self._put(line)
         except OSError as error:
-            self.closed_by_reader = isinstance(error, BrokenPipeError)
+            self.closed_by_reader = error.errno in (errno.EPIPE, errno.EBADF)
             return error.strerror or str(error)
         return ""
 

@@ -15,7 +15,7 @@ from automcm_traces.engine import Engine
 from automcm_traces.log import Event, Header
 from automcm_traces.possible import Possible, unobserved
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, one_line, read
+from automcm_traces.reader import Log, LogError, LogStream, name_of, one_line, read
 from automcm_traces.same import same
 from automcm_traces.sessions import Session, Sessions
 from automcm_traces.step import Diverges
@@ -211,7 +211,7 @@ def explain_file(path: str | Path, late_ms: int | None = None) -> Verdict:
     try:
         log = LogStream(path)
     except LogError as error:
-        return Verdict("unreadable", str(path), error.line, error.what)
+        return Verdict("unreadable", name_of(path), error.line, error.what)
     return explain(log, late_ms)
 
 

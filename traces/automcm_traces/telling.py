@@ -73,20 +73,23 @@ def _diverges(verdict: Verdict) -> Iterator[str]:
         yield from (f"  {line}" for line in columns(rows, [station], 78))
 
 
-def prefix(verdict: Verdict, folder: Path, taken: Collection[Path] = ()) -> Path:
+def prefix(
+    verdict: Verdict, folder: Path, taken: Collection[Path] = (), log: Path | None = None
+) -> Path:
     """Write what the log says up to the divergence as a log of its own; the verdict on it is the
-    same.  Its name is none of those ``taken``.
+    same.  Its name is none of those ``taken``.  ``log`` is the file, if the verdict names another.
 
     Raises OSError.
     """
     lines = max(verdict.seen, verdict.line)
     folder.mkdir(parents=True, exist_ok=True)
-    name = f"{Path(verdict.file).stem}-{verdict.line}"
+    log = Path(verdict.file) if log is None else log
+    name = f"{log.stem}-{verdict.line}"
     path, n = folder / f"{name}.ndjson", 1
     while path in taken:
         n += 1
         path = folder / f"{name}-{n}.ndjson"
-    with open(verdict.file, "rb") as stream:
+    with open(log, "rb") as stream:
         kept = list(islice(stream, lines))
     last: dict[str, Json] = json.loads(kept[-1])
     kept[-1] = kept[-1].removesuffix(b"\n") + b"\n"

@@ -28,7 +28,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.possible import unobserved
-from automcm_traces.reader import Log, LogError, LogStream
+from automcm_traces.reader import Log, LogError, LogStream, name_of
 from automcm_traces.timers import TIMER_RULES, timer_name
 from automcm_traces.tlc_module import DEFAULTS, TooLarge, Translation, limits, module
 
@@ -96,7 +96,7 @@ def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], li
         try:
             logs[path], problem = _whole(LogStream(path))
         except LogError as error:
-            problem = Verdict("unreadable", str(path), error.line, error.what)
+            problem = Verdict("unreadable", name_of(path), error.line, error.what)
         if problem is not None:
             found[path] = problem
     for path, verdict in zip(logs, explain_batch(list(logs.values()), late_ms), strict=True):
