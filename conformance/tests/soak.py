@@ -83,6 +83,7 @@ class Soak:
         self._lives: dict[int, int] = Counter()
         self._alive: dict[int, asyncio.subprocess.Process] = {}
         self._unread: set[int] = set()
+        self._over = False
         self.codes: Counter[int] = Counter()
         self.done: Counter[str] = Counter()
         self.reports: Counter[str] = Counter()
@@ -98,17 +99,16 @@ class Soak:
         watch = [asyncio.create_task(self._life(n + 1)) for n in range(self._chosen.stations)]
         sampling = asyncio.create_task(self._sample())
         end = asyncio.get_running_loop().time() + self._chosen.minutes * 60
-        self._over = False
         try:
             while asyncio.get_running_loop().time() < end:
                 await asyncio.sleep(1)
-                self._harm()
+                if len(self._alive) == self._chosen.stations:
+                    self._harm()
         finally:
             self._over = True
             sampling.cancel()
             for process in self._alive.values():
-                os.kill(process.pid, signal.SIGCONT)
-                os.kill(process.pid, signal.SIGTERM)
+                _end(process)
             await asyncio.gather(*watch)
             relay.close()
 
@@ -124,6 +124,8 @@ class Soak:
                 stderr=open(self._folder / "stderr", "ab"),  # noqa: SIM115
             )
             self._alive[n] = process
+            if self._over:  # meanwhile
+                _end(process)
             assert process.stdout is not None
             while line := await process.stdout.readline():
                 self.reports[json.loads(line).get("rule", "")] += 1
@@ -219,6 +221,11 @@ class Soak:
         print(f"memory: largest growth {max(growth, default=0):.0f} kB; descriptors flat"
               if not problems else "memory: see below")  # fmt: skip
         return problems
+
+
+def _end(process: asyncio.subprocess.Process) -> None:
+    _kill(process, signal.SIGCONT)
+    _kill(process, signal.SIGTERM)
 
 
 def _kill(process: asyncio.subprocess.Process, signum: int) -> None:
