@@ -9,7 +9,7 @@ from pathlib import Path
 from automcm_cli import cli_page, imports, spec
 from automcm_cli.common import ROOT
 from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
-from automcm_spec import generate, models, oracle
+from automcm_spec import compiler, generate, models, oracle
 from automcm_traces import corpus, corpus_page, schema
 
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -148,6 +148,7 @@ def _texts() -> dict[Path, str]:
     from automcm.experiments import report
 
     return {
+        compiler.PATH: compiler.text(),
         SCHEMA: schema.text(),
         ADAPTER_SCHEMA: adapter_schema.schema_text(),
         MESSAGES_SCHEMA: messages_schema.text(),
