@@ -12,7 +12,7 @@ from typing import Any
 from automcm_cli import generated, spec, verify_pages
 from automcm_conformance import compare, coverage
 from automcm_conformance.replay import replay
-from automcm_spec import generate, models, oracle, simulate
+from automcm_spec import agreement, forms, generate, models, oracle, sany, simulate
 from automcm_spec.tlc import TlcError
 from automcm_spec.toolchain import ToolError
 
@@ -31,6 +31,8 @@ class Report:
     verdicts: list[models.Verdict] = field(default_factory=list)
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, compare.Comparison] = field(default_factory=dict)
+    compiled: dict[str, agreement.Agreement] = field(default_factory=dict)
+    """The compiled station against TLC's graphs."""
     coverage: coverage.Coverage | None = None
     behaviours: int = 0
     behaviour_differences: list[str] = field(default_factory=list)
@@ -66,6 +68,8 @@ class Report:
             and all(verdict.ok for verdict in self.verdicts)
             and bool(self.compared)
             and not self.divergences
+            and bool(self.compiled)
+            and not any(a.differences for a in self.compiled.values())
             and self.coverage is not None
             and not self.coverage.uncovered
         )
@@ -93,6 +97,11 @@ class Report:
                 "rules_by_test": rules.by_test,
                 "behaviours_replayed": self.behaviours,
             },
+            "compiled": {
+                "states_compared": sum(a.states for a in self.compiled.values()),
+                "inputs_compared": sum(a.inputs for a in self.compiled.values()),
+                "differences": [str(d) for a in self.compiled.values() for d in a.found],
+            },
             "drift": self.drift,
             "pages": self.pages,
             "errors": self.all_errors,
@@ -118,6 +127,12 @@ def _without(constants: dict[str, Any], rule: str) -> Iterator[compare.Adapter]:
 def _walk(data: bytes, transitions_only: bool) -> compare.Comparison:
     graph = oracle.parse(data, "oracle")
     return compare.walk(graph, reference(graph.constants), transitions_only=transitions_only)
+
+
+def _agree(data: bytes, transitions_only: bool) -> agreement.Agreement:
+    graph = oracle.parse(data, "oracle")
+    station = forms.open_station(graph.constants)
+    return agreement.compare(graph, station, transitions_only=transitions_only)
 
 
 def _cover(data: bytes) -> coverage.Coverage:
@@ -153,6 +168,8 @@ def run(
         data = _oracle(report, say)
         _compare(report, data, say)
     except (TlcError, ToolError, models.ModelError, oracle.OracleError, OSError) as error:
+        report.errors.append(str(error))
+    except sany.Refused as error:
         report.errors.append(str(error))
     except ValueError as error:
         report.errors.append(f"oracle: {error}")
@@ -213,13 +230,19 @@ def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> Non
                 continue
             data[graph.name] = found
         # The largest first: it takes half of the time.
+        ordered = sorted(data, key=lambda name: -len(data[name]))
         begun = {
             name: pool.submit(_walk, data[name], name in report.transitions_only)
-            for name in sorted(data, key=lambda name: -len(data[name]))
+            for name in ordered
+        }
+        agreed = {
+            name: pool.submit(_agree, data[name], name in report.transitions_only)
+            for name in ordered
         }
         covered = pool.submit(_cover, one_peer)
         behaved = pool.submit(_behave)
         report.compared = {name: begun[name].result() for name in data}
+        report.compiled = {name: agreed[name].result() for name in data}
         say("comparison: every rule taken away")
         report.coverage = covered.result()
         report.behaviours, report.behaviour_differences = behaved.result()

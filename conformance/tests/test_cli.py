@@ -17,6 +17,7 @@ from automcm_cli.main import app
 from automcm_conformance.compare import Comparison, Divergence
 from automcm_conformance.coverage import Coverage
 from automcm_spec import models, tlc
+from automcm_spec.agreement import Agreement, Difference
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
 
 ROOT = generated.ROOT
@@ -135,6 +136,7 @@ def good_report() -> verify_.Report:
         verdicts=[models.Verdict(model, "holds", None, result, None)],
         oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
         compared={"one-peer": Comparison(states=1, inputs=5)},
+        compiled={"one-peer": Agreement(states=1, inputs=6)},
         coverage=Coverage(covered={"NEG-4": "NEG-4"}),
         behaviours=3,
         seconds={"models": 1.0},
@@ -152,6 +154,11 @@ def test_the_report_of_verify() -> None:
         "divergences",
         "rules_covered",
         "rules_uncovered",
+    }
+    assert value["compiled"] == {
+        "states_compared": 1,
+        "inputs_compared": 6,
+        "differences": [],
     }
     assert set(value["oracle"]) == {"states", "transitions", "refusals", "spec_hash"}
 
@@ -202,6 +209,11 @@ def wrong(report: verify_.Report, what: str) -> verify_.Report:
             report.verdicts.append(verdict)
         case "nothing compared":
             report.compared.clear()
+        case "compiled":
+            report.compiled["one-peer"].differences = 1
+            report.compiled["one-peer"].found.append(Difference([], ["restart"], 1, 2))
+        case "not compiled":
+            report.compiled.clear()
         case "no models":
             report.verdicts.clear()
     return report
@@ -209,7 +221,17 @@ def wrong(report: verify_.Report, what: str) -> verify_.Report:
 
 @pytest.mark.parametrize(
     "what",
-    ["divergence", "behaviour", "uncovered", "drift", "model", "nothing compared", "no models"],
+    [
+        "divergence",
+        "behaviour",
+        "uncovered",
+        "drift",
+        "model",
+        "nothing compared",
+        "no models",
+        "compiled",
+        "not compiled",
+    ],
 )
 def test_each_thing_that_is_wrong_makes_verify_fail(what: str) -> None:
     from rich.console import Console
