@@ -18,6 +18,7 @@ from automcm_conformance.compare import Comparison, Divergence
 from automcm_conformance.coverage import Coverage
 from automcm_spec import models, tlc
 from automcm_spec.agreement import Agreement, Difference
+from automcm_spec.sany import Place, Refused
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
 
 ROOT = generated.ROOT
@@ -250,6 +251,16 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     monkeypatch.setattr(models, "check_all", broken)
     report = verify_.run()
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
+
+
+def test_a_construct_that_cannot_be_compiled_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise Refused("CHOOSE", Place("Station", 12, 1, 12, 2))
+
+    monkeypatch.setattr(verify_, "_oracle", refused)
+    report = verify_.run(models_too=False)
+    assert report.exit_code == 3
+    assert report.all_errors == ["Station.tla:12: cannot be compiled: CHOOSE"]
 
 
 def test_generate_says_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:

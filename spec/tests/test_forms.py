@@ -6,7 +6,7 @@ import pytest
 
 from automcm_spec import forms, generate, oracle
 from automcm_spec.oracle import canonical
-from automcm_spec.station import Cam, Entry, Expire, Message
+from automcm_spec.station import Cam, Entry, Expire, Message, OpenStation
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +50,18 @@ def test_the_alphabet_on_other_ids() -> None:
     of_peer = {i.message.src for i in station.alphabet if i.kind == "receive"}
     assert of_peer == {815, 4711, 99}
     assert all(station.offered(station.initial, i) for i in station.alphabet if i.kind == "cam")
+
+
+def test_each_peer_may_have_its_own_sessions() -> None:
+    class OfLog(OpenStation):
+        def peer_ids(self, p: int) -> frozenset[tuple[int, int]]:
+            return frozenset({(p, p + 1)})
+
+    station = OfLog(3, 32, 64, 64, frozenset({815, 4711}), frozenset({3}), frozenset(), me=99)
+    assert station.sessions == {(99, 3), (815, 816), (4711, 4712), (9, 1)}
+    prescribed = {
+        i.message.session
+        for i in station.alphabet
+        if i.kind == "receive" and i.message.type == "Prescription" and i.message.proposal == 2
+    }
+    assert prescribed == {(815, 816), (4711, 4712)}

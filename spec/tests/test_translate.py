@@ -16,9 +16,10 @@ import pytest
 
 from automcm_spec import compiler, sany, tlc, values
 from automcm_spec.conditions import NoArm
-from automcm_spec.names import snake
+from automcm_spec.names import local, snake
 from automcm_spec.paths import TLA
 from automcm_spec.tla_types import INT, SetOf
+from automcm_spec.translate import Translator
 
 Load = Callable[[str], ModuleType]
 
@@ -205,6 +206,41 @@ def test_a_case_without_an_arm_stops_as_tlc_does(code: str, folder: Path, load: 
     )
     with pytest.raises(tlc.TlcError):
         tlc.run("Stops", folder / "Constructs.cfg", tla_dir=folder, short=True)
+
+
+def _eager_let(patch: pytest.MonkeyPatch) -> None:
+    def bind(self: Translator, node: sany.Node, pending: Any) -> Any:
+        lines = [f"    {local(name)} = {self.expression(value)}" for name, value in pending]
+        return lines, node, ()
+
+    patch.setattr(Translator, "_bind", bind)
+
+
+def _eager_arguments(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Translator, "_always", lambda self, call, param: True)
+
+
+def _sure_of_all(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Translator, "_total", lambda self, node: True)
+
+
+def _needed_by_any_part(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Translator, "needs", lambda self, node, name: node.uses(name))
+
+
+@pytest.mark.parametrize("wrong", [_eager_let, _eager_arguments, _sure_of_all, _needed_by_any_part])
+def test_a_compiler_that_is_not_lazy_is_seen(
+    wrong: Callable[[pytest.MonkeyPatch], None],
+    folder: Path,
+    load: Load,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wrong(monkeypatch)
+    compiled = load(compiler.source(PLAN, sany.export("Constructs", folder), folder)).Constructs
+    one = compiled(3, frozenset({2, 3}))
+    with pytest.raises((NoArm, UnboundLocalError)):
+        for n in range(len(CONSTRUCTS)):
+            getattr(one, f"e{n}")
 
 
 REFUSED = {
