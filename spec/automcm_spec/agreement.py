@@ -46,7 +46,13 @@ class Agreement:
     found: list[Difference] = field(default_factory=list)
 
 
-def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = False) -> Agreement:
+def compare(
+    oracle: Oracle,
+    station: OpenStation,
+    *,
+    transitions_only: bool = False,
+    stop_at_first: bool = False,
+) -> Agreement:
     """Compare every state and every input (or only the inputs that change something)."""
     result = Agreement()
 
@@ -65,6 +71,8 @@ def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = Fa
     states = [forms.state(value) for value in oracle.states]
     effects: dict[int, tuple[Any, ...]] = {}
     for n, st in enumerate(states):
+        if stop_at_first and result.differences:
+            break
         result.states += 1
         here = oracle.states[n]
         wanted, facts = [here, True, oracle.marks[n]], _tried(partial(_facts, station, st))

@@ -193,8 +193,7 @@ def test_a_wrong_compiler_is_seen(
     MUTATIONS[name](monkeypatch)
     code = compiler.source(compiler.PLAN, open_xml, TLA)
     monkeypatch.undo()
-    assert code != compiler.source(compiler.PLAN, open_xml, TLA)
-    found = agreement.compare(tight, _made(load(code), tight.constants))
+    found = agreement.compare(tight, _made(load(code), tight.constants), stop_at_first=True)
     assert found.differences
 
 
