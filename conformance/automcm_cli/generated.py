@@ -11,7 +11,7 @@ from automcm_cli import cli_page, imports, spec
 from automcm_cli.common import ROOT
 from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
 from automcm_conformance.paths import VECTORS
-from automcm_spec import files, generate, models, oracle, scratch
+from automcm_spec import compiler, files, generate, models, oracle, scratch
 from automcm_traces import corpus, corpus_page, schema
 
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -150,6 +150,7 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
     from automcm.experiments import report
 
     return {
+        compiler.PATH: compiler.text,
         SCHEMA: schema.text,
         ADAPTER_SCHEMA: adapter_schema.schema_text,
         MESSAGES_SCHEMA: messages_schema.text,

@@ -136,6 +136,14 @@ def _comparison(report: Report, console: Console) -> None:
             f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs ({what}), "
             f"{c.differences} differences"
         )
+    for name, a in report.compiled.items():
+        what = "transitions" if name in report.transitions_only else "every input"
+        console.print(
+            f"Compiled    {name}: {a.states:,} states, {a.inputs:,} inputs ({what}), "
+            f"{a.differences} differences"
+        )
+        for found in a.found[:1]:
+            console.print(f"[red]Differs[/]     {escape(str(found))}", soft_wrap=True)
     if report.behaviours:
         console.print(
             f"Behaviours  {report.behaviours} of four stations replayed, "

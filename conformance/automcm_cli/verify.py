@@ -13,7 +13,17 @@ from typing import Any
 from automcm_cli import generated, spec, verify_pages
 from automcm_conformance import compare, coverage
 from automcm_conformance.replay import replay
-from automcm_spec import children, generate, models, oracle, simulate
+from automcm_spec import (
+    agreement,
+    children,
+    compiler,
+    forms,
+    generate,
+    models,
+    oracle,
+    sany,
+    simulate,
+)
 from automcm_spec.rules import RULES
 from automcm_spec.tlc import TlcError
 from automcm_spec.toolchain import ToolError
@@ -39,6 +49,8 @@ class Report:
     verdicts: list[models.Verdict] = field(default_factory=list)
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, compare.Comparison] = field(default_factory=dict)
+    compiled: dict[str, agreement.Agreement] = field(default_factory=dict)
+    """The compiled station against TLC's graphs."""
     coverage: coverage.Coverage | None = None
     """None too if the reference differs: then a difference shows whatever is taken away."""
     behaviours: int = 0
@@ -92,6 +104,8 @@ class Report:
             and all(verdict.ok for verdict in self.verdicts)
             and bool(self.compared)
             and not self.divergences
+            and (bool(self.compiled) or self.rule is not None)
+            and not any(a.differences for a in self.compiled.values())
             and self.coverage is not None
             and not self.coverage.uncovered
             and not self.undecided
@@ -127,6 +141,11 @@ class Report:
                 "rules_by_test": rules.by_test,
                 "behaviours_replayed": self.behaviours,
             },
+            "compiled": {
+                "states_compared": sum(a.states for a in self.compiled.values()),
+                "inputs_compared": sum(a.inputs for a in self.compiled.values()),
+                "differences": [str(d) for a in self.compiled.values() for d in a.found],
+            },
             "drift": self.drift,
             "pages": self.pages,
             "errors": self.all_errors,
@@ -152,6 +171,12 @@ def _without(constants: dict[str, Any], rule: str) -> Iterator[compare.Adapter]:
 def _walk(data: bytes, transitions_only: bool) -> compare.Comparison:
     graph = oracle.parse(data, "oracle")
     return compare.walk(graph, reference(graph.constants), transitions_only=transitions_only)
+
+
+def _agree(data: bytes, transitions_only: bool) -> agreement.Agreement:
+    graph = oracle.parse(data, "oracle")
+    station = forms.open_station(graph.constants)
+    return agreement.compare(graph, station, transitions_only=transitions_only)
 
 
 def _cover(data: bytes, wanted: Collection[str]) -> coverage.Coverage:
@@ -203,6 +228,8 @@ def run(
         OSError,
         NotLoaded,
     ) as error:
+        report.errors.append(str(error))
+    except sany.Refused as error:
         report.errors.append(str(error))
     except ValueError as error:
         report.errors.append(f"oracle: {error}")
@@ -297,13 +324,19 @@ def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> Non
                 continue
             data[graph.name] = found
         # The largest first: it takes half of the time.
+        ordered = sorted(data, key=lambda name: -len(data[name]))
         begun = {
             name: pool.submit(_walk, data[name], name in report.transitions_only)
-            for name in sorted(data, key=lambda name: -len(data[name]))
+            for name in ordered
+        }
+        agreed = {
+            name: pool.submit(_agree, data[name], name in report.transitions_only)
+            for name in (ordered if compiler.is_fresh() else ())  # else it is drift
         }
         covered = pool.submit(_cover, one_peer, RULES)
         behaved = pool.submit(_behave)
         report.compared = {name: begun[name].result() for name in data}
+        report.compiled = {name: agreed[name].result() for name in agreed}
         say("comparison: every rule taken away")
         differs = report.compared[generate.ONE_PEER.name].differences
         report.coverage = None if differs else covered.result()

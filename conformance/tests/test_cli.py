@@ -19,6 +19,8 @@ from automcm_conformance import vectors
 from automcm_conformance.compare import Comparison, Divergence
 from automcm_conformance.coverage import Coverage
 from automcm_spec import generate, models, oracle, tlc
+from automcm_spec.agreement import Agreement, Difference
+from automcm_spec.sany import Place, Refused
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
 
 ROOT = generated.ROOT
@@ -138,6 +140,7 @@ def good_report() -> verify_.Report:
         verdicts=[models.Verdict(model, "holds", None, result, None)],
         oracle={"states": 1, "transitions": 2, "refusals": 3, "spec_hash": "0" * 64},
         compared={"one-peer": Comparison(states=1, inputs=5)},
+        compiled={"one-peer": Agreement(states=1, inputs=6)},
         coverage=Coverage(covered={"NEG-4": "NEG-4"}),
         behaviours=3,
         seconds={"models": 1.0},
@@ -155,6 +158,11 @@ def test_the_report_of_verify() -> None:
         "divergences",
         "rules_covered",
         "rules_uncovered",
+    }
+    assert value["compiled"] == {
+        "states_compared": 1,
+        "inputs_compared": 6,
+        "differences": [],
     }
     assert set(value["oracle"]) == {"states", "transitions", "refusals", "spec_hash"}
 
@@ -211,6 +219,11 @@ def wrong(report: verify_.Report, what: str) -> verify_.Report:
             report.verdicts.append(verdict)
         case "nothing compared":
             report.compared.clear()
+        case "compiled":
+            report.compiled["one-peer"].differences = 1
+            report.compiled["one-peer"].found.append(Difference([], ["restart"], 1, 2))
+        case "not compiled":
+            report.compiled.clear()
         case "no models":
             report.verdicts.clear()
     return report
@@ -218,7 +231,17 @@ def wrong(report: verify_.Report, what: str) -> verify_.Report:
 
 @pytest.mark.parametrize(
     "what",
-    ["divergence", "behaviour", "uncovered", "drift", "model", "nothing compared", "no models"],
+    [
+        "divergence",
+        "behaviour",
+        "uncovered",
+        "drift",
+        "model",
+        "nothing compared",
+        "no models",
+        "compiled",
+        "not compiled",
+    ],
 )
 def test_each_thing_that_is_wrong_makes_verify_fail(what: str) -> None:
     from rich.console import Console
@@ -237,6 +260,16 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     monkeypatch.setattr(models, "check_all", broken)
     report = verify_.run()
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
+
+
+def test_a_construct_that_cannot_be_compiled_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise Refused("CHOOSE", Place("Station", 12, 1, 12, 2))
+
+    monkeypatch.setattr(verify_, "_oracle", refused)
+    report = verify_.run(models_too=False)
+    assert report.exit_code == 3
+    assert report.all_errors == ["Station.tla:12: cannot be compiled: CHOOSE"]
 
 
 def test_generate_says_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,3 +72,12 @@ def test_the_counterexample_of_the_page_is_what_is_printed(tmp_path: Path) -> No
         app, ["spec", "check", "no_busy_refusal", "--traces", str(tmp_path)]
     )
     assert answer.exit_code == 0 and printed in answer.output
+
+
+def test_the_code_of_the_compiled_station_prints_what_stands_below_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (kind, code), (_, printed) = blocks("compiled-station.md")
+    assert kind == "python"
+    exec(compile(code, "<compiled-station.md>", "exec"), {})
+    assert capsys.readouterr().out == printed

@@ -1,0 +1,133 @@
+"""Compares the compiled station with a graph that TLC wrote: every state, every input.
+
+In each state: its invariant, its marks, which inputs are offered; and for each input that is, the
+next state, the messages, what the application is told, the rule, the timers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from typing import Any
+
+from automcm_spec import forms
+from automcm_spec.oracle import Effect, Json, Oracle, canonical
+from automcm_spec.station import OpenStation, State
+
+LIMIT = 20
+"""Differences kept; the comparison goes on counting."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Where the two differ: TLC's value and the compiled one, as JSON.  ``input`` is None for what
+    is a matter of the state."""
+
+    state: Json
+    input: Json
+    expected: Json
+    actual: Json
+
+    def __str__(self) -> str:
+        lines = [f"compiled station: {canonical(self.input)} in {canonical(self.state)}"]
+        lines += [f"  TLC      {canonical(self.expected)}", f"  compiled {canonical(self.actual)}"]
+        return "\n".join(lines)
+
+
+@dataclass(slots=True)
+class Agreement:
+    """What was compared."""
+
+    states: int = 0
+    inputs: int = 0
+    differences: int = 0
+    found: list[Difference] = field(default_factory=list)
+
+
+def compare(
+    oracle: Oracle,
+    station: OpenStation,
+    *,
+    transitions_only: bool = False,
+    stop_at_first: bool = False,
+) -> Agreement:
+    """Compare every state and every input (or only the inputs that change something)."""
+    result = Agreement()
+
+    def differ(state: Json, value: Json, expected: Json, actual: Json) -> None:
+        result.differences += 1
+        if len(result.found) < LIMIT:
+            result.found.append(Difference(state, value, expected, actual))
+
+    # The armed timers of a state are asked for at each of its inputs.
+    station = copy(station)
+    station.__dict__["armed"] = lru_cache(maxsize=8)(station.armed)
+    inputs = [forms.input_of(value) for value in oracle.inputs]
+    alphabet = _tried(lambda: forms.to_json(station.alphabet))
+    if canonical(alphabet) != canonical(oracle.inputs):
+        differ(None, None, oracle.inputs, alphabet)
+    states = [forms.state(value) for value in oracle.states]
+    effects: dict[int, tuple[Any, ...]] = {}
+    for n, st in enumerate(states):
+        if stop_at_first and result.differences:
+            break
+        result.states += 1
+        here = oracle.states[n]
+        wanted, facts = [here, True, oracle.marks[n]], _tried(partial(_facts, station, st))
+        if canonical(facts) != canonical(wanted):
+            differ(here, None, wanted, facts)
+        for i in sorted(oracle.moves(n)) if transitions_only else range(len(inputs)):
+            answer, asked = oracle.answer(n, i), inputs[i]
+            offered = _tried(partial(station.offered, st, asked))
+            if offered is not (answer is not None):
+                differ(here, oracle.inputs[i], {"offered": answer is not None}, offered)
+            if answer is None:
+                continue
+            result.inputs += 1
+            if id(answer.effect) not in effects:
+                effects[id(answer.effect)] = _typed(answer.effect)
+            expected = (states[answer.next], *effects[id(answer.effect)])
+            outcome = _tried(partial(station.step, station.me, st, asked))
+            if outcome != expected or not _is_exact(outcome, expected, st):
+                differ(here, oracle.inputs[i], forms.to_json(expected), forms.to_json(outcome))
+    return result
+
+
+def _tried(ask: Callable[[], Any]) -> Any:
+    """What is returned, or the error: a wrong compiler makes anything."""
+    try:
+        return ask()
+    except Exception as error:
+        return (f"{type(error).__name__}: {error}",)
+
+
+def _facts(station: OpenStation, st: State) -> Json:
+    invariant = station.station_type_inv(station.me, st)
+    return [forms.to_json(st), invariant, forms.to_json(station.marks(st))]
+
+
+def _typed(effect: Effect) -> tuple[Any, ...]:
+    return (
+        forms.messages(effect.messages),
+        tuple(effect.told),
+        effect.rule,
+        forms.timers(effect.arm),
+        forms.timers(effect.stop),
+    )
+
+
+def _is_exact(outcome: tuple[Any, ...], expected: tuple[Any, ...], st: State) -> bool:
+    """Whether equal values are the same: Python takes True for 1."""
+    new, out, _, _, arm, stop = outcome
+    return (new is st and not (out or arm or stop)) or _kinds(outcome) == _kinds(expected)
+
+
+def _kinds(value: Any) -> Any:
+    """The types in a value, in its shape."""
+    if isinstance(value, tuple):
+        return tuple(map(_kinds, value))
+    if isinstance(value, frozenset):
+        return frozenset(map(_kinds, value)) if value else value
+    return type(value)

@@ -1,0 +1,95 @@
+"""Values of the compiled station as JSON, and back: the forms of the oracle (docs/oracle.md).
+
+A NamedTuple or a tuple becomes a list, a set a sorted one.  Which class a list is read as follows
+from the annotations of automcm_spec.station.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, get_args, get_origin, get_type_hints
+
+from automcm_spec import station
+from automcm_spec.names import snake
+from automcm_spec.oracle import Json, canonical
+from automcm_spec.station import Entry, Input, Message, OpenStation, State, Timer
+
+
+def to_json(value: Any) -> Json:
+    """The JSON form of a state, a message, an input, a timer, or a set of them."""
+    if isinstance(value, tuple):
+        return [to_json(item) for item in value]
+    if isinstance(value, frozenset):
+        return sorted(map(to_json, value), key=canonical)
+    return value
+
+
+def open_station(constants: Mapping[str, Json]) -> OpenStation:
+    """The compiled station with these constants of OpenStation, as a graph names them."""
+    given: dict[str, Any] = {
+        snake(name): frozenset(value) if isinstance(value, list) else value
+        for name, value in constants.items()
+    }
+    return OpenStation(**given)
+
+
+def state(value: Json) -> State:
+    """The state of this JSON form."""
+    made: State = _reader(State)(value)
+    return made
+
+
+def message(value: Json) -> Message:
+    """The message of this JSON form."""
+    made: Message = _reader(Message)(value)
+    return made
+
+
+def messages(value: Json) -> frozenset[Message]:
+    """The messages of a list of them."""
+    return frozenset(map(message, value))
+
+
+def timer(value: Json) -> Timer:
+    """The timer of this JSON form."""
+    return tuple(_reader(Entry)(item) if isinstance(item, list) else item for item in value)
+
+
+def timers(value: Json) -> frozenset[Timer]:
+    """The timers of a list of them."""
+    return frozenset(map(timer, value))
+
+
+def input_of(value: Json) -> Input:
+    """The input of this JSON form.  Raises KeyError if there is no such kind."""
+    made: Input = _reader(_inputs()[value[0]])(value)
+    return made
+
+
+@cache
+def _inputs() -> dict[str, Any]:
+    """The class of each kind of input."""
+    return {get_args(get_type_hints(one)["kind"])[0]: one for one in get_args(Input)}
+
+
+@cache
+def _reader(annotation: Any) -> Callable[[Json], Any]:
+    """How a value with this annotation is read."""
+    if annotation == Timer:
+        return timer
+    args = get_args(annotation)
+    if get_origin(annotation) is frozenset:
+        (item,) = map(_reader, args)
+        return lambda value: frozenset(map(item, value))
+    if get_origin(annotation) is tuple:
+        return tuple
+    if isinstance(annotation, type) and issubclass(annotation, tuple):
+        hints = get_type_hints(annotation, vars(station))
+        fields = [_reader(hint) for hint in hints.values()]
+
+        def made(value: Json) -> Any:
+            return annotation(*(read(item) for read, item in zip(fields, value, strict=True)))
+
+        return made
+    return lambda value: value

@@ -1,0 +1,35 @@
+"""Names of TLA+ as names of Python."""
+
+import keyword
+import re
+
+_TAKEN = {
+    "EMPTY",
+    "NoArm",
+    "no_arm",
+    "any",
+    "all",
+    "bool",
+    "chain",
+    "count",
+    "frozenset",
+    "index",
+    "len",
+    "product",
+    "range",
+    "self",
+}
+
+
+def snake(name: str) -> str:
+    """OnCamLoss is on_cam_loss."""
+    return _free(re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower())
+
+
+def local(name: str) -> str:
+    """The name of a parameter or a bound variable."""
+    return _free(f"{name}_" if name in ("l", "O", "I") else name)
+
+
+def _free(name: str) -> str:
+    return f"{name}_" if keyword.iskeyword(name) or name in _TAKEN else name

@@ -1,0 +1,38 @@
+"""Compiled modules: SANY runs once for all tests of the compiler."""
+
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from automcm_spec import compiler, sany
+
+
+@pytest.fixture(scope="session")
+def open_xml() -> bytes:
+    """SANY's XML of OpenStation."""
+    return sany.export(compiler.PLAN.module)
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Iterator[Callable[[str], ModuleType]]:
+    """Loads Python code as a module."""
+    names: list[str] = []
+
+    def loaded(code: str) -> ModuleType:
+        path = tmp_path / f"compiled_{len(names)}.py"
+        path.write_text(code, encoding="utf-8")
+        spec = importlib.util.spec_from_file_location(f"{tmp_path.name}_{len(names)}", path)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        names.append(module.__name__)
+        sys.modules[module.__name__] = module
+        spec.loader.exec_module(module)
+        return module
+
+    yield loaded
+    for name in names:
+        del sys.modules[name]

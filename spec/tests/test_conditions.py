@@ -1,0 +1,166 @@
+"""Conditions of the compiled station, recorded and flipped."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from automcm_spec import conditions, generate, oracle
+from automcm_spec.conditions import Condition, Taken, decided_at, in_the_way, record, recording
+from automcm_spec.forms import input_of, open_station, state
+from automcm_spec.paths import TLA
+from automcm_spec.rules import RULES
+from automcm_spec.station import CONDITIONS, Command, Effect, Receive, State, Station
+
+ME = 4711
+LIMITS = Station(max_rounds=7, max_participants=40, outbox_limit=64, memory_limit=64)
+INTENDING = LIMITS.initial._replace(
+    phase="INTENDING", role="receiver", session=(815, 3), joined=frozenset({(815, 3)})
+)
+
+
+def advertisement(session: tuple[int, int]) -> Receive:
+    return Receive("receive", LIMITS.advertisement(session[0], session), True)
+
+
+def decide(st: State, asked: Receive | Command) -> tuple[Effect, list[Taken]]:
+    return record(LIMITS, lambda station: station.decide(ME, st, asked))
+
+
+def test_a_condition_has_its_line_its_text_and_its_values() -> None:
+    complete = Command("command", "complete", (815, 2), 0, 0)
+    st = INTENDING._replace(phase="ACTUATING", role="prescriber")
+    effect, taken = decide(st, complete)
+    assert effect.rule == "PRE-5"
+    (stale,) = (t for t in taken if t.condition.text == "c.session # st.session")
+    assert stale.condition.operator == "OnComplete" and stale.condition.kind == "guard"
+    line = (TLA / "Station.tla").read_text().splitlines()[stale.condition.line - 1]
+    assert stale.condition.text in line
+    assert stale.value and dict(stale.values) == {
+        "c.session": (815, 2),
+        "st.session": (815, 3),
+    }
+
+
+def test_an_index_is_shown_as_in_tla_and_a_limit_with_its_name() -> None:
+    fin = Receive("receive", LIMITS.fin(815, ME, (815, 3)), False)
+    _, taken = decide(INTENDING, fin)
+    shown = {name: value for t in taken for name, value in t.values}
+    assert "Peer(st)" not in shown and shown["m.src"] == 815
+    refusal = Receive("receive", LIMITS.refusal(815, (ME, 3), 2, "unsafe"), False)
+    st = INTENDING._replace(
+        phase="PRESCRIBING", role="prescriber", session=(ME, 3), target=815, proposal=2
+    )
+    _, taken = decide(st, refusal)
+    shown = {name: value for t in taken for name, value in t.values}
+    assert shown["MaxRounds"] == 7 and shown["m.session[1]"] == ME
+
+
+def test_a_recorded_station_decides_as_the_other() -> None:
+    tight = oracle.load(generate.TIGHT.path, generate.spec_hash())
+    station = open_station(tight.constants)
+    met: set[tuple[Condition, bool]] = set()
+
+    def hook(condition: Condition, value: bool, values: object) -> bool:
+        met.add((condition, value))
+        return value
+
+    recorded = recording(station, hook)
+    for n in range(0, len(tight.states), 5):
+        st = state(tight.states[n])
+        for answer in tight.answers(n):
+            asked = input_of(tight.inputs[answer.input])
+            assert recorded.step(1, st, asked) == station.step(1, st, asked)
+    rules = {c.text for c, _ in met if c.kind == "rule"}
+    assert rules >= set(RULES) - {"ACT-1", "END-4"}
+    both_ways = [c for c in CONDITIONS if {(c, True), (c, False)} <= met]
+    assert len(both_ways) > 100
+
+
+def test_the_original_is_not_touched() -> None:
+    decide(INTENDING, advertisement((815, 4)))
+    assert type(LIMITS) is Station and "_hook" not in vars(LIMITS)
+
+
+def test_the_line_that_decides() -> None:
+    lines = (TLA / "Station.tla").read_text().splitlines()
+    for st, asked in (
+        (INTENDING, advertisement((815, 4))),
+        (INTENDING, Receive("receive", LIMITS.prescription(9, ME, (9, 1), 1), False)),
+        (LIMITS.initial, Receive("receive", LIMITS.prescription(9, ME, (9, 1), 1), False)),
+    ):
+        effect, taken = decide(st, asked)
+        assert f'"{effect.rule}"' in lines[decided_at(taken, effect.rule) - 1]
+        assert decided_at(taken, "NEG-0") == 0
+
+
+def test_every_condition_is_where_the_table_says() -> None:
+    tree = ast.parse(Path(str(conditions.__file__)).with_name("station.py").read_text())
+    methods = {
+        method.name.replace("_", ""): method
+        for body in tree.body
+        if isinstance(body, ast.ClassDef)
+        for method in body.body
+        if isinstance(method, ast.FunctionDef)
+    }
+    for c in CONDITIONS:
+        node = list(ast.walk(methods[c.operator.lower()]))[c.node]
+        assert isinstance(node, ast.expr)
+        words = set(ast.unparse(node).replace(".", " ").split('"'))
+        if c.kind == "rule":
+            assert isinstance(node, ast.Constant) and node.value == c.text
+        elif c.text.isidentifier():
+            assert isinstance(node, ast.Name) and words == {c.text}
+        elif " = " in c.text and " \\in " not in c.text:
+            assert "==" in ast.unparse(node) or "not " in ast.unparse(node), c
+
+
+# Which guard was in the way.
+
+
+def in_way(
+    st: State, asked: Receive | Command, wanted: str, most: int = 3
+) -> list[list[tuple[str, bool]]]:
+    found = in_the_way(
+        LIMITS,
+        lambda station: station.decide(ME, st, asked),
+        lambda effect: any(m.type == wanted for m in effect.out),
+        most,
+    )
+    return [[(t.condition.text, t.value) for t in choice] for choice in found]
+
+
+def test_one_guard_is_found() -> None:
+    busy = INTENDING._replace(joined=frozenset({(9, 1)}))
+    assert in_way(busy, advertisement((815, 4)), "Intention") == [[("Bound(st)", True)]]
+
+
+def test_two_guards_are_found_in_their_order() -> None:
+    assert in_way(INTENDING, advertisement((815, 2)), "Intention") == [
+        [("Bound(st)", True), ("NewerThanJoined(st, m.session)", False)]
+    ]
+    assert in_way(INTENDING, advertisement((815, 2)), "Intention", most=1) == []
+
+
+def test_nothing_is_in_the_way_of_what_happens() -> None:
+    assert in_way(LIMITS.initial, advertisement((815, 2)), "Intention") == [[]]
+
+
+def test_what_no_guard_prevents_has_none() -> None:
+    assert in_way(INTENDING, advertisement((815, 2)), "Fin") == []
+
+
+def test_every_smallest_choice_is_found() -> None:
+    prescription = LIMITS.prescription(815, ME, (815, 2), 1)
+    found = in_way(INTENDING, Receive("receive", prescription, False), "Ack")
+    assert found == [[("In(st, m.session)", False)]]
+
+
+def test_a_subclass_is_refused() -> None:
+    class Other(Station):
+        pass
+
+    with pytest.raises(TypeError, match="Other"):
+        recording(Other(1, 1, 1, 1), lambda condition, value, values: value)

@@ -1,0 +1,67 @@
+"""Values of the compiled station as JSON, and back."""
+
+from __future__ import annotations
+
+import pytest
+
+from automcm_spec import forms, generate, oracle
+from automcm_spec.oracle import canonical
+from automcm_spec.station import Cam, Entry, Expire, Message, OpenStation
+
+
+@pytest.fixture(scope="module")
+def one_peer() -> oracle.Oracle:
+    return oracle.load(generate.ONE_PEER.path, generate.spec_hash())
+
+
+def test_what_is_read_is_written_again(one_peer: oracle.Oracle) -> None:
+    for value in one_peer.states:
+        assert canonical(forms.to_json(forms.state(value))) == canonical(value)
+    for value in one_peer.inputs:
+        assert canonical(forms.to_json(forms.input_of(value))) == canonical(value)
+    for effect in one_peer.effects:
+        assert forms.to_json(forms.messages(effect.messages)) == effect.messages
+        assert forms.to_json(forms.timers(effect.arm)) == effect.arm
+
+
+def test_the_classes() -> None:
+    entry = ["Fin", 2, [1, 1], 1, False]
+    assert forms.input_of(["expire", ["giveup", entry]]) == Expire(
+        "expire", ("giveup", Entry("Fin", 2, (1, 1), 1, False))
+    )
+    assert forms.timer(["forget", 7]) == ("forget", 7)
+    cam = forms.input_of(["cam", 3, [[1, 1]], True])
+    assert isinstance(cam, Cam) and cam.marks == {(1, 1)}
+    message = ["Ack", 2, 1, [1, 1], 0, 0, False, "none", ["Fin", 1]]
+    assert isinstance(forms.message(message), Message)
+    assert forms.message(message).of == ("Fin", 1)
+
+
+def test_what_has_another_form_is_refused() -> None:
+    with pytest.raises(KeyError):
+        forms.input_of(["telepathy"])
+    with pytest.raises(ValueError, match="zip"):
+        forms.message(["Ack", 2])
+
+
+def test_the_alphabet_on_other_ids() -> None:
+    constants = generate.ONE_PEER.constants | {"Peers": [815, 4711]}
+    station = forms.open_station(constants | {"Me": 99, "Stranger": 100})
+    of_peer = {i.message.src for i in station.alphabet if i.kind == "receive"}
+    assert of_peer == {815, 4711, 99}
+    assert all(station.offered(station.initial, i) for i in station.alphabet if i.kind == "cam")
+
+
+def test_each_peer_may_have_its_own_sessions() -> None:
+    class OfLog(OpenStation):
+        def peer_ids(self, p: int) -> frozenset[tuple[int, int]]:
+            return frozenset({(p, p + 1)})
+
+    station = OfLog(3, 32, 64, 64, frozenset({815, 4711}), frozenset({3}), frozenset(), me=99)
+    assert station.sessions == {(99, 3), (815, 816), (4711, 4712), (9, 1)}
+    prescribed = {
+        i.message.session
+        for i in station.alphabet
+        if i.kind == "receive" and i.message.type == "Prescription" and i.message.proposal == 2
+    }
+    assert prescribed == {(815, 816), (4711, 4712)}

@@ -1,0 +1,79 @@
+"""SANY's XML: what cannot be parsed is named, and what is read is what the module says."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm_spec import sany, tlc
+from automcm_spec.paths import TLA
+
+
+def module(folder: Path, text: str) -> Path:
+    (folder / "Some.tla").write_text(f"---- MODULE Some ----\n{text}\n====\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        ("EXTENDS Naturals\nA == 1 +", None, "Could not parse module Some"),
+        ("EXTENDS Naturals\nA == 1 + Missing", 3, "Unknown operator: `Missing'"),
+        ("VARIABLE x\nA(x) == x", 3, "Multiply-defined symbol 'x'"),
+    ],
+)
+def test_a_wrong_module_is_named_with_its_line(
+    text: str, line: int | None, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(tlc.TlcError, match="SANY: ") as caught:
+        sany.export("Some", module(tmp_path, text))
+    error = caught.value
+    assert (error.kind, error.module, error.line) == ("parse", "Some", line)
+    assert said in error.message and "at tla2sany" not in error.message
+
+
+def test_a_missing_module_is_named(tmp_path: Path) -> None:
+    with pytest.raises(tlc.TlcError, match=r"None\.tla"):
+        sany.export("None", tmp_path)
+
+
+def test_a_java_that_does_not_start_or_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    for raised, kind in (
+        (OSError("no"), "java"),
+        (subprocess.TimeoutExpired("java", 120), "timeout"),
+    ):
+
+        def run(*_: Any, error: Exception = raised, **__: Any) -> None:
+            raise error
+
+        monkeypatch.setattr(subprocess, "run", run)
+        with pytest.raises(tlc.TlcError) as caught:
+            sany.export("OpenStation")
+        assert caught.value.kind == kind
+
+
+def test_operators_and_constants_are_in_the_order_of_the_text(open_xml: bytes) -> None:
+    spec = sany.read(open_xml)
+    names = list(spec.operators)
+    assert names.index("Step") < names.index("StationTypeInv") < names.index("Me")
+    assert list(spec.constants.items())[2:5] == [
+        ("OutboxLimit", "Station"),
+        ("MemoryLimit", "Station"),
+        ("Peers", "OpenStation"),
+    ]
+    lines = (TLA / "Station.tla").read_text().splitlines()
+    step = spec.operators["Step"]
+    assert step.params == ("me", "st", "i")
+    assert lines[step.at.line - 1].startswith("Step(me, st, i) ==")
+    assert "r" not in names and "acked" not in names  # of LETs
+
+
+def test_names_are_replaced_below_everything() -> None:
+    at = sany.Place("M", 1, 1, 1, 1)
+    x, y = sany.Node("name", at, "x"), sany.Node("name", at, "y")
+    some = sany.Node("$SubsetOf", at, "", (sany.Node("=", at, "", (x, y)),), (("z", x),))
+    put = some.put({"x": y})
+    assert not put.uses("x") and [name for name, _ in put.bounds] == ["z"] and some.uses("x")
