@@ -85,7 +85,7 @@ def pid_from(process: subprocess.Popen[str]) -> int:
 def test_a_child_ends_when_its_parent_is_killed(how: str, parent: Any) -> None:
     process = parent(PARENT.format(start=STARTS[how]))
     pid = pid_from(process)
-    assert alive(pid)
+    assert until(lambda: Path(f"/proc/{pid}/cmdline").read_bytes().startswith(b"sleep"))
     process.kill()
     process.wait()
     assert until(lambda: not alive(pid))
