@@ -81,7 +81,11 @@ COMMANDS: dict[str, tuple[list[str], str, int]] = {
         "time.sleep(99)",
         3,  # the kit names it too
     ),
-    "the demonstration": (["demo", "--logs", "logs"], " station --first", 4),
+    "the demonstration": (
+        ["demo", "--logs", "logs", "--listen", "60000"],  # they say nothing meanwhile
+        " station --first",
+        4,
+    ),
     "a sweep": (
         [*("experiment", "bandwidth", "--workers", "2", "--out", "out"), "--profile", "standard"],
         "spawn_main",

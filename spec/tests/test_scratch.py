@@ -77,6 +77,8 @@ def test_a_folder_of_another_user_is_not_taken(home: Path, monkeypatch: pytest.M
     assert scratch.own() is not None
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
     assert scratch.own() is None
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    assert scratch.own() is None
 
 
 def test_a_folder_is_gone_at_the_end_whatever_happens(home: Path) -> None:
