@@ -207,6 +207,19 @@ def test_a_start_that_fails_leaves_no_log(tmp_path: Path) -> None:
     assert done.returncode == 3 and list(tmp_path.iterdir()) == []
 
 
+def test_a_log_without_room_for_its_header_is_no_start(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    args = ["station", "--id", "1", "--listen", "0", "--for", "300", "--log", str(log)]
+    done = subprocess.run(
+        ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh", *COMMAND, *args],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+    )
+    assert done.returncode == 3 and f"{log}: the log cannot be written" in done.stderr
+    assert done.stdout == "" and not log.exists()
+
+
 @BOTH
 def test_act_2_a_station_that_was_away_for_t_cam_loss_leaves_and_says_how_late_it_was(
     victim: int, tmp_path: Path

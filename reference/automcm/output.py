@@ -34,7 +34,7 @@ class LineOutput:
         trouble: Callable[[str], None] = lambda why: None,
         waiting_bytes: int = WAITING_BYTES,
     ) -> None:
-        """``owned``: nobody else writes to this file, and ``close`` closes it."""
+        """``owned``: nobody else writes to this file, and ``finish`` closes it."""
         self.lost = 0
         """Lines that were not written."""
         self.closed_by_reader = False

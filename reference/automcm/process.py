@@ -204,6 +204,8 @@ class StationProcess:
         output.drain(FINISH_S)
         if output.lost:  # not even the header: nothing later could be read
             output.finish(FINISH_S)
+            if path.is_file():
+                path.unlink()
             raise OSError(f"{path}: the log cannot be written")
         service.log_to(log)
         reason = "crash"
