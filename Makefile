@@ -2,49 +2,63 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: verify test test-deep test-foreign test-explore test-traces generate pages evaluation docs \
-  fuzz clean
+# Python reads where our packages are by the locale, and these two know ASCII alone.
+ifneq ($(filter C POSIX,$(LC_ALL)),)
+unexport LC_ALL
+endif
+
+.PHONY: verify test test-all test-deep test-faults test-foreign test-explore test-traces generate \
+  pages evaluation docs fuzz clean ready
 .DELETE_ON_ERROR:
 
-verify: .venv/ready
+verify: ready
 	@$(BIN)/automcm verify $(ARGS)
 
-test: .venv/ready
+test: ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/pytest -q -n 2 --dist worksteal --cov --cov-report=term $(ARGS)
 
+# Everything there is: about two hours.
+test-all: test test-deep test-faults test-traces test-explore test-foreign
+
 # The tests marked deep, then a million steps; --steps, --seed and --processes in ARGS.
-test-deep: .venv/ready
+test-deep: ready
 	@$(BIN)/pytest -q -n 2 -m deep
 	@$(BIN)/python reference/tests/stateful.py $(ARGS)
 
 # The suite against the stations in C++ and Go, and mutants, and the page of a log in Chromium; what
 # is not on this machine is skipped loudly.
-test-foreign: .venv/ready .venv/foreign
+test-foreign: ready .venv/foreign
 	@$(BIN)/python traces/tests/browser.py
 	@$(BIN)/python reference/tests/foreign_cam.py
 	@$(BIN)/python reference/tests/foreign_sumo.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 
+# Each system call of a station made to fail in each phase (docs/faults.md), then 30 minutes of random
+# faults on 20 stations; six minutes and more.
+test-faults: ready
+	@$(BIN)/python conformance/tests/faults.py --write docs/faults.md
+	@$(BIN)/python conformance/tests/soak.py $(ARGS)
+
 # Exploration against stations with two mistakes each: found in a minute, shortened; minutes in all.
-test-explore: .venv/ready
+test-explore: ready
 	@$(BIN)/python conformance/tests/explored.py $(ARGS)
 
 # Two thousand good logs and as many with an edit, judged by both engines; another number in ARGS.
-test-traces: .venv/ready
+test-traces: ready
 	@$(BIN)/python traces/tests/agreement.py $(or $(ARGS),2000)
 
-generate: .venv/ready
+generate: ready
 	@$(BIN)/automcm generate $(ARGS)
 
 # The counterexamples that docs/models.md links to, as pages.
-pages: .venv/ready
+pages: ready
 	@$(BIN)/automcm spec pages $(ARGS)
 
 # The paper's evaluation anew, into docs: 23 minutes on two cores, and SUMO.
-evaluation: .venv/ready .venv/foreign
+evaluation: ready .venv/foreign
 	@$(BIN)/automcm experiment all --profile standard --out docs/evaluation $(ARGS)
 
 # The documentation as a site in site/, with the counterexamples; no page of it fetches anything.
@@ -52,12 +66,19 @@ docs: pages .venv/docs
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # Ten million changed encodings; make fuzz ARGS="--count 100000 --seed 2" for fewer or others.
-fuzz: .venv/ready
+fuzz: ready
 	@$(BIN)/python -m automcm.fuzz $(ARGS)
 
 clean:
 	@rm -rf .venv .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache runs dist build site
 	@find spec reference traces conformance -name __pycache__ -prune -exec rm -rf {} +
+
+# Two of us at once in one clone: the second waits until the first has installed everything.
+LOCK := import fcntl, os, sys; f = os.open("Makefile", 0); fcntl.flock(f, 2); \
+  os.set_inheritable(f, True); os.execvp(sys.argv[1], sys.argv[1:])
+
+ready:
+	@$(PYTHON) -c '$(LOCK)' $(MAKE) --silent .venv/ready
 
 # Two stamps, so that a change of pyproject.toml alone installs nothing anew but ourselves.
 .venv/packages: requirements.txt requirements-peers.txt

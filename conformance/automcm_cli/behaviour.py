@@ -19,6 +19,7 @@ from automcm.messages import encode
 from automcm.parameters import Parameters
 from automcm.state import State, Timer, armed
 from automcm.station import Effects, Station
+from automcm_spec import files
 from automcm_spec.oracle import Oracle, canonical
 from automcm_spec.rules import kind
 
@@ -225,10 +226,11 @@ class Walked(Protocol):
 
 def write(walked: Walked, path: Path) -> None:
     """The digests of a graph, a line for each state."""
-    with path.open("w") as out:
+    with files.writing(path) as out:
         for n in range(len(walked.states)):
             found = walked.digests(n)
-            out.write(json.dumps({kind: digest.hex() for kind, digest in found.items()}) + "\n")
+            line = json.dumps({kind: digest.hex() for kind, digest in found.items()}) + "\n"
+            out.write(line.encode())
 
 
 def first_difference(

@@ -18,7 +18,6 @@ from dataclasses import asdict, dataclass, field, replace
 from multiprocessing.pool import Pool
 from pathlib import Path
 from subprocess import SubprocessError
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from automcm_cli import cpp, equivalence
@@ -31,6 +30,7 @@ from automcm_conformance.kills import Kills
 from automcm_conformance.paths import SUITE
 from automcm_conformance.process import LIMIT_S
 from automcm_conformance.whole import Graphs
+from automcm_spec import children, scratch
 from automcm_spec.generate import GRAPHS, spec_hash
 
 Json = Any
@@ -155,6 +155,7 @@ class _Worker:
 
     @classmethod
     def start(cls) -> None:
+        children.end_with_parent()
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
         signal.signal(signal.SIGTERM, _end)
         cls.graphs = Graphs.load(spec_hash())
@@ -167,8 +168,8 @@ def _end(*_: object) -> None:
 def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
     """The mutant's id, what was found (None: no difference), and what broke."""
     mutant, asked = job.mutant, job.asked
-    with TemporaryDirectory(prefix="automcm-certify-") as name:
-        source = Path(name) / f"{mutant.module}.py"
+    with scratch.folder("certify") as folder:
+        source = folder / f"{mutant.module}.py"
         source.write_text(mutant.source, encoding="utf-8")
         try:
             if job.how != "graphs":
@@ -176,7 +177,7 @@ def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
                 hint = set() if job.how == "suite" else _first_look(mutant, source, asked)
                 if hint is None:
                     return mutant.id, None, ""
-                return mutant.id, killed(command, asked, Path(name), sorted(hint)), ""
+                return mutant.id, killed(command, asked, folder, sorted(hint)), ""
             found = equivalence.difference(mutant, source, asked.folder, asked.walks)
             if found is not None and found.graph in GRAPHS:
                 silent = equivalence.hidden(mutant, source, asked.walks)
@@ -189,10 +190,10 @@ def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
 def _work_cpp(job: tuple[cpp.Mutant, Asked]) -> tuple[str, Kills | None, str]:
     """The same for a mutant of the C++ station."""
     mutant, asked = job
-    with TemporaryDirectory(prefix="automcm-certify-") as name:
+    with scratch.folder("certify") as folder:
         try:
-            station = cpp.build_mutant(mutant, Path(name))
-            return mutant.name, killed([str(station)], asked, Path(name), mutant.rules), ""
+            station = cpp.build_mutant(mutant, folder)
+            return mutant.name, killed([str(station)], asked, folder, mutant.rules), ""
         except (SubprocessError, OSError) as error:
             return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
 

@@ -8,6 +8,7 @@ from typing import get_args
 
 from automcm_cli.certificate import Certificate, Row, Verdict
 from automcm_cli.common import ROOT, markdown_table
+from automcm_spec import files
 
 PAGE = ROOT / "docs" / "certificate.md"
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
@@ -68,7 +69,7 @@ def _by_class(found: Certificate) -> list[tuple[str, list[Row]]]:
 def write(found: Certificate) -> None:
     """Write the page, if the certificate is complete."""
     if found.complete:
-        PAGE.write_text(markdown(found), encoding="utf-8")
+        files.write(PAGE, markdown(found))
 
 
 def markdown(found: Certificate) -> str:

@@ -17,6 +17,12 @@ verify` fails when it is stale.
 
 {CODES}
 
+A verdict that could not be written is none. If standard output is full or closed, the exit code
+is 3 and one line on standard error says why. If its reader has gone away (`| head`), the exit code
+is 141 (128 + SIGPIPE), as of most programs, without a word. What cannot be written to standard
+error changes no exit code. `station`, `drive`, `link relay` and `adapter --websocket` go on without
+standard output. After 70 there is a traceback, and a line that says what to report.
+
 What stands after `--` is the command of an adapter, or its address
 ([adapter.md](adapter.md#over-a-websocket)). Packages that a command needs beyond the plain
 installation are named by it when they are missing.

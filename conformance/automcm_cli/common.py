@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from automcm_spec import files
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
 CODES = (
-    "Exit codes: 0 as expected; 1 a verdict against; 2 usage; 3 a tool or an input could not be "
-    "read or run; 4 cannot tell."
+    "Exit codes: 0 as expected; 1 a verdict against; 2 usage; 3 a tool, an input or an output "
+    "could not be run, read or written; 4 cannot tell; 70 a fault of automcm; 130 interrupted; "
+    "141 the reader of standard output closed it."
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,11 +48,11 @@ def write_json(target: Path | None, value: Any) -> None:
     if target is None:
         return
     text = json.dumps(value, indent=2) + "\n"
+    if str(target) == "-":
+        sys.stdout.write(text)  # what fails there is for automcm_cli.exit_codes
+        return
     try:
-        if str(target) == "-":
-            sys.stdout.write(text)
-        else:
-            target.write_text(text)
+        files.write(target, text)
     except OSError as error:
         typer.echo(f"{target}: {error.strerror}", err=True)
         raise typer.Exit(3) from None

@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 
 from automcm_cli.common import CODES, Json, console_of, progress, write_json
 from automcm_conformance.process import LIMIT_S
+from automcm_spec import files
 
 if TYPE_CHECKING:
     from automcm_conformance.purposes import Purpose
@@ -287,7 +288,7 @@ def report_side_by_side(
     from automcm_conformance import report as report_
 
     try:
-        html.write_text(report_.html([report_.load(path) for path in reports]), encoding="utf-8")
+        files.write(html, report_.html([report_.load(path) for path in reports]))
     except (ValueError, OSError) as error:
         typer.echo(f"report: {error}", err=True)
         raise typer.Exit(3) from None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_spec import children, scratch
 
 if TYPE_CHECKING:
     from automcm_conformance.bench import Row
@@ -48,20 +48,20 @@ def conform(
         raise typer.BadParameter(str(error)) from None
     rows, notes = [], []
     try:
-        with progress() as say, tempfile.TemporaryDirectory() as scratch:
+        with progress() as say, scratch.folder("bench") as folder:
             oracle = load(ONE_PEER.path, spec_hash())
             python = [sys.executable, "-m", "automcm_cli", "adapter"]
             echo = [sys.executable, "-m", "automcm_conformance.echo"]
             rows.append(bench.measure("Python", python, echo, oracle, chosen, say))
             say("building the C++ station")
-            built = cpp or _build(Path(scratch))
+            built = cpp or _build(folder)
             if built is None:
                 notes.append("C++ left out: it needs g++, cmake and nlohmann-json3-dev")
             else:
                 station, floor = [str(built / "station")], [str(built / "echo")]
                 rows.append(bench.measure("C++", station, floor, oracle, chosen, say))
                 if must:
-                    seconds = _all_must(station, Path(scratch))
+                    seconds = _all_must(station, folder)
                     notes.append(f"all MUST cases on the C++ station: {seconds:.1f} s")
     except (AdapterError, ProtocolError, OracleError, OSError) as error:
         typer.echo(f"bench: {error}", err=True)
@@ -83,7 +83,8 @@ def _build(folder: Path) -> Path | None:
         ["cmake", "-S", str(CPP), "-B", str(folder)],
         ["cmake", "--build", str(folder), "-j2"],
     ):
-        if subprocess.run(command, capture_output=True, check=False).returncode:
+        tied = children.tied(command, group=True)
+        if subprocess.run(tied, capture_output=True, check=False).returncode:
             return None
     return folder
 
@@ -92,7 +93,8 @@ def _all_must(command: list[str], folder: Path) -> float:
     """Seconds for a run of all MUST cases, loading and reports included."""
     words = [sys.executable, "-m", "automcm_cli", "conform", "run", "MUST", "--out"]
     start = perf_counter()
-    subprocess.run([*words, str(folder / "run"), "--", *command], capture_output=True, check=False)
+    words += [str(folder / "run"), "--", *command]
+    subprocess.run(children.tied(words), capture_output=True, check=False)
     return perf_counter() - start
 
 

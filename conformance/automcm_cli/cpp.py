@@ -8,6 +8,7 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
+from automcm_spec import children
 from automcm_spec.rules import RULES
 
 SOURCE = Path(__file__).resolve().parents[1] / "implementations" / "cpp"
@@ -64,7 +65,7 @@ def build(folder: Path) -> Path:
         ["cmake", "-S", str(SOURCE), "-B", str(folder)],
         ["cmake", "--build", str(folder), "--target", "station"],
     ):
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
+        _run(command)
     return folder / "station"
 
 
@@ -78,11 +79,10 @@ def build_mutant(mutant: Mutant, folder: Path) -> Path:
         text = text.replace(old, new)
     header.write_text(text)
     out = copy / "station"
-    subprocess.run(
-        ["g++", "-std=c++17", "-O1", "-o", str(out), str(copy / "adapter.cpp")],
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-    )
+    _run(["g++", "-std=c++17", "-O1", "-o", str(out), str(copy / "adapter.cpp")])
     return out
+
+
+def _run(command: list[str]) -> None:
+    tied = children.tied(command, group=True)
+    subprocess.run(tied, check=True, capture_output=True, text=True, timeout=SECONDS)

@@ -20,6 +20,7 @@ from typing import Any
 from automcm.links.relay import Relay
 from automcm.links.simulated import Channel
 from automcm.process import stopping
+from automcm_spec import children
 from automcm_traces.explain import Verdict, explain_files
 
 LIMIT_S = 50
@@ -159,12 +160,15 @@ class Demo:
 
     async def _start(self, vehicle: Vehicle, log: Path, relay: Relay, began: float) -> None:
         host, port = relay.address
-        vehicle.process = await asyncio.create_subprocess_exec(
+        command = [
             *(sys.executable, "-P", "-m", "automcm_cli", "station", "--first"),
             *("--id", str(vehicle.station_id), "--via", f"{host}:{port}"),
             *("--listen", str(self.listen_ms), "--zero", str(began), "--log", str(log)),
             *("--for", str(2 * LIMIT_S * 1000)),
             *vehicle.options,
+        ]
+        vehicle.process = await asyncio.create_subprocess_exec(
+            *children.tied(command),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
         )

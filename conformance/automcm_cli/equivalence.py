@@ -20,6 +20,7 @@ from typing import Any
 
 from automcm_cli.source_mutants import FOLDER, MODULES, Mutant
 from automcm_conformance.purposes import Owners
+from automcm_spec import children
 from automcm_spec.generate import GRAPHS, spec_hash
 from automcm_spec.oracle import load
 from automcm_spec.rules import kind
@@ -140,7 +141,7 @@ def _present() -> str:
 
 def _child(*arguments: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-m", "automcm_cli.mutated", *arguments],
+        children.tied([sys.executable, "-m", "automcm_cli.mutated", *arguments]),
         capture_output=True,
         text=True,
         timeout=SECONDS,

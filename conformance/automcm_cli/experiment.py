@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_spec import files
 
 if TYPE_CHECKING:
     from automcm.experiments.experiment import Values
@@ -145,7 +146,7 @@ def _run(
                     _show(made_of_them, len(cells), took, [path.name for path in written], folder)
             if len(reports) == len(ABOUT):
                 whole = out.with_suffix(".md")
-                whole.write_text(report.evaluation(out), encoding="utf-8")
+                files.write(whole, report.evaluation(out))
                 if str(json_) != "-":
                     typer.echo(f"written {whole}")
     except (ExperimentError, OSError) as error:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import tempfile
+import json
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 from automcm_cli import cli_page, imports, spec
 from automcm_cli.common import ROOT
 from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
-from automcm_spec import compiler, generate, models, oracle
+from automcm_conformance.paths import VECTORS
+from automcm_spec import compiler, files, generate, models, oracle, scratch
 from automcm_traces import corpus, corpus_page, schema
 
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -85,13 +87,13 @@ def picture() -> str:
     from automcm_traces.reader import read
 
     setting = FourVehicles(seed=3, until_s=12, plan=Plan(hold_s=0.2))
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch.folder("logs") as folder:
         setting.run(
             channel=Channel(loss=0.15),
             parameters=Parameters(t_timeout=200, t_cam=500),
-            logs=Path(folder),
+            logs=folder,
         )
-        logs = [read(path) for path in sorted(Path(folder).iterdir())]
+        logs = [read(path) for path in sorted(folder.iterdir())]
     return drawing(merge(logs), NAMES)
 
 
@@ -99,9 +101,9 @@ def _corpus() -> dict[Path, bytes]:
     """What of the corpus is generated in seconds, from the logs on disk that need TLC."""
     runs = {}
     for name, run in (("four-vehicles", four_vehicles), ("pair", pair)):
-        with tempfile.TemporaryDirectory() as folder:
-            run(Path(folder))
-            for path in sorted(Path(folder).iterdir()):
+        with scratch.folder("logs") as folder:
+            run(folder)
+            for path in sorted(folder.iterdir()):
                 runs[f"{name}/{path.name}"] = path.read_bytes()
     files = corpus.rest(CORPUS_ROOT, runs)
     found = {CORPUS_ROOT / name: data for name, data in files.items()}
@@ -129,38 +131,38 @@ def _stale_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[str]:
     return [_stale(path) for path in sorted([*stale, *_superfluous(kinds, files)])]
 
 
-def _write_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
-    changed = _superfluous(kinds, files)
+def _write_corpus(kinds: Sequence[str], wanted: dict[Path, bytes]) -> list[Path]:
+    changed = _superfluous(kinds, wanted)
     for path in changed:
         path.unlink()
-    for path, data in files.items():
+    for path, data in wanted.items():
         if not path.exists() or path.read_bytes() != data:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
+            files.write(path, data)
             changed.append(path)
     return changed
 
 
-def _texts() -> dict[Path, str]:
-    """What is generated within a second; the diagrams come from the graph as it is on disk."""
+def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
+    """What is generated within a second each; ``one_peer`` is the graph that the diagrams show."""
     from automcm import phases, sizes
     from automcm import schema as messages_schema
     from automcm.experiments import report
 
     return {
-        compiler.PATH: compiler.text(),
-        SCHEMA: schema.text(),
-        ADAPTER_SCHEMA: adapter_schema.schema_text(),
-        MESSAGES_SCHEMA: messages_schema.text(),
-        MESSAGES_PAGE: between(MESSAGES_PAGE.read_text(), "automcm.sizes", sizes.table()),
-        ARCHITECTURE: _architecture(),
-        CITATIONS: citations.table(ROOT),
-        CLI_PAGE: cli_page.text(),
-        MODELS_PAGE: spec.models_page(models.load()),
-        PICTURE: picture(),
-        EVALUATION: report.evaluation(EVALUATION.with_suffix("")),
-        DIAGRAMS: diagrams.text(oracle.load(generate.ONE_PEER.path), phases.WAYS),
-    } | vectors.texts()
+        compiler.PATH: compiler.text,
+        SCHEMA: schema.text,
+        ADAPTER_SCHEMA: adapter_schema.schema_text,
+        MESSAGES_SCHEMA: messages_schema.text,
+        MESSAGES_PAGE: lambda: between(MESSAGES_PAGE.read_text(), "automcm.sizes", sizes.table()),
+        ARCHITECTURE: _architecture,
+        CITATIONS: lambda: citations.table(ROOT),
+        CLI_PAGE: cli_page.text,
+        MODELS_PAGE: lambda: spec.models_page(models.load()),
+        PICTURE: picture,
+        EVALUATION: lambda: report.evaluation(EVALUATION.with_suffix("")),
+        DIAGRAMS: lambda: diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),
+    }
 
 
 def _architecture() -> str:
@@ -182,25 +184,86 @@ def between(text: str, name: str, part: str) -> str:
     return f"{before}{begin}\n{part}\n{end}{after}"
 
 
-def drift(profile: str, one_peer: bytes, say: Callable[[str], None]) -> list[str]:
-    """Which generated files are stale.  Quick: graphs but the one-peer one by their hash alone."""
-    stale = [_stale(path) for path, text in _texts().items() if _differs(path, text)]
-    stale += _stale_corpus(_AT_ONCE, _corpus())
-    if profile != "quick":
-        stale += _stale_corpus(_FROM_TLC, _corpus_of_tlc(say))
-    fresh = {generate.ONE_PEER: one_peer}
-    for graph in (generate.TIGHT, generate.TWO_PEERS) if profile != "quick" else ():
-        say(f"oracle: {graph.name}")
-        fresh[graph] = generate.generate(graph)
-    for graph, data in fresh.items():
-        if not graph.path.exists() or oracle.content(graph.path) != data:
-            stale.append(_stale(graph.path))
-    if profile == "quick":
-        if remainder.spec_hash() != generate.spec_hash():
-            stale.append(_stale(remainder.PATH))
-    elif _differs(remainder.PATH, _remainder()):
-        stale.append(_stale(remainder.PATH))
-    return stale
+def drift(
+    profile: str,
+    one_peer: bytes,
+    say: Callable[[str], None],
+    verdicts: Sequence[models.Verdict] = (),
+) -> list[str]:
+    """Which generated files are stale, or cannot be generated now; a line for each.
+
+    one_peer is the graph of the specification as it is.  The quick profile does not look at the
+    other graphs: who compares with them reads their version.
+    """
+    whole = profile != "quick"
+    checks: list[tuple[Path, Callable[[], list[str]]]] = [
+        (path, partial(_text_drift, path, make)) for path, make in _texts(one_peer).items()
+    ]
+    checks += [
+        (VECTORS, _vectors_drift),
+        (CORPUS_ROOT, lambda: _stale_corpus(_AT_ONCE, _corpus())),
+        (COUNTEREXAMPLES, lambda: counterexample_drift(verdicts)),
+    ]
+    if whole:
+        checks.append((CORPUS_ROOT, lambda: _stale_corpus(_FROM_TLC, _corpus_of_tlc(say))))
+    checks += [
+        (graph.path, partial(_graph_drift, graph, one_peer, say))
+        for graph in generate.GRAPHS.values()
+        if whole or graph is generate.ONE_PEER
+    ]
+    checks.append((remainder.PATH, partial(_remainder_drift, whole)))
+    return [line for path, check in checks for line in _lines(path, check)]
+
+
+def _lines(path: Path, check: Callable[[], list[str]]) -> list[str]:
+    """What a check finds.  Whatever it raises is a line as well: what it runs may be in the middle
+    of a change, and the other files are still compared."""
+    try:
+        return check()
+    except oracle.OracleError as error:
+        reason = said(error)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+    return [f"{_name(path)}: cannot be generated now: {reason}"]
+
+
+def said(error: oracle.OracleError) -> str:
+    """The text, with the path from the repository on."""
+    return str(error).replace(f"{ROOT}/", "")
+
+
+def _text_drift(path: Path, make: Callable[[], str]) -> list[str]:
+    return [_stale(path)] if _differs(path, make()) else []
+
+
+def _vectors_drift() -> list[str]:
+    return [_stale(path) for path, text in vectors.texts().items() if _differs(path, text)]
+
+
+def _graph_drift(graph: generate.Graph, one_peer: bytes, say: Callable[[str], None]) -> list[str]:
+    say(f"oracle: {graph.name}")
+    fresh = one_peer if graph is generate.ONE_PEER else generate.generate(graph)
+    same = graph.path.exists() and oracle.content(graph.path) == fresh
+    return [] if same else [_stale(graph.path)]
+
+
+def graph_changed(one_peer: bytes) -> bool:
+    """Whether the one-peer graph differs from the committed one in more than the text that it was
+    made from; False if there is none that can be read."""
+    try:
+        committed = oracle.content(generate.ONE_PEER.path)
+    except oracle.OracleError:
+        return False
+    before, after = (json.loads(data) | {"spec_hash": None} for data in (committed, one_peer))
+    return bool(before != after)
+
+
+def _remainder_drift(whole: bool) -> list[str]:
+    if not whole:
+        stale = remainder.spec_hash() != generate.spec_hash()
+    else:
+        stale = _differs(remainder.PATH, _remainder())
+    return [_stale(remainder.PATH)] if stale else []
 
 
 def _remainder() -> str:
@@ -221,14 +284,16 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
         if not graph.path.exists() or oracle.content(graph.path) != data:
             oracle.write(graph.path, data)
             changed.append(graph.path)
-    texts = {**_counterexamples(verdicts), **_texts()}
+    one_peer = oracle.content(generate.ONE_PEER.path)
+    texts = _counterexamples(verdicts)
+    texts |= {path: make() for path, make in _texts(one_peer).items()} | vectors.texts()
     if two_peers:
         say("remainder")
         texts[remainder.PATH] = _remainder()
     for path, text in texts.items():
         if _differs(path, text):
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text)
+            files.write(path, text)
             changed.append(path)
     return changed + write_corpus(say)
 
@@ -243,5 +308,9 @@ def _differs(path: Path, text: str) -> bool:
     return not path.exists() or path.read_text() != text
 
 
+def _name(path: Path) -> str:
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
+
+
 def _stale(path: Path) -> str:
-    return f"{path.relative_to(ROOT)}: not what would be generated now; run make generate"
+    return f"{_name(path)}: not what would be generated now; run make generate"

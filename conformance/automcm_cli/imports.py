@@ -17,10 +17,12 @@ PACKAGES = {
     "automcm_cli": "conformance",
 }
 # What of ours a package may import, besides itself; a module stands for itself alone.
+# What is about the operating system and knows nothing of the protocol.
+SYSTEM = {f"automcm_spec.{name}" for name in ("children", "files", "scratch")}
 MAY = {
     "automcm_spec": set[str](),
     "automcm_traces": {"automcm_spec"},
-    "automcm": {"automcm_traces.writer"},
+    "automcm": {"automcm_traces.writer", *SYSTEM},
     "automcm_conformance": {"automcm_spec", "automcm_traces"},
     "automcm_cli": set(PACKAGES) - {"automcm_cli"},
 }

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from automcm_cli.common import CODES
-from automcm_cli.station import Remote, carry_out, report
+from automcm_cli.station import Lines, Remote, carry_out
 
 app = typer.Typer()
 
@@ -39,14 +39,16 @@ def relay(
 
     channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=delays(delay))
 
-    async def run() -> None:
+    async def run(lines: Lines) -> None:
         over = stopping(for_ms)
         relay = Relay(host, port, channel=channel, seed=seed, allow_remote=allow_remote)
-        report({"event": "start", "host": relay.address[0], "port": relay.address[1]})
+        lines.report({"event": "start", "host": relay.address[0], "port": relay.address[1]})
         try:
             await over
         finally:
             relay.close()
-            report({"event": "end", "delivered": relay.radio.delivered, "lost": relay.radio.lost})
+            lines.report(
+                {"event": "end", "delivered": relay.radio.delivered, "lost": relay.radio.lost}
+            )
 
-    carry_out("link relay", run())
+    carry_out("link relay", run)

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from automcm_cli.common import ROOT, markdown_table
-from automcm_spec import models, mutation, survivors
+from automcm_spec import files, models, mutation, survivors
 from automcm_spec.mutant_rules import KINDS, MODULES, NOT_MUTATED
 from automcm_spec.mutants import MissingPackage, Mutant, generate, sample
 from automcm_spec.mutation import HOW, MutationError, Outcome, Profile, Report
@@ -271,4 +271,4 @@ def _survivors(report: Report) -> list[str]:
 def write(report: Report) -> None:
     """Write the page of a complete report."""
     if report.complete:
-        PAGE.write_text(markdown(report), encoding="utf-8")
+        files.write(PAGE, markdown(report))

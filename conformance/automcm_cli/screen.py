@@ -9,6 +9,7 @@ from rich.table import Table
 from automcm_cli.spec import checks
 from automcm_cli.verify import Report
 from automcm_spec import models
+from automcm_spec.rules import NO_GRAPH, RULES
 
 MARK = {True: "[green]ok[/]", False: "[red]FAIL[/]"}
 
@@ -19,6 +20,8 @@ def show(report: Report, console: Console) -> None:
     fails = [v for v in report.verdicts if v.model.expect == "violates"]
     if not report.models_too:
         console.print("Models      not checked")
+    if report.rule:
+        console.print(f"Rule        {report.rule}: {RULES[report.rule]}")
     if holds:
         console.print(_holds(holds))
     if fails:
@@ -28,11 +31,20 @@ def show(report: Report, console: Console) -> None:
                 console.print(f"[red]{v.model.cfg}[/]  {_problem(v)[0]}")
     if report.oracle:
         o = report.oracle
+        name = "Small graph" if report.rule else "Oracle"
         console.print(
-            f"Oracle      {o['states']:,} states, {o['transitions']:,} transitions, "
+            f"{name:11} {o['states']:,} states, {o['transitions']:,} transitions, "
             f"{o['refusals']:,} refusals, spec {o['spec_hash'][:12]}"
         )
     _comparison(report, console)
+    if report.rule:
+        for text in _short_loop(report):
+            console.print(text)
+    if report.unnoticed:
+        console.print(
+            "[red]Not covered[/] The specification's graph is not the one in spec/oracle, and "
+            "every model comes out as recorded: no property covers what changed."
+        )
     for text in report.drift:
         console.print(f"[red]Drift[/]       {escape(text)}")
     for text in report.pages:
@@ -43,6 +55,32 @@ def show(report: Report, console: Console) -> None:
     parts = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in report.seconds.items())
     word = "[green]As expected[/]" if report.ok else "[red]NOT as expected[/]"
     console.print(f"{word} after {total:.0f} s ({parts}).")
+
+
+def _short_loop(report: Report) -> list[str]:
+    """What the small graph shows of the rule asked for, and what was left out."""
+    rule = str(report.rule)
+    differing = sum(c.differing[rule] for c in report.compared.values())
+    lines = []
+    if report.compared:
+        without = ""
+        if report.coverage is not None:
+            missed = rule in report.coverage.covered
+            without = f"; {'missed' if missed else '[red]not missed[/]'} when taken away"
+        lines.append(
+            f"{rule:11} decides {report.pairs:,} of these inputs, and {differing:,} differ{without}"
+        )
+    if report.undecided:
+        shown = NO_GRAPH.get(rule)
+        lines.append(
+            f"[red]Cannot tell[/] {rule} decides nothing in the small graph; "
+            + (f"it is shown by {shown}" if shown else "run automcm verify --no-models")
+        )
+    lines.append(
+        "Left out    the larger graphs, four stations, the other rules, generated files: "
+        "automcm verify --no-models"
+    )
+    return lines
 
 
 def _holds(verdicts: list[models.Verdict]) -> Table:
@@ -111,7 +149,7 @@ def _comparison(report: Report, console: Console) -> None:
             f"Behaviours  {report.behaviours} of four stations replayed, "
             f"{len(report.behaviour_differences)} differences"
         )
-    if report.coverage is not None:
+    if report.coverage is not None and not report.rule:
         rules = report.coverage
         total = len(rules.covered) + len(rules.uncovered)
         missing = f", [red]not missed: {', '.join(rules.uncovered)}[/]" if rules.uncovered else ""
@@ -126,8 +164,11 @@ def _comparison(report: Report, console: Console) -> None:
         console.print(f"[red]Differs[/]     {d['rule']} (Station.tla:{d['line']})")
         for n, value in enumerate(d["inputs"], 1):
             console.print(f"  {n}. {escape(str(value))}", soft_wrap=True)
+        if "error" in d["actual"]:
+            console.print(f"  code raises {escape(str(d['actual']['error']))}", soft_wrap=True)
+            continue
         for name, wanted in d["expected"].items():
-            actual = d["actual"].get(name, d["actual"].get("error"))
+            actual = d["actual"][name]
             if actual != wanted:
                 console.print(f"  {name}: spec {escape(str(wanted))}", soft_wrap=True)
                 console.print(f"  {name}: code {escape(str(actual))}", soft_wrap=True)

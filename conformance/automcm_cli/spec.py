@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import models, tlc
+from automcm_spec import files, generate, models, tlc
 from automcm_spec import steps as steps_
 from automcm_spec.paths import MODELS
 from automcm_traces import itf
@@ -138,7 +138,7 @@ def write_trace(verdict: models.Verdict, folder: Path) -> Path:
     """Write the counterexample as ITF into a folder; returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{verdict.model.cfg}.itf.json"
-    path.write_text(counterexample(verdict))
+    files.write(path, counterexample(verdict))
     return path
 
 
@@ -161,17 +161,38 @@ def as_dict(verdict: models.Verdict) -> dict[str, Any]:
     }
 
 
-def shown(verdict: models.Verdict) -> str:
-    """The outcome in words, with the counterexample."""
+def specification_changed() -> bool:
+    """Whether Station.tla or OpenStation.tla is another text than that of the committed graphs,
+    and so than that of the recorded models; False if there are no graphs."""
+    return generate.recorded_hash() not in (None, generate.spec_hash())
+
+
+def shown(verdict: models.Verdict, changed: bool = False) -> str:
+    """The outcome in words, with the counterexample; ``changed`` as ``specification_changed``."""
     model, result = verdict.model, verdict.result
     if result is None:
         return f"{model.cfg}: {verdict.outcome}: {verdict.problem}"
-    expected = "as expected" if verdict.ok else f"NOT as expected: {verdict.problem}"
+    expected = "as recorded before your change" if changed else "as expected"
+    if not verdict.ok:
+        expected = f"NOT as expected: {verdict.problem}"
     found = f"{result.distinct_states:,} distinct states, {result.seconds:.1f} s"
     if verdict.outcome == "holds":
         return f"{model.cfg}: every property holds; {found}; {expected}"
     head = f"{model.cfg}: {verdict.property} is violated; {found}; {expected}"
     return "\n".join([head, *steps(verdict.trace, result.loop)])
+
+
+def not_covered(verdicts: Sequence[models.Verdict]) -> str:
+    """That none of these models tells a changed specification from the recorded one; empty if one
+    does.  Only for ``specification_changed``."""
+    if not verdicts or not all(verdict.ok for verdict in verdicts):
+        return ""
+    checked = "the model" if len(verdicts) == 1 else f"each of the {len(verdicts)} models"
+    return (
+        "No property covers what you changed: the specification is not the one recorded in "
+        f"spec/oracle, and {checked} comes out exactly as before. "
+        "If you changed more than a comment, add a model or a property that tells the two apart."
+    )
 
 
 def steps(trace: Sequence[tlc.TraceState], loop: int | None = None) -> list[str]:

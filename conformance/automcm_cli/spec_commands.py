@@ -58,7 +58,8 @@ def spec_check(
     """Check models with TLC.  A counterexample is shown as the inputs that lead to it.
 
     A run that does not come to its end (time, memory, disk) is incomplete: code 4, and the
-    states it has looked at.
+    states it has looked at.  If the specification is not the one that spec/oracle was made from
+    and every model comes out as recorded, no property covers the change, and that is said.
     """
     from automcm_cli import spec as spec_
 
@@ -68,12 +69,13 @@ def spec_check(
     if distributed:
         _check_distributed(asked, host, json_)
     verdicts = []
+    changed = spec_.specification_changed()
     try:
         for model in asked:
             with progress() as say:
                 verdicts.append(spec_.check(model, say, timeout, heap))
             if str(json_) != "-":
-                typer.echo(spec_.shown(verdicts[-1]))
+                typer.echo(spec_.shown(verdicts[-1], changed))
             if verdicts[-1].trace:
                 path = spec_.write_trace(verdicts[-1], traces)
                 typer.echo(f"written: {path}", err=True)
@@ -82,6 +84,8 @@ def spec_check(
         raise typer.Exit(3) from None
     finally:
         write_json(json_, [spec_.as_dict(verdict) for verdict in verdicts])
+    if changed and (text := spec_.not_covered(verdicts)):
+        typer.echo(text, err=str(json_) == "-")
     raise typer.Exit(spec_.exit_code(verdicts))
 
 

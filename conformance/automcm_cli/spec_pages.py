@@ -7,7 +7,7 @@ from pathlib import Path
 
 from automcm_cli import trace_html
 from automcm_cli.generated import COUNTEREXAMPLES
-from automcm_spec import models
+from automcm_spec import files, models
 from automcm_traces.page import html
 
 
@@ -25,6 +25,6 @@ def write(
             say(model.cfg)
             source = COUNTEREXAMPLES / f"{model.cfg}.itf.json"
             path = folder / f"{model.cfg}.html"
-            path.write_bytes(html(trace_html.page_of([source], None)))
+            files.write(path, html(trace_html.page_of([source], None)))
             written.append(path)
     return written

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 import time
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -18,34 +17,84 @@ from automcm_cli.parameters import chosen
 
 if TYPE_CHECKING:
     from automcm.links.bridge import WebSocketBridge
+    from automcm.output import LineOutput
 
 Remote = Annotated[
     bool, typer.Option("--allow-remote", help="Also addresses that other hosts can reach.")
 ]
 
 
-def report(event: dict[str, Any]) -> None:
-    """One line of JSON on standard output, if there is one."""
-    if sys.stdout is None:
-        return
-    sys.stdout.write(json.dumps(event, separators=(",", ":")) + "\n")
-    sys.stdout.flush()
+FINISH_S = 0.2
+"""How long the end waits for somebody who reads slowly."""
 
 
-def carry_out(name: str, what: Coroutine[Any, Any, None]) -> None:
+class Lines:
+    """Reports on standard output and complaints on standard error, neither of which is waited for.
+
+    What nobody reads, or has no room, is lost and counted; standard error says so once and at the
+    end.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._err = _line_output(sys.stderr)
+        self._out = _line_output(sys.stdout, lambda why: self._trouble(why))
+
+    def report(self, event: dict[str, Any]) -> None:
+        """One line of JSON on standard output, if there is one."""
+        if self._out is not None:
+            self._out.write(json.dumps(event, separators=(",", ":")).encode() + b"\n")
+
+    def complain(self, text: str) -> None:
+        """One line on standard error, if there is one."""
+        if self._err is not None:
+            self._err.write(f"{self._name}: {text}\n".encode(errors="backslashreplace"))
+
+    def finish(self) -> None:
+        """Write what can still be written, within a moment."""
+        if self._out is not None:
+            self._out.finish(FINISH_S)
+            if self._out.lost and not self._out.closed_by_reader:
+                self.complain(f"standard output: {self._out.lost} reports are lost")
+        if self._err is not None:
+            self._err.finish(FINISH_S)
+
+    def _trouble(self, why: str) -> None:
+        self.complain(f"standard output: {why}; the reports of now are lost")
+
+
+def _line_output(
+    stream: TextIO | None, trouble: Callable[[str], None] = lambda why: None
+) -> LineOutput | None:
+    """On the descriptor itself, so that nothing waits in Python's buffer at the end."""
+    from automcm.output import LineOutput
+
+    if stream is None:  # closed before the start; its number may be that of a socket by now
+        return None
+    stream.flush()
+    return LineOutput(stream.fileno(), trouble=trouble)
+
+
+def carry_out(name: str, what: Callable[[Lines], Coroutine[Any, Any, None]]) -> None:
     """Run it; what goes wrong is one line and exit code 3."""
     import asyncio
+    import logging
 
     from automcm.links import LinkError
     from automcm.process import NumberError
 
+    lines = Lines(name)
+    handler = logging.Handler()
+    handler.emit = lambda record: lines.complain(record.getMessage())  # type: ignore[method-assign]
+    logging.getLogger().addHandler(handler)  # its own would wait for whoever reads standard error
     try:
-        asyncio.run(what)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads any more
+        asyncio.run(what(lines))
     except (LinkError, NumberError, OSError) as error:
-        typer.echo(f"{name}: {error}", err=True)
+        lines.complain(str(error))
         raise typer.Exit(3) from None
+    finally:
+        logging.getLogger().removeHandler(handler)
+        lines.finish()
 
 
 def station(
@@ -60,7 +109,10 @@ def station(
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="A parameter, such as t_timeout=1000.")
     ] = None,
-    log: Annotated[Path | None, typer.Option(help="Write a log here (automcm.trace/1).")] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="Write a log here (automcm.trace/1).  If the file exists: name.2, ..."),
+    ] = None,
     number_file: Annotated[
         Path | None,
         typer.Option(help="Keeps the session number.  If it is there, this is a restart (END-8)."),
@@ -93,6 +145,11 @@ def station(
 ) -> None:
     """Run one station on UDP until SIGTERM.  Messages and phases are reported as lines of JSON.
 
+    At SIGTERM, SIGINT or SIGHUP it cancels its session (END-1), waits at most 1 s for the Ack, and
+    ends; a second signal ends it at once.  Neither a full disk nor a reader that is slow or gone
+    stops it: reports and log records that cannot be written are counted.  The exit code is 3 if
+    the log lost records.
+
     With --bridge its application is at the other end of a WebSocket: driving software that speaks
     rosbridge JSON, or automcm drive.  Without, it drives straight on and agrees to what it is
     asked.  Unless a --number-file or --first says that it never ran before, it starts as after a
@@ -119,24 +176,30 @@ def station(
         concerned_by_all=concerned,
     )
     served = None if bridge is None else _bridge(bridge, host, allow_remote)
-    process = StationProcess(
-        station_id=station_id,
-        application=served or straight,
-        serving=served or nullcontext(),
-        link=partial(UdpLink, host=host, broadcast=to, via=relay, allow_remote=allow_remote),
-        codec=coded,
-        parameters=chosen(set_ or []),
-        report=report,
-        log=log,
-        number_file=NumberFile(number_file) if number_file else None,
-        commands=[] if request_after is None else [(request_after, LANE_CHANGE)],
-        listen_ms=listen,
-        number=0 if first else int(time.time()),
-        restarted=not first,
-        for_ms=for_ms,
-        zero=zero,
-    )
-    carry_out("station", process.run())
+    parameters = chosen(set_ or [])
+
+    async def run(lines: Lines) -> None:
+        process = StationProcess(
+            station_id=station_id,
+            application=served or straight,
+            serving=served or nullcontext(),
+            link=partial(UdpLink, host=host, broadcast=to, via=relay, allow_remote=allow_remote),
+            codec=coded,
+            parameters=parameters,
+            report=lines.report,
+            complain=lines.complain,
+            log=log,
+            number_file=NumberFile(number_file) if number_file else None,
+            commands=[] if request_after is None else [(request_after, LANE_CHANGE)],
+            listen_ms=listen,
+            number=0 if first else int(time.time()),
+            restarted=not first,
+            for_ms=for_ms,
+            zero=zero,
+        )
+        await process.run()
+
+    carry_out("station", run)
 
 
 def _bridge(port: int, host: str, allow_remote: bool) -> WebSocketBridge:
@@ -173,7 +236,7 @@ def drive(
         typer.echo(f"drive: {error}", err=True)
         raise typer.Exit(3) from None
 
-    async def run() -> None:
+    async def run(lines: Lines) -> None:
         over = stopping(for_ms)
         remote = RemoteApplication(
             Straight(target=target, concerned_by_all=request_after is None),
@@ -186,7 +249,7 @@ def drive(
         everything: set[asyncio.Future[Any]] = {over, running, connected}
         await asyncio.wait(everything, return_when=asyncio.FIRST_COMPLETED)
         if connected.done():
-            report({"event": "connected", "uri": uri})
+            lines.report({"event": "connected", "uri": uri})
             if request_after is not None:
                 await asyncio.wait({over, running}, timeout=request_after / 1000)
                 remote.command(LANE_CHANGE)
@@ -196,7 +259,7 @@ def drive(
             running.result()
         running.cancel()
 
-    carry_out("drive", run())
+    carry_out("drive", run)
 
 
 def adapter(
@@ -212,7 +275,7 @@ def adapter(
     from automcm.kit import serve
 
     if websocket is not None:
-        carry_out("adapter", _served(websocket, allow_remote))
+        carry_out("adapter", lambda lines: _served(lines, websocket, allow_remote))
         return
     out = sys.stdout.buffer
     for answer in serve(sys.stdin.buffer):
@@ -220,7 +283,7 @@ def adapter(
         out.flush()
 
 
-async def _served(where: str, allow_remote: bool) -> None:
+async def _served(lines: Lines, where: str, allow_remote: bool) -> None:
     """Serve until SIGTERM; where it listens is told in a line of JSON."""
     from automcm.links.adapter_server import serve
     from automcm.process import stopping
@@ -228,5 +291,5 @@ async def _served(where: str, allow_remote: bool) -> None:
     over = stopping()
     async with await serve(where, allow_remote=allow_remote) as server:
         host, port = server.sockets[0].getsockname()
-        report({"event": "start", "uri": f"ws://{host}:{port}"})
+        lines.report({"event": "start", "uri": f"ws://{host}:{port}"})
         await over

@@ -46,8 +46,8 @@ def explain(
         verdicts = judge(logs, late)
         system = explain_.together(logs) if len(logs) > 1 else None
         written: list[dict[str, str]] = []
-        for verdict in verdicts:
-            written.append(_prefix(verdict, out, written))
+        for verdict, log in zip(verdicts, logs, strict=True):
+            written.append(_prefix(verdict, log, out, written))
     except (OracleError, TlcError) as error:
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None
@@ -67,7 +67,7 @@ def explain(
     raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
 
 
-def _prefix(verdict: Verdict, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
+def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
     """The failing prefix of a log that diverges, beside those before, and how to replay it."""
     from automcm_traces import telling
 
@@ -75,7 +75,7 @@ def _prefix(verdict: Verdict, out: Path, before: list[dict[str, str]]) -> dict[s
         return {}
     try:
         taken = {Path(other["prefix"]) for other in before if other}
-        path = telling.prefix(verdict, out, taken)
+        path = telling.prefix(verdict, out, taken, log)
     except OSError as error:
         typer.echo(f"explain: {error}: the prefix is not written", err=True)
         return {}

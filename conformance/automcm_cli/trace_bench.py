@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -14,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from automcm_cli.common import CODES, Json, progress, table_of, write_json
+from automcm_spec import scratch
 
 EVENTS = 50
 """Events of each log."""
@@ -90,9 +90,9 @@ def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
     from automcm_traces.explain import explain_file
     from automcm_traces.reader import LogStream, read
 
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch.folder("bench") as folder:
         say(f"making {number} logs")
-        paths = logs(number, Path(folder))
+        paths = logs(number, folder)
         explain_file(paths[0])  # the oracle is read once
 
         def parse() -> None:

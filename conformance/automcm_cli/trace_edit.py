@@ -9,6 +9,7 @@ import typer
 
 from automcm_cli.common import CODES, Json, Late, progress, write_json
 from automcm_cli.trace_logs import Logs, files_of
+from automcm_spec import files
 
 if TYPE_CHECKING:
     from automcm_traces.shrink import Shrunk
@@ -74,17 +75,20 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
 
     Raises OSError; typer.BadParameter if that would overwrite a log that was given.
     """
+    from automcm_traces.reader import name_of
+
+    by_name = {name_of(path): path for path in given}
     paths: list[Path] = []
     for log in found.logs:
-        path = out / Path(log.file).name
+        path = out / by_name[log.file].name
         if path in paths:
-            path = out / f"{Path(log.file).stem}-{log.header.station}.ndjson"
+            path = out / f"{path.stem}-{log.header.station}.ndjson"
         if path.resolve() in {other.resolve() for other in given}:
             raise typer.BadParameter(f"{path} is a log to be shrunk", param_hint="--out")
         paths.append(path)
     out.mkdir(parents=True, exist_ok=True)
     for path, log in zip(paths, found.logs, strict=True):
-        path.write_bytes(log.text())
+        files.write(path, log.text())
     return paths
 
 
@@ -106,11 +110,12 @@ def compare(
     of a step, times, CAMs. Exit code 0: the same; 1: they differ.
     """
     from automcm_traces import diff as diff_
-    from automcm_traces.reader import LogError, logs_below
+    from automcm_traces.reader import LogError
 
     pairs = station_pairs(stations)
+    logs, others = files_of("diff", [a]), files_of("diff", [b])
     try:
-        found = diff_.diff(logs_below([a]), logs_below([b]), pairs)
+        found = diff_.diff(logs, others, pairs)
     except LogError as error:
         typer.echo(f"diff: {error}", err=True)
         raise typer.Exit(3) from None

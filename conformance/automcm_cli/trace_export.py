@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 import typer
 
 from automcm_cli.common import CODES, Json, say_written
+from automcm_cli.trace_logs import files_of
+from automcm_spec import files
 
 
 def register(app: typer.Typer) -> None:
@@ -33,23 +35,23 @@ def export(
     from automcm_spec.oracle import OracleError
     from automcm_traces.mcap_file import McapError
     from automcm_traces.merge import MergeError
-    from automcm_traces.reader import LogError, logs_below
+    from automcm_traces.reader import LogError
     from automcm_traces.track import CannotTell
 
     try:
-        files = _files(logs if to == "logs" else logs_below(logs), to)
+        contents = _files(logs if to == "logs" else files_of("export", logs), to)
         out.mkdir(parents=True, exist_ok=True)
-        for name, data in files.items():
+        for name, data in contents.items():
             if (out / name).resolve() in {path.resolve() for path in logs}:
                 raise typer.BadParameter(f"{out / name} is what is read", param_hint="--out")
-            (out / name).write_bytes(data)
+            files.write(out / name, data)
     except CannotTell as error:
         typer.echo(f"export: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None
     except (LogError, McapError, MergeError, OracleError, OSError) as error:
         typer.echo(f"export: {error}", err=True)
         raise typer.Exit(3) from None
-    say_written(json_, [out / name for name in files])
+    say_written(json_, [out / name for name in contents])
 
 
 def _files(paths: list[Path], to: str) -> dict[str, bytes]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,10 +10,12 @@ import typer
 
 from automcm_cli.common import CODES, Json, write_json
 from automcm_cli.trace_edit import station_pairs
+from automcm_cli.trace_logs import files_of
+from automcm_spec import files, scratch
 
 if TYPE_CHECKING:
     from automcm_traces.page_data import Page
-    from automcm_traces.page_run import Run
+    from automcm_traces.page_run import Part, Run
 
 EPILOG = (
     "Example: automcm trace html 1001.ndjson 2002.ndjson --out page.html.  Two runs: give the "
@@ -30,7 +31,10 @@ def register(app: typer.Typer) -> None:
 def html(
     logs: Annotated[
         list[Path],
-        typer.Argument(help="Logs of one run, folders of them, or one counterexample (.itf.json)."),
+        typer.Argument(
+            help="Logs of one run, folders of them, - for standard input; or one counterexample "
+            "(.itf.json)."
+        ),
     ],
     compare: Annotated[
         list[Path] | None,
@@ -45,6 +49,12 @@ def html(
         int | None,
         typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
     ] = None,
+    from_line: Annotated[
+        int | None, typer.Option(help="Only a part: the first log from this line on.", min=1)
+    ] = None,
+    to_line: Annotated[
+        int | None, typer.Option(help="Only a part: the first log up to this line.", min=1)
+    ] = None,
     json_: Json = None,
 ) -> None:
     """One page: what happened, what was allowed, where it went wrong.
@@ -53,6 +63,10 @@ def html(
     stations, the timers, the states, and the lines of Station.tla. With --compare it has two runs
     side by side, aligned up to where they first differ, as diff finds it. Exit code 0: it was
     written, whatever the verdict.
+
+    Logs of more than 100,000 events are refused, but for a part of them: with --from-line,
+    --to-line or both, so many lines of the first log, and of the others what stands between the
+    first and the last message exchanged with these lines.
     """
     from automcm_spec.oracle import OracleError
     from automcm_spec.tlc import TlcError
@@ -66,11 +80,15 @@ def html(
     pairs = station_pairs(stations)
     if pairs and not compare:
         raise typer.BadParameter("only with --compare", param_hint="--stations")
+    part = _part(from_line, to_line)
+    if part and compare:
+        raise typer.BadParameter("not with --compare", param_hint="--from-line, --to-line")
+    logs, other = (files_of("html", paths) for paths in (logs, compare or []))
     try:
-        page = page_of(logs, late, compare or [], pairs)
+        page = page_of(logs, late, other, pairs, part)
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_bytes(data)
+        files.write(out, data)
     except (ItfError, LogError, OracleError, OSError, PageError, StoryError, TlcError) as error:
         typer.echo(f"html: {error}", err=True)
         raise typer.Exit(3) from None
@@ -85,37 +103,56 @@ def page_of(
     late: int | None,
     compare: Sequence[Path] = (),
     stations: Mapping[int, int] | None = None,
+    part: Part | None = None,
 ) -> Page:
-    """The page of logs, or of one counterexample; with ``compare``, of two runs.
+    """The page of logs, or of one counterexample; with ``compare``, of two runs.  ``part`` is not
+    for a counterexample.
 
     Raises ItfError, LogError, OracleError, OSError, PageError, StoryError, TlcError.
     """
     from automcm_traces import page_data
+    from automcm_traces.page_run import check_size
 
-    a, title = _run(paths, late)
+    if compare:
+        check_size([*paths, *compare])
+    a, title = _run(paths, late, part)
     if not compare:
         return page_data.of_runs(a, title=title)
     b, other = _run(list(compare), late)
     return page_data.of_runs(a, b, stations, f"{title} | {other}")
 
 
-def _run(paths: list[Path], late: int | None) -> tuple[Run, str]:
+def _part(first: int | None, last: int | None) -> Part | None:
+    from automcm_traces.page_run import Part
+
+    if first is None and last is None:
+        return None
+    if first is not None and last is not None and last < first:
+        raise typer.BadParameter(f"{last} is before --from-line {first}", param_hint="--to-line")
+    return Part(first or 1) if last is None else Part(first or 1, last)
+
+
+def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple[Run, str]:
     """A run, and its title."""
     from automcm_traces.itf_log import behaviour
     from automcm_traces.page_run import PageError, load
-    from automcm_traces.reader import logs_below
+    from automcm_traces.reader import Kept
 
     itf = [path for path in paths if path.name.endswith(".json")]
     if not itf:
-        run = load(logs_below(paths), late)
+        run = load(paths, late, part)
         return run, run.title
     if len(paths) > 1:
         raise PageError("a counterexample is one run, without other logs")
+    if part:
+        raise PageError("a counterexample has no lines: without --from-line and --to-line")
     found = behaviour(itf[0])
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+    with scratch.folder("html") as folder:
+        logs = []
         for station, text in found.logs().items():
-            (folder / f"{station}.ndjson").write_bytes(text)
-        run = load(sorted(folder.iterdir()), late)
-        run.renamed = f"{folder}/", f"{itf[0].name.removesuffix('.itf.json')}-"
+            log = Kept(folder, f"{station}.ndjson")
+            log.given = f"{itf[0].name.removesuffix('.itf.json')}-{station}.ndjson"
+            log.write_bytes(text)
+            logs.append(log)
+        run = load(sorted(logs), late)
         return run, f"{found.model}, as TLC found it"

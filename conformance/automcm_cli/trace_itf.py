@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from automcm_cli.common import CODES, Json, say_written
+from automcm_spec import files
 
 
 def register(app: typer.Typer) -> None:
@@ -39,7 +40,7 @@ def itf(
         texts = _log_as_itf(file) if file.suffix == ".ndjson" else _itf_as_logs(file)
         out.mkdir(parents=True, exist_ok=True)
         for name, data in texts.items():
-            (out / name).write_bytes(data)
+            files.write(out / name, data)
     except CannotTell as error:
         typer.echo(f"{file}: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None

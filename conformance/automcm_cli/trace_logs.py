@@ -47,13 +47,17 @@ def _kept(log: Path) -> Path:
     if not stdin and not log.is_fifo():
         return log
     import atexit
-    from contextlib import nullcontext
-    from shutil import copyfileobj, rmtree
-    from tempfile import mkdtemp
+    from contextlib import ExitStack, nullcontext
+    from shutil import copyfileobj
 
-    folder = mkdtemp(prefix="automcm-")
-    atexit.register(rmtree, folder, ignore_errors=True)
-    path = Path(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    from automcm_spec import scratch
+    from automcm_traces.reader import Kept
+
+    kept = ExitStack()
+    atexit.register(kept.close)
+    folder = kept.enter_context(scratch.folder("logs"))
+    path = Kept(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    path.given = str(log)
     with path.open("wb") as out, nullcontext(sys.stdin.buffer) if stdin else log.open("rb") as pipe:
         copyfileobj(pipe, out)
     return path

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,13 +13,18 @@ from typing import Any
 from automcm_cli import generated, spec, verify_pages
 from automcm_conformance import compare, coverage
 from automcm_conformance.replay import replay
-from automcm_spec import agreement, forms, generate, models, oracle, sany, simulate
+from automcm_spec import agreement, children, forms, generate, models, oracle, simulate
+from automcm_spec.rules import RULES
 from automcm_spec.tlc import TlcError
 from automcm_spec.toolchain import ToolError
 
 BEHAVIOURS = ((30, 40, False), (70, 40, True))
 """How many random behaviours of the closed models are replayed, how long, and which kind."""
 SEED = 7
+
+
+class NotLoaded(Exception):
+    """The reference cannot be imported; the text says why."""
 
 
 @dataclass
@@ -28,17 +34,22 @@ class Report:
     profile: str
     models_too: bool = True
     """Models are checked, not the reference compared alone."""
+    rule: str | None = None
+    """The short loop: only the small graph, and only this rule taken away."""
     verdicts: list[models.Verdict] = field(default_factory=list)
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, compare.Comparison] = field(default_factory=dict)
     compiled: dict[str, agreement.Agreement] = field(default_factory=dict)
-    """The compiled station against TLC's graphs."""
+    """The compiled station against TLC's graphs; not with ``rule``."""
     coverage: coverage.Coverage | None = None
+    """None too if the reference differs: then a difference shows whatever is taken away."""
     behaviours: int = 0
     behaviour_differences: list[str] = field(default_factory=list)
     drift: list[str] = field(default_factory=list)
     pages: list[str] = field(default_factory=list)
     """Counterexamples that should not be, each as a page (docs/trace-format.md)."""
+    unnoticed: bool = False
+    """The specification's graph is not the committed one, and no model noticed."""
     errors: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -49,14 +60,29 @@ class Report:
 
     @property
     def divergences(self) -> list[dict[str, Any]]:
-        """Of all comparisons, as in ``--json``."""
-        found = [d.as_dict() for c in self.compared.values() for d in c.divergences]
-        return found + [{"behaviour": text} for text in self.behaviour_differences]
+        """Of all comparisons, as in ``--json``; those of the rule asked for first."""
+        found = [d for c in self.compared.values() for d in c.divergences]
+        found.sort(key=lambda d: d.rule != self.rule)
+        return [d.as_dict() for d in found] + [
+            {"behaviour": text} for text in self.behaviour_differences
+        ]
 
     @property
     def all_errors(self) -> list[str]:
         """Each error once, those of single models too."""
         return list(dict.fromkeys([str(v.error) for v in self.verdicts if v.error] + self.errors))
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs of state and input the rule asked for decides."""
+        return sum(c.decided[self.rule or ""] for c in self.compared.values())
+
+    @property
+    def undecided(self) -> bool:
+        """The rule asked for decides nothing in the small graph, and is not missed there."""
+        covered = self.coverage.covered if self.coverage else {}
+        told = bool(self.pairs or self.divergences or self.rule in covered)
+        return self.rule is not None and bool(self.compared) and not told
 
     @property
     def ok(self) -> bool:
@@ -68,16 +94,22 @@ class Report:
             and all(verdict.ok for verdict in self.verdicts)
             and bool(self.compared)
             and not self.divergences
-            and bool(self.compiled)
+            and (bool(self.compiled) or self.rule is not None)
             and not any(a.differences for a in self.compiled.values())
             and self.coverage is not None
             and not self.coverage.uncovered
+            and not self.undecided
         )
 
     @property
     def exit_code(self) -> int:
-        """0 as expected, 1 a verdict against, 3 something did not run."""
-        return 3 if self.errors else spec.exit_code(self.verdicts) or int(not self.ok)
+        """0 as expected, 1 a verdict against, 3 something did not run, 4 the rule asked for
+        decides nothing."""
+        if self.errors:
+            return 3
+        if self.undecided:
+            return 4
+        return spec.exit_code(self.verdicts) or int(not self.ok)
 
     def as_dict(self) -> dict[str, Any]:
         """The JSON of ``--json``."""
@@ -86,6 +118,8 @@ class Report:
             "ok": self.ok,
             "profile": self.profile,
             "models_too": self.models_too,
+            "rule": self.rule,
+            "unnoticed": self.unnoticed,
             "models": [spec.as_dict(verdict) for verdict in self.verdicts],
             "oracle": self.oracle,
             "reference": {
@@ -135,9 +169,9 @@ def _agree(data: bytes, transitions_only: bool) -> agreement.Agreement:
     return agreement.compare(graph, station, transitions_only=transitions_only)
 
 
-def _cover(data: bytes) -> coverage.Coverage:
+def _cover(data: bytes, wanted: Collection[str]) -> coverage.Coverage:
     graph = oracle.parse(data, "oracle")
-    return coverage.rules(graph, lambda rule: _without(graph.constants, rule))
+    return coverage.rules(graph, lambda rule: _without(graph.constants, rule), wanted=wanted)
 
 
 def _behave() -> tuple[int, list[str]]:
@@ -155,21 +189,35 @@ def run(
     say: Callable[[str], None] = lambda text: None,
     *,
     models_too: bool = True,
+    rule: str | None = None,
 ) -> Report:
-    """Model-check, write the oracle out, compare.  Never raises for what it examines: a spec
-    that does not parse, a missing Java or a full disk ends up in the report's errors.  Raises
-    ValueError for an unknown profile."""
+    """Model-check, write the oracle out, compare, look for drift.  With ``rule``, only
+    compare, in the small graph.
+
+    Never raises for what it examines: a spec that does not parse, a reference that cannot be
+    imported, a missing Java or a full disk ends up in the report's errors.  Raises ValueError for
+    an unknown profile.
+    """
     if profile not in models.PROFILES:
         raise ValueError(spec.unknown(profile, models.PROFILES, "profile"))
-    report = Report(profile, models_too)
+    report = Report(profile, models_too, rule)
     try:
+        if rule is not None:
+            _compare_rule(report, rule, say)
+            return report
         if models_too:
             _models(report, say)
-        data = _oracle(report, say)
+        data = _oracle(report, generate.ONE_PEER, say)
         _compare(report, data, say)
-    except (TlcError, ToolError, models.ModelError, oracle.OracleError, OSError) as error:
-        report.errors.append(str(error))
-    except sany.Refused as error:
+        _drift(report, data, say)
+    except (
+        TlcError,
+        ToolError,
+        models.ModelError,
+        oracle.OracleError,
+        OSError,
+        NotLoaded,
+    ) as error:
         report.errors.append(str(error))
     except ValueError as error:
         report.errors.append(f"oracle: {error}")
@@ -197,28 +245,62 @@ def _models(report: Report, say: Callable[[str], None]) -> None:
         models.check_all(chosen, jobs=2, on_done=done)
     order = [m.cfg for m in chosen]
     report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
-    report.drift += generated.counterexample_drift(report.verdicts)
     report.pages = [str(path) for path in verify_pages.write(report.verdicts)]
 
 
-def _oracle(report: Report, say: Callable[[str], None]) -> bytes:
+def _oracle(report: Report, graph: generate.Graph, say: Callable[[str], None]) -> bytes:
     with _timed(report, "oracle"):
-        say("oracle: one station, one peer")
-        data, _ = generate.build(generate.ONE_PEER)
+        say(f"oracle: {graph.name}")
+        data, _ = generate.build(graph, short=graph is generate.SMALL)
         fresh = oracle.dump(data)
-        graph = oracle.parse(fresh, "oracle")
+        written = oracle.parse(fresh, "oracle")
         report.oracle = {
-            "states": len(graph.states),
-            "transitions": graph.transitions,
-            "refusals": graph.refusals,
-            "spec_hash": graph.spec_hash,
+            "states": len(written.states),
+            "transitions": written.transitions,
+            "refusals": written.refusals,
+            "spec_hash": written.spec_hash,
         }
-        report.drift += generated.drift(report.profile, fresh, say)
     return fresh
 
 
+def _compare_rule(report: Report, rule: str, say: Callable[[str], None]) -> None:
+    """The short loop: every input in every state of the small graph, and the rule taken away."""
+    _load_reference()
+    data = _oracle(report, generate.SMALL, say)
+    with _timed(report, "comparison"):
+        say("comparison: every state, every input")
+        report.compared = {generate.SMALL.name: _walk(data, False)}
+        if not report.divergences:
+            report.coverage = _cover(data, [rule])
+
+
+def _load_reference() -> None:
+    """Raises NotLoaded: what it is changed into need not even be importable."""
+    try:
+        importlib.import_module("automcm.adapter")
+    except Exception as error:
+        text = f"the reference cannot be imported: {type(error).__name__}: {error}"
+        raise NotLoaded(text) from error
+
+
+def _drift(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
+    with _timed(report, "generated files"):
+        say("generated files")
+        report.drift += generated.drift(report.profile, one_peer, say, report.verdicts)
+        report.unnoticed = (
+            bool(report.verdicts)
+            and all(verdict.ok for verdict in report.verdicts)
+            and generated.graph_changed(one_peer)
+        )
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, initializer=children.end_with_parent)
+
+
 def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
-    with _timed(report, "comparison"), ProcessPoolExecutor(2) as pool:
+    _load_reference()
+    with _timed(report, "comparison"), _pool() as pool:
         say("comparison: every state, every input")
         data = {generate.ONE_PEER.name: one_peer}
         for graph in (generate.TIGHT, generate.TWO_PEERS):
@@ -226,7 +308,7 @@ def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> Non
                 found = oracle.content(graph.path)
                 oracle.parse(found, graph.path, generate.spec_hash())
             except oracle.OracleError as error:
-                report.drift.append(str(error))
+                report.drift.append(generated.said(error))
                 continue
             data[graph.name] = found
         # The largest first: it takes half of the time.
@@ -239,10 +321,11 @@ def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> Non
             name: pool.submit(_agree, data[name], name in report.transitions_only)
             for name in ordered
         }
-        covered = pool.submit(_cover, one_peer)
+        covered = pool.submit(_cover, one_peer, RULES)
         behaved = pool.submit(_behave)
         report.compared = {name: begun[name].result() for name in data}
         report.compiled = {name: agreed[name].result() for name in data}
         say("comparison: every rule taken away")
-        report.coverage = covered.result()
+        differs = report.compared[generate.ONE_PEER.name].differences
+        report.coverage = None if differs else covered.result()
         report.behaviours, report.behaviour_differences = behaved.result()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from automcm_cli import spec, trace_html
-from automcm_spec import models
+from automcm_spec import files, models
 from automcm_spec.oracle import OracleError
 from automcm_spec.tlc import TlcError
 from automcm_traces.itf import ItfError
@@ -34,6 +34,6 @@ def write(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Pat
             written.append(trace)
             continue
         path = folder / f"{verdict.model.cfg}.html"
-        path.write_bytes(data)
+        files.write(path, data)
         written.append(path)
     return written

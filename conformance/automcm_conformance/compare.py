@@ -6,6 +6,7 @@ is one that the implementation really reached, and the first difference met is a
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -15,7 +16,7 @@ from automcm_spec.rules import line
 
 Json = Any
 LIMIT = 20
-"""Differences kept; the walk goes on counting."""
+"""Differences kept of each rule; the walk goes on counting."""
 
 
 class Adapter(Protocol):
@@ -72,8 +73,16 @@ class Comparison:
 
     states: int = 0
     inputs: int = 0
-    differences: int = 0
     divergences: list[Divergence] = field(default_factory=list)
+    decided: Counter[str] = field(default_factory=Counter)
+    """Of the inputs, how many each rule decides."""
+    differing: Counter[str] = field(default_factory=Counter)
+    """How many differences there are where each rule decides."""
+
+    @property
+    def differences(self) -> int:
+        """All of them, those not kept too."""
+        return self.differing.total()
 
 
 def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Json]:
@@ -111,12 +120,16 @@ def walk(
     stop_at_first: bool = False,
     on_state: Callable[[int], None] | None = None,
 ) -> Comparison:
-    """Compare every state and every offered input (or only those that change something)."""
+    """Compare every state and every offered input (or only those that change something).
+
+    What the implementation raises is a difference.  In a state that it cannot be put into, no
+    input is compared.
+    """
     result = Comparison()
 
     def differ(state: int, value: Json | None, rule: str, exp: Json, act: Json) -> None:
-        result.differences += 1
-        if len(result.divergences) < LIMIT:
+        result.differing[rule] += 1
+        if result.differing[rule] <= LIMIT:
             inputs = [oracle.inputs[i] for i in oracle.path(state)]
             inputs += [] if value is None else [value]
             where = line(rule, inputs[-1]) if inputs else 0
@@ -127,19 +140,23 @@ def walk(
     for n, state in enumerate(oracle.states):
         if on_state is not None:
             on_state(n)
-        adapter.put(state)
-        round_trip = {"state": adapter.state(), "marks": adapter.marks()}
         here = {"state": state, "marks": oracle.marks[n]}
+        answers: Iterable[Answer] = oracle.changes(n) if transitions_only else oracle.answers(n)
+        try:
+            adapter.put(state)
+            round_trip = {"state": adapter.state(), "marks": adapter.marks()}
+        except Exception as error:  # for example, a field of the state that it does not know
+            round_trip, answers = {"error": f"{type(error).__name__}: {error}"}, ()
         if round_trip != here:
             differ(n, None, "ACT-5", here, round_trip)
         base = reached.pop(n, None) or adapter.save()
-        answers: Iterable[Answer] = oracle.changes(n) if transitions_only else oracle.answers(n)
         for answer in answers:
             value = oracle.inputs[answer.input]
             adapter.put_state(base)
             actual = _apply(adapter, value)
             expected = expected_of(oracle, answer)
             result.inputs += 1
+            result.decided[answer.effect.rule] += 1
             if actual != expected:
                 differ(n, value, answer.effect.rule, expected, actual)
             elif oracle.parents[answer.next] == [n, answer.input] and answer.next != n:
@@ -154,8 +171,10 @@ def explain(divergence: Divergence, oracle: Oracle) -> str:
     """A difference in words: how to get there, what the spec says, what the code does."""
     parts = [f"{divergence.rule} (Station.tla:{divergence.line})"]
     parts += [f"  {n}. {canonical(value)}" for n, value in enumerate(divergence.inputs, 1)]
+    if "error" in divergence.actual:
+        return "\n".join([*parts, f"  code raises {divergence.actual['error']}"])
     for name, value in divergence.expected.items():
-        actual = divergence.actual.get(name, divergence.actual.get("error"))
+        actual = divergence.actual[name]
         if actual != value:
             parts.append(f"  {name}: spec {canonical(value)}")
             parts.append(f"  {' ' * len(name)}  code {canonical(actual)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
@@ -25,12 +25,16 @@ Ablated = Callable[[str], AbstractContextManager[Adapter]]
 
 
 def rules(
-    oracle: Oracle, ablated: Ablated, on_rule: Callable[[str], None] | None = None
+    oracle: Oracle,
+    ablated: Ablated,
+    on_rule: Callable[[str], None] | None = None,
+    *,
+    wanted: Iterable[str] = RULES,
 ) -> Coverage:
     """Take each rule away and walk until a difference shows.  Rules that no graph can show
     are listed with the test that shows them."""
     result = Coverage()
-    for rule in RULES:
+    for rule in wanted:
         if rule in NO_GRAPH:
             continue
         if on_rule is not None:

@@ -39,6 +39,7 @@ from automcm_conformance.walk import (
 )
 from automcm_conformance.whole import uncollected
 from automcm_conformance.wire import LONG, LONG_MS, VALUES
+from automcm_spec import files
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.generate import spec_hash as present_hash
 from automcm_spec.oracle import Oracle, load
@@ -386,12 +387,11 @@ class Explorer:
         try:
             records.write_log(path, case, list(steps), hello.name, hello.version)
         except (ValueError, TypeError, KeyError):
-            path.unlink(missing_ok=True)
             path = folder / f"{name}.txt"
             lines = (
                 f"{line.now} {line.who}: {line.text}\n" for line in words.exchange(list(steps))
             )
-            path.write_text("".join(lines))
+            files.write(path, "".join(lines))
         return str(path.relative_to(self._folder))
 
     def _report(

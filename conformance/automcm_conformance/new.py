@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 from automcm_conformance.paths import TEMPLATES
+from automcm_spec import files
 
 FILES = {
     "python": ("adapter.py", "run"),
@@ -28,7 +29,7 @@ def create(language: str, target: Path) -> list[Path]:
     written = []
     for name in FILES[language]:
         path = target / name
-        path.write_bytes((TEMPLATES / language / name).read_bytes())
+        files.write(path, (TEMPLATES / language / name).read_bytes())
         if name == "run":
             path.chmod(0o755)  # an installed package may have lost it
         written.append(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from automcm_conformance.results import Report
+from automcm_spec import files
 from automcm_traces.page import html
 from automcm_traces.page_data import load
 from automcm_traces.page_run import PageError
@@ -33,5 +34,5 @@ def write(report: Report, folder: Path) -> None:
             page.note = f"Judged up to the end of the log. {case.verdict}, after that: {what}"
         page.runs[0].renamed = f"{folder}/", ""
         path = log.with_suffix(".html")
-        path.write_bytes(html(page))
+        files.write(path, html(page))
         case.page = path.relative_to(folder).as_posix()

@@ -18,6 +18,8 @@ from math import ceil
 from time import monotonic
 from typing import IO, Literal, NoReturn
 
+from automcm_spec import children
+
 Kind = Literal["start", "hang", "crash", "closed", "line", "output"]
 
 STOP = b'{"cmd": "stop"}\n'
@@ -78,13 +80,13 @@ class Process:
         self.limit_s = limit_s
         self.max_line = max_line
         try:
-            self._process = subprocess.Popen(
+            self._process = children.popen(
                 command,
+                group=True,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 bufsize=0,
-                start_new_session=True,
             )
         except (OSError, ValueError, IndexError) as error:
             what = error.strerror if isinstance(error, OSError) else error

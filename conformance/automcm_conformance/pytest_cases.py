@@ -11,11 +11,9 @@ import fcntl
 import json
 import math
 import shlex
-import shutil
-import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,6 +25,7 @@ from automcm_conformance.paths import fresh_folder
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.results import CaseResult, Report
+from automcm_spec import files, scratch
 from automcm_spec.oracle import OracleError
 from automcm_spec.rules import RULES
 
@@ -63,6 +62,8 @@ class Cases:
         self._folder = Path(worker.get("automcm_folder") or option("out") or fresh_folder())
         self._shared: str = worker.get("automcm_shared", "")
         """The folder that the workers of pytest-xdist share; empty without them."""
+        self._scratch = ExitStack()
+        """Removes that folder, in the process that made it."""
         arguments = config.args_source == pytest.Config.ArgsSource.ARGS
         self._asked: bool = worker.get(
             "automcm_asked", not arguments or bool(config.getoption("automcm_adapter"))
@@ -177,16 +178,16 @@ class Cases:
 
     def _store(self, made: Report | str) -> None:
         if isinstance(made, Report) and self._shared:
-            Path(self._shared, "report.json").write_text(json.dumps(made.as_dict()))
+            files.write(Path(self._shared, "report.json"), json.dumps(made.as_dict()))
         elif isinstance(made, str) and self._shared:
-            Path(self._shared, "why").write_text(made)
+            files.write(Path(self._shared, "why"), made)
 
     # -- pytest-xdist, and the end
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:
         """A worker is about to start."""
-        self._shared = self._shared or tempfile.mkdtemp(prefix="automcm-")
+        self._shared = self._shared or str(self._scratch.enter_context(scratch.folder("pytest")))
         node.workerinput["automcm_shared"] = self._shared
         node.workerinput["automcm_folder"] = str(self._folder)
         node.workerinput["automcm_asked"] = self._asked
@@ -203,8 +204,7 @@ class Cases:
 
     def pytest_unconfigure(self, config: pytest.Config) -> None:
         """The folder that the workers shared goes."""
-        if self._shared and not hasattr(config, "workerinput"):
-            shutil.rmtree(self._shared, ignore_errors=True)
+        self._scratch.close()
 
 
 class Suite(pytest.Collector):

@@ -18,6 +18,7 @@ from automcm_conformance.exchange import Link, Mismatch, Step
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import INDICATIONS
 from automcm_conformance.wire import Expected
+from automcm_spec import files
 from automcm_traces.writer import LogWriter
 
 Json = Any
@@ -110,15 +111,11 @@ def write_log(
     reset = from_json(steps[0].line)
     limits = {n: reset["parameters"][n] for n in LIMITS}
     count = itertools.count(1)
-    with LogWriter(
-        path,
-        run=case,
-        station=reset["station"],
-        implementation=name,
-        version=version,
-        parameters=limits,
-        complete=COMPLETE,
-    ) as log:
+    about = {"run": case, "station": reset["station"], "implementation": name, "version": version}
+    with (
+        files.writing(path) as file,
+        LogWriter(file, **about, parameters=limits, complete=COMPLETE) as log,
+    ):
         for step in steps:
             if not step.pairs and b'"advance"' not in step.line:
                 continue

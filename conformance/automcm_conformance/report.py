@@ -25,6 +25,7 @@ from automcm_conformance.results import (
     Report,
     Verdict,
 )
+from automcm_spec import files
 
 LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "MAY")
 GROUPS = {
@@ -61,12 +62,13 @@ def write(report: Report, folder: Path) -> list[Path]:
     report.html only.  Raises OSError if a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / name for name in ("report.json", "junit.xml", "report.html")]
+    paths = [folder / name for name in ("report.json", "junit.xml", "report.html")]
     text = json.dumps(report.as_dict(), indent=2, sort_keys=True) + "\n"
-    files[0].write_text(text, "utf-8", newline="\n")
-    _junit(report).write(str(files[1]), pretty=True)
-    files[2].write_text(html([report]), "utf-8", newline="\n")
-    return files
+    files.write(paths[0], text)
+    with files.writing(paths[1]) as junit:
+        _junit(report).write(junit, pretty=True)
+    files.write(paths[2], html([report]))
+    return paths
 
 
 def load(path: Path) -> Report:

@@ -23,6 +23,7 @@ from automcm_conformance.results import (
 )
 from automcm_conformance.suite import Runner
 from automcm_conformance.tally import Fault, Tally
+from automcm_spec import files
 from automcm_spec.rules import RULES, handler, line
 
 Expectations = Mapping[str, tuple[Verdict, str]]
@@ -184,7 +185,7 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
     name = re.sub(r"[^A-Za-z0-9]+", "-", case)
     replay = folder / "replay" / f"{name}-{n}.json"
     replay.parent.mkdir(parents=True, exist_ok=True)
-    replay.write_text(records.replay_text(case, fault.rule, fault.what, fault.steps))
+    files.write(replay, records.replay_text(case, fault.rule, fault.what, fault.steps))
     last = fault.steps[-1]
     lines = words.exchange(fault.steps)
     if len(lines) > SHOWN:

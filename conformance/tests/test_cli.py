@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -14,9 +15,10 @@ from typer.testing import CliRunner
 from automcm_cli import generated, screen, spec
 from automcm_cli import verify as verify_
 from automcm_cli.main import app
+from automcm_conformance import vectors
 from automcm_conformance.compare import Comparison, Divergence
 from automcm_conformance.coverage import Coverage
-from automcm_spec import models, tlc
+from automcm_spec import compiler, generate, models, oracle, tlc
 from automcm_spec.agreement import Agreement, Difference
 from automcm_spec.sany import Place, Refused
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
@@ -125,8 +127,9 @@ def test_a_generated_part_of_a_page_stands_between_its_marks() -> None:
 
 
 def test_generated_files_are_not_stale() -> None:
-    texts = generated._texts()
-    assert [path for path, text in texts.items() if generated._differs(path, text)] == []
+    texts = generated._texts(oracle.content(generate.ONE_PEER.path))
+    stale = [path for path, make in texts.items() if generated._text_drift(path, make)]
+    assert stale == [] == generated._vectors_drift()
 
 
 def good_report() -> verify_.Report:
@@ -181,14 +184,20 @@ def test_verify_without_models_asks_for_none(monkeypatch: pytest.MonkeyPatch) ->
         raise AssertionError("models were asked for")
 
     def compared(report: verify_.Report, *_: object) -> None:
+        assert not report.drift, "compared before anything is looked at that is generated"
         report.compared = good_report().compared
 
+    def drift(report: verify_.Report, *_: object) -> None:
+        report.drift.append("spec/oracle: stale")
+
     monkeypatch.setattr(verify_, "_models", unwanted)
-    monkeypatch.setattr(verify_, "_oracle", lambda report, say: b"fresh")
+    monkeypatch.setattr(verify_, "_oracle", lambda report, graph, say: b"fresh")
     monkeypatch.setattr(verify_, "_compare", compared)
+    monkeypatch.setattr(verify_, "_drift", drift)
     answer = run.invoke(app, ["verify", "--no-models", "--json", "-"])
     assert answer.exit_code == 1, answer.output  # no rule was taken away
-    assert json.loads(answer.output)["reference"]["inputs_compared"] == 5
+    found = json.loads(answer.output)
+    assert found["reference"]["inputs_compared"] == 5 and found["drift"] == ["spec/oracle: stale"]
 
 
 def wrong(report: verify_.Report, what: str) -> verify_.Report:
@@ -253,14 +262,19 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
 
 
-def test_a_construct_that_cannot_be_compiled_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object) -> None:
+def test_a_construct_that_cannot_be_compiled_is_a_line_of_drift(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused() -> str:
         raise Refused("CHOOSE", Place("Station", 12, 1, 12, 2))
 
-    monkeypatch.setattr(verify_, "_oracle", refused)
-    report = verify_.run(models_too=False)
-    assert report.exit_code == 3
-    assert report.all_errors == ["Station.tla:12: cannot be compiled: CHOOSE"]
+    monkeypatch.setattr(compiler, "text", refused)
+    one_peer = oracle.content(generate.ONE_PEER.path)
+    make = generated._texts(one_peer)[compiler.PATH]
+    assert generated._lines(compiler.PATH, lambda: generated._text_drift(compiler.PATH, make)) == [
+        "spec/automcm_spec/station.py: cannot be generated now: Refused: "
+        "Station.tla:12: cannot be compiled: CHOOSE"
+    ]
 
 
 def test_generate_says_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -273,12 +287,48 @@ def test_generate_says_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_stale_files_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generated, "_texts", lambda: {ROOT / "docs" / "nowhere.md": "text"})
+    nowhere = {ROOT / "docs" / "nowhere.md": lambda: "text"}
+    monkeypatch.setattr(generated, "_texts", lambda one_peer: nowhere)
     stale = generated.drift("quick", b"another oracle", lambda text: None)
     assert [text.split(":")[0] for text in stale] == [
         "docs/nowhere.md",
         "spec/oracle/one-peer.json.xz",
     ]
+
+
+def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.MonkeyPatch) -> None:
+    def raises(*_: object) -> Any:
+        raise KeyError("PRE-6")
+
+    def of_another_version(*_: object) -> Any:
+        return oracle.load(generate.TIGHT.path, "another")
+
+    texts = {generated.DIAGRAMS: raises, ROOT / "docs" / "nowhere.md": lambda: "text"}
+    monkeypatch.setattr(generated, "_texts", lambda one_peer: texts)
+    monkeypatch.setattr(generated, "_corpus", of_another_version)
+    monkeypatch.setattr(vectors, "texts", raises)
+    monkeypatch.setattr(generated, "counterexample_drift", raises)
+    monkeypatch.setattr(generate, "spec_hash", lambda: "another")
+    fresh = oracle.content(generate.ONE_PEER.path)
+    cannot = "cannot be generated now: KeyError: 'PRE-6'"
+    stale = "not what would be generated now; run make generate"
+    diagrams_, nowhere, vectors_, corpus, counterexamples, remainder = generated.drift(
+        "quick", fresh, lambda text: None
+    )
+    assert diagrams_ == f"docs/state-diagrams.md: {cannot}"
+    assert nowhere == f"docs/nowhere.md: {stale}"
+    assert vectors_ == f"conformance/vectors: {cannot}"
+    assert corpus.startswith("traces/corpus: cannot be generated now: spec/oracle/tight.json.xz: ")
+    assert counterexamples == f"traces/counterexamples: {cannot}"
+    assert remainder == f"conformance/suite/remainder.json: {stale}"
+
+
+def test_the_diagrams_are_drawn_from_the_fresh_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The one on disk is of the old specification while a rule is added."""
+    fresh = oracle.content(generate.ONE_PEER.path)
+    monkeypatch.setattr(oracle, "load", None)
+    text = generated._texts(fresh)[generated.DIAGRAMS]()
+    assert text == generated.DIAGRAMS.read_text()
 
 
 def test_counterexamples_are_those_that_tlc_finds() -> None:
@@ -306,6 +356,67 @@ def test_spec_check_shows_the_counterexample_with_rules_and_changes() -> None:
     assert "S-6 is violated" in answer.output and "as expected" in answer.output
     assert "[ADV-1: OnRequest, Station.tla:" in answer.output
     assert 'phase "STANDALONE" → "ADVERTISING"' in answer.output
+
+
+NOT_COVERED = "No property covers what you changed"
+
+
+def test_spec_check_of_the_recorded_specification_speaks_of_no_change() -> None:
+    answer = run.invoke(app, ["spec", "check", "bare_ack"])
+    assert "as expected" in answer.output and NOT_COVERED not in answer.output
+
+
+def test_spec_check_says_when_no_model_tells_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generate, "recorded_hash", lambda: "another")
+    answer = run.invoke(app, ["spec", "check", "bare_ack"])
+    assert answer.exit_code == 0 and "as recorded before your change" in answer.output
+    assert "as expected" not in answer.output
+    assert f"{NOT_COVERED}: the specification is not the one recorded" in answer.output
+    answer = run.invoke(app, ["spec", "check", "bare_ack", "--json", "-"])
+    assert json.loads(answer.stdout) and NOT_COVERED in answer.stderr
+
+
+def test_a_model_that_tells_a_change_covers_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = models.load()[0]
+    result = Result("holds", None, 10, 20, 3, 0.1)
+    same = models.Verdict(model, "holds", None, result, None)
+    other = models.Verdict(model, "holds", None, result, "states is 20, 19 expected")
+    assert spec.not_covered([same, other]) == "" == spec.not_covered([])
+    assert spec.not_covered([same, same]).startswith(NOT_COVERED)
+    assert "NOT as expected" in spec.shown(other, True)
+
+
+def test_without_a_recorded_graph_nothing_is_said_of_a_change(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(generate.Graph, "path", tmp_path / "none.json.xz")
+    assert generate.recorded_hash() is None and not spec.specification_changed()
+    assert not generated.graph_changed(b"{}")
+
+
+def test_only_another_graph_is_a_change_that_no_model_noticed() -> None:
+    fresh = oracle.content(generate.ONE_PEER.path)
+    data = json.loads(fresh)
+    assert not generated.graph_changed(fresh)
+    assert not generated.graph_changed(json.dumps(data | {"spec_hash": "a comment"}).encode())
+    data["effects"][0][2] = "PRE-6"
+    assert generated.graph_changed(json.dumps(data).encode())
+
+
+@pytest.mark.parametrize("noticed", [False, True])
+def test_verify_says_when_no_model_noticed(noticed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    from rich.console import Console
+
+    report = good_report()
+    if noticed:
+        wrong(report, "model")
+    monkeypatch.setattr(generated, "drift", lambda *_: [])
+    monkeypatch.setattr(generated, "graph_changed", lambda fresh: True)
+    verify_._drift(report, b"", lambda text: None)
+    console = Console(file=io.StringIO(), record=True, width=100)
+    screen.show(report, console)
+    assert report.as_dict()["unnoticed"] is not noticed
+    assert ("no property covers what changed" in console.export_text()) is not noticed
 
 
 def test_spec_check_of_an_unknown_model_names_the_nearest() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
 
 from automcm.adapter import Reference, abstract, concrete, without
-from automcm_conformance.compare import explain, walk
+from automcm_conformance.compare import LIMIT, explain, walk
 from automcm_conformance.coverage import rules
 from automcm_spec import generate
 from automcm_spec.oracle import Oracle, load
@@ -59,6 +60,32 @@ def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Orac
     result = walk(oracle, Broken(oracle.constants), transitions_only=True)
     assert result.differences == len(oracle.states)
     assert "RuntimeError: no" in explain(result.divergences[0], oracle)
+
+
+def test_a_state_that_it_cannot_be_put_into_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
+    class Older(Reference):
+        def put(self, state: Any) -> None:
+            if state[0] == "CHOOSING":
+                raise ValueError("too many values to unpack")
+            super().put(state)
+
+    result = walk(oracle, Older(oracle.constants), transitions_only=True)
+    choosing = [state for state in oracle.states if state[0] == "CHOOSING"]
+    assert (result.differences, result.states) == (len(choosing), len(oracle.states))
+    assert explain(result.divergences[0], oracle).endswith(
+        "raises ValueError: too many values to unpack"
+    )
+
+
+def test_of_each_rule_that_many_differences_are_kept(oracle: Oracle) -> None:
+    class Deaf(Reference):
+        def apply(self, value: Any) -> Any:
+            raise RuntimeError("no")
+
+    result = walk(oracle, Deaf(oracle.constants), transitions_only=True)
+    kept = Counter(d.rule for d in result.divergences)
+    assert result.differing == result.decided and result.differences == oracle.transitions
+    assert kept == {rule: min(LIMIT, n) for rule, n in result.decided.items()}
 
 
 def test_marks_are_compared(oracle: Oracle) -> None:

@@ -72,6 +72,7 @@ PAGE = By(f"{HERE}spec_pages.py::test_a_page_shows_its_counterexample")
 MUTANTS = By("spec/tests/test_mutants.py::test_the_command_reports")
 ENCODINGS = By("spec/tests/test_bench.py::test_the_encodings_are_measured_on_the_same_model")
 WORKERS = By("spec/tests/test_distributed.py::test_two_workers_find_the_states_of_one")
+GUIDE = By(f"{HERE}adding_a_rule.py::test_the_page_command_by_command")
 FRESH = By(f"{HERE}cli.py::test_generated_files_are_not_stale")
 LONG = Parsed("a minute or more")
 FOREIGN = Parsed("needs a compiler: conformance/tests/foreign.py runs it")
@@ -153,7 +154,8 @@ TABLE: dict[str, Way] = {
     ),
     "automcm spec check one_by_three": Run(),
     "automcm spec check one_by_two": Parsed("a mistake is to be made before"),
-    "automcm spec check one_by_two two_by_one probe_system promise_kept": LONG,
+    "automcm spec check one_by_two promise_kept": GUIDE,
+    "automcm spec check one_by_two two_by_one probe_system promise_kept": GUIDE,
     "automcm spec check rejoin --json -": CHECK,
     "automcm spec check retarget": CHECK,
     "automcm spec list": Run(),
@@ -205,7 +207,10 @@ TABLE: dict[str, Way] = {
     "automcm vectors check --kernel collide": Run(),
     "automcm vectors check [--kernel KERNEL] [--json PATH]": SYNOPSIS,
     "automcm verify --profile full --json report.json": LONG,
-    "automcm verify --no-models": LONG,
+    "automcm verify --no-models": GUIDE,
+    "automcm verify --no-models --rule PRE-6": By(
+        f"{HERE}adding_a_rule.py::test_the_short_loop_of_the_page"
+    ),
     "make -C automcm .venv/ready": Parsed("it is what runs before every other target"),
     "make .venv/ready": Parsed("it is what runs before every other target"),
     "make generate": FRESH,

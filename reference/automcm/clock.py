@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import heapq
+import time
 from collections.abc import Callable
 from typing import Protocol
 
@@ -52,23 +53,38 @@ class VirtualClock:
         self._now = max(self._now, until_ms)
 
 
+def _suspended() -> float:
+    """How long the host has slept since it started, in s; 0 where the system does not tell."""
+    if not hasattr(time, "CLOCK_BOOTTIME"):
+        return 0.0
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
+
+
 class AsyncioClock:
     """The running event loop's clock: the host's monotonic time, so that a process that comes
-    back goes on where it was.  ``zero`` is the time in seconds that counts as 0."""
+    back goes on where it was.  ``zero`` is the time in seconds that counts as 0.
+
+    The time for which the host sleeps after the start counts too: its peers are awake.
+    """
 
     def __init__(self, zero: float = 0.0) -> None:
         self._loop = asyncio.get_running_loop()
         self._zero = zero
+        self._slept_before = _suspended()
         self._set = 0
+
+    def _slept(self) -> float:
+        slept = _suspended() - self._slept_before
+        return slept if slept > 0.001 else 0.0  # the two clocks are not read at one instant
 
     def now(self) -> int:
         """The time in ms."""
-        return int((self._loop.time() - self._zero) * 1000)
+        return int((self._loop.time() + self._slept() - self._zero) * 1000)
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
         """As ``Clock.at``."""
         # A hair late rather than early: woken early, now() would still be before when_ms.  And a
         # hair later than the one set before: asyncio does not keep the order of equal times.
         self._set = self._set % 10_000 + 1
-        when = self._zero + when_ms / 1000 + self._set * 1e-8
+        when = self._zero + when_ms / 1000 - self._slept() + self._set * 1e-8
         return self._loop.call_at(when, do).cancel

@@ -42,11 +42,13 @@ def write(
     *,
     tx: str | None = None,
     raw: bytes = b"",
+    late_ms: int | None = None,
 ) -> None:
     """One input and its effects.  ``txs`` are the transmission ids of the messages sent, ``tx``
     is that of the message received, ``raw`` its bytes if they were no message."""
     t_ms = effects.now_ms
     more: dict[str, Any] = {"phase": effects.state.phase, "role": effects.state.role}
+    more["late_ms"] = late_ms
     if effects.rule:
         more["rule"] = effects.rule
     match effects.input:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
-from collections.abc import Callable
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, nullcontext, suppress
+from collections.abc import Callable, Iterator
+from contextlib import (
+    AbstractAsyncContextManager,
+    AsyncExitStack,
+    contextmanager,
+    nullcontext,
+    suppress,
+)
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,14 +25,22 @@ from automcm.links import LinkError
 from automcm.links.udp import UdpLink
 from automcm.messages import LIMIT, MessageError
 from automcm.outcome import Expiry, Heard
+from automcm.output import LineOutput, create
 from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.state import State
 from automcm.station import Effects
+from automcm_spec import files
 from automcm_traces.writer import LogWriter
 
 Report = Callable[[dict[str, Any]], None]
 """Takes one event, as JSON values."""
+
+
+STOP_MS = 1000
+"""How long a station that is told to stop goes on, at most, until its Cancel is acknowledged."""
+FINISH_S = 0.5
+"""How long the end waits for a log that is written slowly."""
 
 
 class NumberError(Exception):
@@ -56,13 +69,8 @@ class NumberFile:
 
     def keep(self, number: int) -> None:
         """Raises NumberError: without it, the number must not go on the air."""
-        new = self.path.with_name(self.path.name + ".new")
         try:
-            with new.open("w") as file:
-                file.write(f"{number}\n")
-                file.flush()
-                os.fsync(file.fileno())
-            new.replace(self.path)
+            files.write(self.path, f"{number}\n", durable=True)
         except OSError as error:
             raise NumberError(f"{self.path}: {error.strerror}") from None
 
@@ -93,13 +101,20 @@ class StationProcess:
     for_ms: int | None = None
     zero: float = 0.0
     """What counts as 0 ms on the host's monotonic clock, in s."""
+    complain: Callable[[str], None] = lambda text: None
+    """Takes a line about what is lost while the station goes on; also from another thread."""
+    _idle: asyncio.Future[None] | None = field(default=None, init=False)
+    """Done when a station that is told to stop has nothing left to send."""
 
     async def run(self) -> None:
-        """Until it is told to stop (SIGTERM, SIGINT) or ``for_ms`` are over.
+        """Until it is told to stop (SIGTERM, SIGINT, SIGHUP), ``for_ms`` are over, or something of
+        ours raises; then leave the session with a Cancel (END-1) and end, ``STOP_MS`` later at the
+        latest, or at once when told a second time.
 
-        Raises LinkError, NumberError, or OSError for a log that cannot be written.
+        Raises LinkError, NumberError, OSError for a log that cannot be created or, at the end, has
+        lost records, and whatever the application raised.
         """
-        over = stopping(None)
+        over, at_once = stopping(None), asyncio.get_running_loop().create_future()
         number, restarted = self._before()
         async with AsyncExitStack() as stack:
             link = self.link()
@@ -115,23 +130,42 @@ class StationProcess:
                 keep_number=self.number_file.keep if self.number_file else lambda number: None,
                 seed=self.station_id,
                 codec=self.codec,
-                log=self._log(stack),
                 observers=(self._observe,),
             )
-            stack.callback(self._end, service, link)
-            stack.callback(service.close)
             self._service = service
             await stack.enter_async_context(self.serving)
+            log = stack.enter_context(self._logging(service))
+            stack.callback(self._end, service, link)
+            stack.callback(service.close)
             service.start()
             if restarted:
                 service.restart()
             about = {"session_number": number, "bridge": getattr(self.serving, "port", None)}
-            self._report(service, event="start", **about)
+            self._report(service, event="start", log=log and str(log), **about)
             for after_ms, command in self.commands:
                 service.command(command, max(after_ms, 1))
             if self.for_ms is not None:
                 asyncio.get_running_loop().call_later(self.for_ms / 1000, _end, over)
-            await over
+            try:
+                await over
+            finally:
+                on_signals(_end, at_once)
+                await self._leave(service, at_once)
+
+    async def _leave(self, service: McService, at_once: asyncio.Future[None]) -> None:
+        """END-1, then wait until nothing is left to send, or as long as there is time.
+
+        The loop goes on whatever raises: an exception must not keep the Cancel from the peer.
+        """
+        with suppress(Exception):
+            service.stop()
+        if service.state.outbox:
+            self._idle = asyncio.get_running_loop().create_future()
+            await asyncio.wait(
+                {self._idle, at_once},
+                timeout=STOP_MS / 1000,
+                return_when=asyncio.FIRST_COMPLETED,
+            )
 
     def _before(self) -> tuple[int, bool]:
         """The last number used, and whether it has run before; from now on it has."""
@@ -145,20 +179,43 @@ class StationProcess:
         statistics = service.statistics.as_dict()
         self._report(service, event="end", statistics=statistics, unsent=link.unsent)
 
-    def _log(self, stack: AsyncExitStack) -> LogWriter | None:
+    @contextmanager
+    def _logging(self, service: McService) -> Iterator[Path | None]:
+        """Write the log, if one is wanted; where, is the result.  What cannot be written is counted
+        in the log, once there is room again, by a jump of ``seq`` and in its end."""
         if self.log is None:
-            return None
-        return stack.enter_context(
-            LogWriter(
-                self.log,
-                run=self.run_name,
-                station=self.station_id,
-                implementation="automcm",
-                version="0.1.0",
-                parameters=logging.parameters(self.parameters),
-                complete=logging.COMPLETE,
-            )
+            yield None
+            return
+        fd, path = create(self.log)
+
+        def trouble(why: str) -> None:
+            self.complain(f"{path}: {why}; the records of now are lost, the station goes on")
+
+        output = LineOutput(fd, owned=True, trouble=trouble)
+        log = LogWriter(
+            output,
+            run=self.run_name,
+            station=self.station_id,
+            implementation="automcm",
+            version="0.1.0",
+            parameters=logging.parameters(self.parameters),
+            complete=logging.COMPLETE,
         )
+        output.drain(FINISH_S)
+        if output.lost:  # not even the header: nothing later could be read
+            output.finish(FINISH_S)
+            raise OSError(f"{path}: the log cannot be written")
+        service.log_to(log)
+        reason = "crash"
+        try:
+            yield path
+            reason = "clean"
+        finally:
+            output.drain(FINISH_S)
+            log.end(reason, output.lost)
+            output.finish(FINISH_S)
+        if output.lost:
+            raise OSError(f"{path}: {output.lost} records of the log are lost")
 
     def _observe(self, before: State, effects: Effects) -> None:
         """Report messages, changes of phase and what the application is told."""
@@ -176,6 +233,8 @@ class StationProcess:
         for told in effects.indications:
             if told.name != "discarded":
                 self._report(service, event="told", name=told.name, reason=told.reason)
+        if self._idle is not None and not effects.state.outbox:
+            _end(self._idle)
 
     def _report(self, service: McService, **fields: Any) -> None:
         st = service.state
@@ -207,20 +266,30 @@ async def _free(
 
 
 def stopping(for_ms: int | None = None) -> asyncio.Future[None]:
-    """Done at SIGTERM, SIGINT or after ``for_ms``; an exception in the event loop is its own."""
+    """Done at SIGTERM, SIGINT, SIGHUP or after ``for_ms``; an exception in the event loop is its
+    own."""
     loop = asyncio.get_running_loop()
     over: asyncio.Future[None] = loop.create_future()
 
     def failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception") or RuntimeError(context["message"])
+        if "socket" in context and isinstance(error, OSError):
+            return  # a listener that found no free descriptor for a client; it tries again
         if not over.done():
-            over.set_exception(context.get("exception") or RuntimeError(context["message"]))
+            over.set_exception(error)
 
     loop.set_exception_handler(failed)
-    for signum in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(signum, _end, over)
+    on_signals(_end, over)
     if for_ms is not None:
         loop.call_later(for_ms / 1000, _end, over)
     return over
+
+
+def on_signals(do: Callable[[asyncio.Future[None]], None], over: asyncio.Future[None]) -> None:
+    """Do it at SIGTERM, SIGINT and SIGHUP, of which nohup ignores the last."""
+    for signum in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(signum) is not signal.SIG_IGN:
+            asyncio.get_running_loop().add_signal_handler(signum, do, over)
 
 
 def _end(over: asyncio.Future[None]) -> None:

@@ -17,7 +17,7 @@ from automcm import logging
 from automcm.application import Advertised, Application, Choice, Drive, Proposal
 from automcm.clock import Cancel, Clock
 from automcm.codec import JSON, MAX_BYTES, Codec
-from automcm.interface import Accept, Command, Indication
+from automcm.interface import Abort, Accept, Command, Indication
 from automcm.links import Link
 from automcm.messages import (
     BROADCAST,
@@ -103,9 +103,13 @@ class McService:
         self._sent = 0
         self._cam_due = clock.now() + random.Random(seed).randrange(self.parameters.t_cam)
         self._alarm: tuple[int, Cancel] | None = None
+        self._awake = 0
+        """When it was last looked at how late it is."""
+        self._late_ms = 0
+        """How late the last alarm was, until the log has it."""
         self._pending: deque[Callable[[], None]] = deque()
         self._busy = False
-        self._open = self._closed = False
+        self._open = self._closed = self._stopping = False
         self._proposal: Proposal | None = None
         self._before = self.station.state
         application.attach(self)
@@ -132,6 +136,27 @@ class McService:
         self._link.open(self.receive)
         self._open, self._closed = True, False
         self._do(lambda: None)
+
+    def log_to(self, log: LogWriter) -> None:
+        """Write the log there from now on; before ``start``."""
+        self._log = log
+
+    def stop(self) -> None:
+        """Leave the session, if there is one, by END-1, and join and begin none from now on.
+
+        The application is told ``fallback`` with the reason ``stop``, and its commands are taken
+        no more.  CAMs, and the Cancel until it is acknowledged, go on until ``close``.
+        """
+
+        def stop() -> None:
+            self._stopping = True
+            self._take(self.station.advance(self.now()))
+            session = self.state.session
+            if session is not None:
+                self._take(self.station.command(Abort(session=session), self.now()))
+                self.application.fallback(session, "stop")
+
+        self._do(stop)
 
     def close(self) -> None:
         """Stop where it is, as a crash would: nothing more is sent, received or due."""
@@ -173,10 +198,15 @@ class McService:
 
     def command(self, command: Command, after_ms: int = 0) -> None:
         """A command of the application, now (from within a callback: after it) or later."""
+
+        def take() -> None:
+            if not self._stopping:
+                self._take(self.station.command(command, self.now()))
+
         if after_ms > 0:
             self._clock.at(self._clock.now() + after_ms, lambda: self.command(command))
         else:
-            self._do(lambda: self._take(self.station.command(command, self.now())))
+            self._do(take)
 
     def restart(self) -> None:
         """Forget every session, as after a crash (END-8); the application is to drive alone."""
@@ -199,6 +229,8 @@ class McService:
         if self._busy or not self._open:
             return
         self._busy = True
+        if self._alarm is not None:
+            self._was_away(self._alarm[0])
         errors: list[Exception] = []
         while self._pending:
             _attempt(self._pending.popleft(), errors)
@@ -221,8 +253,18 @@ class McService:
     def _ring(self, due: int) -> None:
         self._alarm = None
         self._time = max(self._time, due)  # woken early it is due all the same
-        self.statistics.latest_ms = max(self.statistics.latest_ms, self.now() - due)
+        self._was_away(due)
         self._do(self._on_time)
+
+    def _was_away(self, due: int) -> None:
+        """Note how late it is for an alarm.  What follows from it the timers say, which fire before
+        anything that has arrived is looked at: after ``t_cam_loss`` ACT-2 ends the session."""
+        now = self.now()
+        late = now - max(due, self._awake)  # of one absence the first alarm tells
+        self._awake = now
+        self.statistics.latest_ms = max(self.statistics.latest_ms, late)
+        if late > self.parameters.t_resend // 2:
+            self._late_ms = max(self._late_ms, late)
 
     def _on_time(self) -> None:
         now = self.now()
@@ -243,16 +285,19 @@ class McService:
             before, self._before = self._before, effect.state
             kept = _attempt(partial(self._keep, effect.state.number), errors)
             messages = effect.messages if kept else ()
-            txs = [self._send(message) for message in messages]
+            txs = [self._send(message, errors) for message in messages]
             if self._log is not None:
                 mine = n == last
-                logging.write(
+                write = partial(
+                    logging.write,
                     self._log,
                     effect._replace(messages=messages),
                     txs,
                     tx=tx if mine else None,
                     raw=raw if mine else b"",
+                    late_ms=self._noted(),
                 )
+                _attempt(write, errors)
             self.statistics.count(effect, before)
             told.append((before, effect))
         for before, effect in told:
@@ -262,6 +307,11 @@ class McService:
         if errors:
             raise errors[0]
 
+    def _noted(self) -> int | None:
+        """How late it was since the last record, once."""
+        late, self._late_ms = self._late_ms, 0
+        return late or None
+
     def _keep(self, number: int) -> None:
         if number > self._number:
             self._keep_number(number)
@@ -269,23 +319,27 @@ class McService:
 
     # -- sending
 
-    def _send(self, message: Message | Cam) -> str:
+    def _send(self, message: Message | Cam, errors: list[Exception]) -> str:
         """Put a message on the air; returns its transmission id.
 
-        What the codec cannot carry, such as a trajectory too long for it, is as if lost.
+        What the codec cannot carry, such as a trajectory too long for it, is as if lost; so is
+        what raises anything else, which is kept in ``errors``.
         """
         self._sent += 1
         tx = f"{self.station_id}:{self._sent}"
+        _attempt(partial(self._put, message, tx), errors)
+        return tx
+
+    def _put(self, message: Message | Cam, tx: str) -> None:
         try:
             data = self._codec.encode(message)
         except MessageError as error:
             self.statistics.unsendable += 1
             _logger.warning("%s: %s is not sent: %s", self.station_id, message.type, error)
-            return tx
+            return
         self.statistics.sent[message.type] += 1
         self.statistics.sent_bytes += len(data)
         self._link.send(data, BROADCAST if isinstance(message, Cam) else message.dst, tx)
-        return tx
 
     def _send_cam(self, now: int) -> None:
         at = self.application.kinematics(now)
@@ -298,15 +352,18 @@ class McService:
             speed_mm_s=at.speed_mm_s,
             marks=self.state.marks,
         )
-        tx = self._send(cam)
+        errors: list[Exception] = []
+        tx = self._send(cam, errors)
         if self._log is not None:
-            self._log.event("send", now, tx=tx, message=to_dict(cam))
+            self._log.event("send", now, tx=tx, message=to_dict(cam), late_ms=self._noted())
+        if errors:
+            raise errors[0]
 
     # -- the application interface
 
     def _plan(self, advertisement: Advertisement) -> Trajectory | None:
         """Asked only when it could join (ADV-4)."""
-        if self.state.bound:
+        if self.state.bound or self._stopping:
             return None
         a = advertisement
         return self.application.concerned(Advertised(a.session, a.scenario, a.details, a.planned))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import math
 import random
 import socket
+import time
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -20,6 +22,7 @@ from automcm.links.simulated import Channel, Radio
 from automcm.links.udp import UdpLink, address, bind
 from automcm.messages import BROADCAST, Cam, encode
 from automcm.parameters import Parameters
+from automcm.process import stopping
 from automcm.service import McService
 from automcm.straight import LANE_CHANGE, Straight
 
@@ -469,3 +472,33 @@ def test_what_the_system_refuses_to_send_is_counted() -> None:
         link.close()
 
     run(send)
+
+
+def test_the_time_for_which_the_host_slept_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def run() -> None:
+        clock, rung = AsyncioClock(), list[int]()
+        before, asked = clock.now(), time.clock_gettime
+        asleep = {time.CLOCK_BOOTTIME: 9.95}
+        monkeypatch.setattr(
+            time, "clock_gettime", lambda which: asked(which) + asleep.get(which, 0)
+        )
+        later = clock.now() + 30
+        assert later - before >= 9_950
+        clock.at(later, lambda: rung.append(clock.now()))
+        while not rung:
+            await asyncio.sleep(0.01)
+        assert later <= rung[0] < later + 9_950  # not as much later once more
+
+    asyncio.run(run())
+
+
+def test_a_listener_without_a_free_descriptor_ends_no_station() -> None:
+    async def run(context: dict[str, Any]) -> bool:
+        over = stopping()
+        asyncio.get_running_loop().call_exception_handler({"message": "m", **context})
+        return over.done() and over.exception() is not None
+
+    full = OSError(errno.EMFILE, "Too many open files")
+    assert not asyncio.run(run({"exception": full, "socket": object()}))
+    assert asyncio.run(run({"exception": full}))
+    assert asyncio.run(run({"exception": RuntimeError("a bug"), "socket": object()}))

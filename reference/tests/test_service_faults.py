@@ -10,16 +10,20 @@ from typing import Any
 import pytest
 from service_stage import Jumpy, Noted, Wire, alone, cam, pair
 
+from automcm import logging
 from automcm.application import Advertised, Kinematics, Proposal
 from automcm.clock import VirtualClock
-from automcm.codec import MAX_BYTES
+from automcm.codec import JSON, MAX_BYTES
 from automcm.interface import Abort, Request
 from automcm.links.simulated import Channel
 from automcm.messages import Advertisement, Fin, Session, Trajectory, encode
+from automcm.parameters import Parameters
 from automcm.service import NEIGHBOURS, McService
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_traces.explain import explain_file
 from automcm_traces.reader import read
+from automcm_traces.writer import LogWriter
 
 
 def test_mem_1_the_neighbours_kept_are_those_heard_last_and_not_oneself() -> None:
@@ -225,3 +229,112 @@ def test_a_log_holds_cams_raw_bytes_and_the_transmission_of_each_input(tmp_path:
     assert all(e.tx for e in received)
     by_1 = {e.tx: e.message for _, e in read(tmp_path / "1.ndjson").events if e.ev == "send"}
     assert all(by_1[e.tx] == e.message for e in received if e.message)
+
+
+class Broken(LogWriter):
+    """Refuses every event from some time on."""
+
+    from_ms = 0
+
+    def event(self, ev: str, t_ms: int, /, **fields: object) -> int:
+        if t_ms >= self.from_ms:
+            raise OSError("no room")
+        return super().event(ev, t_ms, **fields)
+
+
+def test_a_log_that_raises_keeps_no_message_from_the_air(tmp_path: Path) -> None:
+    log = Broken(tmp_path / "log", run="r", station=1, implementation="i", version="1")
+    application = Noted()
+    service, wire, clock = alone(application, log=log)
+    with pytest.raises(OSError, match="no room"):
+        service.command(LANE_CHANGE)
+    assert len(wire.of("Advertisement")) == 1
+    for _ in range(100):
+        try:
+            clock.run(5000)
+            break
+        except OSError:
+            pass
+    assert len(wire.of("Advertisement")) == 21 and len(wire.of("CAM")) >= 49
+    assert application.calls == [("fallback", (1, 1), "no_participants")]
+
+
+@pytest.mark.parametrize("victim", [1, 2])
+@pytest.mark.parametrize("at", [50, 500, 2250, 2500, 3000, 20_000])
+def test_end_1_a_service_that_stops_leaves_and_tells_everybody(victim: int, at: int) -> None:
+    """In whatever phase it is: its peers get a Cancel and ack it, its application a fallback."""
+    one, two, simulation = pair()
+    stopped = simulation.services[victim]
+    simulation.run(at)
+    session, recorded = stopped.state.session, stopped.state.recorded
+    role = stopped.state.role
+    peers = [stopped.state.peer] if role == "receiver" or stopped.state.target else recorded
+    stopped.stop()
+    simulation.run(at + 500)
+    assert stopped.state.phase == "STANDALONE" and not stopped.state.outbox
+    assert stopped.statistics.sent["Cancel"] == len(peers if session else [])
+    assert (("fallback", session, "stop") in (one, two)[victim - 1].calls) == bool(session)
+    before = stopped.statistics.sent["CAM"]
+    (one, two)[victim - 1].calls.clear()
+    stopped.command(LANE_CHANGE)
+    simulation.services[3 - victim].command(LANE_CHANGE)
+    simulation.run(at + 1500)
+    assert stopped.state.phase == "STANDALONE"  # it joins nothing, and begins nothing
+    assert stopped.statistics.sent["CAM"] > before + 8  # and is still there
+    assert (one, two)[victim - 1].calls == []
+
+
+def test_of_an_absence_the_log_tells_once(tmp_path: Path) -> None:
+    clock, wire = Jumpy(), Wire()
+    log = LogWriter(tmp_path / "log", run="r", station=1, implementation="i", version="1")
+    service = McService(1, Noted(), wire, clock, log=log)
+    service.start()
+    first = min(due for due, _ in clock.alarms)
+    for late in (0, service.parameters.t_resend // 2, 2000):
+        clock.time = max(clock.time, first) + late
+        wire.receive(cam(2, clock.time), None)
+        clock.ring(clock.time)
+    log.end("clean")
+    told = [e.late_ms for _, e in read(tmp_path / "log").events]
+    assert [late for late in told if late] == [service.statistics.latest_ms]
+    assert service.statistics.latest_ms > 1500
+
+
+def test_a_message_that_cannot_be_encoded_is_as_if_lost_and_its_step_is_logged(
+    tmp_path: Path,
+) -> None:
+    class Scarce:
+        """Out of memory for the first of each kind of message."""
+
+        name = "json"
+        seen: set[str] = set()  # noqa: RUF012
+
+        def encode(self, message: Any) -> bytes:
+            if message.type not in self.seen:
+                self.seen.add(message.type)
+                raise MemoryError
+            return encode(message)
+
+        def decode(self, data: bytes) -> Any:
+            return JSON.decode(data)
+
+    log = LogWriter(
+        tmp_path / "log",
+        run="r",
+        station=1,
+        implementation="i",
+        version="1",
+        parameters=logging.parameters(Parameters()),
+        complete=logging.COMPLETE,
+    )
+    service, wire, clock = alone(codec=Scarce(), log=log)
+    with pytest.raises(MemoryError):
+        service.command(LANE_CHANGE)
+    with pytest.raises(MemoryError):  # the first CAM
+        clock.run(5000)
+    clock.run(5000)
+    log.end("clean")
+    assert len(wire.of("Advertisement")) == 20
+    assert explain_file(tmp_path / "log").verdict == "allowed"
+    events = [e for _, e in read(tmp_path / "log").events if e.ev == "send"]
+    assert len(events) == service._sent

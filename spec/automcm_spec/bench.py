@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import tlc
+from automcm_spec import scratch, tlc
 from automcm_spec.paths import BENCH, TLA
 
 #: The naive encodings must have at least so many times the states of ours.
@@ -112,8 +111,8 @@ def run(
 def _measure(name: str, seconds: int, bench: Path) -> Figure:
     module, about = ENCODINGS[name]
     progress: list[tlc.Progress] = []
-    with tempfile.TemporaryDirectory(prefix="automcm-bench-") as folder:
-        cfg = Path(folder) / f"{name}.cfg"
+    with scratch.folder("bench") as folder:
+        cfg = folder / f"{name}.cfg"
         text = (bench / f"{name}.cfg").read_text(encoding="utf-8")
         cfg.write_text(_SECONDS.sub(rf"\g<1>{seconds}", text), encoding="utf-8")
         result = tlc.run(module, cfg, tla_dir=TLA, on_progress=progress.append)

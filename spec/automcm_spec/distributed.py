@@ -11,14 +11,13 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from automcm_spec import models, tlc
+from automcm_spec import models, scratch, tlc
 from automcm_spec.paths import MODELS, TLA
 
 LOOPBACK = "127.0.0.1"
@@ -73,8 +72,7 @@ def serve(
     if beyond := sorted(set(checked) - safety):
         raise tlc.TlcError("config", f"{model.cfg}: only safety is distributed, not {beyond[0]}")
     started = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="automcm-server-") as folder:
-        place = Path(folder)
+    with scratch.folder("server") as place:
         for path in tla_dir.glob("*.tla"):
             shutil.copy(path, place)
         # The workers ask the server for both by name, and it looks in its own folder.
@@ -98,9 +96,9 @@ def work(
     Waits for the server if it is not there yet.  ``host`` is the address under which the server
     reaches this machine.  Raises tlc.TlcError if the server goes away or the time is over.
     """
-    with tempfile.TemporaryDirectory(prefix="automcm-worker-") as folder:
+    with scratch.folder("worker") as place:
         options = [f"-Dtlc2.tool.distributed.TLCWorker.threadCount={threads}"]
-        said = _java("TLCWorker", Path(folder), host, options, [server], timeout_s)
+        said = _java("TLCWorker", place, host, options, [server], timeout_s)
     computed = _COMPUTED.findall(said)
     if not computed:
         raise tlc.TlcError("other", f"TLC's worker broke off: {_end(said)}")

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tempfile
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import tlc
-from automcm_spec.oracle import EFFECTIVE, FORMAT, NOT_OFFERED, Json, canonical, dump
+from automcm_spec import scratch, tlc
+from automcm_spec.oracle import (
+    EFFECTIVE,
+    FORMAT,
+    NOT_OFFERED,
+    Json,
+    OracleError,
+    canonical,
+    dump,
+    load,
+)
 from automcm_spec.paths import ORACLES, TLA
 
 MODULES = ("Station", "OpenStation")
@@ -56,6 +64,10 @@ TWO_PEERS = Graph("two-peers", (2, 3), 2, 2, 3, 5, 2)
 TIGHT = Graph("tight", (2, 3), 1, 1, 1, 3, 1, memory_limit=1)
 """Two peers, and memory for one: where MEM-1 binds."""
 GRAPHS = {graph.name: graph for graph in (ONE_PEER, TWO_PEERS, TIGHT)}
+"""The graphs that are written to disk."""
+SMALL = Graph("small", (2,), 2, 2, 2, 3, 1)
+"""For the short loop of ``automcm verify --rule``: TLC takes a second or two, and the comparison
+misses every rule that is taken away, as it does in ONE_PEER.  Never on disk."""
 
 
 def spec_hash(tla: Path = TLA) -> str:
@@ -64,6 +76,17 @@ def spec_hash(tla: Path = TLA) -> str:
     for module in MODULES:
         digest.update((tla / f"{module}.tla").read_bytes())
     return digest.hexdigest()
+
+
+def recorded_hash() -> str | None:
+    """The version of the specification that the committed one-peer graph was made from.
+
+    None if there is no such graph that can be read.
+    """
+    try:
+        return load(ONE_PEER.path).spec_hash
+    except OracleError:
+        return None
 
 
 def _config(graph: Graph) -> str:
@@ -152,8 +175,8 @@ def build(
     Raises tlc.TlcError if TLC fails, ValueError if the print-out is not the whole graph.
     """
     printed = _Print()
-    with tempfile.TemporaryDirectory() as folder:
-        cfg = Path(folder) / f"{graph.name}.cfg"
+    with scratch.folder("oracle") as folder:
+        cfg = folder / f"{graph.name}.cfg"
         cfg.write_text(_config(graph))
         result = tlc.run(
             "OpenStation",
@@ -183,7 +206,9 @@ def _data(graph: Graph, printed: _Print, version: str) -> dict[str, Json]:
     names = sorted(set(group_of))
     groups = [[n for n, g in enumerate(group_of) if g == name] for name in names]
 
-    initial = next(key for key in printed.moves if key.startswith(_INITIAL))
+    initial = next((key for key in printed.moves if key.startswith(_INITIAL)), None)
+    if initial is None:
+        raise ValueError(f"OpenStation: no state is {_INITIAL}, the initial one (generate.py)")
     order, parents = {initial: 0}, [[0, 0]]
     queue = deque([initial])
     while queue:

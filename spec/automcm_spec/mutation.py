@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from automcm_spec import generate, models, oracle, tlc, toolchain
+from automcm_spec import generate, models, oracle, scratch, tlc, toolchain
 from automcm_spec.models import PROPERTY_IDS, Model
 from automcm_spec.mutants import Mutant
 from automcm_spec.paths import MODELS, TLA
@@ -200,9 +199,9 @@ class _Run:
         with self._locks[model.cfg]:
             if model.cfg in self._sound:
                 return self._sound[model.cfg]
-            with tempfile.TemporaryDirectory(prefix="automcm-mutant-") as folder:
+            with scratch.folder("mutant") as folder:
                 longest = 20 * _limit(model.seconds)
-                found = self._run(None, model, self._cfg[model.cfg], Path(folder), longest)
+                found = self._run(None, model, self._cfg[model.cfg], folder, longest)
             if found.how is not None:
                 raise MutationError(
                     f"{model.cfg} is not as expected without a mutant: {found.how}, {found.what}"
@@ -220,11 +219,11 @@ class _Run:
         kills: list[Kill] = []
         seconds = 0.0
         graphs = mutant.module == "Station"
-        with tempfile.TemporaryDirectory(prefix="automcm-mutant-") as folder:
+        with scratch.folder("mutant") as folder:
             for model in [*self._seeing(mutant), None]:
                 if graphs and (kills or model is None or model.seconds > self._search_s):
                     graphs = False
-                    found = self._graph(mutant, Path(folder))
+                    found = self._graph(mutant, folder)
                     seconds += found.seconds
                     if found.how is not None:
                         kills.append(Kill("the oracle", "graph", found.what))
@@ -233,7 +232,7 @@ class _Run:
                     break
                 if kills and (model.expect != "holds" or model.seconds > self._search_s):
                     continue
-                found = self._check(mutant, model, self._cfg[model.cfg], Path(folder))
+                found = self._check(mutant, model, self._cfg[model.cfg], folder)
                 seconds += found.seconds
                 if found.how == "invalid":
                     return Outcome(mutant, (), True, seconds)
@@ -280,9 +279,9 @@ class _Run:
         """All properties that any of the models that must hold finds violated."""
         kills: list[Kill] = []
         seconds = 0.0
-        with tempfile.TemporaryDirectory(prefix="automcm-mutant-") as folder:
+        with scratch.folder("mutant") as folder:
             for model in self._seeing(mutant):
-                for found in self._violated(mutant, model, Path(folder)):
+                for found in self._violated(mutant, model, folder):
                     seconds += found.seconds
                     if found.how == "invalid":
                         return Outcome(mutant, (), True, seconds)

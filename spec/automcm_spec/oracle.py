@@ -24,6 +24,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from automcm_spec import files
+
 FORMAT = "automcm.oracle/1"
 STATE_FIELDS = (
     "phase",
@@ -197,7 +199,7 @@ def dump(data: dict[str, Json]) -> bytes:
 
 def write(path: Path, content: bytes) -> None:
     """Write ``dump``'s bytes compressed."""
-    path.write_bytes(lzma.compress(content, preset=6))
+    files.write(path, lzma.compress(content, preset=6))
 
 
 def content(path: Path) -> bytes:

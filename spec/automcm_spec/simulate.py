@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import tlc, values
+from automcm_spec import scratch, tlc, values
 from automcm_spec.oracle import STATE_FIELDS
 from automcm_spec.paths import TLA
 
@@ -87,13 +86,13 @@ def behaviours(
     The same seed gives the same behaviours.  ``lively`` leaves out what ends sessions early
     (Simulation.tla).  Raises tlc.TlcError.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        cfg = Path(folder) / "Simulated.cfg"
+    with scratch.folder("simulate") as folder:
+        cfg = folder / "Simulated.cfg"
         cfg.write_text(CONFIG.format(next="LivelyNext" if lively else "Next"))
-        prefix = Path(folder) / "trace"
+        prefix = folder / "trace"
         extra = ["-simulate", f"file={prefix},num={number}", "-depth", str(depth)]
         tlc.run("Simulation", cfg, tla_dir=tla, extra=[*extra, "-seed", str(seed)])
-        files = sorted(Path(folder).glob("trace_*"), key=_place)
+        files = sorted(folder.glob("trace_*"), key=_place)
         return [_behaviour(path.read_text()) for path in files]
 
 

@@ -1,9 +1,7 @@
 """Runs TLC and reads what it says (its "-tool" output: blocks with a message code)."""
 
 import re
-import shutil
 import subprocess
-import tempfile
 import threading
 import time
 from collections import deque
@@ -12,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Literal, NamedTuple
 
-from automcm_spec import toolchain, values
+from automcm_spec import children, scratch, toolchain, values
 from automcm_spec.paths import TLA
 
 Outcome = Literal["holds", "violates"]
@@ -144,8 +142,7 @@ def run(
     Java is not running and nothing of it is on disk afterwards.
     """
     java, jar = tools()
-    scratch = Path(tempfile.mkdtemp(prefix="automcm-tlc-"))
-    try:
+    with scratch.folder("tlc") as place:
         command = [
             str(java),
             "-Xss64m",
@@ -153,20 +150,20 @@ def run(
             *quick_start(heap_mb),
             "-XX:+ExitOnOutOfMemoryError",
             "-XX:-UsePerfData",
-            f"-XX:ErrorFile={scratch / 'java.log'}",
-            f"-Djava.io.tmpdir={scratch}",
+            f"-XX:ErrorFile={place / 'java.log'}",
+            f"-Djava.io.tmpdir={place}",
             "-Dfile.encoding=UTF-8",
             "-Dstdout.encoding=UTF-8",
             "-Duser.language=en",
             *([] if heap_mb is None else [f"-Xmx{heap_mb}m"]),
             *("-cp", str(jar), "tlc2.TLC", "-tool", "-fp", "0"),
-            *("-workers", str(workers), "-metadir", str(scratch / "meta")),
+            *("-workers", str(workers), "-metadir", str(place / "meta")),
             *("-config", str(cfg.resolve()), *extra, module),
         ]
         started = time.monotonic()
         reader = _Reader(on_progress, on_print)
         try:
-            with (scratch / "stderr").open("w+b") as stderr:
+            with (place / "stderr").open("w+b") as stderr:
                 code = execute(command, tla_dir, stderr, timeout_s, reader.read, stop=stop)
                 stderr.seek(0)
                 complaint = stderr.read(100_000).decode(errors="replace")
@@ -174,8 +171,6 @@ def run(
         except TlcError as error:
             error.partial = reader.progress
             raise
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
 
 
 def tools() -> tuple[Path, Path]:
@@ -206,13 +201,15 @@ def execute(
 ) -> int:
     """Run the command, have its lines read as they come, and return its exit code.
 
-    Raises TlcError if it cannot be started, is stopped or does not end in time.
+    Raises TlcError if it cannot be started, is stopped or does not end in time.  It ends with this
+    process, and with the thread that calls.
     """
     stop = stop or Stop()
     try:
-        process = subprocess.Popen(
+        process = children.popen(
             command,
             cwd=cwd,
+            env=toolchain.environment(),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=stderr,

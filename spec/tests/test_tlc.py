@@ -1,7 +1,6 @@
 """The TLC driver, on real runs of TLC."""
 
 import shutil
-import tempfile
 import threading
 from pathlib import Path
 
@@ -37,9 +36,8 @@ Idle == <>[](x = 0)
 @pytest.fixture(autouse=True)
 def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder for temporary files, which must be empty after each test."""
-    folder = tmp_path / "scratch"
-    folder.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    folder = tmp_path / "automcm" / "scratch"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return folder
 
 

@@ -15,7 +15,6 @@ import hashlib
 import json
 import re
 import shutil
-import tempfile
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -23,7 +22,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from automcm_spec import simulate, tlc, values
+from automcm_spec import scratch, simulate, tlc, values
 from automcm_spec.models import Model
 from automcm_spec.oracle import canonical
 from automcm_spec.paths import TLA
@@ -145,8 +144,7 @@ class Graph:
         text = re.sub(r"^INIT \w+$", "INIT GInit", self.cfg, flags=re.M)
         text = re.sub(r"^NEXT \w+$", "NEXT GNext", text, flags=re.M)
         text = re.sub(r"^(PROPERTIES|PROPERTY|INVARIANTS?) .*\n", "", text, flags=re.M)
-        with tempfile.TemporaryDirectory(prefix="automcm-graph-") as folder:
-            place = Path(folder)
+        with scratch.folder("graph") as place:
             for path in tla.glob("*.tla"):
                 shutil.copy(path, place)
             (place / "Graph.tla").write_text(MODULE.format(module=self.model.module))

@@ -20,7 +20,7 @@ from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
 from automcm_traces.form import TYPES
 from automcm_traces.log import Receive, Send
-from automcm_traces.reader import Log, LogError, LogStream, at_line, one_line
+from automcm_traces.reader import Log, LogError, LogStream, at_line, name_of, one_line
 from automcm_traces.step import Diverges, Step
 from automcm_traces.track import CannotTell, Track
 
@@ -132,7 +132,7 @@ class Coverage:
             self._problem(path, at, "unreadable", text)
 
     def _problem(self, path: Path, line: int, what: Problem, why: str) -> None:
-        self.problems.append((str(path), line, what, one_line(why)))
+        self.problems.append((name_of(path), line, what, one_line(why)))
 
     def _step(self, step: Step, track: Track) -> None:
         answer = step.answer

@@ -15,7 +15,7 @@ from automcm_traces.engine import Engine
 from automcm_traces.log import Event, Header
 from automcm_traces.possible import Possible, unobserved
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, one_line, read
+from automcm_traces.reader import Log, LogError, LogStream, name_of, one_line, read
 from automcm_traces.same import same
 from automcm_traces.sessions import Session, Sessions
 from automcm_traces.step import Diverges
@@ -123,7 +123,7 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
             "diverges",
             log.file,
             d.at,
-            d.event,
+            d.event + _late(at, recent[-1][1].late_ms),
             d.rule,
             wanted,
             d.guard,
@@ -152,6 +152,10 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
         number_of_sessions=sessions.number,
         **about,
     )
+
+
+def _late(line: int, ms: int | None) -> str:
+    return f"; the station says that it was {ms} ms late (late_ms, line {line})" if ms else ""
 
 
 def _follower(header: Header, late_ms: int | None, sessions: Sessions) -> Engine | Possible:
@@ -207,7 +211,7 @@ def explain_file(path: str | Path, late_ms: int | None = None) -> Verdict:
     try:
         log = LogStream(path)
     except LogError as error:
-        return Verdict("unreadable", str(path), error.line, error.what)
+        return Verdict("unreadable", name_of(path), error.line, error.what)
     return explain(log, late_ms)
 
 

@@ -3,6 +3,9 @@
 T-2 (docs/verification.md, section 4) bounds the hazard by D + t_cam_loss, where D is the longest
 delay of a copy, here half of ``t_resend``; and by the lease, if that is shorter.  A timer that
 expired late in the log lengthens the bound by as much: the theorem counts due timers as fired.
+
+S-5 and T-2 assume that nobody sends in the name of another.  A forged message that begins a hazard
+therefore excuses it, and T-2 bounds no hazard that a forged message has begun or prolonged.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from typing import Any, Literal
 
 from automcm_traces.clocks import Span
 from automcm_traces.log import Receive
-from automcm_traces.timeline import Session, Spell, Timeline
+from automcm_traces.timeline import Session, Spell, Timeline, session_of
 from automcm_traces.timers import longest_delay
 from automcm_traces.world import World
 
@@ -56,11 +59,15 @@ class Hazard:
     """What else happened, in words."""
     ended: str
     excused: bool
-    """By S-5: the target itself aborted, lost CAMs, restarted or died."""
+    """By S-5: the target itself aborted, lost CAMs, restarted or died; or by a forged message."""
     bound: Bound | None
     outcome: Literal["within", "exceeds", "cannot_tell"]
     """Against the bound."""
     why: str = ""
+    begun_by: str = ""
+    """The forged message that began it, such as ``Cancel from 1, at FILE:LINE``; empty if none."""
+    prolonged_by: str = ""
+    """Likewise the last forged CAM without which the prescriber would have left earlier."""
 
     def as_dict(self) -> dict[str, Json]:
         """As in ``--json``."""
@@ -82,6 +89,8 @@ class Hazard:
             "bound": None if self.bound is None else self.bound.text,
             "outcome": self.outcome,
             "why": self.why,
+            "begun_by": self.begun_by,
+            "prolonged_by": self.prolonged_by,
         }
 
     def text(self) -> str:
@@ -89,9 +98,13 @@ class Hazard:
         least = "at least " if self.open else ""
         length = "unknown length" if self.length is None else f"{least}{self.length}"
         kind = "hazard (fault)" if self.excused else "HAZARD WITHOUT EXCUSE (S-5)"
+        if self.begun_by:
+            kind = "hazard (forged message)"
         lines = [
             f"{kind}, session {self.session[0]}/{self.session[1]}: {length}",
             f"  from  {self.since} ({self.since_ms} ms): {self.fault}",
+            *([f"  begun by forged {self.begun_by}"] if self.begun_by else []),
+            *([f"  prolonged by forged {self.prolonged_by}"] if self.prolonged_by else []),
             f"  to    {self.until} ({self.until_ms} ms): {self.ended}",
             *(f"  between: {text}" for text in self.between),
         ]
@@ -154,6 +167,9 @@ def _never(world: World, acts: Spell, line: Timeline) -> Hazard:
 def _early(world: World, acts: Spell, held: Spell, length: Span) -> Hazard:
     assert acts.session is not None
     own, line = world.timelines[acts.station], world.timelines[held.station]
+    begun_by = _forged(world, acts.station, acts.start.at)
+    bound = bound_of(world, acts) if begun_by else None
+    outcome, why = _outcome(world, acts, held.station, length, bound, bool(begun_by))
     return Hazard(
         acts.session,
         acts.station,
@@ -167,9 +183,11 @@ def _early(world: World, acts: Spell, held: Spell, length: Span) -> Hazard:
         f"station {acts.station} acts, and station {held.station} has not accepted",
         (),
         f"station {held.station} accepts",
-        False,
-        None,
-        "exceeds",
+        bool(begun_by),
+        bound,
+        outcome if begun_by else "exceeds",
+        why if begun_by else "",
+        begun_by,
     )
 
 
@@ -206,7 +224,7 @@ def _after(world: World, acts: Spell, target: int, gone: _Gone) -> Hazard | None
     finish = own.last[2] if ended is None else ended.t_ms
     length = world.elapsed(target, gone.t_ms, acts.station, finish)
     certain = ended is not None and world.before(target, gone.at, acts.station, ended.at)
-    excused = gone.cause in EXCUSES
+    excused = gone.cause in EXCUSES or bool(_begun_by(world, acts, target, gone))
     if length is not None and length.high <= 0:
         if ended is None:
             why = f"station {acts.station} acts where its log ends, and later {gone.text}"
@@ -252,7 +270,10 @@ def _made(
         ended += f", told {told}" if told else ""
     cause = "" if gone is None else gone.cause
     bound = bound_of(world, acts)
-    outcome, why = _outcome(world, acts, target, length, bound)
+    begun_by = _begun_by(world, acts, target, gone)
+    prolonged_by = _prolonged_by(world, acts, target, until_ms)
+    forged = bool(begun_by or prolonged_by)
+    outcome, why = _outcome(world, acts, target, length, bound, forged)
     return Hazard(
         acts.session,
         acts.station,
@@ -266,15 +287,66 @@ def _made(
         fault,
         tuple(_between(world, acts, target, gone)) if gone is not None else (),
         ended,
-        cause in EXCUSES,
+        cause in EXCUSES or bool(begun_by),
         bound,
         outcome,
         why,
+        begun_by,
+        prolonged_by,
     )
 
 
+def _begun_by(world: World, acts: Spell, target: int, gone: _Gone | None) -> str:
+    """The forged message that began a hazard: by it the prescriber acts, or the target leaves, or
+    the target has another lease.  Empty if there is none."""
+    found = _forged(world, acts.station, acts.start.at)
+    if gone is not None and not found:
+        found = _forged(world, target, gone.at)
+    if gone is not None and not found and gone.cause == "expire lease":
+        found = _forged(world, target, _prescribed(world, acts, target))
+    return found
+
+
+def _prescribed(world: World, acts: Spell, target: int) -> int:
+    """The event with which the target first received what the prescriber acts on; -1 if none."""
+    for at, (_, e) in enumerate(world.log(target).events):
+        m: dict[str, Json] = (isinstance(e, Receive) and e.message) or {}
+        what = m.get("type"), session_of(m), m.get("proposal")
+        if what == ("Prescription", acts.session, acts.start.proposal):
+            return at
+    return -1
+
+
+def _prolonged_by(world: World, acts: Spell, target: int, until_ms: int) -> str:
+    """The forged CAM without which the prescriber would have lost the CAMs before it left; empty
+    if there is none, or the header does not tell t_cam_loss."""
+    loss = world.log(acts.station).header.parameters.t_cam_loss
+    heard_ms, forged = acts.start.t_ms, ""
+    for at, t_ms in [*_cams(world, acts, target), (-1, until_ms)]:
+        if 0 <= at <= acts.start.at:
+            continue
+        if found := _forged(world, acts.station, at):
+            forged = found
+            continue
+        if forged and loss is not None and t_ms - heard_ms > loss:
+            return forged
+        heard_ms, forged = t_ms, ""
+    return ""
+
+
+def _forged(world: World, station: int, at: int) -> str:
+    """The message received in an event, if it is forged, and where; else empty."""
+    found = world.forged(station, at)
+    return "" if found is None else f"{found.message}, at {found.file}:{found.line}"
+
+
 def _outcome(
-    world: World, acts: Spell, target: int, length: Span | None, bound: Bound | None
+    world: World,
+    acts: Spell,
+    target: int,
+    length: Span | None,
+    bound: Bound | None,
+    forged: bool,
 ) -> tuple[Literal["within", "exceeds", "cannot_tell"], str]:
     if bound is None:
         return "cannot_tell", "the header does not tell t_cam_loss"
@@ -284,6 +356,8 @@ def _outcome(
     delay = longest_delay(world.log(acts.station).header.parameters)
     slow = world.slowest(target, acts.station)
     if length.low > limit:
+        if forged:
+            return "cannot_tell", "T-2 assumes that no message is forged"
         if slow > delay:
             return "cannot_tell", (
                 f"T-2 assumes delays of at most {delay} ms; a copy was under way for {slow} ms"
@@ -330,13 +404,25 @@ def _between(world: World, acts: Spell, target: int, gone: _Gone) -> list[str]:
 def _last_cam(world: World, acts: Spell, target: int) -> str:
     """The last CAM of the target that named the session and reached the prescriber (ACT-5)."""
     log = world.log(acts.station)
-    last = acts.end.at if acts.end is not None else len(log.events)
-    for line, e in reversed(log.events[:last]):
+    cams = _cams(world, acts, target)
+    if not cams:
+        return f"no CAM of station {target} that counts has come"
+    at, t_ms = cams[-1]
+    return f"the last CAM that counts came at {log.file}:{log.events[at][0]} ({t_ms} ms)"
+
+
+def _cams(world: World, acts: Spell, target: int) -> list[tuple[int, int]]:
+    """The CAMs of the target that named the session and reached the prescriber before it left
+    (ACT-5): place of the event and time."""
+    events = world.log(acts.station).events
+    found = []
+    for at in range(acts.end.at if acts.end is not None else len(events)):
+        e = events[at][1]
         if isinstance(e, Receive) and e.message is not None and e.message.get("src") == target:
             marks = e.message.get("marks")
             if isinstance(marks, list) and list(acts.session or ()) in marks:
-                return f"the last CAM that counts came at {log.file}:{line} ({e.t_ms} ms)"
-    return f"no CAM of station {target} that counts has come"
+                found.append((at, e.t_ms))
+    return found
 
 
 def _count(

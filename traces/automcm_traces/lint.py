@@ -37,6 +37,7 @@ from automcm_traces.reader import (
     NotJsonError,
     at_line,
     cut,
+    name_of,
     one_line,
     parse,
 )
@@ -107,7 +108,7 @@ def lint(path: str | Path) -> Iterator[Finding]:
     """
     try:
         with open(path, "rb") as stream:
-            yield from _Lint(str(path)).findings(stream)
+            yield from _Lint(name_of(path)).findings(stream)
     except FileNotFoundError:
         raise LogError(path, 0, "", "no such file") from None
     except IsADirectoryError:
@@ -156,8 +157,8 @@ def report(path: str | Path, most: int = 0) -> Report:
             if not most or len(kept) < most:
                 kept.append(finding)
     except LogError as error:
-        return Report(str(path), kept, levels["error"], levels["warning"], error)
-    return Report(str(path), kept, levels["error"], levels["warning"])
+        return Report(name_of(path), kept, levels["error"], levels["warning"], error)
+    return Report(name_of(path), kept, levels["error"], levels["warning"])
 
 
 EXIT = {"clean": 0, "findings": 1, "unreadable": 3}
@@ -223,7 +224,7 @@ class _Lint:
 
     def _one(self, line: bytes) -> Iterator[Finding]:
         try:
-            record = parse(line)
+            record = parse(line, first=self._line == 1)
         except NotJsonError as error:
             if self._line == 1:
                 raise LogError(self._file, 1, "", error.problem) from None

@@ -275,6 +275,9 @@ class EventBase(Part):
     """The station's phase after the step."""
     role: Name | None = None
     """The station's role after the step."""
+    late_ms: Positive | None = None
+    """By how much the station was late for this, in milliseconds, by its own clock: its process
+    was stopped, or got too little processor.  A hint, never trusted."""
 
 
 class Receive(EventBase):

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_traces.log import SCHEMA, End, Header
-from automcm_traces.reader import Notice, one_line, records
+from automcm_traces.reader import Notice, name_of, one_line, records
 
 Json = Any
 TOPIC = "/automcm/"
@@ -72,14 +72,16 @@ def written(paths: Sequence[Path]) -> bytes:
                         topic=f"{TOPIC}{station}",
                         message_encoding="json",
                         schema_id=schema,
-                        metadata={"file": path.name},
+                        metadata={"file": Path(name_of(path)).name},
                     )
                 case End():
                     pass
                 case event:
                     t_ms = event.t_ms
             if t_ms > LATEST_MS:
-                raise McapError(f"{path}:{entry.line}: t_ms: {t_ms} ms is too late for MCAP")
+                raise McapError(
+                    f"{name_of(path)}:{entry.line}: t_ms: {t_ms} ms is too late for MCAP"
+                )
             now = t_ms * 10**6
             data = lines[entry.line - 1]
             writer.add_message(channel, now, data, now, sequence=entry.line)

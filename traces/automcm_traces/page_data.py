@@ -21,7 +21,7 @@ from automcm_traces.page_compare import Comparison, compare
 from automcm_traces.page_follow import Followed
 from automcm_traces.page_order import order
 from automcm_traces.page_pack import Shapes, Table
-from automcm_traces.page_run import Run
+from automcm_traces.page_run import Part, Run
 from automcm_traces.reader import Log
 from automcm_traces.words import said, session_of
 
@@ -61,9 +61,11 @@ class Page:
         return f"{run}{self.logs[i].header.station}"
 
 
-def load(paths: Sequence[Path], title: str = "", late_ms: int | None = None) -> Page:
+def load(
+    paths: Sequence[Path], title: str = "", late_ms: int | None = None, part: Part | None = None
+) -> Page:
     """A page of the logs of one run.  Raises what ``page_run.load`` does."""
-    return of_runs(page_run.load(paths, late_ms), title=title)
+    return of_runs(page_run.load(paths, late_ms, part), title=title)
 
 
 def of_runs(
@@ -73,6 +75,7 @@ def of_runs(
 
     Raises PageError if there is no station to compare.
     """
+    note = " ".join(run.note for run in (a, b) if run is not None and run.note)
     comparison = None if b is None else compare(a, b, stations)
     runs = [a] if b is None else [a, b]
     needs: dict[Node, Node] = {}
@@ -84,6 +87,7 @@ def of_runs(
     ahead = a.ahead() if comparison is None else comparison.ahead
     page = Page(title or " | ".join(run.title for run in runs), runs, [], ahead)
     page.comparison = comparison
+    page.note = note
     beside = {} if comparison is None else comparison.beside
     for nodes in order(page.logs, needs, ahead, beside):
         page.nodes += nodes
@@ -174,11 +178,18 @@ def _log(page: Page, run: Run, i: int, first: int, row_of: dict[Node, int]) -> d
         "station": log.header.station,
         "file": log.file,
         "header": run.vendor[log.file].get(1) or _plain(log.header),
-        "end": "no end" if log.end is None else log.end.reason,
+        "end": _end(run, log),
         "why_not": run.followed[i].why_not,
         "diverges": _divergence(run, i, first, row_of),
         "ahead": page.ahead[first + i],
+        "before": run.before[log.file],
     }
+
+
+def _end(run: Run, log: Log) -> str:
+    if log.end is not None:
+        return log.end.reason
+    return "goes on" if run.note else "no end"
 
 
 def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from automcm_spec.rules import handler, line
 from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
-from automcm_traces.log import Parameters, Restart, TimerArm, TimerEnd
+from automcm_traces.log import Event, Parameters, Restart, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.step import Diverges, Step
 from automcm_traces.timers import timer_key
@@ -60,10 +61,11 @@ class Followed:
         return found
 
 
-def follow(log: Log) -> Followed:
-    """Follow a log as far as the specification allows it."""
+def follow(log: Log, whole: Iterable[tuple[int, Event]] | None = None) -> Followed:
+    """Follow a log as far as the specification allows it.  If it is a part, ``whole`` are the
+    events of the whole log: those before are followed, and not kept."""
     found = Followed()
-    leases = _states(log, found)
+    leases = _states(log, log.events if whole is None else whole, found)
     _bars(log, found, leases)
     return found
 
@@ -91,7 +93,7 @@ def values(t: Track) -> dict[str, Json]:
     }
 
 
-def _states(log: Log, found: Followed) -> dict[int, int]:
+def _states(log: Log, events: Iterable[tuple[int, Event]], found: Followed) -> dict[int, int]:
     """Follow; returns, by the line of an input, the lease in force after it."""
     lacking = set(NEEDED) - set(log.header.complete)
     leases: dict[int, int] = {}
@@ -100,9 +102,14 @@ def _states(log: Log, found: Followed) -> dict[int, int]:
         found.why_not = f"the log does not promise to hold every event of kind {kinds}"
         return leases
     last: dict[str, Json] = {}
+    shown = range(log.events[0][0], log.events[-1][0] + 1) if log.events else range(0)
+    latest = 0
 
     def after(step: Step, track: Track) -> None:
-        nonlocal last
+        nonlocal last, latest
+        latest = step.at
+        if step.at not in shown:
+            return
         now = values(track)
         whole = len(found.steps) % WHOLE == 0
         changed = {k: v for k, v in now.items() if whole or last.get(k) != v}
@@ -116,13 +123,16 @@ def _states(log: Log, found: Followed) -> dict[int, int]:
     try:
         engine = Engine(log)
         engine.observer = after
-        for at, event in log.events:
+        for at, event in events:
             engine.feed(at, event)
+            if latest >= shown.stop:
+                break  # only the input after it says that the last step is over
         if log.ended:
             engine.finish()
     except Diverges as d:
         found.why_not = f"the log leaves the specification at line {d.at}"
-        if d.step is not None and (not found.steps or found.steps[-1] < d.step.at):
+        new = d.step is not None and (not found.steps or found.steps[-1] < d.step.at)
+        if d.step is not None and new and d.step.at in shown:
             _decided(found, d.step)
     except CannotTell as error:
         found.why_not = str(error)

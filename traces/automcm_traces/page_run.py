@@ -3,30 +3,50 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import os
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from automcm_traces.clocks import Clocks
-from automcm_traces.explain import Verdict, explain_files, together
+from automcm_traces.explain import Verdict, explain_file, explain_files, together
 from automcm_traces.log import Event, Receive, Send
 from automcm_traces.merge import Merged, MergeError, merge
 from automcm_traces.page_follow import Followed, follow
 from automcm_traces.properties import SystemReport
-from automcm_traces.reader import Log, LogError, LogStream
+from automcm_traces.reader import Log, LogError, LogStream, name_of
 
 Json = Any
 MOST_LOGS = 200
 """Beyond, what one log says of another takes too long to work out."""
-MOST_EVENTS = 1_000_000
-"""Beyond, a browser cannot hold the page."""
+MOST_EVENTS = 100_000
+"""In all logs of a run.  Each takes 5 to 7 KB while the page is made."""
+MOST_BYTES = 256 * 2**20
+"""In all logs of a run, however few their events are."""
 GHOSTS = 12
 """Stations without a log that have a column each; if there are more, all share one."""
 
 
 class PageError(Exception):
     """What cannot be shown as a page; the text is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What to show of logs: so many lines of the first one, and of each other log what stands
+    between the first and the last message that was exchanged with them."""
+
+    first: int
+    last: int = sys.maxsize
+
+    def __str__(self) -> str:
+        if self.last == sys.maxsize:
+            return f"from line {self.first} on"
+        return f"in lines {self.first} to {self.last}"
 
 
 @dataclass(slots=True)
@@ -46,6 +66,10 @@ class Run:
     """There are too many of them: one column for all."""
     vendor: dict[str, dict[int, Json]] = field(default_factory=dict)
     """By file and line: records with fields of a vendor, as they stand there."""
+    before: dict[str, int] = field(default_factory=dict)
+    """By file, how many events of the log stand before what is shown of it."""
+    note: str = ""
+    """Which part is shown, in a sentence; empty if all is."""
     renamed: tuple[str, str] = ("", "")
     """What stands before the names of the files, and what is shown instead."""
 
@@ -91,61 +115,174 @@ class Run:
         return value.replace(was, name) if isinstance(value, str) else value
 
 
-def load(paths: Sequence[Path], late_ms: int | None = None) -> Run:
+def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = None) -> Run:
     """Read and judge the logs of one run.  A log that cannot be read to its end is shown up to
     there; of one without a header there is only the verdict.
+
+    Of a ``part``, only that is held in memory. Each verdict is still the one on the whole log, but
+    the logs are not judged together.
 
     Raises PageError, LogError if no log has a header, and automcm_spec.oracle.OracleError if
     there is no oracle.
     """
     if len(paths) > MOST_LOGS:
         raise PageError(f"{len(paths)} logs; a page shows at most {MOST_LOGS}")
-    logs, refused = [], []
+    if part is None:
+        check_size(paths)
+        logs, note = _whole_logs(paths), ""
+    else:
+        logs, note = _parts(paths, part)
+    try:
+        merged = merge([_unpromised(log) if part else log for _, log in logs])
+    except MergeError as error:
+        raise PageError(str(error)) from None
+    verdicts = explain_files(paths, late_ms) if part is None else _alone(paths, late_ms)
+    system = together(paths) if len(paths) > 1 and part is None else None
+    named = sorted(_named(merged) - set(merged.stations))
+    crowded = len(named) > GHOSTS
+    of_file = {log.file: (path, log) for path, log in logs}
+    followed = [_follow(*of_file[log.file], part) for log in merged.logs]
+    vendor = {file: _vendor(path, log, part) for file, (path, log) in of_file.items()}
+    ghosts = [] if crowded else named
+    run = Run(merged, verdicts, system, followed, ghosts, crowded, vendor, note=note)
+    run.before = {file: _before(log) for file, (_, log) in of_file.items()}
+    return run
+
+
+def check_size(paths: Sequence[Path]) -> None:
+    """Refuse logs that are too long for a page, before any of them is held in memory.
+
+    Raises PageError, and LogError for what cannot be read.
+    """
+    lines = size = 0
     for path in paths:
         try:
-            logs.append(_whole(path))
+            if not S_ISREG(os.stat(path).st_mode):
+                raise LogError(path, 0, "", "is no file; a page reads a log more than once")
+            with open(path, "rb") as stream:
+                while block := stream.read(2**20):
+                    lines += block.count(b"\n")
+                    size += len(block)
+        except FileNotFoundError:
+            continue  # its verdict says so
+        except OSError as error:
+            raise LogError(path, 0, "", f"cannot be read: {error.strerror}") from None
+    what = name_of(paths[0]) if len(paths) == 1 else f"{len(paths)} logs"
+    choose = "choose a part of the first log with --from-line and --to-line"
+    if lines - 2 * len(paths) > MOST_EVENTS:
+        most = f"a page shows at most {MOST_EVENTS:,} events"
+        raise PageError(f"{what}: {lines:,} lines; {most}: {choose}")
+    if size > MOST_BYTES:
+        most = f"a page shows at most {MOST_BYTES >> 20} MiB"
+        raise PageError(f"{what}: {size >> 20} MiB; {most}: {choose}")
+
+
+def _whole_logs(paths: Sequence[Path]) -> list[tuple[Path, Log]]:
+    """The logs that have a header, each up to where it can be read."""
+    logs: list[tuple[Path, Log]] = []
+    refused: list[LogError] = []
+    for path in paths:
+        try:
+            stream = LogStream(path)
+            logs.append((path, _log(stream, _readable(stream))))
         except LogError as error:
             refused.append(error)  # its verdict says so
     if refused and not logs:
         raise refused[0]
-    if sum(len(log.events) for log in logs) > MOST_EVENTS:
-        raise PageError(f"more than {MOST_EVENTS} events; a page shows no more")
-    try:
-        merged = merge(logs)
-    except MergeError as error:
-        raise PageError(str(error)) from None
-    verdicts = explain_files(paths, late_ms)
-    system = together(paths) if len(paths) > 1 else None
-    named = sorted(_named(merged) - set(merged.stations))
-    crowded = len(named) > GHOSTS
-    followed = [follow(log) for log in merged.logs]
-    vendor = {log.file: _vendor(log) for log in merged.logs}
-    return Run(merged, verdicts, system, followed, [] if crowded else named, crowded, vendor)
+    return logs
 
 
-def _whole(path: Path) -> Log:
-    """The log in a file, up to where it can be read."""
+def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], str]:
+    """What is shown of each log, and which lines those are.
+
+    Raises PageError if that is nothing, or too much, and LogError if the first has no header.
+    """
+    first = paths[0]
+    own = _lines(first, part.first, part.last, 0)
+    if not own.events:
+        raise PageError(f"{name_of(first)}: no event that can be read {part}")
+    exchanged = {tx for _, event in own.events if (tx := _tx(event))}
+    logs = [(first, own)]
+    without = []
+    for path in paths[1:]:
+        try:
+            at = [line for line, event in _readable(LogStream(path)) if _tx(event) in exchanged]
+        except LogError:
+            continue  # its verdict says so
+        if at:
+            held = sum(len(log.events) for _, log in logs)
+            logs.append((path, _lines(path, at[0], at[-1], held)))
+        else:
+            without.append(name_of(path))
+    shown = ", ".join(
+        f"{log.file} lines {log.events[0][0]} to {log.events[-1][0]}" for _, log in logs
+    )
+    note = f"A part: {shown}. Each log is judged as a whole, and by itself."
+    if without:
+        note += f" No message of these lines is in {', '.join(without)}."
+    return logs, note
+
+
+def _lines(path: Path, first: int, last: int, held: int) -> Log:
+    """The events in these lines; ``held`` are in memory already.  Raises PageError, LogError."""
     stream = LogStream(path)
     events: list[tuple[int, Event]] = []
+    for line, event in _readable(stream):
+        if line > last:
+            break
+        if line >= first:
+            events.append((line, event))
+            if len(events) + held > MOST_EVENTS:
+                most = f"a page shows at most {MOST_EVENTS:,}"
+                raise PageError(f"more than {MOST_EVENTS:,} events in this part; {most}")
+    return _log(stream, events)
+
+
+def _readable(stream: LogStream) -> Iterator[tuple[int, Event]]:
+    """The events up to where the log can be read; its verdict says where and why."""
     try:
-        for entry in stream:
-            events.append(entry)
-            if len(events) > MOST_EVENTS:
-                raise PageError(f"{path}: more than {MOST_EVENTS} events; a page shows no more")
+        yield from stream
     except LogError:
-        pass  # its verdict says where and why
+        return
+
+
+def _log(stream: LogStream, events: Iterable[tuple[int, Event]]) -> Log:
+    kept = list(events)
     return Log(
-        stream.file, stream.header, events, stream.end, stream.truncated, list(stream.warnings)
+        stream.file, stream.header, kept, stream.end, stream.truncated, list(stream.warnings)
     )
 
 
-def _vendor(log: Log) -> dict[int, Json]:
-    """The records of a log that may have a field of a vendor, which reading leaves out."""
+def _tx(event: Event) -> str | None:
+    return event.tx if isinstance(event, Send | Receive) else None
+
+
+def _unpromised(log: Log) -> Log:
+    """A part of a log: what is missing in it may stand before or after."""
+    return replace(log, header=log.header.model_copy(update={"complete": []}))
+
+
+def _alone(paths: Sequence[Path], late_ms: int | None) -> list[Verdict]:
+    return [explain_file(path, late_ms) for path in paths]
+
+
+def _before(log: Log) -> int:
+    return log.events[0][1].seq - 1 if log.events else 0
+
+
+def _follow(path: Path, log: Log, part: Part | None) -> Followed:
+    """Follow a log; of a part, what stands before it is read and forgotten."""
+    return follow(log, None if part is None else _readable(LogStream(path)))
+
+
+def _vendor(path: Path, log: Log, part: Part | None) -> dict[int, Json]:
+    """The records of a log that may have a field of a vendor, which reading leaves out; of a part
+    also the header as it stands there."""
     found = {}
     lines = {1, *(at for at, _ in log.events)}
-    with open(log.file, "rb") as stream:
-        for at, line in enumerate(stream, 1):
-            if b'"x_' in line and at in lines:
+    with open(path, "rb") as stream:
+        for at, line in enumerate(islice(stream, max(lines)), 1):
+            if (b'"x_' in line and at in lines) or (part is not None and at == 1):
                 found[at] = json.loads(line)
     return found
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PosixPath
 from typing import BinaryIO, Literal
 
 from pydantic import ValidationError
@@ -22,6 +22,18 @@ LONGEST_LINE = 16 * 2**20
 """Bytes; a longer line is refused rather than read into memory."""
 
 
+class Kept(PosixPath):
+    """A file that keeps a log that cannot be read again, or that was not one: messages name it as
+    ``given``, and never the file."""
+
+    given = ""
+
+
+def name_of(path: str | Path) -> str:
+    """How messages name a file."""
+    return path.given if isinstance(path, Kept) else str(path)
+
+
 class LogError(Exception):
     """A log that cannot be read; the text is one line and names file, line and field.
 
@@ -29,7 +41,7 @@ class LogError(Exception):
     """
 
     def __init__(self, file: str | Path, line: int, field: str, problem: str) -> None:
-        self.file = str(file)
+        self.file = name_of(file)
         self.line = line
         self.field = field
         self.problem = problem
@@ -90,7 +102,7 @@ def read(path: str | Path) -> Log:
         match entry.record:
             case Notice(kind, problem):
                 truncated = truncated or kind == "truncated"
-                warnings.append(one_line(f"{path}:{entry.line}: {problem}"))
+                warnings.append(one_line(f"{name_of(path)}:{entry.line}: {problem}"))
             case Header() as header:
                 pass
             case End() as end:
@@ -98,7 +110,7 @@ def read(path: str | Path) -> Log:
             case event:
                 events.append((entry.line, event))
     assert header is not None, "records() gives the header first"
-    return Log(str(path), header, events, end, truncated, warnings)
+    return Log(name_of(path), header, events, end, truncated, warnings)
 
 
 def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
@@ -149,7 +161,7 @@ class LogStream:
     """
 
     def __init__(self, path: str | Path, *, past_gaps: bool = False) -> None:
-        self.file = str(path)
+        self.file = name_of(path)
         self.end: End | None = None
         self.truncated = False
         """The last line was cut."""
@@ -196,31 +208,35 @@ class LogStream:
             self.warnings.append(one_line(f"{self.file}:{line}: {notice.problem}"))
 
 
-def parse(line: bytes) -> Record | UnknownEvent:
-    """One line of a log.  Raises NotJsonError or pydantic.ValidationError."""
+def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
+    """One line of a log; ``first``: the file begins with it, and may be no log at all.
+
+    Raises NotJsonError or pydantic.ValidationError.
+    """
     try:
         line.decode()
     except UnicodeDecodeError as error:
-        raise NotJsonError(f"not UTF-8 at byte {error.start + 1}{_known(line)}") from None
+        raise NotJsonError(f"not UTF-8 at byte {error.start + 1}{_known(line, first)}") from None
     if not line.strip():
         raise NotJsonError("empty line")
     try:
         return record(line)
     except ValidationError as error:
         if not unknown_event(error):
-            raise _json_error(error, line) from None
+            raise _json_error(error, line, first) from None
     try:
         return UnknownEvent.model_validate_json(line)
     except ValidationError as error:
-        raise _json_error(error, line) from None
+        raise _json_error(error, line, first) from None
 
 
-def _json_error(error: ValidationError, line: bytes) -> Exception:
+def _json_error(error: ValidationError, line: bytes, first: bool) -> Exception:
     _, problem = first_problem(error)
-    return NotJsonError(problem + _known(line)) if problem.startswith("not JSON") else error
+    known = _known(line, first)
+    return NotJsonError(problem + known) if problem.startswith("not JSON") else error
 
 
-_MAGIC = {
+_FILES = {
     b"\xef\xbb\xbf": "it begins with a byte order mark; write UTF-8 without one",
     b"\xff\xfe": "this is UTF-16",
     b"\xfe\xff": "this is UTF-16",
@@ -231,11 +247,13 @@ _MAGIC = {
 }
 
 
-def _known(line: bytes) -> str:
-    """What begins like this, for people who give us the wrong file."""
+def _known(line: bytes, first: bool) -> str:
+    """What this is, for people who give us the wrong file: a kind of file is known by its first
+    bytes, and by no others."""
     if line.strip() in (b"[", b"{"):
         return " (a log has one JSON object a line)"
-    return next((f" ({w})" for m, w in _MAGIC.items() if line.startswith(m)), "")
+    files = _FILES.items() if first else ()
+    return next((f" ({what})" for begin, what in files if line.startswith(begin)), "")
 
 
 def cut(line: bytes) -> bool:
@@ -262,7 +280,7 @@ class _Reader:
             if len(line) > LONGEST_LINE:
                 raise self._error("", f"longer than {LONGEST_LINE} bytes")
             try:
-                record = parse(line)
+                record = parse(line, first=self._line == 1)
             except NotJsonError as error:
                 if not self._header or self._end or not cut(line):
                     raise self._error("", error.problem) from None

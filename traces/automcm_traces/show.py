@@ -15,7 +15,7 @@ from typing import Any
 
 from automcm_traces.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.numbers import Numbers
-from automcm_traces.reader import LogError, Notice, records
+from automcm_traces.reader import LogError, Notice, name_of, records
 from automcm_traces.words import Kind, fitted, kind, safe, said, session_of
 
 WIDTH = 80
@@ -93,7 +93,7 @@ class Logs:
             assert isinstance(header, Header), "records() gives the header first"
             if header.station in self._paths:
                 other = self._paths[header.station]
-                problem = f"{header.station} is the station of {other} too"
+                problem = f"{header.station} is the station of {name_of(other)} too"
                 raise LogError(path, 1, "station", problem)
             self._paths[header.station] = path
             runs.setdefault(header.run, path)

@@ -22,7 +22,7 @@ from typing import Any
 from automcm_traces.explain import Verdict, explain, explain_files, forged
 from automcm_traces.log import Receive, Send
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, at_line, one_line
+from automcm_traces.reader import Log, LogError, LogStream, at_line, name_of, one_line
 from automcm_traces.show import Row
 from automcm_traces.sublog import Item, Sublog
 
@@ -130,7 +130,7 @@ def shrink(
     if wrong is not None and wrong.rule != "forged":
         alone = Sublog.read(wrong.file, max(wrong.seen, wrong.line))
         found = Shrunk(wrong.event, wrong.rule, wrong.file, wrong.line)
-        found.before = {str(path): _events(path) for path in paths}
+        found.before = {name_of(path): _events(path) for path in paths}
         return Search((alone,), diverges_as(wrong, late_ms), tries, say).run(found)
     for v in verdicts:
         if v.verdict == "unreadable":

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import re
 import shutil
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import simulate, tlc, values
+from automcm_spec import scratch, simulate, tlc, values
 from automcm_spec.oracle import STATE_FIELDS, canonical
 from automcm_spec.paths import MODELS, TLA
 from automcm_traces.story import Effects
@@ -101,8 +100,7 @@ def ask(
             n, *answer = _tuple(values.parse(text))
             found[wanted[n].key] = _effects(answer)
 
-    with tempfile.TemporaryDirectory(prefix="automcm-story-") as folder:
-        place = Path(folder)
+    with scratch.folder("story") as place:
         for path in tla.glob("*.tla"):
             shutil.copy(path, place)
         text = MODULE.format(module=module, questions=asked)

@@ -19,7 +19,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from automcm_traces.log import End, Event, Header, Record, Send, UnknownEvent, record
-from automcm_traces.reader import Log, NotJsonError, cut, parse, read
+from automcm_traces.reader import Log, NotJsonError, cut, name_of, parse, read
 from automcm_traces.words import session_of
 
 Json = Any
@@ -73,7 +73,7 @@ class Sublog:
                 case event:
                     items.append(Item(number, event, json.loads(text)))
         assert header is not None, "the log has been read before"
-        return Sublog(str(path), header, json.loads(texts[0]), end, tuple(items))
+        return Sublog(name_of(path), header, json.loads(texts[0]), end, tuple(items))
 
     def having(self, items: Sequence[Item]) -> Sublog:
         """The same log with these items only."""

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from automcm_spec import files
 from automcm_traces.explain import Verdict
 from automcm_traces.reader import at_line, printable
 from automcm_traces.show import Row, columns
@@ -72,26 +73,29 @@ def _diverges(verdict: Verdict) -> Iterator[str]:
         yield from (f"  {line}" for line in columns(rows, [station], 78))
 
 
-def prefix(verdict: Verdict, folder: Path, taken: Collection[Path] = ()) -> Path:
+def prefix(
+    verdict: Verdict, folder: Path, taken: Collection[Path] = (), log: Path | None = None
+) -> Path:
     """Write what the log says up to the divergence as a log of its own; the verdict on it is the
-    same.  Its name is none of those ``taken``.
+    same.  Its name is none of those ``taken``.  ``log`` is the file, if the verdict names another.
 
     Raises OSError.
     """
     lines = max(verdict.seen, verdict.line)
     folder.mkdir(parents=True, exist_ok=True)
-    name = f"{Path(verdict.file).stem}-{verdict.line}"
+    log = Path(verdict.file) if log is None else log
+    name = f"{log.stem}-{verdict.line}"
     path, n = folder / f"{name}.ndjson", 1
     while path in taken:
         n += 1
         path = folder / f"{name}-{n}.ndjson"
-    with open(verdict.file, "rb") as stream:
+    with open(log, "rb") as stream:
         kept = list(islice(stream, lines))
     last: dict[str, Json] = json.loads(kept[-1])
     kept[-1] = kept[-1].removesuffix(b"\n") + b"\n"
     end = {"rec": "end", "seq": last["seq"], "reason": "prefix", "lost_records": 0}
     kept.append(json.dumps(end).encode() + b"\n")
-    path.write_bytes(b"".join(kept))
+    files.write(path, b"".join(kept))
     return path
 
 

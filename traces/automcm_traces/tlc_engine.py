@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import json
 import shutil
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import tlc
+from automcm_spec import scratch, tlc
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES
 from automcm_traces.explain import Verdict, forged
@@ -29,7 +28,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.possible import unobserved
-from automcm_traces.reader import Log, LogError, LogStream
+from automcm_traces.reader import Log, LogError, LogStream, name_of
 from automcm_traces.timers import TIMER_RULES, timer_name
 from automcm_traces.tlc_module import DEFAULTS, TooLarge, Translation, limits, module
 
@@ -97,7 +96,7 @@ def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], li
         try:
             logs[path], problem = _whole(LogStream(path))
         except LogError as error:
-            problem = Verdict("unreadable", str(path), error.line, error.what)
+            problem = Verdict("unreadable", name_of(path), error.line, error.what)
         if problem is not None:
             found[path] = problem
     for path, verdict in zip(logs, explain_batch(list(logs.values()), late_ms), strict=True):
@@ -162,8 +161,7 @@ def _run(constants: Sequence[int], translations: Sequence[Translation]) -> list[
         if before is None or what == "ALLOWED" or (before[0] != "ALLOWED" and line > before[1]):
             best[log] = [what, line, rule, wanted]
 
-    with tempfile.TemporaryDirectory(prefix="automcm-traces-") as name:
-        folder = Path(name)
+    with scratch.folder("traces") as folder:
         for file in _MODULES:
             shutil.copy(TLA / file, folder)
         text = module("Batch", [t.text for t in translations])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from automcm_traces.clocks import Clocks, Span
-from automcm_traces.delivery import Deliveries
+from automcm_traces.delivery import Deliveries, Forged
 from automcm_traces.log import ApplicationIndication, Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.merge import Merged, merge
 from automcm_traces.reader import Log
@@ -27,6 +27,7 @@ class World:
         self.clocks = Clocks(self.merged)
         self.deliveries = Deliveries(self.merged, self.clocks)
         self.timelines = {log.header.station: timeline(log) for log in self.merged.logs}
+        self._forged = {found.at: found for found in self.deliveries.forged}
         self._acceptances: dict[int, dict[tuple[int, Session, int], int]] = {}
         self._leases: dict[int, dict[tuple[Session, int], int]] = {}
         self._committed: dict[int, dict[Session | None, list[Spell]]] = {}
@@ -36,6 +37,11 @@ class World:
         place = self.merged.place(station)
         assert place is not None, "only asked of stations with a log"
         return self.merged.logs[place]
+
+    def forged(self, station: int, at: int) -> Forged | None:
+        """The forged message that an event of a station received, if it did."""
+        place = self.merged.place(station)
+        return None if place is None else self._forged.get((place, at))
 
     def acceptances(self, station: int) -> dict[tuple[int, Session, int], int]:
         """The Acceptances that accept in a station's log: by addressee, session and proposal the

@@ -4,11 +4,21 @@ import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Protocol, Self, cast
 
 from pydantic import ValidationError
 
 from automcm_traces.log import RECORD, SCHEMA, first_problem, not_plain
+
+
+class Sink(Protocol):
+    """Takes whole lines: a binary stream, or something like one."""
+
+    def write(self, line: bytes, /) -> object:
+        """Take one line."""
+
+    def flush(self) -> None:
+        """Let nothing wait."""
 
 
 class LogWriter:
@@ -24,7 +34,7 @@ class LogWriter:
 
     def __init__(
         self,
-        target: str | Path | BinaryIO,
+        target: str | Path | Sink,
         *,
         run: str,
         station: int,
@@ -36,7 +46,7 @@ class LogWriter:
     ) -> None:
         """Write the header.
 
-        `target` is a path (overwritten) or a binary stream, which stays open at the end.
+        `target` is a path (overwritten) or a sink, which stays open at the end.
         `parameters` and `complete` are those of the header; the order of `complete` is free.
         """
         self._seq = 0
@@ -54,8 +64,8 @@ class LogWriter:
                 "complete": sorted(set(complete)),
             }
         )
-        self._owned = isinstance(target, str | Path)
-        self._stream = open(target, "wb") if isinstance(target, str | Path) else target  # noqa: SIM115
+        self._own = open(target, "wb") if isinstance(target, str | Path) else None  # noqa: SIM115
+        self._sink: Sink = self._own or cast(Sink, target)
         self._put(header)
 
     def event(self, ev: str, t_ms: int, /, **fields: object) -> int:
@@ -79,8 +89,8 @@ class LogWriter:
         line = {"rec": "end", "seq": self._seq, "reason": reason, "lost_records": lost_records}
         self._put(_line(line))
         self._ended = True
-        if self._owned:
-            self._stream.close()
+        if self._own is not None:
+            self._own.close()
 
     def __enter__(self) -> Self:
         return self
@@ -99,8 +109,8 @@ class LogWriter:
             raise ValueError("the log has ended")
 
     def _put(self, line: bytes) -> None:
-        self._stream.write(line)
-        self._stream.flush()
+        self._sink.write(line)
+        self._sink.flush()
 
 
 def _line(fields: Mapping[str, object]) -> bytes:

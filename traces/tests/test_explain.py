@@ -409,3 +409,21 @@ def test_logs_of_other_runs_forge_nothing(logs: list[Path], tmp_path: Path) -> N
     text_ = four_stations(tmp_path, 4)[0].read_text()
     other.write_text(text_)
     assert {v.verdict for v in explain_files([*logs[1:], other])} == {"allowed"}
+
+
+def test_a_late_timer_is_told_with_what_the_station_says_of_it(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    """The verdict stays: late_ms is a hint.  A tolerance as large as it says allows the log."""
+    lines = [json.loads(line) for line in logs[1].read_text().splitlines()]
+    n = next(n for n, line in enumerate(lines) if line.get("op") == "expire")
+    for line in lines[n:-1]:
+        line["t_ms"] += 900
+        line |= {"deadline": line["deadline"] + 900} if "deadline" in line else {}
+    lines[n]["late_ms"] = 900
+    path = tmp_path / "late"
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    verdict = explain_file(path)
+    assert verdict.verdict == "diverges"
+    assert f"the station says that it was 900 ms late (late_ms, line {n + 1})" in verdict.event
+    assert "late_ms" not in explain_file(path, 1000).event

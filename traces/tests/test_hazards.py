@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,13 @@ import pytest
 from merged_runs import Run, killed, records, rewritten, without_tx
 
 from automcm.interface import Abort
-from automcm.messages import Cam, encode
+from automcm.messages import Cam, Cancel, Fin, Message, encode
 from automcm_traces.clocks import Span
 from automcm_traces.hazards import Hazard
 from automcm_traces.hazards import hazard as hazard_of
+from automcm_traces.log import Send
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log
+from automcm_traces.reader import Log, read
 from automcm_traces.world import World
 
 CUT = 4000
@@ -214,16 +216,83 @@ def cam_of_2(run: Run, at: int) -> None:
     run.simulation.clock.at(at, lambda: run.simulation.services[1].receive(encode(cam)) and None)
 
 
+def at_of(forged: str) -> str:
+    """The place that a line of the report on a forged message begins with."""
+    return forged.partition(": FORGED ")[0]
+
+
 def test_t_2_a_forged_cam_makes_it_longer_than_the_bound(tmp_path: Path) -> None:
     run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
     run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
     cam_of_2(run, CUT + 1000)
     report = judge(run.logs())
     (hazard,) = report.hazards
-    assert run.hazard() == 1000 + L and hazard.outcome == "exceeds" and hazard.excused
-    assert property_of(report, "T-2") == "violated" and property_of(report, "S-5") == "holds"
-    assert len(report.forged) == 1 and "FORGED CAM from 2" in report.forged[0]
-    assert report.verdict == "violated" and "EXCEEDED" in report.text()
+    assert run.hazard() == 1000 + L and hazard.excused and not hazard.begun_by
+    assert hazard.outcome == "cannot_tell" and "no message is forged" in hazard.why
+    assert property_of(report, "T-2") == "cannot_tell" and property_of(report, "S-5") == "holds"
+    (forged,) = report.forged
+    assert hazard.prolonged_by == f"CAM from 2, at {at_of(forged)}"
+    assert report.verdict == "violated" and "prolonged by forged CAM from 2" in report.text()
+
+
+def test_t_2_a_forged_cam_that_changes_nothing_is_not_named(tmp_path: Path) -> None:
+    """The Cancel ends the hazard before the CAMs would be missed."""
+    run = Run(tmp_path, maneuver_ms=9000)
+    run.simulation.command(2, Abort(session=(1, 1)), at=CUT)
+    cam_of_2(run, CUT + 1)
+    report = judge(run.logs())
+    (hazard,) = report.hazards
+    assert len(report.forged) == 1 and hazard.outcome == "within" and not hazard.prolonged_by
+    assert "hazard (fault)" in report.text()
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        Cancel(src=1, dst=2, session=(1, 1), seq=999, reason="abort"),
+        Fin(src=1, dst=2, session=(1, 1), seq=999),
+    ],
+    ids=lambda message: message.type,
+)
+def test_s_5_a_forged_end_at_the_target_is_the_excuse(tmp_path: Path, forged: Message) -> None:
+    run = Run(tmp_path, drop=no_cancel, maneuver_ms=9000)
+    run.simulation.clock.at(
+        CUT, lambda: run.simulation.services[2].receive(encode(forged)) and None
+    )
+    report = judge(run.logs())
+    (hazard,) = report.hazards
+    (told,) = report.forged
+    assert hazard.excused and hazard.begun_by == f"{forged.type} from 1, at {at_of(told)}"
+    assert hazard.since == at_of(told) and hazard.outcome == "within"
+    assert property_of(report, "S-5") == property_of(report, "T-2") == "holds"
+    assert "hazard (forged message)" in report.text() and "WITHOUT EXCUSE" not in report.text()
+    assert report.verdict == "violated", "the forgery itself is no run of the protocol"
+    assert hazard.as_dict()["begun_by"] == hazard.begun_by
+
+
+def test_s_5_an_acceptance_forged_before_the_true_one_is_the_excuse(tmp_path: Path) -> None:
+    """The prescriber acts on it while the target still decides."""
+    accepted = dict((phase, ms) for ms, phase in ran(tmp_path / "first").phases[2])["ACTUATING"]
+    run = Run(tmp_path / "second")
+    true = next(
+        e.message
+        for _, e in read(tmp_path / "first" / "2.ndjson").events
+        if isinstance(e, Send) and e.message["type"] == "Acceptance"
+    )
+    data = json.dumps({**true, "seq": 999}).encode()
+    early = accepted - 30
+    run.simulation.clock.at(early, lambda: run.simulation.services[1].receive(data) and None)
+    report = judge(run.logs())
+    (hazard,) = report.hazards
+    assert hazard.since_ms == early and "has not accepted" in hazard.fault
+    assert hazard.excused and hazard.begun_by.startswith("Acceptance from 2, at ")
+    assert hazard.outcome == "within" and property_of(report, "S-5") == "holds"
+
+
+def ran(folder: Path) -> Run:
+    run = Run(folder)
+    run.logs()
+    return run
 
 
 def test_t_2_says_nothing_where_a_copy_took_too_long(tmp_path: Path) -> None:

@@ -75,12 +75,17 @@ def test_s_3_an_acceptance_that_the_target_never_sent(tmp_path: Path) -> None:
     run = Run(tmp_path, drop=deaf)
     heard(run, 1, acceptance(), at=3000)
     report = judge(run.logs())
-    assert broken(report) >= {"S-3", "S-5"} and report.verdict == "violated"
+    assert broken(report) == {"S-3"} and report.verdict == "violated"
     assert "never sent" in judged(report, "S-3") and "FORGED Acceptance" in report.text()
     (hazard,) = report.hazards
-    assert not hazard.excused and hazard.length is not None
+    assert hazard.excused and hazard.begun_by.startswith("Acceptance from 2, at ")
+    assert hazard.length is not None and hazard.outcome == "cannot_tell"
     assert hazard.length.low == hazard.length.high == run.left(1) - 3000
-    assert "HAZARD WITHOUT EXCUSE" in report.text() and "never committed" in hazard.fault
+    assert (
+        "no message is forged" in hazard.why
+        and "WITHOUT EXCUSE" not in report.text()
+        and "never committed" in hazard.fault
+    )
 
 
 def test_s_3_where_the_target_s_log_stops_it_cannot_be_told(tmp_path: Path) -> None:
@@ -120,13 +125,14 @@ def test_s_6_an_ack_of_what_was_never_received(tmp_path: Path) -> None:
 
 
 def test_t_4_the_target_took_a_shorter_lease(tmp_path: Path) -> None:
-    """What it took is not what was sent: its lease ends first, and that is no excuse."""
+    """What it took is not what was sent: its lease ends first, and the forgery is the excuse."""
     run = Run(tmp_path, drop=deaf, maneuver_ms=6000)
     heard(run, 2, prescription(2, proposal=1, lease_ms=2000), at=2800)
     report = judge(run.logs())
-    assert broken(report) >= {"T-4", "S-5"}
+    assert broken(report) == {"T-4"} and report.verdict == "violated"
     (hazard,) = report.hazards
-    assert not hazard.excused and "expire lease" in hazard.fault
+    assert hazard.excused and "expire lease" in hazard.fault
+    assert hazard.begun_by.startswith("Prescription from 1, at ")
     assert hazard.length is not None and hazard.length.best == run.hazard()
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from automcm_traces.lint import lint
 from automcm_traces.log import RECORD, Header, record
 from automcm_traces.reader import MOST_WARNINGS, LogError, LogStream, Notice, read, records
 
@@ -129,6 +130,30 @@ def test_the_wrong_file_is_named_for_what_it_is(tmp_path: Path, start: bytes, sa
     with pytest.raises(LogError, match=said) as caught:
         LogStream(write(tmp_path, start))
     assert caught.value.line == 1
+
+
+@pytest.mark.parametrize(
+    "line", [b"\xff\xfe{\x00\n", b"\xfe\xff\x00{\n", b"\x1f\x8b\x08\n", b"PK\x03\x04\n"]
+)
+def test_only_the_first_bytes_of_a_file_say_what_file_it_is(tmp_path: Path, line: bytes) -> None:
+    path = write(tmp_path, HEADER, restart(1), line, restart(2), end(2))
+    with pytest.raises(LogError) as caught:
+        list(LogStream(path))
+    (finding,) = (f for f in lint(path) if f.line == 3)
+    for problem in (caught.value.problem, finding.problem):
+        assert problem.startswith("not ") and "this is" not in problem
+    if not line.startswith(b"PK"):
+        assert finding.check == "text" and finding.problem == "not UTF-8 at byte " + str(
+            next(n for n in range(1, len(line)) if not utf_8(line[:n]))
+        )
+
+
+def utf_8(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def test_two_logs_in_one_file_are_refused(tmp_path: Path) -> None:

@@ -6,6 +6,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from automcm_spec import files
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -35,6 +37,8 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     with matplotlib.rc_context({"svg.hashsalt": "automcm", "font.size": 9}):
         for kind in ("png", "svg"):
             path = stem.with_name(f"{stem.name}.{kind}")
-            figure.savefig(path, dpi=120, metadata={"Date": None} if kind == "svg" else None)
+            with files.writing(path) as file:
+                date = {"Date": None} if kind == "svg" else None
+                figure.savefig(file, format=kind, dpi=120, metadata=date)
             written.append(path)
     return written

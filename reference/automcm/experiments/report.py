@@ -8,13 +8,13 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from automcm.experiments import NAMES, experiment, figures
 from automcm.experiments.experiment import Cell, Experiment, ExperimentError, Values
+from automcm_spec import files
 
 RESULTS = "results.json"
 
@@ -58,9 +58,7 @@ def write(report: Values, folder: Path) -> list[Path]:
     written = []
     for name, text in texts.items():
         path = folder / name
-        whole = folder / f".{name}"
-        whole.write_text(text, encoding="utf-8")
-        os.replace(whole, path)
+        files.write(path, text)
         written.append(path)
     if figures.available():
         for name, figure in made.figures(report):

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import numpy as np
@@ -22,6 +21,7 @@ from automcm.road import STEP_S, Driving
 from automcm.scenarios.lane_change import Plan, gained_at
 from automcm.trajectory.core import Trajectory
 from automcm.trajectory.prescribe import prescribe
+from automcm_spec import scratch
 
 How = Literal["cooperative", "forced", "prescribed"]
 HOWS: dict[How, str] = {
@@ -78,8 +78,8 @@ class Trial:
         Raises ExperimentError without SUMO, or if the receiver does not arrive.
         """
         sumo = libsumo()
-        with TemporaryDirectory() as folder:
-            sumo.start(self._command(Path(folder)))
+        with scratch.folder("sumo") as folder:
+            sumo.start(self._command(folder))
             try:
                 return self._drive(sumo)
             finally:

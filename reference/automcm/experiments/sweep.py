@@ -20,6 +20,7 @@ from typing import Any
 
 from automcm.experiments import experiment
 from automcm.experiments.experiment import Cell, Experiment, ExperimentError, Settings, Values
+from automcm_spec import children, files
 
 FREE_BYTES = 50_000_000
 """Less room than this on the disk, and nothing is begun."""
@@ -112,8 +113,10 @@ def prepare(folder: Path) -> None:
     """Make the folder, and see that it can be written before hours are spent.  Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     probe = folder / ".probe"
-    probe.write_bytes(b"probe")
-    probe.unlink()
+    try:
+        probe.write_bytes(b"probe")
+    finally:
+        probe.unlink(missing_ok=True)
     free = shutil.disk_usage(folder).free
     if free < FREE_BYTES:
         raise OSError(f"{folder}: {free:,} bytes are free, {FREE_BYTES:,} are needed")
@@ -128,7 +131,7 @@ def resumed(kept: Path, about: Values) -> dict[str, Values]:
     data = kept.read_bytes() if kept.exists() else b""
     lines = data.split(b"\n")[:-1]
     if not lines:
-        kept.write_text(canonical(about) + "\n", encoding="utf-8")
+        files.write(kept, canonical(about) + "\n")
         return {}
     found = {}
     for number, line in enumerate(lines, 1):
@@ -168,7 +171,9 @@ def _results(
         for values in missing:
             yield values, run_cell(name, values, seed)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(
+        workers, get_context("spawn"), initializer=children.end_with_parent
+    ) as pool:
         running: dict[Future[Values], Values] = {
             pool.submit(run_cell, name, values, seed): values for values in missing
         }

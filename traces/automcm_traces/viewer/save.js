@@ -34,10 +34,10 @@ function svgText() {
 
 /** A log up to and with a row, as a log of its own. */
 function prefixText(log, row) {
-  const kept = rowsOf[log].filter((one) => one <= row);
-  const lines = [LOGS[log].header];
-  kept.forEach((one, n) => lines.push({ ...logged(one), seq: n + 1 }));
-  lines.push({ rec: "end", seq: kept.length, reason: "prefix", lost_records: 0 });
+  const kept = rowsOf[log].filter((one) => one <= row), { header, before } = LOGS[log];
+  const lines = [header];
+  kept.forEach((one, n) => lines.push({ ...logged(one), seq: before + n + 1 }));
+  lines.push({ rec: "end", seq: before + kept.length, reason: "prefix", lost_records: 0 });
   return lines.map((line) => `${JSON.stringify(line)}\n`).join("");
 }
 

@@ -1,0 +1,127 @@
+"""docs/adding-a-rule.md on a copy of the repository: its diffs apply, and each command of sections
+1 to 3 prints what the page says."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from automcm_conformance import purposes
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "adding-a-rule.md"
+FOLDERS = ("spec", "reference", "traces", "conformance")
+STEP = re.compile(
+    r"```diff\n--- (?P<path>\S+)\n(?P<diff>.*?)```"
+    r"|^    \.venv/bin/(?P<command>automcm [^\n]*)\n\n```\n(?P<printed>.*?)```",
+    re.DOTALL | re.MULTILINE,
+)
+
+
+@dataclass(frozen=True)
+class Change:
+    """A diff of the page: a file, and a text in it that another one replaces."""
+
+    path: str
+    old: str
+    new: str
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of the page, and what it prints; ``...`` stands for anything."""
+
+    words: str
+    printed: str
+
+
+def steps() -> list[Change | Command]:
+    """The diffs and commands of sections 1 to 3, in the order of the page."""
+    found: list[Change | Command] = []
+    for match in STEP.finditer(PAGE.read_text().split("\n## 4. ")[0]):
+        if match["command"]:
+            found.append(Command(match["command"], match["printed"]))
+            continue
+        lines = match["diff"].splitlines(keepends=True)
+        assert {line[0] for line in lines} <= set(" -+")
+        old, new = ("".join(line[1:] for line in lines if line[0] in kept) for kept in (" -", " +"))
+        found.append(Change(match["path"], old, new))
+    return found
+
+
+STEPS = steps()
+
+
+def test_every_diff_and_every_command_of_the_sections_is_a_step() -> None:
+    text = PAGE.read_text().split("\n## 4. ")[0]
+    assert sum(isinstance(step, Change) for step in STEPS) == text.count("```diff")
+    assert sum(isinstance(step, Command) for step in STEPS) == text.count("\n    .venv/bin/")
+
+
+def apply(change: Change, root: Path) -> None:
+    path = root / change.path
+    text = path.read_text()
+    assert text.count(change.old) == 1, f"{change.path} does not have, once:\n{change.old}"
+    path.write_text(text.replace(change.old, change.new))
+
+
+def run(words: str, root: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "automcm_cli", *shlex.split(words)[1:]],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(str(root / name) for name in FOLDERS)},
+        cwd=root,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode in (0, 1), done.stderr
+    return done.stdout
+
+
+def prints(command: Command, root: Path) -> None:
+    """Lines of the page may be broken elsewhere than those on the screen."""
+    found = run(command.words, root)
+    wanted = f"...{command.printed.strip()}..."
+    assert doctest.OutputChecker().check_output(
+        wanted, found, doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    ), f"{command.words}\n{found}"
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    left_out = shutil.ignore_patterns(".git", ".venv", ".*_cache", "__pycache__", "runs", "site")
+    return Path(shutil.copytree(ROOT, tmp_path / "copy", ignore=left_out))
+
+
+def test_the_short_loop_of_the_page(copy: Path) -> None:
+    for step in STEPS:
+        if isinstance(step, Change):
+            apply(step, copy)
+        elif "--rule" in step.words:
+            prints(step, copy)
+
+
+@pytest.mark.deep
+def test_the_page_command_by_command(copy: Path) -> None:
+    for step in STEPS:
+        if isinstance(step, Change):
+            apply(step, copy)
+        else:
+            prints(step, copy)
+
+
+def test_the_case_of_the_page_is_the_next_of_its_series() -> None:
+    (block,) = re.findall(r"```toml\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    (case,) = tomllib.loads(block)["purpose"]
+    series, _, number = case["id"].rpartition("-")
+    there = [p.id.rpartition("-") for p in purposes.load()]
+    assert int(number) == 1 + max(int(n) for s, _, n in there if s == series)

@@ -1,0 +1,241 @@
+"""A station whose disk is full, whose reports nobody reads, or that is told to stop."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import socket
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from station_stage import COMMAND, LIMIT_S, PRESCRIBER, RECEIVER, Road, Running, road
+
+from automcm.process import STOP_MS
+from automcm_spec.rules import RULES
+from automcm_traces.explain import explain_files
+from automcm_traces.reader import read
+
+BOTH = pytest.mark.parametrize("victim", [PRESCRIBER, RECEIVER])
+
+
+def events(path: Path, **wanted: Any) -> list[dict[str, Any]]:
+    """The events of a log that have these values; as far as it can be read."""
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    return [line for line in lines if wanted.items() <= line.items()]
+
+
+def sent(path: Path, type_: str) -> list[dict[str, Any]]:
+    return [e for e in events(path, ev="send") if e["message"]["type"] == type_]
+
+
+def pair(on: Road, victim: int, *args: str, **more: Any) -> tuple[Running, Running]:
+    """The victim, with these options, and its peer."""
+    if victim == RECEIVER:
+        receiver = on.station(RECEIVER, *args, **more)
+        return receiver, on.prescriber("--maneuver", "1500")
+    receiver = on.station(RECEIVER)
+    return on.prescriber("--maneuver", "1500", *args, **more), receiver
+
+
+@BOTH
+def test_reports_that_nobody_reads_hold_nothing(victim: int, tmp_path: Path) -> None:
+    with road(tmp_path) as on:
+        unread, peer = pair(on, victim, "--for", "6000", full=True)
+        peer.until(event="phase", phase="ACTUATING")
+        peer.until(event="phase", phase="STANDALONE")
+        assert unread.wait() == 0  # --for is obeyed
+        errors = unread.errors()
+    assert "reports are lost" in errors
+    log = read(on.log(victim))
+    assert log.end is not None and log.end.lost_records == 0
+    assert "ACT-3" in {e.rule for _, e in log.events}
+    assert sent(on.log(victim), "CAM")[-1]["t_ms"] > log.events[-1][1].t_ms - 200
+
+
+@BOTH
+def test_a_log_on_a_full_disk_ends_no_session_and_goes_on_when_there_is_room(
+    victim: int, tmp_path: Path
+) -> None:
+    with road(tmp_path) as on:
+        full, peer = pair(on, victim)
+        full.until(event="phase", phase="ACTUATING")
+        limit(full, on.log(victim).stat().st_size + 100)  # in the midst of a line
+        peer.until(event="phase", phase="ACTUATING")
+        over = peer.until(event="phase", phase="STANDALONE")
+        assert over["rule"] == "ACT-3"  # as if nothing had happened
+        full.until(event="phase", phase="STANDALONE")
+        limit(full, resource.RLIM_INFINITY)
+        full.until(event="received", type="Ack") if victim == PRESCRIBER else None
+        at_least = len(on.log(victim).read_bytes()) + 500
+        while on.log(victim).stat().st_size < at_least and full.process.poll() is None:
+            pass
+        full.signal(signal.SIGTERM)
+        assert full.wait() == 3
+        errors = full.errors()
+    lines = [json.loads(line) for line in on.log(victim).read_text().splitlines()]  # none is torn
+    numbers = [line["seq"] for line in lines[1:-1]]
+    missing = numbers[-1] - len(numbers)
+    assert missing > 20 and lines[-1]["lost_records"] == missing
+    assert errors.count(str(on.log(victim))) == 2 and str(missing) in errors
+    assert explain_files([on.log(victim)])[0].verdict == "cannot_tell"
+
+
+def limit(running: Running, size: int) -> None:
+    """The process may write no file larger than this."""
+    hard = resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE)[1]
+    resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (size, hard))
+
+
+@BOTH
+def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: Path) -> None:
+    with road(tmp_path) as on:
+        receiver = [] if victim == RECEIVER else ["--request-after", "300", "--target", "2"]
+        args = ["--via", on.via, "--set", "t_timeout=400", "--listen", "0", "--first"]
+        args += ["--id", str(victim), "--for", "5000", "--log", str(on.log(victim)), *receiver]
+        peer = on.station(RECEIVER) if victim == PRESCRIBER else None
+        with open("/dev/full", "wb") as full:
+            done = subprocess.Popen(
+                [*COMMAND, "station", *args], stdout=full, stderr=subprocess.PIPE, text=True
+            )
+        while not on.log(victim).exists() and done.poll() is None:
+            pass
+        peer = peer or on.prescriber()
+        peer.until(event="phase", phase="ACTUATING")
+        peer.until(event="phase", phase="STANDALONE", rule="ACT-3")
+        assert done.wait(LIMIT_S) == 0
+        assert done.stderr is not None
+        errors = done.stderr.read().splitlines()
+        done.stderr.close()
+    assert len(errors) == 2 and all("standard output" in line for line in errors)
+
+
+@BOTH
+def test_a_station_goes_on_when_nobody_reads_its_reports_any_more(
+    victim: int, tmp_path: Path
+) -> None:
+    with road(tmp_path) as on:
+        cut, peer = pair(on, victim, "--for", "6000")
+        cut.until(event="start")
+        cut.lines.close()
+        peer.until(event="phase", phase="ACTUATING")
+        assert peer.until(event="phase", phase="STANDALONE")["rule"] == "ACT-3"
+        assert (cut.wait(), cut.errors()) == (0, "")
+    assert read(on.log(victim)).end is not None
+
+
+@pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@BOTH
+def test_end_1_a_station_told_to_stop_cancels_its_session(
+    signum: signal.Signals, victim: int, tmp_path: Path
+) -> None:
+    with road(tmp_path) as on:
+        stopped, peer = pair(on, victim)
+        peer.until(event="phase", phase="ACTUATING")
+        stopped.signal(signum)
+        told = peer.until(event="told")
+        while told["name"] == "accepted":
+            told = peer.until(event="told")
+        assert (told["name"], told["reason"]) == ("fallback", "abort")
+        assert stopped.wait() == 0
+        peer.signal(signal.SIGTERM)
+        peer.wait()
+    first, second = explain_files([on.log(PRESCRIBER), on.log(RECEIVER)])
+    assert (first.verdict, second.verdict) == ("allowed", "allowed")
+    (abort,) = [e for e in events(on.log(victim), ev="command") if e["command"]["name"] == "abort"]
+    assert abort["rule"] == "END-1" in RULES
+
+
+def test_a_station_that_is_told_to_stop_waits_for_its_ack_and_no_longer_when_told_again(
+    tmp_path: Path,
+) -> None:
+    cancels = []
+    for n, again in enumerate((False, True)):
+        (tmp_path / str(n)).mkdir()
+        with road(tmp_path / str(n)) as on:
+            stopped, peer = pair(on, PRESCRIBER, "--set", "t_timeout=1500")
+            stopped.until(event="phase", phase="ACTUATING")
+            peer.signal(signal.SIGKILL)
+            stopped.signal(signal.SIGTERM)
+            stopped.until(event="sent", type="Cancel")
+            if again:
+                stopped.signal(signal.SIGTERM)
+            assert stopped.wait() == 0
+        cancels.append(sent(on.log(PRESCRIBER), "Cancel"))
+        assert read(on.log(PRESCRIBER)).end is not None
+    waited, ended = cancels
+    assert len(waited) >= STOP_MS // 100 - 1 > len(ended) > 0
+
+
+def test_a_restart_leaves_the_log_of_the_life_before(tmp_path: Path) -> None:
+    log = tmp_path / "log.ndjson"
+    args = [*COMMAND, "station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log)]
+    starts = []
+    for _ in range(3):
+        done = subprocess.run(args, capture_output=True, text=True, check=True)
+        starts.append(json.loads(done.stdout.splitlines()[0])["log"])
+    names = ["log.ndjson", "log.2.ndjson", "log.3.ndjson"]
+    assert starts == [str(tmp_path / name) for name in names]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(names)
+    assert all(read(tmp_path / name).ended for name in names)
+
+
+def test_two_stations_on_one_path_write_two_logs(tmp_path: Path) -> None:
+    args = ["station", "--listen", "0", "--log", str(tmp_path / "log"), "--first"]
+    with road(tmp_path) as on:
+        both = [on.run(*args, "--id", n, "--via", on.via) for n in "12"]
+        starts = [each.until(event="start") for each in both]
+        for each in both:
+            each.signal(signal.SIGTERM)
+            assert each.wait() == 0
+    assert len({start["log"] for start in starts}) == 2
+    for start in starts:
+        assert read(start["log"]).header.station == start["station"]
+
+
+def test_a_start_that_fails_leaves_no_log(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        bridge = ["--bridge", str(taken.getsockname()[1])]
+        log = ["--log", str(tmp_path / "log")]
+        args = ["station", "--id", "1", "--listen", "0", *bridge, *log]
+        done = subprocess.run([*COMMAND, *args], capture_output=True, timeout=LIMIT_S)
+    assert done.returncode == 3 and list(tmp_path.iterdir()) == []
+
+
+@BOTH
+def test_act_2_a_station_that_was_away_for_t_cam_loss_leaves_and_says_how_late_it_was(
+    victim: int, tmp_path: Path
+) -> None:
+    with road(tmp_path) as on:
+        away, peer = pair(on, victim, *(["--maneuver", "20000"] if victim == PRESCRIBER else []))
+        away.until(event="phase", phase="ACTUATING")
+        peer.until(event="phase", phase="ACTUATING")
+        away.signal(signal.SIGSTOP)
+        peer.until(event="phase", phase="STANDALONE", rule="ACT-2")
+        peer.until(event="given_up")  # its Cancel
+        away.signal(signal.SIGCONT)
+        assert away.until(event="phase", phase="STANDALONE")["rule"] == "ACT-2"
+        away.signal(signal.SIGTERM)
+        assert away.wait() == 0
+    late = max(events(on.log(victim)), key=lambda e: e.get("late_ms", 0))
+    last = sent(on.log(victim), "CAM")
+    before = [cam["t_ms"] for cam in last if cam["t_ms"] < late["t_ms"]]
+    assert late["late_ms"] > 1500 and late["ev"] == "timer"
+    assert late["t_ms"] - late["late_ms"] - before[-1] <= 100  # when the next CAM was due
+
+
+def test_what_is_said_of_a_closed_standard_output_goes_nowhere_else(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    args = f"station --id 9 --listen 0 --first --for 300 --log {log}"
+    command = [*COMMAND, *args.split()]
+    done = subprocess.run(
+        ["sh", "-c", 'exec "$@" >&-', "sh", *command], stderr=subprocess.PIPE, timeout=LIMIT_S
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert read(log).ended  # and no report is in it, though it may have the number of stdout
+    assert os.path.getsize(log) > 0

@@ -1,0 +1,121 @@
+"""``automcm verify --no-models --rule ID``: the small graph, and what it can tell of a rule."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from automcm.adapter import Reference, without
+from automcm_cli import generated, screen
+from automcm_cli import verify as verify_
+from automcm_cli.main import app
+from automcm_conformance import coverage
+from automcm_spec import generate, oracle
+from automcm_spec.rules import NO_GRAPH, RULES
+
+run = CliRunner()
+REAL = generate.build
+
+
+@pytest.fixture(scope="module")
+def built() -> Any:
+    return REAL(generate.SMALL, short=True)
+
+
+@pytest.fixture(autouse=True)
+def built_once(built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """TLC writes the small graph once for all tests here; nothing else is asked for."""
+
+    def build(graph: generate.Graph, *, short: bool) -> Any:
+        assert graph is generate.SMALL and short
+        return built
+
+    def unwanted(*_: object, **__: object) -> None:
+        raise AssertionError("only the small graph is compared")
+
+    monkeypatch.setattr(generate, "build", build)
+    for module, name in ((verify_, "_models"), (verify_, "_behave"), (generated, "drift")):
+        monkeypatch.setattr(module, name, unwanted)
+
+
+def shown(report: verify_.Report) -> str:
+    console = Console(file=io.StringIO(), record=True, width=200)
+    screen.show(report, console)
+    return console.export_text()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--rule", "NEG-4"], ["--no-models", "--profile", "full", "--rule", "NEG-4"]],
+    ids=["with the models", "another profile"],
+)
+def test_it_goes_with_no_models_and_the_quick_profile(arguments: list[str]) -> None:
+    answer = run.invoke(app, ["verify", *arguments])
+    assert answer.exit_code == 2 and "--rule needs --no-models" in answer.output
+
+
+def test_an_unknown_rule_is_2_and_the_known_ones_are_named() -> None:
+    answer = run.invoke(app, ["verify", "--no-models", "--rule", "NEG-44"])
+    assert answer.exit_code == 2 and all(rule in answer.output for rule in RULES)
+
+
+def test_a_rule_that_the_reference_keeps() -> None:
+    answer = run.invoke(app, ["verify", "--no-models", "--rule", "NEG-4", "--json", "-"])
+    assert answer.exit_code == 0, answer.output
+    found = json.loads(answer.output)
+    assert found["rule"] == "NEG-4" and found["reference"]["rules_covered"] == ["NEG-4"]
+    graph = oracle.parse(oracle.dump(generate.build(generate.SMALL, short=True)[0]), "small")
+    assert found["reference"]["states_compared"] == len(graph.states)
+    assert found["reference"]["inputs_compared"] == graph.transitions + graph.refusals
+
+
+def test_a_rule_that_the_reference_does_not_keep(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PRE-5 differs first; the rule that was asked for is what is shown first."""
+    with without("NEG-4") as once, without("PRE-5") as rows:
+        both = {name: tuple(r for r in rows[name] if r in once[name]) for name in rows}
+    monkeypatch.setattr(verify_, "reference", lambda constants: Reference(constants, both))
+    report = verify_.run(models_too=False, rule="NEG-4")
+    (compared,) = report.compared.values()
+    assert report.exit_code == 1 and report.coverage is None
+    assert compared.divergences[0].rule == "PRE-5" != report.divergences[0]["rule"] == "NEG-4"
+    text = shown(report)
+    decided, differing = compared.decided["NEG-4"], compared.differing["NEG-4"]
+    assert 0 < differing <= decided < compared.inputs and compared.differing["PRE-5"]
+    assert f"decides {decided:,} of these inputs, and {differing:,} differ\n" in text
+    assert "taken away" not in text and "Left out" in text
+
+
+@pytest.mark.parametrize("rule", [rule for rule in RULES if rule in NO_GRAPH])
+def test_a_rule_that_decides_nothing_there_is_4(rule: str) -> None:
+    report = verify_.run(models_too=False, rule=rule)
+    assert (report.pairs, report.ok, report.exit_code) == (0, False, 4)
+    assert f"Cannot tell {rule} decides nothing in the small graph; it is shown by" in shown(report)
+
+
+def test_the_small_graph_misses_every_rule_that_is_taken_away(built: Any) -> None:
+    graph = oracle.parse(oracle.dump(built[0]), "small")
+    found = coverage.rules(graph, lambda rule: verify_._without(graph.constants, rule))
+    assert not found.uncovered and set(found.covered) == set(RULES) - set(NO_GRAPH)
+
+
+def test_the_small_graph_is_never_on_disk() -> None:
+    assert generate.SMALL not in generate.GRAPHS.values()
+    assert not generate.SMALL.path.exists()
+
+
+def test_a_reference_that_cannot_be_imported_is_3(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(name: str) -> None:
+        raise KeyError("PRE_6")
+
+    monkeypatch.setattr(verify_.importlib, "import_module", broken)
+    report = verify_.run(models_too=False, rule="NEG-4")
+    assert report.exit_code == 3
+    assert report.all_errors == ["the reference cannot be imported: KeyError: 'PRE_6'"]

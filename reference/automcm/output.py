@@ -1,0 +1,178 @@
+"""Lines written by a thread, so that no pipe, disk or terminal can hold the event loop."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import stat
+import threading
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+WAITING_BYTES = 2**20
+"""What may wait to be written; a line beyond it is lost."""
+POLL_MS = 50
+
+
+class LineOutput:
+    """Whole lines to a file descriptor that may block, fill up or be closed.
+
+    ``write`` never waits and never raises.  A line that cannot be written is lost and counted, and
+    the next one is tried again: a disk may have room later.  ``trouble`` is called once, perhaps
+    from the thread, with the reason of the first loss, but not if the reader closed its pipe.  The
+    part of a line that was written before an error is removed from a regular file of our own;
+    elsewhere the next line begins after a line feed.
+    """
+
+    def __init__(
+        self,
+        fd: int,
+        *,
+        owned: bool = False,
+        trouble: Callable[[str], None] = lambda why: None,
+        waiting_bytes: int = WAITING_BYTES,
+    ) -> None:
+        """``owned``: nobody else writes to this file, and ``close`` closes it."""
+        self.lost = 0
+        """Lines that were not written."""
+        self.closed_by_reader = False
+        """Nobody reads the pipe any more, or it is closed; every further line is lost."""
+        self._fd, self._owned, self._trouble = fd, owned, trouble
+        self._limit = waiting_bytes
+        self._regular = _is_regular(fd)
+        self._lines: deque[bytes] = deque()
+        self._bytes = 0
+        self._changed = threading.Condition()
+        self._ending = self._told = self._torn = self._writing = False
+        self._thread = threading.Thread(target=self._run, name="output", daemon=True)
+        self._thread.start()
+
+    def write(self, line: bytes) -> None:
+        """Put one line, with its line feed, into the queue."""
+        with self._changed:
+            fits = self._bytes + len(line) <= self._limit
+            if fits and not (self.closed_by_reader or self._ending):
+                self._lines.append(line)
+                self._bytes += len(line)
+                self._changed.notify_all()
+                return
+            self.lost += 1
+        if not fits:
+            self._say("it is not read, or too slowly")
+
+    def flush(self) -> None:
+        """Nothing: the thread writes as soon as it can."""
+
+    def drain(self, within_s: float) -> None:
+        """Wait until everything is written or lost, for at most so long."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._bytes, within_s)
+
+    def finish(self, within_s: float) -> None:
+        """Write what still waits, for at most so long; what is left then is lost."""
+        self.drain(within_s)
+        with self._changed:
+            self._ending = True
+            self.lost += len(self._lines) + self._writing
+            self._lines.clear()
+            self._changed.notify_all()
+        if not self._writing:
+            self._thread.join()
+            if self._owned:
+                os.close(self._fd)
+
+    # -- the thread
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._lines or self._ending)
+                if self._ending:
+                    return
+                line = self._lines.popleft()
+                self._writing = True
+            why = self._try(line)
+            with self._changed:
+                self._writing = False
+                self._bytes -= len(line)
+                if why and not self._ending:
+                    self.lost += 1
+                if self.closed_by_reader:
+                    self.lost += len(self._lines)
+                    self._lines.clear()
+                    self._bytes = 0
+                self._changed.notify_all()
+            if why and not self.closed_by_reader:
+                self._say(why)
+
+    def _try(self, line: bytes) -> str:
+        """Write the line; returns why it was not."""
+        try:
+            self._put(line)
+        except OSError as error:
+            self.closed_by_reader = error.errno in (errno.EPIPE, errno.EBADF)
+            return error.strerror or str(error)
+        return ""
+
+    def _put(self, line: bytes) -> None:
+        data = b"\n" + line if self._torn else line
+        done = 0
+        try:
+            while done < len(data):
+                done += self._write(data[done:])
+        except OSError:
+            if done:
+                self._torn = not (self._regular and self._owned and self._take_back(done))
+            raise
+        self._torn = False
+
+    def _write(self, data: bytes) -> int:
+        while True:
+            try:
+                return os.write(self._fd, data)
+            except BlockingIOError:  # somebody made the descriptor non-blocking
+                if self._ending:
+                    raise
+                poll = select.poll()
+                poll.register(self._fd, select.POLLOUT)
+                poll.poll(POLL_MS)
+
+    def _take_back(self, count: int) -> bool:
+        try:
+            os.ftruncate(self._fd, os.lseek(self._fd, 0, os.SEEK_CUR) - count)
+            os.lseek(self._fd, -count, os.SEEK_CUR)
+        except OSError:
+            return False
+        return True
+
+    def _say(self, why: str) -> None:
+        told, self._told = self._told, True
+        if not told:
+            self._trouble(why)
+
+
+def _is_regular(fd: int) -> bool:
+    try:
+        return stat.S_ISREG(os.fstat(fd).st_mode)
+    except OSError:
+        return False
+
+
+def create(path: Path) -> tuple[int, Path]:
+    """Create a file that was not there, and open it for writing.
+
+    If ``path`` is taken, the first free of ``name.2.suffix``, ``name.3.suffix``, ... is created:
+    a start must not destroy the log of the life before.  What is no regular file (a pipe, a
+    device) is opened as it is.  Raises OSError.
+    """
+    if path.exists() and not path.is_file():
+        return os.open(path, os.O_WRONLY | os.O_NONBLOCK), path  # a pipe must have a reader
+    free, n = path, 1
+    while True:
+        try:
+            return os.open(free, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666), free
+        except FileExistsError:
+            n += 1
+            free = path.with_name(f"{path.stem}.{n}{path.suffix}")

@@ -1,0 +1,83 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+_NOT_BESIDE = {errno.EACCES, errno.EPERM, errno.EROFS}
+"""The folder takes no new file; one that is there may be written all the same."""
+
+
+def write(path: Path, data: str | bytes, *, durable: bool = False) -> None:
+    """Write a file as ``writing`` does; text as UTF-8.  Raises OSError."""
+    with writing(path, durable=durable) as file:
+        file.write(data.encode() if isinstance(data, str) else data)
+
+
+@contextmanager
+def writing(path: Path, *, durable: bool = False) -> Iterator[BinaryIO]:
+    """A file that becomes ``path`` at the end; if anything fails, ``path`` is as it was.
+
+    It is written beside it, under a name of its own, and renamed.  A symbolic link stays, and its
+    target is written.  Devices, pipes and what is open (/dev/stdout) are written directly, and so
+    is a file whose folder takes no new one.  ``durable``: it is on the disk on return.  Raises
+    OSError.
+    """
+    target = _target(path)
+    new = None if target is None else _beside(target)
+    if target is None or new is None:
+        with path.open("wb") as file:
+            yield file
+        return
+    try:
+        with new.open("wb") as file:
+            yield file
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        try:
+            new.replace(target)
+        except OSError as error:
+            if error.errno != errno.EBUSY:
+                raise
+            target.write_bytes(new.read_bytes())  # a file that is mounted, as containers do
+            new.unlink()
+    except BaseException:
+        with suppress(OSError):
+            new.unlink()
+        raise
+
+
+def _target(path: Path) -> Path | None:
+    """The file that a path names, through links; None for what is to be written directly."""
+    with suppress(FileNotFoundError):
+        if not stat.S_ISREG(path.stat().st_mode):
+            return None
+    while not os.path.abspath(path).startswith(("/dev/", "/proc/")):
+        if not path.is_symlink():
+            return path
+        path = path.parent / path.readlink()
+    return None
+
+
+def _beside(target: Path) -> Path | None:
+    """A new empty file in the folder of the target, with its permissions; None if there is no
+    place for it, and the target is there."""
+    new = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}.new")
+    try:
+        os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    except OSError as error:
+        if error.errno in _NOT_BESIDE and target.exists():
+            return None
+        error.filename = str(target)
+        raise
+    with suppress(OSError):
+        new.chmod(stat.S_IMODE(target.stat().st_mode))
+    return new

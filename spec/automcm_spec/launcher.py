@@ -1,0 +1,75 @@
+"""Becomes the command that it is given, as a child that ends with its parent (``children``).
+
+    python -I -S launcher.py PARENT LINK GROUP COMMAND...
+
+PARENT is the process id of the parent; LINK a socket to it, or -1; GROUP is 1 for a command in a
+session of its own, all of whose process group ends.  Over the link comes a byte when the command
+may run, and the errno goes back if it cannot be started.
+Linux only.  It is run as a file, without any package.
+"""
+
+import ctypes
+import os
+import select
+import signal
+import sys
+
+_PR_SET_PDEATHSIG = 1
+_NOT_STARTED = 127
+
+
+def _main() -> None:
+    parent, link, group = (int(word) for word in sys.argv[1:4])
+    command = sys.argv[4:]
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    watched = _opened(parent) if group else None
+    if os.getppid() != parent:
+        os._exit(_NOT_STARTED)  # it ended before the kernel was asked
+    if group:
+        os.setsid()
+    if watched is not None:
+        _watch(watched)
+    if link >= 0:
+        os.set_inheritable(link, False)
+        if not os.read(link, 1):
+            os._exit(_NOT_STARTED)  # the parent has given up
+    for number in (signal.SIGPIPE, signal.SIGXFSZ):
+        signal.signal(number, signal.SIG_DFL)  # Python ignores them, and exec keeps that
+    try:
+        os.execvp(command[0], command)
+    except OSError as problem:
+        if link < 0:
+            print(f"{command[0]} cannot be started: {problem.strerror}", file=sys.stderr)
+        else:
+            os.write(link, str(problem.errno).encode())
+        sys.exit(_NOT_STARTED)
+
+
+def _opened(process: int) -> int | None:
+    """A file descriptor of a process; None before Linux 5.3."""
+    try:
+        return os.pidfd_open(process)
+    except OSError:
+        return None
+
+
+def _watch(parent: int) -> None:
+    """Leave a process in this group that kills the group when the parent ends.
+
+    The kernel's signal reaches the leader alone.  The watcher is no child of the command, which
+    may wait for all of its children, and holds none of its pipes.
+    """
+    child = os.fork()
+    if child:
+        os.waitpid(child, 0)
+        return
+    if os.fork():
+        os._exit(0)
+    os.closerange(0, parent)
+    os.closerange(parent + 1, os.sysconf("SC_OPEN_MAX"))
+    select.select([parent], [], [])
+    os.killpg(0, signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    _main()

@@ -1,0 +1,95 @@
+"""Folders for a while, and locks between processes, in the user's own directory.
+
+That is ``automcm`` in $XDG_CACHE_HOME, else in ~/.cache.  Without a home that can be written, a
+temporary folder of this process is taken, and nothing is kept apart from other processes.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # where there is no flock, all is as without a home
+    fcntl = None  # type: ignore[assignment]
+
+
+def own() -> Path | None:
+    """The user's own directory, made with mode 0700 if need be; None if there is none."""
+    given, home = os.environ.get("XDG_CACHE_HOME", ""), os.environ.get("HOME", "")
+    try:
+        if os.path.isabs(given):
+            base = Path(given)
+        elif os.path.isabs(home) and Path(home).stat().st_uid == os.geteuid():
+            base = Path(home, ".cache")
+        else:
+            return None
+        folder = base / "automcm"
+        for path in (base, folder):
+            path.mkdir(mode=0o700, exist_ok=True)
+            if path.stat().st_uid != os.geteuid():
+                return None
+    except OSError:
+        return None
+    return folder if fcntl and os.access(folder, os.W_OK | os.X_OK) else None
+
+
+@contextmanager
+def alone(name: str) -> Iterator[None]:
+    """One process of the user at a time in here, by that name.  Its lock file stays."""
+    folder = own()
+    if folder is None:
+        yield
+        return
+    with (folder / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+@contextmanager
+def folder(name: str) -> Iterator[Path]:
+    """A new folder, removed at the end.
+
+    What processes that were killed have left is removed at the first call.  Raises OSError.
+    """
+    base = own()
+    if base is None:
+        with tempfile.TemporaryDirectory(prefix=f"automcm-{name}-") as private:
+            yield Path(private)
+        return
+    _sweep(base)
+    with alone("scratch"):  # or another process would take it for a left one before it is locked
+        made = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=_scratch(base)))
+        lock = os.open(made, os.O_RDONLY)
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    try:
+        yield made
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+        os.close(lock)
+
+
+def _scratch(base: Path) -> Path:
+    scratch = base / "scratch"
+    scratch.mkdir(mode=0o700, exist_ok=True)
+    return scratch
+
+
+@cache
+def _sweep(base: Path) -> None:
+    """Remove the folders whose processes have ended: nobody holds their locks."""
+    with alone("scratch"):
+        for path in _scratch(base).iterdir():
+            with suppress(OSError):
+                lock = os.open(path, os.O_RDONLY)
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    shutil.rmtree(path, ignore_errors=True)
+                finally:
+                    os.close(lock)
