@@ -21,7 +21,6 @@ from automcm_spec import (
     generate,
     models,
     oracle,
-    sany,
     simulate,
 )
 from automcm_spec.rules import RULES
@@ -50,7 +49,7 @@ class Report:
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, compare.Comparison] = field(default_factory=dict)
     compiled: dict[str, agreement.Agreement] = field(default_factory=dict)
-    """The compiled station against TLC's graphs."""
+    """The compiled station against TLC's graphs; not with ``rule``."""
     coverage: coverage.Coverage | None = None
     """None too if the reference differs: then a difference shows whatever is taken away."""
     behaviours: int = 0
@@ -228,8 +227,6 @@ def run(
         OSError,
         NotLoaded,
     ) as error:
-        report.errors.append(str(error))
-    except sany.Refused as error:
         report.errors.append(str(error))
     except ValueError as error:
         report.errors.append(f"oracle: {error}")

@@ -18,7 +18,7 @@ from automcm_cli.main import app
 from automcm_conformance import vectors
 from automcm_conformance.compare import Comparison, Divergence
 from automcm_conformance.coverage import Coverage
-from automcm_spec import generate, models, oracle, tlc
+from automcm_spec import compiler, generate, models, oracle, tlc
 from automcm_spec.agreement import Agreement, Difference
 from automcm_spec.sany import Place, Refused
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
@@ -262,14 +262,19 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
 
 
-def test_a_construct_that_cannot_be_compiled_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object) -> None:
+def test_a_construct_that_cannot_be_compiled_is_a_line_of_drift(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused() -> str:
         raise Refused("CHOOSE", Place("Station", 12, 1, 12, 2))
 
-    monkeypatch.setattr(verify_, "_oracle", refused)
-    report = verify_.run(models_too=False)
-    assert report.exit_code == 3
-    assert report.all_errors == ["Station.tla:12: cannot be compiled: CHOOSE"]
+    monkeypatch.setattr(compiler, "text", refused)
+    one_peer = oracle.content(generate.ONE_PEER.path)
+    make = generated._texts(one_peer)[compiler.PATH]
+    assert generated._lines(compiler.PATH, lambda: generated._text_drift(compiler.PATH, make)) == [
+        "spec/automcm_spec/station.py: cannot be generated now: Refused: "
+        "Station.tla:12: cannot be compiled: CHOOSE"
+    ]
 
 
 def test_generate_says_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:
