@@ -44,16 +44,23 @@ def pair(on: Road, victim: int, *args: str, **more: Any) -> tuple[Running, Runni
 @BOTH
 def test_reports_that_nobody_reads_hold_nothing(victim: int, tmp_path: Path) -> None:
     with road(tmp_path) as on:
-        unread, peer = pair(on, victim, "--for", "6000", full=True)
+        unread, peer = pair(on, victim, full=True)
         peer.until(event="phase", phase="ACTUATING")
         peer.until(event="phase", phase="STANDALONE")
-        assert unread.wait() == 0  # --for is obeyed
+        unread.signal(signal.SIGTERM)
+        assert unread.wait() == 0
         errors = unread.errors()
     assert "reports are lost" in errors
     log = read(on.log(victim))
     assert log.end is not None and log.end.lost_records == 0
     assert "ACT-3" in {e.rule for _, e in log.events}
     assert sent(on.log(victim), "CAM")[-1]["t_ms"] > log.events[-1][1].t_ms - 200
+
+
+def test_reports_that_nobody_reads_do_not_put_off_the_end(tmp_path: Path) -> None:
+    with road(tmp_path) as on:
+        unread = on.station(RECEIVER, "--for", "300", full=True)
+        assert unread.wait() == 0 and "reports are lost" in unread.errors()
 
 
 @BOTH
@@ -95,7 +102,7 @@ def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: 
     with road(tmp_path) as on:
         receiver = [] if victim == RECEIVER else ["--request-after", "300", "--target", "2"]
         args = ["--via", on.via, "--set", "t_timeout=400", "--listen", "0", "--first"]
-        args += ["--id", str(victim), "--for", "5000", "--log", str(on.log(victim)), *receiver]
+        args += ["--id", str(victim), "--log", str(on.log(victim)), *receiver]
         peer = on.station(RECEIVER) if victim == PRESCRIBER else None
         with open("/dev/full", "wb") as full:
             done = subprocess.Popen(
@@ -106,6 +113,7 @@ def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: 
         peer = peer or on.prescriber()
         peer.until(event="phase", phase="ACTUATING")
         peer.until(event="phase", phase="STANDALONE", rule="ACT-3")
+        done.terminate()
         assert done.wait(LIMIT_S) == 0
         assert done.stderr is not None
         errors = done.stderr.read().splitlines()
@@ -118,11 +126,12 @@ def test_a_station_goes_on_when_nobody_reads_its_reports_any_more(
     victim: int, tmp_path: Path
 ) -> None:
     with road(tmp_path) as on:
-        cut, peer = pair(on, victim, "--for", "6000")
+        cut, peer = pair(on, victim)
         cut.until(event="start")
         cut.lines.close()
         peer.until(event="phase", phase="ACTUATING")
         assert peer.until(event="phase", phase="STANDALONE")["rule"] == "ACT-3"
+        cut.signal(signal.SIGTERM)
         assert (cut.wait(), cut.errors()) == (0, "")
     assert read(on.log(victim)).end is not None
 
