@@ -45,6 +45,8 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ids=lambda changes: " ".join(f"{k}={v}" for k, v in changes.items()) or "as it is",
 )
 def test_a_model_is_checked(changes: dict[str, str | None], copied: Path, tmp_path: Path) -> None:
+    if "LC_ALL" in changes and sys.version_info < (3, 13) and not str(ROOT).isascii():
+        pytest.skip("Python reads by the locale where we are installed")
     here = tmp_path / NAME
     here.mkdir()
     environment = os.environ | {"PYTHONPATH": path_of(copied), "XDG_CACHE_HOME": str(here)}

@@ -157,7 +157,7 @@ def test_known_deviations(pytester: pytest.Pytester, bad: str) -> None:
 
 def test_an_adapter_that_breaks(pytester: pytest.Pytester) -> None:
     code = pytester.makepyfile(station=STATION.replace('"message", {})', '"message")'))
-    done = pytester.runpytest(*options(f"{sys.executable} {code}", *selected(CASE)))
+    done = pytester.runpytest(*options(shlex.join([sys.executable, str(code)]), *selected(CASE)))
     done.assert_outcomes(failed=1)
     done.stdout.fnmatch_lines(["*AttributeError*"])
 

