@@ -195,6 +195,7 @@ running: dict[str, Any] = {}
 
 def main() -> None:
     """Run the station; the fault begins when it is first in that phase and role."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # if faults.py runs under nohup
     fault, role, phase, truth = sys.argv[1], sys.argv[2], sys.argv[3], int(sys.argv[4])
     armed = False
 

@@ -21,6 +21,7 @@ import statistics
 import sys
 import tempfile
 from collections import Counter
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -146,20 +147,21 @@ class Soak:
         self.done[what] += 1
         match what:
             case "SIGSTOP":
-                os.kill(process.pid, signal.SIGSTOP)
+                _kill(process, signal.SIGSTOP)
                 for_s = self._chance.uniform(0.05, 3)
                 loop.call_later(for_s, partial(_kill, process, signal.SIGCONT))
             case "full":
-                limit = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
-                resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (1, limit[1]))
-                loop.call_later(self._chance.uniform(0, WAITS_S), partial(_room, process, limit))
+                hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+                _room(process, (1, hard))
+                for_s = self._chance.uniform(0, WAITS_S)
+                loop.call_later(for_s, partial(_room, process, (hard, hard)))
             case "unread":
                 self._unread.add(n)
                 loop.call_later(self._chance.uniform(0, WAITS_S), self._unread.discard, n)
             case "rubbish" | "forged":
                 self._send(what)
             case name:
-                os.kill(process.pid, signal.Signals[name])
+                _kill(process, signal.Signals[name])
 
     def _send(self, what: str) -> None:
         host, port = self._via.split(":")
@@ -178,7 +180,7 @@ class Soak:
         while True:
             await asyncio.sleep(SAMPLE_S)
             for n, process in self._alive.items():
-                if self._spared(n):
+                if self._spared(n):  # it is ended by nobody
                     status = Path(f"/proc/{process.pid}/status").read_text()
                     kb = int(status.split("VmRSS:")[1].split()[0])
                     self.memory.setdefault(n, []).append(kb)
@@ -229,12 +231,12 @@ def _end(process: asyncio.subprocess.Process) -> None:
 
 
 def _kill(process: asyncio.subprocess.Process, signum: int) -> None:
-    if process.returncode is None:
+    with suppress(ProcessLookupError):  # killed, and we have not been told yet
         os.kill(process.pid, signum)
 
 
 def _room(process: asyncio.subprocess.Process, limit: tuple[int, int]) -> None:
-    if process.returncode is None:
+    with suppress(ProcessLookupError):
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, limit)
 
 

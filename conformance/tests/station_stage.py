@@ -32,9 +32,11 @@ class Running:
                 while True:
                     os.write(writing, b"\n" * 4096)
             os.set_blocking(writing, True)
+        ignored = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # if the tests run under nohup
         self.process = subprocess.Popen(
             [*COMMAND, *args], stdout=writing, stderr=subprocess.PIPE, text=True
         )
+        signal.signal(signal.SIGHUP, ignored)
         os.close(writing)
         self.lines = os.fdopen(self.reading)
         self._limit = threading.Timer(LIMIT_S, self.process.kill)  # else a test waits for ever

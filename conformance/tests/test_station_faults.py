@@ -179,6 +179,18 @@ def test_a_station_that_is_told_to_stop_waits_for_its_ack_and_no_longer_when_tol
     assert len(waited) >= STOP_MS // 100 - 1 > len(ended) > 0
 
 
+def test_under_nohup_a_station_goes_on_when_the_terminal_is_gone(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    args = ["station", "--id", "9", "--listen", "0", "--for", "600", "--log", str(log)]
+    process = subprocess.Popen(["nohup", *COMMAND, *args], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    with process:
+        process.stdout.readline()
+        process.send_signal(signal.SIGHUP)
+    first, *_, last = read(log).events
+    assert process.returncode == 0 and last[1].t_ms - first[1].t_ms > 300
+
+
 def test_a_restart_leaves_the_log_of_the_life_before(tmp_path: Path) -> None:
     log = tmp_path / "log.ndjson"
     args = [*COMMAND, "station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log)]

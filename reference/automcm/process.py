@@ -288,10 +288,10 @@ def stopping(for_ms: int | None = None) -> asyncio.Future[None]:
 
 
 def on_signals(do: Callable[[asyncio.Future[None]], None], over: asyncio.Future[None]) -> None:
-    """Do it at SIGTERM, SIGINT and SIGHUP, of which nohup ignores the last."""
-    for signum in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        if signal.getsignal(signum) is not signal.SIG_IGN:
-            asyncio.get_running_loop().add_signal_handler(signum, do, over)
+    """Do it at SIGTERM, SIGINT, and SIGHUP unless that is ignored (nohup)."""
+    hangup = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+    for signum in (signal.SIGTERM, signal.SIGINT, *([signal.SIGHUP] if hangup else [])):
+        asyncio.get_running_loop().add_signal_handler(signum, do, over)
 
 
 def _end(over: asyncio.Future[None]) -> None:
