@@ -108,6 +108,15 @@ def test_a_cam_that_counts_is_remembered_by_its_generation_time() -> None:
         stage.took(effects, _replaced(state=replace(stage.state, heard_ms=34)))
 
 
+def test_a_cam_that_is_heard_again_is_not_newer() -> None:
+    stage = Compared()
+    stage.act()
+    stage.took(stage.hear(40, cam(THEIRS[0], 35, THEIRS)))
+    again = stage.hear(41, cam(THEIRS[0], 35, THEIRS))
+    assert not again[0].armed
+    stage.took(again)
+
+
 def test_marks_of_a_cam() -> None:
     stage = Compared()
     stage.join()

@@ -23,6 +23,7 @@ def test_s_1_to_s_7_t_1_to_t_3_and_the_oracle() -> None:
     print(total.report())
     assert total.rules_and_phases_missing() == []
     assert not BUSY.search(total.report())
+    assert 'never False: m.type = "Ack"' in total.report()  # the last arm of a CASE
 
 
 def test_what_is_not_met_is_reported() -> None:
