@@ -2,9 +2,12 @@
 
 The kit's values are those of the oracle (plain JSON lists; docs/oracle.md).  This module is the
 map between them and a ``Station``, written down once: ``concrete`` and ``abstract`` are inverse
-on every state, so nothing can hide between them.  What the specification leaves out is chosen
-here (content, the counter behind seq, generation times) and checked here: a copy must be the
-very message sent before, new content must take a new seq.
+on every state, so nothing can hide between them.  ``abstract``, ``abstract_input`` and ``answer``
+take any ids and limits: the stateful tests give the same inputs to the compiled station.
+
+What the specification leaves out is chosen here (content, the counter behind seq, generation
+times) and checked here: a copy must be the very message sent before, new content must take a new
+seq.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from automcm import outcome
 from automcm.interface import COMMAND, Indication
@@ -32,7 +35,7 @@ from automcm.messages import (
     Session,
     Trajectory,
 )
-from automcm.outcome import Row
+from automcm.outcome import Expiry, Heard, Input, Restart, Row
 from automcm.parameters import Parameters
 from automcm.rules import RULES
 from automcm.state import EntryKey, State, Timer, armed, key
@@ -154,14 +157,14 @@ def abstract(st: State) -> Json:
         st.phase,
         st.role,
         list(st.session or (0, 0)),
-        sorted(st.recorded),
-        sorted(st.withdrawn),
+        _sorted(st.recorded),
+        _sorted(st.withdrawn),
         st.target,
         st.proposal,
         st.deciding,
         st.heard_ms is not None,
         st.number,
-        sorted([p, n] for p, n in st.joined.items()),
+        _sorted([p, n] for p, n in st.joined.items()),
         _sorted(abstract_entry(message) for message in st.outbox),
         st.quarantine,
         st.backoff,
@@ -174,6 +177,100 @@ def _sorted(values: Iterable[Json]) -> list[Json]:
     if len(listed) > 1:
         listed.sort(key=lambda value: json.dumps(value, separators=(",", ":")))
     return listed
+
+
+# -- what a station takes and does, in the specification's form
+
+
+def abstract_input(st: State, i: Input) -> Json:
+    """The specification's input for an input of the reference in this state."""
+    match i:
+        case Heard(message, planned):
+            return ["receive", _heard(st, message), planned is not None]
+        case Cam():
+            newer = st.heard_ms is None or i.generation_ms > st.heard_ms
+            return ["cam", i.src, _sorted(list(session) for session in set(i.marks)), newer]
+        case Expiry(timer):
+            return ["expire", _abstract_timer(timer, st)]
+        case Restart():
+            return ["restart"]
+    session = list(getattr(i, "session", (0, 0)))
+    return ["command", i.name, session, getattr(i, "proposal", 0), getattr(i, "target", 0)]
+
+
+def _heard(st: State, m: Message) -> Json:
+    """A message received.  An Ack names an entry of the outbox, or by -seq what is not there."""
+    described = _described(m)
+    if m.seq and described[7] != "none":
+        described[7] = "as_sent"
+    if isinstance(m, Ack):
+        named = EntryKey(m.of.type, m.src, m.session, m.of.seq)
+        entry = next((e for e in st.outbox if key(e) == named), None)
+        described[8] = [m.of.type, _number(entry) if entry else -m.of.seq]
+    return described
+
+
+def _described(m: Message) -> Json:
+    """A message of the specification, but for what an Ack names."""
+    accepted = isinstance(m, Acceptance) and m.accepted
+    reason = getattr(m, "reason", None) or "none"
+    proposal = m.proposal if isinstance(m, Prescription | Acceptance) else 0
+    start = [m.type, m.src, m.dst, list(m.session), _number(m)]
+    return [*start, proposal, accepted, reason, ["none", 0]]
+
+
+def answer(before: State, given: Message | None, effects: Effects) -> tuple[Json, Json, Json, Json]:
+    """Messages, indication, timers armed and timers stopped; ``given`` is the message received."""
+    messages = _sorted(_sent(before, given, m) for m in effects.messages)
+    told = ["nothing"]
+    for indication in effects.indications:
+        told = _told(indication, given)
+    arm = _sorted(_abstract_timer(t, effects.state) for t, _ in effects.armed)
+    stop = _sorted(_abstract_timer(t, before) for t in effects.stopped)
+    return messages, told, arm, stop
+
+
+def is_copy(before: State, m: Message) -> bool:
+    """Is it the very message that is being sent reliably, or broadcast, already?"""
+    return m in before.outbox or m == before.advertisement
+
+
+def _sent(before: State, given: Message | None, m: Message) -> Json:
+    described, copy = _described(m), is_copy(before, m)
+    if isinstance(m, Ack):
+        named = given is not None and m.of == MessageId(type=given.type, seq=given.seq)
+        described[8] = [m.of.type, (_number(given) if given and named else "wrong")]
+    if m.seq and not copy and m.seq <= before.seq and not isinstance(m, Intention):
+        described[4] = "wrong"  # new content takes a new seq
+    if copy and described[7] != "none":
+        described[7] = "as_sent"
+    return described
+
+
+def _told(indication: Indication, given: Message | None) -> Json:
+    if indication.name != "fallback":
+        return [indication.name]
+    reason = indication.reason
+    if isinstance(given, Cancel) and given.seq and reason == given.reason:
+        reason = "as_sent"
+    return ["fallback", reason]
+
+
+def _abstract_timer(timer: Timer, st: State) -> Json:
+    if timer.name == "forget":
+        return ["forget", timer.station]
+    if timer.entry is None:
+        return [timer.name]
+    if timer.entry.type == "Advertisement":
+        return [timer.name, ["Advertisement", 0, list(timer.entry.session), 1, False]]
+    return [timer.name, _entry_of(st, timer.entry)]
+
+
+def _entry_of(st: State, wanted: EntryKey) -> Json:
+    for message in st.outbox:
+        if key(message) == wanted:
+            return abstract_entry(message)
+    return ["unknown", *wanted]
 
 
 class Reference:
@@ -235,7 +332,7 @@ class Reference:
         """One input.  Returns messages, told, timers armed and timers stopped."""
         before = self.station.state
         given, (only,) = self.give(value)
-        return self._answer(before, value, given, only)
+        return answer(before, given, only)
 
     def give(self, value: Json) -> tuple[Message | None, list[Effects]]:
         """One input, as the station takes it: the message if it is one, and what it does."""
@@ -306,63 +403,9 @@ class Reference:
     def _timer(self, value: Json) -> Timer:
         """The armed timer that the specification names so."""
         for timer in self.station.timers:
-            if self._abstract_timer(timer, self.station.state) == value:
+            if _abstract_timer(timer, self.station.state) == value:
                 return timer
         raise LookupError(f"not armed: {value}")
-
-    # -- answers
-
-    def _answer(
-        self, before: State, value: Json, given: Message | None, effects: Effects
-    ) -> tuple[Json, Json, Json, Json]:
-        messages = _sorted(self._abstract_message(before, given, m) for m in effects.messages)
-        told = ["nothing"]
-        for indication in effects.indications:
-            told = self._told(indication, given)
-        after = self.station.state
-        arm = _sorted(self._abstract_timer(t, after) for t, _ in effects.armed)
-        stop = _sorted(self._abstract_timer(t, before) for t in effects.stopped)
-        return messages, told, arm, stop
-
-    def _abstract_message(self, before: State, given: Message | None, m: Message) -> Json:
-        k: int | Literal["wrong"] = _number(m)
-        of: Json = ["none", 0]
-        if isinstance(m, Ack):
-            named = given is not None and m.of == MessageId(type=given.type, seq=given.seq)
-            of = [m.of.type, (_number(given) if given and named else "wrong")]
-        copy = m in before.outbox or m == before.advertisement
-        if m.seq and not copy and m.seq <= before.seq and not isinstance(m, Intention):
-            k = "wrong"  # new content takes a new seq
-        accepted = isinstance(m, Acceptance) and m.accepted
-        reason = getattr(m, "reason", None) or "none"
-        if copy and reason != "none":
-            reason = "as_sent"
-        proposal = m.proposal if isinstance(m, Prescription | Acceptance) else 0
-        return [m.type, m.src, m.dst, list(m.session), k, proposal, accepted, reason, of]
-
-    def _told(self, indication: Indication, given: Message | None) -> Json:
-        if indication.name != "fallback":
-            return [indication.name]
-        reason = indication.reason
-        if isinstance(given, Cancel) and given.seq and reason == given.reason:
-            reason = "as_sent"
-        return ["fallback", reason]
-
-    def _abstract_timer(self, timer: Timer, st: State) -> Json:
-        if timer.name == "forget":
-            return ["forget", timer.station]
-        if timer.entry is None:
-            return [timer.name]
-        if timer.entry.type == "Advertisement":
-            return [timer.name, ["Advertisement", 0, list(timer.entry.session), 1, False]]
-        return [timer.name, _entry_of(st, timer.entry)]
-
-
-def _entry_of(st: State, wanted: EntryKey) -> Json:
-    for message in st.outbox:
-        if key(message) == wanted:
-            return abstract_entry(message)
-    return ["unknown", *wanted]
 
 
 def _loose(st: State, session: Session) -> bool:

@@ -122,26 +122,26 @@ BUGS: dict[str, Bug] = {
         "S-1", _rows("receive Prescription", 3, then=take_over), 3, seed=3
     ),
     "a commitment ends with the sending of its Acceptance": Bug(
-        "S-2", _rows("expire giveup", 2, then=give_up_and_leave), 1, seed=2
+        "S-2", _rows("expire giveup", 2, then=give_up_and_leave), 3, seed=2
     ),
     "a refusal counts as agreement": Bug(
-        "S-3", _rows("receive Acceptance", 6, when=lambda me, st, i: True), 1, seed=6
+        "S-3", _rows("receive Acceptance", 6, when=lambda me, st, i: True), 1, seed=2
     ),
     "everybody recorded is instructed": Bug(
-        "S-4", _rows("command prescribe", 4, then=instruct_all), 1, seed=6
+        "S-4", _rows("command prescribe", 4, then=instruct_all), 1, seed=3
     ),
     "the prescriber's lease counts from the Acceptance": Bug(
-        "S-5", _rows("receive Acceptance", 6, then=lease_anew), 2, seed=4
+        "S-5", _rows("receive Acceptance", 6, then=lease_anew), 3, seed=2
     ),
     "anybody's Ack counts": Bug(
-        "S-6", lambda: patched(ending, "entry_acked", acked_by_anybody), 3, seed=4
+        "S-6", lambda: patched(ending, "entry_acked", acked_by_anybody), 2, seed=2
     ),
     "any session of the prescriber is the own one": Bug(
-        "S-7", lambda: adapter.without("END-4"), 2, seed=6
+        "S-7", lambda: adapter.without("END-4"), 2, seed=1
     ),
-    "the hold timer is not armed": Bug("T-1", lambda: unarmed("hold"), 2, seed=5),
-    "any CAM counts": Bug("T-2", _rows("receive CAM", 0, when=any_cam), 5, seed=1),
-    "nothing is given up": Bug("T-3", lambda: unarmed("giveup"), 1, seed=6),
+    "the hold timer is not armed": Bug("T-1", lambda: unarmed("hold"), 2, seed=3),
+    "any CAM counts": Bug("T-2", _rows("receive CAM", 0, when=any_cam), 8, seed=5),
+    "nothing is given up": Bug("T-3", lambda: unarmed("giveup"), 2, seed=2),
     "the proposal of an Acceptance is not compared": Bug(
         "oracle NEG-6",
         _rows("receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer),
@@ -151,21 +151,30 @@ BUGS: dict[str, Bug] = {
     "a copy of a Prescription is verified again": Bug(
         "oracle NEG-1",
         _rows("receive Prescription", 4, when=lambda me, st, i: i.message.proposal < st.proposal),
-        2,
-        seed=6,
+        5,
+        seed=2,
     ),
-    "no quarantine": Bug("oracle END-8", _rows("receive Advertisement", 3, when=never), 2, seed=1),
+    "no quarantine": Bug("oracle END-8", _rows("receive Advertisement", 3, when=never), 3, seed=1),
+    "more stations are recorded than there is room for": Bug(
+        "oracle MEM-1", _rows("receive Intention", 6, when=never), 1, seed=2
+    ),
+    "a session is joined without room for it": Bug(
+        "oracle MEM-1", _rows("receive Advertisement", 6, when=never), 3, seed=2
+    ),
+    "a session is opened without room for it": Bug(
+        "oracle MEM-1", _rows("command request", 2, when=never), 1, seed=2
+    ),
     "no memory of what was joined": Bug(
-        "oracle ADV-8", _rows("receive Advertisement", 4, when=never), 3, seed=5
+        "oracle ADV-8", _rows("receive Advertisement", 4, when=never), 4, seed=3
     ),
     "the mark goes before the Fin is acknowledged": Bug(
-        "oracle ACT-5", lambda: patched(State, "marks", property(bound_session)), 4, seed=9
+        "oracle ACT-5", lambda: patched(State, "marks", property(bound_session)), 4, seed=2
     ),
     "closed is answered although a Fin is still being sent": Bug(
-        "oracle NEG-6", _rows("receive Acceptance", 2, then=closed_anyhow), 2, seed=3
+        "oracle NEG-6", _rows("receive Acceptance", 2, then=closed_anyhow), 2, seed=1
     ),
     "a Prescription sent again differs": Bug(
-        "oracle REL-1", _rows("expire resend", 1, then=other_content), 1, seed=6
+        "oracle REL-1", _rows("expire resend", 1, then=other_content), 1, seed=2
     ),
 }
 
@@ -182,7 +191,7 @@ def hunt(bug: Bug, seed: int) -> tuple[str, list[Call]]:
     return "", []
 
 
-if __name__ == "__main__":  # to renew the table: the shortest of a few seeds
+if __name__ == "__main__":  # to renew the table: a seed that is quick and ends short
     for name, bug in BUGS.items():
         found = [
             (len(calls) - 1, seed, what)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis import target
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 from stateful_odd import odd_messages
-from stateful_oracle import ALL, LEASES, SETUPS, Coverage
+from stateful_oracle import ALL, IDS, LEASES, Coverage, Setup, setup
 from stateful_world import (
     Copy,
     Rules,
@@ -44,7 +44,7 @@ Call = tuple[str, dict[str, Any]]
 """A rule and what was drawn for it."""
 
 SOME = st.integers(0, 11)
-STATION = st.integers(0, 3)
+STATION = st.integers(0, 3) | st.integers(0, len(IDS) - 1)
 FEW = st.integers(1, 4)
 LATE = st.booleans()
 UPTO = ("CHOOSING", "PRESCRIBING", "NEGOTIATING", "ACTUATING", "DECIDING")
@@ -66,27 +66,35 @@ class Coordination(RuleBasedStateMachine):
     coverage: ClassVar[Coverage] = Coverage()
     last: ClassVar[list[Call]] = []
     """What the machine that ran last did."""
-    setups: ClassVar[tuple[int, ...]] = (0, 1, 2)
 
     def __init__(self) -> None:
         super().__init__()
         self.calls: list[Call] = []
         type(self).last = self.calls
-        self.world = self._world(0)
+        self.world = self._world(setup(3, 3, 12, 20, 12))
 
-    def _world(self, setup: int) -> World:
-        return World(SETUPS[setup], rules=self.rules_, checks=self.checks, coverage=self.coverage)
+    def _world(self, setup: Setup) -> World:
+        return World(setup, rules=self.rules_, checks=self.checks, coverage=self.coverage)
 
     def begin(self, name: str, drawn: dict[str, Any]) -> None:
         self.calls.append((name, drawn))
         self.coverage.steps += 1
 
-    @initialize(setup=st.integers(0, 2))
-    def set_up(self, setup: int) -> None:
-        setup = self.setups[setup % len(self.setups)]
-        self.calls.append(("set_up", {"setup": setup}))
-        if setup:
-            self.world = self._world(setup)
+    @initialize(
+        stations=st.integers(2, 4) | st.integers(2, len(IDS)),
+        rounds=st.integers(1, 5),
+        participants=st.sampled_from((12, 1, 2, 3, 5, 7)),
+        spare=st.sampled_from((20, 0, 1, 2, 3)),
+        memory=st.sampled_from((12, 1, 2, 3)),
+    )
+    def set_up(
+        self, stations: int, rounds: int, participants: int, spare: int, memory: int
+    ) -> None:
+        """Any number of stations, and limits that bind or do not."""
+        limits = {"stations": stations, "rounds": rounds, "participants": participants}
+        limits |= {"spare": spare, "memory": memory}
+        self.calls.append(("set_up", limits))
+        self.world = self._world(setup(**limits))
 
     # -- the radio
 
@@ -168,7 +176,7 @@ class Coordination(RuleBasedStateMachine):
                         world.hear(t, data)
             world.pass_time(world.now + 400, late=False)
 
-    @step(rounds=FEW, deaf=st.integers(-1, 3))
+    @step(rounds=FEW, deaf=st.integers(-1, len(IDS) - 1))
     def drive(self, rounds: int, deaf: int) -> None:
         """For a while CAMs arrive, but not at the deaf one, and messages nowhere."""
         self._drive(rounds, deaf)

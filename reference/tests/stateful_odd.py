@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from stateful_oracle import UNUSED_SEQ
+from stateful_oracle import STRANGER, UNUSED_SEQ
 from stateful_world import World
 
 from automcm.messages import (
@@ -29,7 +29,7 @@ def odd_messages(world: World, s: int, t: int) -> list[bytes]:
     """What station ``s`` may hear from ``t`` that breaks the protocol, is not for it, or counts
     for nothing.  None of it could come from a station that follows the rules."""
     x = world.state(s)
-    u = next(q for q in world.ids if q not in (s, t))
+    u = next((q for q in world.ids if q not in (s, t)), STRANGER)
     theirs, mine, no = (t, UNUSED_SEQ), (s, max(1, x.number)), Trajectory(t0=0, points=((0, 0, 0),))
     mine = x.session if x.role == "prescriber" and x.session else mine
     air: Any = {"src": t, "session": theirs, "seq": UNUSED_SEQ}
@@ -78,16 +78,15 @@ def odd_messages(world: World, s: int, t: int) -> list[bytes]:
             Acceptance(**{**own, "src": other}, **said),
             Cancel(**{**own, "src": other}, reason="abort"),
         ]
-        if x.proposal < world.p.max_rounds:
-            newer = {**said, "proposal": x.proposal + 1}
-            found.append(Acceptance(**{**own, "src": x.target}, **newer))
+        newer = {**said, "proposal": x.proposal + 1}
+        found.append(Acceptance(**{**own, "src": x.target}, **newer))
     if x.session is not None and x.role == "receiver":
         own = {**of, "session": x.session}
         other = next(q for q in (t, u) if q != x.session[0])
         found += [Fin(**{**own, "src": other}), Cancel(**{**own, "src": other}, reason="abort")]
         if x.phase != "ACTUATING":  # nobody acts yet who could have finished
             found.append(Fin(**{**own, "src": x.session[0]}))
-        if x.phase in ("NEGOTIATING", "ACTUATING") and x.proposal < world.p.max_rounds:
+        if x.phase in ("NEGOTIATING", "ACTUATING"):
             newer = {**content, "proposal": x.proposal + 1}
             found.append(Prescription(**{**own, "src": x.session[0]}, **newer))
     return [b'{"v":1', b"\xff", *(encode(message) for message in found)]

@@ -1,36 +1,37 @@
-"""What the stateful tests run with, what a run has met, and the oracle in lockstep."""
+"""What the stateful tests run with, what a run has met, and the specification in lockstep."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
 import automcm.logging
-from automcm.messages import (
-    Cam,
-)
-from automcm.outcome import Row
+from automcm.adapter import abstract, abstract_input, answer, is_copy
+from automcm.messages import Cam, Prescription
+from automcm.outcome import Expiry, Heard, Restart, Row
 from automcm.parameters import Parameters
 from automcm.phases import WAYS
 from automcm.rules import RULES
-from automcm.state import State, key
+from automcm.state import State, Timer
 from automcm.station import Effects, Station
+from automcm_spec import station as specification
+from automcm_spec.conditions import Condition, recording
+from automcm_spec.forms import input_of, to_json
+from automcm_spec.names import snake
 from automcm_spec.rules import RULES as EVERY_RULE
-from automcm_traces import asking
-from automcm_traces.engine import Engine
-from automcm_traces.log import RECORD, Header
-from automcm_traces.reader import Log
-from automcm_traces.step import Diverges
-from automcm_traces.track import Track
+from automcm_traces import log
+from automcm_traces.timers import durations
 
-IDS = (1001, 2002, 3003, 4004)
+IDS = (1001, 22, 303, 4_000_004, 5, 606, 70_007, 88, 2**32 - 1, 909, 10, 12_012)
+STRANGER = 404
+"""A station that nobody is."""
 LEASES = (2500, 700, 120)
 """Longer than t_cam_loss, shorter than it, and over before anybody can answer twice."""
 PROPERTIES = ("S-1", "S-2", "S-3", "S-4", "S-5", "S-6", "S-7", "T-1", "T-2", "T-3")
-ALL = frozenset({*PROPERTIES, "MEM-1", "oracle"})
+ALL = frozenset({*PROPERTIES, "oracle"})
 UNUSED_SEQ = 900
 """Higher than any seq that a station gets to."""
 
@@ -43,19 +44,14 @@ class Setup:
     parameters: Parameters
 
 
-def _short(**more: int) -> Parameters:
-    """Three sendings of each message; N · t_resend = 300 ms."""
-    usual = {"t_timeout": 200, "t_decide": 150, "t_cam_loss": 1100}
-    return Parameters(**{**usual, "backoff_min": 100, "backoff_max": 400, **more})
-
-
-SETUPS = (
-    Setup(3, _short(max_rounds=3)),
-    Setup(4, _short(max_rounds=2)),
-    Setup(3, _short(max_rounds=1, max_participants=1, outbox_limit=3, memory_limit=1)),
-)
-TIGHT = 2
-"""The setup in which MEM-1 binds."""
+def setup(stations: int, rounds: int, participants: int, spare: int, memory: int) -> Setup:
+    """Three sendings of each message; N · t_resend = 300 ms.  ``spare``: how many messages the
+    outbox may hold when a session begins (MEM-1)."""
+    limits = {"max_rounds": rounds, "max_participants": participants, "memory_limit": memory}
+    outbox = 1 + max(participants, rounds) + spare
+    durations_ms = {"t_timeout": 200, "t_decide": 150, "t_cam_loss": 1100}
+    backoff = {"backoff_min": 100, "backoff_max": 400}
+    return Setup(stations, Parameters(**durations_ms, **backoff, **limits, outbox_limit=outbox))
 
 
 # -- what a run has met
@@ -65,6 +61,14 @@ def _rows(rules: dict[str, tuple[Row, ...]]) -> set[tuple[str, int, str]]:
     return {(name, n, row.rule) for name, rows in rules.items() for n, row in enumerate(rows)}
 
 
+CONDITIONS = frozenset(
+    c
+    for c in specification.CONDITIONS
+    if c.kind != "rule"
+    and c.operator != "StationTypeInv"
+    and hasattr(specification.Station, snake(c.operator))
+)
+"""What Step of Station.tla may ask."""
 NO_ROW = {"ACT-1", "END-4"}
 """ACT-1 is the application's; END-4 is no row but the guard of many (S-7 is its check)."""
 
@@ -82,15 +86,19 @@ class Coverage:
     ways: Counter[tuple[str, str, str, str]] = field(default_factory=Counter)
     looked: Counter[str] = field(default_factory=Counter)
     """How often a property had something to look at."""
-    asked: set[tuple[str, int, int]] = field(default_factory=set)
-    """Transitions of the oracle's graphs that were taken."""
-    cannot_tell: Counter[str] = field(default_factory=Counter)
+    conditions: set[tuple[Condition, bool]] = field(default_factory=set)
+    """Conditions of Station.tla, with the value they had."""
 
     def add(self, other: Coverage) -> None:
         self.steps += other.steps
-        for name in ("inputs", "phases", "rows", "ways", "looked", "cannot_tell"):
+        for name in ("inputs", "phases", "rows", "ways", "looked"):
             getattr(self, name).update(getattr(other, name))
-        self.asked |= other.asked
+        self.conditions |= other.conditions
+
+    def meet(self, condition: Condition, value: bool, _: Callable[[], object]) -> bool:
+        """A condition of the specification (automcm_spec.conditions.Hook)."""
+        self.conditions.add((condition, value))
+        return value
 
     def rules_and_phases_missing(self) -> list[str]:
         """What even a short run must meet."""
@@ -113,14 +121,11 @@ class Coverage:
 
     def report(self) -> str:
         """Several lines for a person."""
-        one, two = (asking.oracle(n) for n in (False, True))
-        met = Counter(name for name, _, _ in self.asked)
-        graphs = ", ".join(
-            f"{oracle.name} {met[oracle.name]} of {oracle.transitions}" for oracle in (one, two)
-        )
         rarest = ", ".join(f"{r} {n}" for r, n in sorted(self.inputs.items(), key=_second)[:5])
         looked = ", ".join(f"{name} {self.looked[name]}" for name in sorted(self.looked))
         rules = len([r for r in EVERY_RULE if self.inputs[r]])
+        ways = {(c, value) for c in CONDITIONS for value in (False, True)}
+        one_way = sorted(ways - self.conditions, key=lambda way: (way[0].line, *way))
         return "\n".join(
             [
                 f"{self.steps} steps, {sum(self.inputs.values())} inputs of stations",
@@ -129,8 +134,9 @@ class Coverage:
                 f"ways between phases {len(self.ways)} of {len(WAYS)}",
                 f"rarest rules: {rarest}",
                 f"looked at: {looked}",
-                f"transitions of the oracle: {graphs}",
-                f"could not be told: {dict(self.cannot_tell) or 'nothing'}",
+                f"conditions of Station.tla: {2 * len(CONDITIONS) - len(one_way)} of "
+                f"{2 * len(CONDITIONS)} ways",
+                *(f"  {c.operator}:{c.line} never {value}: {c.text}" for c, value in one_way),
                 "missing: " + ("; ".join(self.missing()) or "nothing"),
             ]
         )
@@ -160,103 +166,108 @@ def broken(what: str, text: str) -> Broken:
     return _kind(what)(f"{what}: {text}")
 
 
-# -- the oracle
+# -- the specification
+
+CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
+"""Fields of a message that are as the application gave them."""
 
 
 class Lockstep:
-    """The log of one station, not written but fed to the engine that judges logs."""
+    """The compiled specification is given each input of one station of the reference.
+
+    What the specification leaves out is compared too: content, seq and the deadlines of timers.
+    """
 
     def __init__(self, station: Station, coverage: Coverage) -> None:
-        fields = {
-            "rec": "header",
-            "schema": "automcm.trace/1",
-            "run": "stateful",
-            "station": station.station_id,
-            "implementation": {"name": "automcm", "version": "0"},
-            "parameters": automcm.logging.parameters(station.parameters),
-            "complete": automcm.logging.COMPLETE,
-        }
-        header = RECORD.validate_python(fields)
-        assert isinstance(header, Header)
-        self.engine = Engine(Log("memory", header, [], None, False, []))
-        self._station, self._coverage = station, coverage
-        self._seq = 0
+        p = station.parameters
+        limits = p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit
+        self._specified = recording(specification.Station(*limits), coverage.meet)
+        self._station, self._me = station, station.station_id
+        self._state = self._specified.initial
+        told = log.Parameters.model_validate(automcm.logging.parameters(p))
+        self._durations = durations(told)
+        self._deadlines: dict[Timer, int] = {}
+        self._lease_ms = 0
 
-    def event(self, ev: str, t_ms: int, /, **fields: object) -> int:
-        """As LogWriter.event, which automcm.logging calls."""
-        self._seq += 1
-        observed = {name: value for name, value in fields.items() if value is not None}
-        record = {"rec": "event", "seq": self._seq, "t_ms": t_ms, "ev": ev, **observed}
-        event: Any = RECORD.validate_python(record)
-        self.engine.feed(self._seq, event)
-        return self._seq
-
-    def took(self, effects: Effects, raw: bytes, last: bool) -> None:
+    def took(self, before: State, effects: Effects, last: bool) -> None:
         """One input and its effects.  ``last``: of this instant."""
-        engine = self.engine
-        txs = [f"{self._station.station_id}:{self._seq + n}" for n in range(len(effects.messages))]
-        try:
-            log: Any = self
-            automcm.logging.write(log, effects, txs, raw=raw)
-            step = engine._step
-            if step is not None:
-                self._compare_rule(effects, step)
-            engine.finish()
-        except Diverges as d:
-            wanted = "; ".join(d.wanted)
-            raise broken(
-                f"oracle {d.rule or 'none'}", f"{d.event}; expected: {wanted} ({d.guard})"
-            ) from None
-        self._compare_state(effects.state, last)
+        if effects.input is None:
+            _no_message(before, effects)
+            return
+        given = effects.input.message if isinstance(effects.input, Heard) else None
+        i = input_of(abstract_input(before, effects.input))
+        outcome = self._specified.step(self._me, self._state, i)
+        messages, told, arm, stop = answer(before, given, effects)
+        done = [abstract(effects.state), messages, told, effects.rule, arm, stop]
+        for name, is_, should in zip(outcome._fields, done, to_json(outcome), strict=True):
+            if is_ != should:
+                text = f"{i}: {name} is {is_}, by the specification {should}"
+                raise broken(f"oracle {outcome.rule}", text)
+        self._state = outcome.st
+        self._content(before, effects)
+        self._timers(effects)
+        if last and self._deadlines != self._station.timers:
+            text = f"{self._station.timers}, but those armed are {self._deadlines}"
+            raise broken("oracle timers", text)
 
-    def sent_cam(self, cam: Cam, now: int) -> None:
-        """ACT-5: the marks are what the oracle says."""
-        try:
-            self.event("send", now, tx="1:1", message=automcm.messages.to_dict(cam))
-        except Diverges as d:
-            raise broken(f"oracle {d.rule}", f"{d.event}; expected: {d.wanted}") from None
+    def sent_cam(self, cam: Cam) -> None:
+        """ACT-5: the marks are those of the specification."""
+        marks = self._specified.marks(self._state)
+        if frozenset(cam.marks) != marks or len(cam.marks) != len(marks):
+            raise broken("oracle ACT-5", f"marks {cam.marks}, by the specification {marks}")
 
-    def _compare_rule(self, effects: Effects, step: Any) -> None:
-        if step.rule != effects.rule:
-            raise broken(f"oracle {step.rule}", f"{step.what}: decided by {effects.rule}")
-        answer = step.answer
-        if answer.changes:
-            name = "two-peers" if len(step.view.ids) > 2 else "one-peer"
-            self._coverage.asked.add((name, answer.state, answer.input))
+    def _content(self, before: State, effects: Effects) -> None:
+        i, after = effects.input, effects.state
+        new = [m for m in effects.messages if m.seq and not is_copy(before, m)]
+        numbers = sorted(m.seq for m in new)
+        wanted = [before.seq + n for n in range(1, len(new) + 1)]
+        if numbers != wanted:
+            raise broken("oracle content", f"{i}: seq {numbers}, not {wanted}")
+        for m in new:
+            for name in CONTENT:
+                if hasattr(m, name) and hasattr(i, name) and getattr(m, name) != getattr(i, name):
+                    raise broken("oracle content", f"{i}: {name} of {m}")
+        heard_ms = before.heard_ms if after.heard_ms is not None else None
+        if isinstance(i, Cam) and effects.armed:
+            heard_ms = i.generation_ms
+        if after.heard_ms != heard_ms:
+            raise broken("oracle content", f"{i}: heard at {after.heard_ms}, not {heard_ms} ms")
 
-    def _compare_state(self, state: State, last: bool) -> None:
-        """What the log says of the station is what the station is."""
-        track, known = _known(self.engine.track), _known(state)
-        for name in track:
-            if track[name] != known[name]:
-                raise broken(
-                    "oracle state", f"{name} is {known[name]}, and by the log {track[name]}"
-                )
-        deadlines = sorted(self._station.timers.values())
-        if last and sorted(d.first for d in self.engine.timers.values()) != deadlines:
-            raise broken("oracle timers", f"{self._station.timers}; log: {self.engine.timers}")
+    def _timers(self, effects: Effects) -> None:
+        i, now = effects.input, effects.now_ms
+        if isinstance(i, Expiry) and (due := self._deadlines.pop(i.timer)) != now:
+            raise broken("oracle timers", f"{i.timer} expires at {now}, not at {due} ms")
+        if not isinstance(i, Restart) and min(self._deadlines.values(), default=now) < now:
+            raise broken("oracle timers", f"{now} ms: overdue in {self._deadlines}")
+        verify = any(told.name == "verify" for told in effects.indications)
+        heard = [i.message] if isinstance(i, Heard) and verify else []
+        for m in (*heard, *effects.messages):
+            if isinstance(m, Prescription):
+                self._lease_ms = m.lease_ms
+        for timer in effects.stopped:
+            del self._deadlines[timer]
+        for timer, deadline in effects.armed:
+            self._deadlines[timer] = deadline
+            least, most = self._lasts(timer)
+            if not least <= deadline - now <= most:
+                text = f"{timer} lasts {deadline - now} ms, not {least} to {most} ms"
+                raise broken("oracle timers", text)
+
+    def _lasts(self, timer: Timer) -> tuple[int, int]:
+        """The shortest and the longest time that a timer may be armed for, ms."""
+        p = self._station.parameters
+        if timer.name == "backoff":
+            return p.backoff_min, p.backoff_max
+        if timer.name == "forget":
+            return p.t_life, p.t_advertise + p.t_life
+        lasts = self._lease_ms if timer.name == "lease" else self._durations[timer.name]
+        assert lasts is not None
+        return lasts, lasts
 
 
-def _known(of: Track | State) -> dict[str, Any]:
-    """The fields of Station.tla, for comparison."""
-    entries: Iterable[tuple[Any, ...]]
-    if isinstance(of, Track):
-        entries = ((e.type, e.to, e.session, e.message["seq"]) for e in of.outbox)
-    else:
-        entries = (tuple(key(m)) for m in of.outbox)
-    return {
-        "phase": of.phase,
-        "role": of.role,
-        "session": of.session,
-        "recorded": set(of.recorded),
-        "withdrawn": set(of.withdrawn),
-        "target": of.target,
-        "proposal": of.proposal,
-        "deciding": of.deciding,
-        "heard": of.heard_ms,
-        "number": of.number,
-        "joined": dict(of.joined),
-        "outbox": set(entries),
-        "quarantine": of.quarantine,
-        "backoff": of.backoff,
-    }
+def _no_message(before: State, effects: Effects) -> None:
+    """END-5: of bytes that are no message the application is told, and that is all."""
+    told = [indication.name for indication in effects.indications]
+    more = effects.messages or effects.armed or effects.stopped
+    if more or effects.state is not before or (effects.rule, told) != ("END-5", ["discarded"]):
+        raise broken("oracle END-5", f"bytes that are no message: {effects}")

@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 import stateful
 from seeded_bugs import BUGS, Bug, hunt
 from stateful import Coordination, profile, repeated, run
 from stateful_oracle import PROPERTIES, Coverage
 
+BUSY = re.compile(r"^  OnForeignPrescription:\d+ never True: Bound\(st\)$", re.MULTILINE)
+"""A condition of Station.tla (NEG-4) that is not met, in a report."""
+
 
 def test_s_1_to_s_7_t_1_to_t_3_and_the_oracle() -> None:
     """Some thousand steps, a million in ``make test-deep``.  All rules and phases must be met; if a
     change of the machine changes what a seed draws, others may be needed for that."""
     total = Coverage()
-    for seed in (1, 2, 3):
-        total.add(run(Coordination, profile(60, 50, steered=seed == 3), seed))
+    for seed in (4, 5, 6):
+        total.add(run(Coordination, profile(60, 50, steered=seed == 6), seed))
     print(total.report())
     assert total.rules_and_phases_missing() == []
-    assert not total.cannot_tell
+    assert not BUSY.search(total.report())
+    assert 'never False: m.type = "Ack"' in total.report()  # the last arm of a CASE
 
 
 def test_what_is_not_met_is_reported() -> None:
-    missing = run(Coordination, profile(2, 5), 1).rules_and_phases_missing()
+    coverage = run(Coordination, profile(2, 5), 1)
+    missing = coverage.rules_and_phases_missing()
     assert "rule NEG-4" in missing
     assert "phase receiver ACTUATING" in missing
     assert "property T-2: nothing to look at" in missing
+    assert BUSY.search(coverage.report())
 
 
 def test_same_seed_same_run() -> None:
@@ -32,12 +40,7 @@ def test_same_seed_same_run() -> None:
     assert first == second
 
 
-SLOW = (
-    "any CAM counts",
-    "no memory of what was joined",
-    "the mark goes before the Fin is acknowledged",
-    "closed is answered although a Fin is still being sent",
-)
+SLOW = ("the mark goes before the Fin is acknowledged",)
 """Those that take more than four seconds."""
 
 

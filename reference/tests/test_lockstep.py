@@ -1,0 +1,193 @@
+"""Each comparison with the compiled station: a wrong effect, and what it is found as."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import stateful_oracle
+from automcm_stage import ME, SLOWER, THEIRS, Stage, advertisement, cam, cancel, prescription
+from stateful import Coordination, profile, run
+from stateful_oracle import Broken, Coverage, Lockstep, Setup
+from stateful_world import World
+
+from automcm.adapter import abstract, concrete
+from automcm.state import Timer
+from automcm.station import Effects
+
+Change = Callable[[Effects], Effects]
+
+
+class Compared(Stage):
+    """A stage with the specification beside it.  ``change`` replaces the last effects."""
+
+    def __init__(self) -> None:
+        super().__init__(max_rounds=1, max_participants=1, outbox_limit=2)
+        self.lockstep = Lockstep(self.station, Coverage())
+        self.before = self.state
+
+    def took(self, effects: list[Effects], change: Change = lambda e: e) -> None:
+        for n, effect in enumerate(effects, 1):
+            last = n == len(effects)
+            self.lockstep.took(self.before, change(effect) if last else effect, last)
+            self.before = effect.state
+
+    def join(self) -> None:
+        self.took(self.hear(0, advertisement()))
+
+    def act(self) -> None:
+        self.join()
+        self.took(self.hear(20, prescription()))
+        self.took(self.do(30, "accept", THEIRS))
+
+
+def _replaced(**fields: Any) -> Change:
+    return lambda e: e._replace(**fields)
+
+
+def _sent(**fields: Any) -> Change:
+    return lambda e: e._replace(messages=(e.messages[0].model_copy(update=fields),))
+
+
+def _later(e: Effects) -> Effects:
+    return e._replace(armed=tuple((timer, deadline + 1) for timer, deadline in e.armed))
+
+
+JOINED: dict[str, tuple[Change, str]] = {
+    "another rule": (_replaced(rule="ADV-4"), "oracle ADV-3"),
+    "no message": (_replaced(messages=()), "oracle ADV-3"),
+    "a timer is not armed": (lambda e: e._replace(armed=e.armed[1:]), "oracle ADV-3"),
+    "a timer is stopped": (_replaced(stopped=(Timer("backoff"),)), "oracle ADV-3"),
+    "seq leaves one out": (_sent(seq=2), "oracle content"),
+    "another trajectory": (_sent(planned=SLOWER), "oracle content"),
+    "a timer lasts longer": (_later, "oracle timers"),
+}
+
+
+@pytest.mark.parametrize("name", JOINED)
+def test_a_wrong_effect_of_joining(name: str) -> None:
+    change, what = JOINED[name]
+    stage = Compared()
+    with pytest.raises(Broken) as found:
+        stage.took(stage.hear(0, advertisement()), change)
+    assert found.value.what == what
+
+
+def test_a_state_that_differs() -> None:
+    stage = Compared()
+    effects = stage.do(0, "request")
+    with pytest.raises(Broken, match=r"oracle ADV-1.*st is"):
+        stage.took(effects, _replaced(state=stage.before))
+
+
+def test_an_indication_that_is_missing() -> None:
+    stage = Compared()
+    stage.join()
+    effects = stage.hear(20, prescription())
+    with pytest.raises(Broken, match=r"oracle NEG-1.*told is \['nothing'\]"):
+        stage.took(effects, _replaced(indications=()))
+
+
+def test_the_reason_of_a_fallback_is_that_of_the_cancel() -> None:
+    stage = Compared()
+    stage.join()
+    effects = stage.hear(20, cancel("abort"))
+    (told,) = effects[0].indications
+    wrong = type(told)(name="fallback", rule=told.rule, session=THEIRS, reason="timeout")
+    with pytest.raises(Broken, match=r"oracle END-2.*told is"):
+        stage.took(effects, _replaced(indications=(wrong,)))
+
+
+def test_a_cam_that_counts_is_remembered_by_its_generation_time() -> None:
+    stage = Compared()
+    stage.act()
+    effects = stage.hear(40, cam(THEIRS[0], 35, THEIRS))
+    with pytest.raises(Broken, match="heard at 34, not 35 ms"):
+        stage.took(effects, _replaced(state=replace(stage.state, heard_ms=34)))
+
+
+def test_a_cam_that_is_heard_again_is_not_newer() -> None:
+    stage = Compared()
+    stage.act()
+    stage.took(stage.hear(40, cam(THEIRS[0], 35, THEIRS)))
+    again = stage.hear(41, cam(THEIRS[0], 35, THEIRS))
+    assert not again[0].armed
+    stage.took(again)
+
+
+def test_marks_of_a_cam() -> None:
+    stage = Compared()
+    stage.join()
+    stage.lockstep.sent_cam(cam(ME, 10, THEIRS))
+    for marks in ((), (THEIRS, THEIRS), (THEIRS, (ME, 1))):
+        with pytest.raises(Broken, match="oracle ACT-5"):
+            stage.lockstep.sent_cam(cam(ME, 10, *marks))
+
+
+@pytest.mark.parametrize("change", [_replaced(rule="END-4"), _replaced(indications=())])
+def test_bytes_that_are_no_message(change: Change) -> None:
+    stage = Compared()
+    stage.took(stage.hear(0, b"\xff"))
+    with pytest.raises(Broken, match="oracle END-5"):
+        stage.took(stage.hear(0, b"\xff"), change)
+
+
+def test_a_timer_that_expires_late() -> None:
+    stage = Compared()
+    stage.join()
+    with pytest.raises(Broken, match="expires at 101, not at 100 ms"):
+        stage.took(stage.run(100), _replaced(now_ms=101))
+
+
+def test_a_timer_that_does_not_expire() -> None:
+    stage = Compared()
+    stage.join()
+    effects = stage.hear(20, prescription())
+    with pytest.raises(Broken, match="101 ms: overdue"):
+        stage.took(effects, _replaced(now_ms=101))
+
+
+def test_a_timer_that_runs_unseen() -> None:
+    stage = Compared()
+    stage.join()
+    effects = stage.hear(20, prescription())
+    stage.station.timers[Timer("backoff")] = 1
+    with pytest.raises(Broken, match="oracle timers"):
+        stage.took(effects)
+
+
+def test_a_lease_lasts_as_long_as_its_prescription_says() -> None:
+    stage = Compared()
+    stage.join()
+    stage.took(stage.hear(20, prescription(lease_ms=700)))
+    effects = stage.do(30, "accept", THEIRS)
+    armed = tuple((t, d + (t.name == "lease")) for t, d in effects[0].armed)
+    with pytest.raises(Broken, match="lasts 701 ms, not 700 to 700 ms"):
+        stage.took(effects, _replaced(armed=armed))
+
+
+def test_a_machine_sets_up_2_to_12_stations_with_limits_that_bind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The map between the states is its own inverse on these ids, too."""
+    states, stations = {}, set()
+
+    def seen(state: Any) -> Any:
+        value = abstract(state)
+        states[repr(value)] = value
+        return value
+
+    class Counted(Coordination):
+        def _world(self, setup: Setup) -> World:
+            stations.add(setup.stations)
+            return super()._world(setup)
+
+    monkeypatch.setattr(stateful_oracle, "abstract", seen)
+    met = run(Counted, profile(40, 20), 1)
+    assert {2, 12} <= stations <= set(range(2, 13))
+    assert met.inputs["MEM-1"] > 0
+    assert len(states) > 200
+    for value in states.values():
+        assert abstract(concrete(value)) == value
