@@ -20,7 +20,7 @@ from automcm.state import State, key
 from automcm.station import Effects, Station
 from automcm_spec.rules import RULES as EVERY_RULE
 from automcm_traces import asking
-from automcm_traces.engine import Engine
+from automcm_traces.graph_engine import GraphEngine
 from automcm_traces.log import RECORD, Header
 from automcm_traces.reader import Log
 from automcm_traces.step import Diverges
@@ -178,7 +178,7 @@ class Lockstep:
         }
         header = RECORD.validate_python(fields)
         assert isinstance(header, Header)
-        self.engine = Engine(Log("memory", header, [], None, False, []))
+        self.engine = GraphEngine(Log("memory", header, [], None, False, []))
         self._station, self._coverage = station, coverage
         self._seq = 0
 
@@ -219,9 +219,9 @@ class Lockstep:
     def _compare_rule(self, effects: Effects, step: Any) -> None:
         if step.rule != effects.rule:
             raise broken(f"oracle {step.rule}", f"{step.what}: decided by {effects.rule}")
-        answer = step.answer
+        answer = step.found.answer
         if answer.changes:
-            name = "two-peers" if len(step.view.ids) > 2 else "one-peer"
+            name = "two-peers" if len(step.found.view.ids) > 2 else "one-peer"
             self._coverage.asked.add((name, answer.state, answer.input))
 
     def _compare_state(self, state: State, last: bool) -> None:
