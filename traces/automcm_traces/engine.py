@@ -8,10 +8,11 @@ where they are missing.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from automcm_spec.rules import RULES
-from automcm_spec.station import State, Station, Timer
+from automcm_spec.station import Input, Outcome, State, Station
 from automcm_traces.form import malformed, well_formed
 from automcm_traces.inputs import Asked, asked, marked_and_newer
 from automcm_traces.log import (
@@ -39,23 +40,38 @@ from automcm_traces.timers import (
 from automcm_traces.track import ROUNDS, CannotTell, Limits, Track, difference, expected, lift, off
 
 Json = Any
+NOTHING_TOLD = ("nothing",)
+"""Of Station.tla."""
 NOTHING = "nothing more"
 """What a step wants that has all that it calls for."""
+REMEMBERED = 20_000
+"""Answers of the specification that are kept in memory."""
 QUIET = 1000
 """Senders of CAMs whose question is remembered."""
 
 
-class Remembering(Station):
-    """The compiled station; it knows the timers of the state that it was asked about last."""
+class Specification:
+    """The compiled station, and its answers: kept until there are too many, then it starts anew."""
 
-    _state: State | None = None
-    _timers: frozenset[Timer] = frozenset()
+    def __init__(self, *limits: int) -> None:
+        self._station = Station(*limits)
+        self._answers: dict[tuple[int, State, Input], tuple[Outcome, bool]] = {}
 
-    def armed(self, me: int, st: State) -> frozenset[Timer]:
-        """As Station.armed."""
-        if st is not self._state:
-            self._timers, self._state = super().armed(me, st), st
-        return self._timers
+    def answer(self, me: int, st: State, i: Input) -> tuple[Outcome, bool]:
+        """What ``Step`` says, and whether the state stays as it is."""
+        found = self._answers.get((me, st, i))
+        if found is None:
+            if len(self._answers) >= REMEMBERED:
+                self._answers.clear()
+            outcome = self._station.step(me, st, i)
+            found = self._answers[me, st, i] = outcome, outcome.st == st
+        return found
+
+
+@cache
+def specification(*limits: int) -> Specification:
+    """With these rounds, participants, outbox and memory, for every log that has them."""
+    return Specification(*limits)
 
 
 class Engine:
@@ -74,7 +90,7 @@ class Engine:
         told = (p.max_participants, p.outbox_limit, p.memory_limit)
         limits = Limits(*(n or default for n, default in zip(told, Limits(), strict=True)))
         self.track = Track(header.station, p.max_rounds or ROUNDS, limits)
-        self._station = Remembering(self.track.max_rounds, *limits)
+        self._specification = specification(self.track.max_rounds, *limits)
         self.timers: dict[str, Deadline] = {}
         self.since_ms = 0
         """The time of the last event but CAMs: what was not observed happened later."""
@@ -186,6 +202,8 @@ class Engine:
         if missing:
             text = f"{step.what}: not everything followed"
             raise Diverges(step.at, text, step.rule, missing, step.guard, step)
+        if step.messages:  # the log may lack it; but then its seq is not known
+            raise CannotTell(f"line {step.at}: the log does not hold: send {step.messages[0]}")
         if "timer" not in self.promised:
             self._timers_as_told(step)
         self._step = None
@@ -210,10 +228,7 @@ class Engine:
             t.heard_ms = m["generation_ms"]
 
     def _after(self, step: Step) -> State:
-        """The state that comes next.  Raises CannotTell if a message is missing, which the log may
-        do: its seq is not known then."""
-        if step.messages:
-            raise CannotTell(f"line {step.at}: the log does not hold: send {step.messages[0]}")
+        """The state that comes next."""
         return step.after
 
     def _phase_is(self, at: int, event: Event) -> None:
@@ -305,7 +320,7 @@ class Engine:
     def _answered(self, at: int, t_ms: int, event: Event | None, question: Asked) -> Step:
         """A step, as the specification has it."""
         t, value, given = self.track, question.value, question.given
-        found = self._station.step(t.me, t.state, value)
+        found, stays = self._specification.answer(t.me, t.state, value)
         return Step(
             at,
             t_ms,
@@ -313,14 +328,14 @@ class Engine:
             value,
             question.what,
             found.rule,
-            found.st,
-            bool(found.st != t.state or found.arm or found.stop),
+            t.state if stays else found.st,
+            bool(not stays or found.arm or found.stop),
             found.told,
             [expected(t, m, given) for m in sorted(found.out)],
             sorted(found.arm),
             # After a restart everything stops, whether the log says so or not.
             sorted(found.stop) if value.kind != "restart" else [],
-            [] if found.told == self._station.nothing else [found.told[0]],
+            [] if found.told == NOTHING_TOLD else [found.told[0]],
             given,
             question.content,
             t_ms,
@@ -351,11 +366,9 @@ class Engine:
     def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
         event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
         step = self._current(at, t_ms, event, seen)
-        problems = []
+        problems, wrong = [], None if well_formed(m) else malformed(m)
         for e in step.messages:
-            right = well_formed(m)
-            given = self.track, step.content, step.fresh
-            problem = difference(e, m, *given) if right else malformed(m)
+            problem = wrong or difference(e, m, self.track, step.content, step.fresh)
             if problem is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))

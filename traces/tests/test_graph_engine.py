@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 from agreement import mutated, of_the_reference
 
 from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
 from automcm_traces.graph_engine import GraphEngine
+from automcm_traces.log import RECORD
 from automcm_traces.reader import Log, LogError, read
 from automcm_traces.step import Diverges, Step
-from automcm_traces.track import CannotTell, Track
+from automcm_traces.track import INITIAL, CannotTell, Entry, Track
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 MALFORMED = (KeyError, TypeError, IndexError, ValueError, AttributeError)
@@ -87,3 +91,70 @@ def test_both_say_the_same_of_edited_logs(tmp_path: Path) -> None:
             logs.append(replace(log, file=f"{n}: {kind} at {line}"))
     assert len(logs) > 250
     assert differences(logs) == []
+
+
+def a_log() -> Log:
+    """A complete log in which something is sent."""
+    log = complete(CORPUS / "pair" / "1001.ndjson")
+    assert log is not None
+    return log
+
+
+def test_an_allowed_complete_log_loads_no_graph() -> None:
+    """Nor what asks one: the first answer comes in 0.2 s of CPU, with 40 MB."""
+    code = (
+        "import resource, sys\n"
+        "from automcm_traces.explain import explain_file\n"
+        "print(explain_file(sys.argv[1]).verdict)\n"
+        "print(*(m for m in sys.modules if m.startswith('automcm_')))\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, a_log().file], capture_output=True, text=True, check=True
+    )
+    verdict, modules, kib = done.stdout.splitlines()
+    graph = {"asking", "graph_engine", "graph_inputs", "graph_view", "guards", "possible"}
+    assert verdict == "allowed"
+    assert graph & {name.split(".")[-1] for name in modules.split()} == set()
+    assert int(kib) < 80 * 1024
+
+
+def test_neg_1_more_proposals_at_once_than_the_graph_knows() -> None:
+    """A receiver whose answers to 3, 4 and 5 are still being sent gets proposal 6."""
+    answers = [
+        Entry("Acceptance", 1001, (1001, 7), k, {"seq": k, "proposal": k, "accepted": False})
+        for k in (3, 4, 5)
+    ]
+    state = INITIAL._replace(phase="WAITING", role="receiver", session=(1001, 7), proposal=5)
+    state = state._replace(joined=frozenset({(1001, 7)}), outbox=frozenset(e.spec for e in answers))
+    header = {"rec": "header", "schema": "automcm.trace/1", "run": "r", "station": 2002}
+    header |= {"implementation": {"name": "i", "version": "1"}, "complete": list(NEEDED)}
+    header |= {"parameters": {"max_rounds": 9}}
+    m = {"v": 1, "type": "Prescription", "src": 1001, "dst": 2002, "session": [1001, 7], "seq": 9}
+    m |= {"proposal": 6, "prescribed": {"t0": 0, "points": [[0, 0, 0]]}}
+    m |= {"hold_ms": 1, "lease_ms": 700}
+    received = {"rec": "event", "seq": 1, "t_ms": 5, "ev": "receive", "tx": "1001:1", "message": m}
+    event = RECORD.validate_python(received)
+    for make in (Engine, GraphEngine):
+        engine = make(RECORD.validate_python(header))
+        engine.track.state, engine.track.outbox = state, answers
+        if make is GraphEngine:
+            with pytest.raises(CannotTell, match="not in the oracle"):
+                engine.feed(2, event)
+            continue
+        engine.feed(2, event)
+        assert engine.step is not None
+        assert (engine.step.rule, engine.step.after.proposal) == ("NEG-1", 6)
+        assert [str(message) for message in engine.step.messages] == [
+            "Ack to 1001 session=1001/7 (of Prescription seq=9)"
+        ]
+
+
+def test_where_a_message_may_be_missing_nothing_is_concluded_from_it() -> None:
+    log = a_log()
+    header = log.header.model_copy(update={"complete": ("command", "receive")})
+    engine = Engine(header)
+    with pytest.raises(CannotTell, match="line 2: the log does not hold: send Advertisement"):
+        for at, event in log.events:
+            if event.ev in header.complete:
+                engine.feed(at, event)
