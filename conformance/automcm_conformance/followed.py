@@ -8,7 +8,6 @@ is what the log says and what the deadline is compared with.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import deepcopy
 from pathlib import Path
 from typing import Any, cast
 
@@ -301,7 +300,7 @@ class Followed:
 
     def _expiry(self, running: Running) -> Step | None:
         """The step that this timer would bring about: it is missing, or lasts too long."""
-        engine, event = deepcopy(self._engine), {"ev": "timer", "op": "expire"}
+        engine, event = self._engine.copy(), {"ev": "timer", "op": "expire"}
         record = {"rec": "event", "seq": self._at, "t_ms": running.deadline, **event}
         record["timer"] = running.timer
         engine.feed(self._at, cast(Event, RECORD.validate_python(record)))

@@ -15,7 +15,7 @@ from automcm_conformance.scenarios import BOTH, NAMES, P, R
 from automcm_conformance.stage import Application, Outcome, Play, hazard
 from automcm_spec.rules import RULES
 from automcm_traces.explain import explain_files
-from automcm_traces.track import Track
+from automcm_traces.track import INITIAL, Track
 
 COMMAND = [sys.executable, "-m", "automcm_cli", "adapter"]
 HELLO = HelloAnswer(
@@ -334,17 +334,18 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "one" / log).read_bytes() == (tmp_path / "other" / log).read_bytes()
 
 
+def acting(me: int, role: str, proposal: int = 2, phase: str = "ACTUATING") -> Track:
+    state = INITIAL._replace(phase=phase, role=role, session=(P, 1), proposal=proposal)
+    return Track(me, state=state._replace(target=R if role == "prescriber" else 0))
+
+
 def test_hazards() -> None:
-    acts = {"phase": "ACTUATING", "session": (P, 1), "proposal": 2}
-    prescriber = Track(P, role="prescriber", target=R, **acts)  # type: ignore[arg-type]
-    receiver = Track(R, role="receiver", **acts)  # type: ignore[arg-type]
-    tracks, nobody = {P: prescriber, R: receiver}, {P: set[Any](), R: set[Any]()}
-    assert hazard(tracks, nobody) == ""
-    receiver.proposal = 1
-    assert hazard(tracks, nobody).startswith("S-5: 1001 acts")
-    receiver.phase = "STANDALONE"
-    assert hazard(tracks, nobody).startswith("S-5: 1001 acts")
-    assert hazard(tracks, {P: set(), R: {(P, 1)}}) == ""
-    third = Track(3003, role="receiver", **acts)  # type: ignore[arg-type]
-    prescriber.phase, receiver.phase, receiver.proposal = "STANDALONE", "ACTUATING", 2
+    tracks, nobody = {P: acting(P, "prescriber")}, {P: set[Any](), R: set[Any]()}
+    assert hazard({**tracks, R: acting(R, "receiver")}, nobody) == ""
+    assert hazard({**tracks, R: acting(R, "receiver", 1)}, nobody).startswith("S-5: 1001 acts")
+    left = {**tracks, R: acting(R, "receiver", 1, "STANDALONE")}
+    assert hazard(left, nobody).startswith("S-5: 1001 acts")
+    assert hazard(left, {P: set(), R: {(P, 1)}}) == ""
+    tracks = {P: acting(P, "prescriber", phase="STANDALONE"), R: acting(R, "receiver")}
+    third = acting(3003, "receiver")
     assert hazard({**tracks, 3003: third}, {**nobody, 3003: set()}).startswith("S-4: 2002 and 3003")

@@ -7,7 +7,8 @@ from typing import Any
 
 from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Answer, Effect, Oracle, canonical, load
-from automcm_traces.track import CannotTell, Track, View
+from automcm_traces.graph_view import View
+from automcm_traces.track import CannotTell, Track
 
 Json = Any
 REMEMBERED = 200_000

@@ -16,9 +16,9 @@ from typing import Any, Literal
 from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, load
 from automcm_spec.rules import RULES, kind
-from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
 from automcm_traces.form import TYPES
+from automcm_traces.graph_engine import GraphEngine
 from automcm_traces.log import Receive, Send
 from automcm_traces.reader import Log, LogError, LogStream, at_line, name_of, one_line
 from automcm_traces.step import Diverges, Step
@@ -98,7 +98,7 @@ class Coverage:
         at = 0
         try:
             stream = LogStream(path)
-            engine = Engine(Log(stream.file, stream.header, [], None, False, []), late_ms)
+            engine = GraphEngine(Log(stream.file, stream.header, [], None, False, []), late_ms)
             engine.observer = self._step
             for at, event in stream:
                 self.events += 1
@@ -135,8 +135,9 @@ class Coverage:
         self.problems.append((name_of(path), line, what, one_line(why)))
 
     def _step(self, step: Step, track: Track) -> None:
-        answer = step.answer
-        graph = TWO_PEERS.name if len(step.view.ids) > 2 else ONE_PEER.name
+        assert step.found is not None
+        answer = step.found.answer
+        graph = TWO_PEERS.name if len(step.found.view.ids) > 2 else ONE_PEER.name
         states = _oracle(graph).states
         was, then = states[answer.state][0], states[answer.next][0]
         self.steps += 1

@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from automcm_traces.asking import state_place
+from automcm_traces.graph_inputs import asked, other
+from automcm_traces.graph_view import View
 from automcm_traces.guards import armed_in, causes, names, nearest, timer_in, unarmed
-from automcm_traces.inputs import other
-from automcm_traces.step import Diverges
-from automcm_traces.track import CannotTell, Track, View
+from automcm_traces.step import Diverges, Why
+from automcm_traces.track import CannotTell, Track
 
 Json = Any
-
-
-@dataclass(frozen=True, slots=True)
-class Why:
-    """What would have been allowed instead; texts for a person, empty where nothing is known."""
-
-    nearest: str = ""
-    causes: tuple[str, ...] = ()
-    """Inputs that would have led to what the log says."""
-    state: str = ""
-    """The station before the event."""
-
-    def as_dict(self) -> dict[str, Json]:
-        """As in ``--json``."""
-        return {"nearest": self.nearest, "causes": list(self.causes), "state": self.state}
-
-    def lines(self) -> list[str]:
-        """One thing a line."""
-        found = [self.nearest] if self.nearest else []
-        if self.causes:
-            found.append(f"allowed after: {'; '.join(self.causes)}")
-        return [*found, f"state before: {self.state}"] if self.state else found
 
 
 UNKNOWN = ("resend",), ("giveup",)
@@ -43,7 +21,7 @@ UNKNOWN = ("resend",), ("giveup",)
 def why(d: Diverges, track: Track) -> Why:
     """What is known of a divergence of a station that was in the state of ``track``."""
     step = d.step
-    view = _view(d, track) if step is None else step.view
+    view, value = _question(d, track)
     told = _state(view.track)
     try:
         graph, place = state_place(view)
@@ -53,7 +31,7 @@ def why(d: Diverges, track: Track) -> Why:
     found, after = None, []
     if step is not None and seen:
         full = step.rule == "MEM-1"
-        found = nearest(graph, before, step.input, seen, full=full)
+        found = nearest(graph, before, value, seen, full=full)
     elif seen and seen[0] == "expire":
         timer = timer_in(view, seen[1])
         if tuple(timer) not in UNKNOWN:
@@ -64,6 +42,18 @@ def why(d: Diverges, track: Track) -> Why:
     if found is None and seen and seen[0] not in ("without", "expire"):
         after = causes(graph, before, seen, written)
     return Why(found.text(written) if found else "", tuple(after), told)
+
+
+def _question(d: Diverges, track: Track) -> tuple[View, Json]:
+    """The part of the station that the step is about, and its input, in the ids of the graph."""
+    step = d.step
+    if step is None or (step.event is None and step.found is None):
+        return _view(d, track), None
+    if step.found is not None:
+        return step.found.view, step.found.value
+    assert step.event is not None
+    question = asked(track, step.event)
+    return question.view, question.value
 
 
 def _view(d: Diverges, track: Track) -> View:
@@ -82,7 +72,7 @@ def _lacking(d: Diverges) -> tuple[Json, ...]:
         return ("without", "send", step.messages[0].type)
     for kind, pool in (("arm", step.arm), ("stop", step.stop)):
         if pool:
-            return ("without", kind, pool[0][1][0])
+            return ("without", kind, pool[0][0])
     return ("without", "told", *step.told[:1])
 
 

@@ -1,28 +1,21 @@
-"""Follows a station's log on the oracle, event by event.
+"""Follows a station's log on the compiled specification, event by event.
 
-An input (a message, a command, an expiry) asks the oracle what must follow; what the log says
-followed is held against that.  Kinds of event that the log does not promise are not missed where
-they are missing.
+Of an input (a message, a command, an expiry) the specification says what must follow; what the log
+says followed is held against that.  Kinds of event that the log does not promise are not missed
+where they are missing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 from automcm_spec.rules import RULES
-from automcm_traces.asking import ask
+from automcm_spec.station import Input, Outcome, State, Station
 from automcm_traces.form import malformed, well_formed
-from automcm_traces.inputs import (
-    Asked,
-    command,
-    expired,
-    marked_and_newer,
-    received,
-    restarted,
-)
+from automcm_traces.inputs import Asked, asked, marked_and_newer
 from automcm_traces.log import (
-    ApplicationCommand,
     ApplicationIndication,
     Event,
     Header,
@@ -44,23 +37,41 @@ from automcm_traces.timers import (
     timer_key,
     timer_name,
 )
-from automcm_traces.track import (
-    ROUNDS,
-    Limits,
-    Track,
-    View,
-    Y,
-    difference,
-    expected,
-    lift,
-    off,
-)
+from automcm_traces.track import ROUNDS, CannotTell, Limits, Track, difference, expected, lift, off
 
 Json = Any
+NOTHING_TOLD = ("nothing",)
+"""Of Station.tla."""
 NOTHING = "nothing more"
 """What a step wants that has all that it calls for."""
+REMEMBERED = 20_000
+"""Answers of the specification that are kept in memory."""
 QUIET = 1000
 """Senders of CAMs whose question is remembered."""
+
+
+class Specification:
+    """The compiled station, and its answers: kept until there are too many, then it starts anew."""
+
+    def __init__(self, *limits: int) -> None:
+        self._station = Station(*limits)
+        self._answers: dict[tuple[int, State, Input], tuple[Outcome, bool]] = {}
+
+    def answer(self, me: int, st: State, i: Input) -> tuple[Outcome, bool]:
+        """What ``Step`` says, and whether the state stays as it is."""
+        found = self._answers.get((me, st, i))
+        if found is None:
+            if len(self._answers) >= REMEMBERED:
+                self._answers.clear()
+            outcome = self._station.step(me, st, i)
+            found = self._answers[me, st, i] = outcome, outcome.st == st
+        return found
+
+
+@cache
+def specification(*limits: int) -> Specification:
+    """With these rounds, participants, outbox and memory, for every log that has them."""
+    return Specification(*limits)
 
 
 class Engine:
@@ -79,6 +90,7 @@ class Engine:
         told = (p.max_participants, p.outbox_limit, p.memory_limit)
         limits = Limits(*(n or default for n, default in zip(told, Limits(), strict=True)))
         self.track = Track(header.station, p.max_rounds or ROUNDS, limits)
+        self._specification = specification(self.track.max_rounds, *limits)
         self.timers: dict[str, Deadline] = {}
         self.since_ms = 0
         """The time of the last event but CAMs: what was not observed happened later."""
@@ -93,7 +105,7 @@ class Engine:
 
     def copy(self) -> Engine:
         """The same, to go on from here on its own."""
-        other = Engine.__new__(Engine)
+        other = self.__class__.__new__(self.__class__)
         other.__dict__.update(self.__dict__)
         other.track = self.track.copy()
         other.timers = dict(self.timers)
@@ -129,9 +141,10 @@ class Engine:
         step = self._step
         if step is None:
             return [], []
-        armed = [named(self.track, step.sent, view, value) for view, value in step.arm]
+        armed = [named(self.track, step.sent, timer) for timer in step.arm]
+        armed.sort(key=lambda timer: timer.get("message", {}).get("seq", 0))  # as they were sent
         return (
-            [named(self.track, step.sent, view, value) for view, value in step.stop],
+            [named(self.track, step.sent, timer) for timer in step.stop],
             [(timer, self._duration(step, timer)) for timer in armed],
         )
 
@@ -142,8 +155,8 @@ class Engine:
             return []
         missing = [f"send {m}" for m in step.messages] if "send" in self.promised else []
         if "timer" in self.promised:
-            missing += [f"arm {short(t)}" for _, t in step.arm]
-            missing += [f"stop {short(t)}" for _, t in step.stop]
+            missing += [f"arm {short(t)}" for t in step.arm]
+            missing += [f"stop {short(t)}" for t in step.stop]
         missing += [f"indication {t}" for t in step.told if "indication" in self.promised]
         return missing
 
@@ -189,6 +202,8 @@ class Engine:
         if missing:
             text = f"{step.what}: not everything followed"
             raise Diverges(step.at, text, step.rule, missing, step.guard, step)
+        if step.messages:  # the log may lack it; but then its seq is not known
+            raise CannotTell(f"line {step.at}: the log does not hold: send {step.messages[0]}")
         if "timer" not in self.promised:
             self._timers_as_told(step)
         self._step = None
@@ -197,24 +212,24 @@ class Engine:
             self.observer(step, self.track)
 
     def _lift(self, step: Step) -> None:
-        t, before = self.track, self.track.phase
+        t, m = self.track, step.given
         if step.input[0] == "restart":
             self.timers = {k: d for k, d in self.timers.items() if k == "quarantine"}
-            t.outbox, t.joined, t.recorded = [], {}, []
-        elif step.answer.next == step.answer.state and not step.sent:
-            if step.input[0] == "cam" and step.answer.changes and step.given is not None:
-                t.heard_ms = step.given["generation_ms"]
-                self._quiet.clear()
-            return
-        self._quiet.clear()
-        lift(t, step.view, step.after, step.sent)
-        m = step.given
-        if m is None:
-            return
-        if m.get("type") == "Prescription" and t.phase == "NEGOTIATING" and before != t.phase:
-            t.proposal, t.lease_ms = m["proposal"], m.get("lease_ms", 0)
-        if m.get("type") == "CAM" and step.answer.changes:
+        if step.changes or step.sent:
+            self._quiet.clear()
+        after = self._after(step)
+        if after is not t.state or step.sent:
+            was = t.phase
+            lift(t, after, step.sent)
+            verifies = t.phase == "NEGOTIATING" != was
+            if m is not None and m.get("type") == "Prescription" and verifies:
+                t.lease_ms = m.get("lease_ms", 0)
+        if m is not None and m.get("type") == "CAM" and step.changes:
             t.heard_ms = m["generation_ms"]
+
+    def _after(self, step: Step) -> State:
+        """The state that comes next."""
+        return step.after
 
     def _phase_is(self, at: int, event: Event) -> None:
         """Phase and role after the step, where the log has them, are those of the specification."""
@@ -236,30 +251,27 @@ class Engine:
                 if m["type"] == "CAM":
                     self._cam_received(at, event, m)
                 else:
-                    self._start(at, event.t_ms, received(self.track, event, m))
+                    self._start(at, event.t_ms, event)
             case Receive(message=m):  # END-5: nothing may follow but "discarded"
                 mine = m is not None and m.get("dst", self.track.me) == self.track.me
                 self.odd = at, mine, malformed(m) or "" if m else "raw bytes"
-            case ApplicationCommand(command=given):
-                c = {"name": given.name, **(given.model_extra or {})}
-                self._start(at, event.t_ms, command(self.track, c))
             case TimerEnd(timer=timer):
                 self._expired(at, event, timer.model_dump(exclude_none=True))
-            case Restart():
-                self._start(at, event.t_ms, restarted(self.track))
+            case _:
+                self._start(at, event.t_ms, event)
 
     def _cam_received(self, at: int, event: Receive, m: dict[str, Json]) -> None:
         """A CAM.  Most change nothing, and then the same one again is no new question."""
         key = m["src"], *marked_and_newer(self.track, m)
         known, t_ms = self._quiet.get(key), event.t_ms
         if known is None:
-            step = self._start(at, t_ms, received(self.track, event, m))
-            if not step.answer.changes and len(self._quiet) < QUIET:
+            step = self._start(at, t_ms, event)
+            if not step.changes and len(self._quiet) < QUIET:
                 self._quiet[key] = step
             return
         k = known
-        parts = k.input, k.what, k.view, k.answer, k.after, k.messages, k.arm, k.stop, k.told
-        self._step = Step(at, t_ms, *parts, m, k.content, t_ms)
+        parts = k.input, k.what, k.rule, k.after, False, k.says, k.messages, k.arm, k.stop, k.told
+        self._step = Step(at, t_ms, event, *parts, m, k.content, t_ms, found=k.found)
 
     def suppose(self, asked: Asked, at: int, until_ms: int, timer: str = "") -> None:
         """An input that was not observed, before the event of line ``at`` at ``until_ms``; the
@@ -273,8 +285,9 @@ class Engine:
             self.since_ms = max(self.since_ms, deadline.first)
             if deadline.last is not None:
                 until_ms = min(until_ms, deadline.last + self._late_ms)
-        asked = asked._replace(what=f"{asked.what}, not logged")
-        self._start(at, until_ms, asked, self.since_ms).unseen = True
+        self._step = self._answered(at, until_ms, None, asked)
+        self._step.what, self._step.since_ms = f"{asked.what}, not logged", self.since_ms
+        self._step.unseen = True
 
     def _expired(self, at: int, event: Event, timer: dict[str, Json]) -> None:
         what = f"expire {timer_name(timer)}"
@@ -289,54 +302,44 @@ class Engine:
             wanted = [f"{what} at {deadline.first} ms"]
             rule = TIMER_RULES[timer["name"]]
             raise Diverges(at, early, rule, wanted, _by(rule), None, seen)
-        entry = None
-        if "message" in timer and timer["message"]["type"] != "Advertisement":
-            entry = self.track.entry_by_seq(timer["message"])
-            if entry is None:
-                gone = f"{what}: no such message in the outbox"
-                raise Diverges(at, gone, "END-6", [], "", None, seen)
-        self._start(at, event.t_ms, expired(self.track, timer, entry))
+        about = timer.get("message", {"type": "Advertisement"})
+        if about["type"] != "Advertisement" and self.track.entry_by_seq(about) is None:
+            gone = f"{what}: no such message in the outbox"
+            raise Diverges(at, gone, "END-6", [], "", None, seen)
+        self._start(at, event.t_ms, event)
 
-    def _start(self, at: int, t_ms: int, asked: Asked, since_ms: int | None = None) -> Step:
-        """Ask the oracle, for each other recorded station too if the input is about all."""
-        view, given = asked.view, asked.given
-        answer, after = ask(view, asked.value)
-        effect = answer.effect
-        messages = [expected(view, m, given) for m in effect.messages]
-        arm = [(view, timer) for timer in effect.arm]
-        for p in self._all_recorded(view, asked.value):
-            more = View(self.track, view.real_id(Y), p, view.event_session)
-            also = ask(more, asked.value)[0].effect
-            about_p = [expected(more, m, given) for m in also.messages]
-            messages += [e for e in about_p if e.dst == p]
-            arm += [(more, t) for t in also.arm if len(t) > 1 and t[1][1] == more.ids[p]]
-        told = effect.told
-        step = self._step = Step(
-            at,
-            t_ms,
-            asked.value,
-            asked.what,
-            view,
-            answer,
-            after,
-            messages,
-            arm,
-            # After a restart everything stops, not only what is in view.
-            [(view, t) for t in effect.stop] if asked.value[0] != "restart" else [],
-            [] if told[0] == "nothing" else [told[0]],
-            given,
-            dict(asked.content),
-            t_ms if since_ms is None else since_ms,
-        )
+    def _start(self, at: int, t_ms: int, event: Event) -> Step:
+        """Ask what must follow a logged input."""
+        step = self._step = self._answered(at, t_ms, event, self._asked(event))
         return step
 
-    def _all_recorded(self, view: View, value: Json) -> list[int]:
-        """Recorded stations out of view that a choice, an abort or its absence is about."""
-        t = self.track
-        about_all = value[0] == "command" or value == ("expire", ("decide",))
-        if not about_all or t.phase not in ("ADVERTISING", "CHOOSING"):
-            return []
-        return [p for p in t.recorded if p not in view.ids]
+    def _asked(self, event: Event) -> Asked:
+        """The question that a logged input is."""
+        return asked(self.track, event)
+
+    def _answered(self, at: int, t_ms: int, event: Event | None, question: Asked) -> Step:
+        """A step, as the specification has it."""
+        t, value, given = self.track, question.value, question.given
+        found, stays = self._specification.answer(t.me, t.state, value)
+        return Step(
+            at,
+            t_ms,
+            event,
+            value,
+            question.what,
+            found.rule,
+            t.state if stays else found.st,
+            bool(not stays or found.arm or found.stop),
+            found.told,
+            [expected(t, m, given) for m in sorted(found.out)],
+            sorted(found.arm),
+            # After a restart everything stops, whether the log says so or not.
+            sorted(found.stop) if value.kind != "restart" else [],
+            [] if found.told == NOTHING_TOLD else [found.told[0]],
+            given,
+            question.content,
+            t_ms,
+        )
 
     # -- effects
 
@@ -363,11 +366,9 @@ class Engine:
     def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
         event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
         step = self._current(at, t_ms, event, seen)
-        problems = []
+        problems, wrong = [], None if well_formed(m) else malformed(m)
         for e in step.messages:
-            right = well_formed(m)
-            given = self.track, step.content, step.fresh
-            problem = difference(e, m, *given) if right else malformed(m)
+            problem = wrong or difference(e, m, self.track, step.content, step.fresh)
             if problem is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))
@@ -406,9 +407,8 @@ class Engine:
             raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
         step.told.remove(name)
         fields = event.indication.model_extra or {}
-        told = step.answer.effect.told
         if name == "fallback" and "reason" in fields:
-            reason = told[1]
+            reason = step.says[1]
             if reason == "as_sent" and step.given is not None:
                 reason = step.given.get("reason", fields["reason"])
             if fields["reason"] != reason:

@@ -7,19 +7,20 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from automcm_traces.delivery import forged_receptions
-from automcm_traces.divergence import Why, why
 from automcm_traces.engine import Engine
 from automcm_traces.log import Event, Header
-from automcm_traces.possible import Possible, unobserved
 from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log, LogError, LogStream, name_of, one_line, read
 from automcm_traces.same import same
 from automcm_traces.sessions import Session, Sessions
-from automcm_traces.step import Diverges
+from automcm_traces.step import Diverges, Why
 from automcm_traces.track import CannotTell
+
+if TYPE_CHECKING:
+    from automcm_traces.possible import Possible
 
 Json = Any
 NEEDED = ("command", "receive", "restart", "send", "timer")
@@ -95,7 +96,7 @@ def explain(log: Log | LogStream, late_ms: int | None = None) -> Verdict:
 
 
 def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
-    missing, sessions = tuple(unobserved(log.header)), Sessions()
+    missing, sessions = tuple(log.header.unobserved), Sessions()
     about: dict[str, Any] = {"unobserved": missing}
     recent: deque[tuple[int, Event]] = deque(maxlen=RECENT)
     at = events = states = 0
@@ -118,6 +119,8 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
             follow.finish()
         states = follow.states
     except Diverges as d:
+        from automcm_traces.divergence import why  # it loads the graph
+
         wanted = tuple(d.wanted)
         return Verdict(
             "diverges",
@@ -163,6 +166,8 @@ def _follower(header: Header, late_ms: int | None, sessions: Sessions) -> Engine
         engine = Engine(header, late_ms)
         engine.observer = sessions
         return engine
+    from automcm_traces.possible import Possible
+
     return Possible(header, late_ms)
 
 

@@ -23,11 +23,12 @@ from typing import Any
 
 from automcm_spec.oracle import Oracle, canonical
 from automcm_spec.rules import handler, place
+from automcm_traces.graph_view import STRANGER, View
 from automcm_traces.guards_end import HANDLERS
 from automcm_traces.guards_timers import armed
 from automcm_traces.guards_tree import Facts, Guard, Leaf, Way, done, ways
 from automcm_traces.log import ApplicationIndication, Event, Send, TimerArm, TimerEnd
-from automcm_traces.track import NUMBERED, STRANGER, View
+from automcm_traces.track import NUMBERED
 
 Json = Any
 MOST = 8

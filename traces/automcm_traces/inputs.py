@@ -1,46 +1,34 @@
-"""A log's inputs in the oracle's ids: what is asked when something happens to a station."""
+"""A log's inputs as those of the specification."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from automcm_traces.log import Receive
+from automcm_spec.station import Cam, Command, Entry, Expire, Message, Restart
+from automcm_spec.station import Receive as Received
+from automcm_traces.log import ApplicationCommand, Event, Receive, TimerEnd
 from automcm_traces.timers import timer_name
-from automcm_traces.track import (
-    ME,
-    NOBODY,
-    NUMBERED,
-    ROUNDS,
-    STRANGER,
-    Entry,
-    Track,
-    View,
-    Y,
-    number_of,
-    others,
-)
+from automcm_traces.track import UNBOUND, Track, number_of
 
 Json = Any
+REASONS = ("none", "busy", "unknown_session", "closed")
+"""The reasons that the specification tells apart; the others it passes on."""
 
 
 class Asked(NamedTuple):
-    """A question to the oracle."""
+    """A question to the specification."""
 
-    view: View
-    value: Json
-    """The input in the oracle's ids, as nested tuples."""
+    value: Any
+    """An ``Input``; of the graph that with its ids."""
     what: str
-    """The input in words, with real ids."""
+    """The input in words."""
     given: dict[str, Json] | None = None
-    """The message or command itself; what was not observed is missing in it."""
+    """The message or command itself."""
     content: Mapping[str, Json] = {}
     """What the application gave with it, and the station must send as it is."""
-
-
-def other(track: Track, y: int) -> int:
-    """The other station in view if an event is about ``y``; 0 if there is none."""
-    return next(iter(others(track, y)), 0)
+    view: Any = None
+    """The part of the station that it is about, if the graph is asked."""
 
 
 def marked_and_newer(t: Track, m: dict[str, Json]) -> tuple[bool, bool]:
@@ -49,118 +37,64 @@ def marked_and_newer(t: Track, m: dict[str, Json]) -> tuple[bool, bool]:
     return marked, t.heard_ms is None or m["generation_ms"] > t.heard_ms
 
 
+def asked(t: Track, event: Event) -> Asked:
+    """What a logged input asks.  Raises KeyError for a field that a message lacks."""
+    match event:
+        case Receive(message=dict(m)):
+            return received(t, event, m)
+        case ApplicationCommand(command=given):
+            return command({"name": given.name, **(given.model_extra or {})})
+        case TimerEnd(timer=timer):
+            return expired(t, timer.model_dump(exclude_none=True))
+    return Asked(Restart("restart"), "restart")
+
+
 def received(t: Track, event: Receive, m: dict[str, Json]) -> Asked:
-    """A message of the seven, or a CAM.  Raises KeyError for a field that it lacks."""
-    src = m["src"]
-    what = f"receive {m['type']} from {src}"
-    if m["type"] == "CAM":
-        y = NOBODY if src == t.me else src  # an echo is nobody's CAM (ACT-5)
-        view = View(t, y, other(t, y), t.session)
+    """A message of the seven, or a CAM."""
+    type_, src = m["type"], m["src"]
+    what = f"receive {type_} from {src}"
+    if type_ == "CAM":
         marked, newer = marked_and_newer(t, m)
-        marks = (view.sessions(t.session),) if marked else ()
-        return Asked(view, ("cam", Y, marks, newer), what, m)
-    y = 0 if src == t.me else src
-    view = View(t, y, other(t, y), m["session"], m.get("proposal", 0))
-    content = {"planned": event.planned} if event.planned is not None else {}
-    concerned = _misdirected(t, m) or (
-        m["type"] != "Ack"
-        and not (m["type"] == "Advertisement" and not content and m["session"][0] == src)
-    )
-    return Asked(view, ("receive", _message(t, view, m), concerned), what, m, content)
-
-
-def command(t: Track, c: dict[str, Json]) -> Asked:
-    """A command of the application."""
-    name, session = c["name"], c.get("session")
-    proposal, target = c.get("proposal", 0), c.get("target", 0)
-    if target == t.me or (name == "prescribe" and not target):
-        target = NOBODY  # whom it has not recorded (PRE-2)
-    y = target or t.peer
-    view = View(t, y, other(t, y), session, proposal)
-    real = view.sessions(session) if name != "request" else (0, 0)
-    k = view.proposals(proposal)
-    about_proposal = name in ("prescribe", "accept", "refuse")
-    if k > ROUNDS or (about_proposal and not k):
-        # a wrong one, then; the oracle knows commands from 1 to 3 (PRE-5)
-        current = view.proposals(t.proposal)
-        k = current or 2 if name == "prescribe" else current % ROUNDS + 1
-    value = ("command", name, real, k, view.ids.get(target, 0))
-    return Asked(view, value, f"command {name}", c, c)
-
-
-def expired(t: Track, timer: dict[str, Json], entry: Entry | None) -> Asked:
-    """An armed timer; ``entry`` is the message in the outbox that it belongs to, if any."""
-    name, y, session, k = timer["name"], timer.get("station", 0), None, 0
-    if entry is not None:
-        y, session, k = entry.to, entry.session, entry.k
-    z = other(t, y)
-    if not y:
-        z = next((p for p in others(t, 0) if p != z), 0) if z else 0
-        y = other(t, 0)
-    view = View(t, y, z, session, k)
-    value: Json = (name,)
-    if entry is not None:
-        value = (name, view.entry(entry))
-    elif "message" in timer:
-        value = (name, ("Advertisement", 0, view.sessions(t.session), 1, False))
-    elif name == "forget":
-        value = (name, view.ids[y])
-    return Asked(view, ("expire", value), f"expire {timer_name(timer)}")
-
-
-def restarted(t: Track) -> Asked:
-    """The station comes back without memory of its sessions (END-8)."""
-    return Asked(View(t, other(t, 0)), ("restart",), "restart")
-
-
-def _misdirected(t: Track, m: dict[str, Json]) -> bool:
-    """MSG-1, END-5: whatever it holds, where it comes from or goes to settles it."""
-    dst, to_all = m.get("dst", 0), m["type"] == "Advertisement"
-    return m["src"] == t.me or dst not in (0, t.me) or (dst == 0) != to_all
-
-
-def _message(t: Track, view: View, m: dict[str, Json]) -> Json:
-    """A received message in the oracle's ids; a broken one as its kind in the alphabet."""
-    type_, dst = m["type"], m.get("dst", 0)
-    src = ME if m["src"] == t.me else Y
-    if dst not in (0, t.me):
-        return _template(type_, Y, STRANGER, (Y if type_ == "Advertisement" else ME, 1))
-    if _misdirected(t, m):
-        to = ME if dst else 0
-        if src == ME and type_ != "Advertisement":
-            to = ME
-        own = type_ != "Advertisement" or src == ME
-        return _template(type_, src, to, (ME if own else Y, 1))
-    session = view.sessions(m["session"])
-    k, proposal = number_of(m), m.get("proposal", 0)
-    accepted, reason, of = m.get("accepted", False), m.get("reason", "none"), ("none", 0)
-    if type_ in NUMBERED:
-        if session[0] != (Y if type_ == "Prescription" else ME):
-            return _template(type_, src, ME, session)
-        proposal = view.proposals(proposal)
-        k = proposal if k else 0
-    if reason not in ("none", "busy", "unknown_session", "closed"):
-        reason = "as_sent"
+        marks = frozenset({t.state.session} if marked else ())
+        return Asked(Cam("cam", src, marks, newer), what, m)
+    reason, of = m.get("reason", "none"), ("none", 0)
     if type_ == "Ack":
-        of = _acked(t, view, m)
-    return (type_, src, dst and ME, session, k, proposal, accepted, reason, of)
+        of = _acked(t, m)
+    message = Message(
+        type_,
+        src,
+        m.get("dst", 0),
+        (m["session"][0], m["session"][1]),
+        number_of(m),
+        m.get("proposal", 0),
+        m.get("accepted", False),
+        reason if reason in REASONS else "as_sent",
+        of,
+    )
+    content = {"planned": event.planned} if event.planned is not None else {}
+    return Asked(Received("receive", message, bool(content)), what, m, content)
 
 
-def _acked(t: Track, view: View, m: dict[str, Json]) -> Json:
+def command(c: dict[str, Json]) -> Asked:
+    """A command of the application."""
+    session = tuple(c.get("session") or UNBOUND)
+    value = Command("command", c["name"], session, c.get("proposal", 0), c.get("target", 0))
+    return Asked(value, f"command {c['name']}", c, c)
+
+
+def expired(t: Track, timer: dict[str, Json]) -> Asked:
+    """An armed timer; one of a message is of the Advertisement or of one in the outbox."""
+    name, about = timer["name"], timer.get("message")
+    of: tuple[Json, ...] = (timer["station"],) if "station" in timer else ()
+    if about is not None:
+        entry = t.entry_by_seq(about)
+        of = (entry.spec if entry else Entry("Advertisement", 0, t.state.session, 1, False),)
+    return Asked(Expire("expire", (name, *of)), f"expire {timer_name(timer)}")
+
+
+def _acked(t: Track, m: dict[str, Json]) -> tuple[str, int]:
     """What an Ack names: an entry of the outbox, or something that matches nothing (END-6)."""
     of = m["of"]
-    entry = t.entry_by_seq(
-        {"type": of["type"], "to": m["src"], "session": m["session"], "seq": of["seq"]}
-    )
-    if entry is None or not of["seq"]:
-        return ("Cancel", 0)
-    return (entry.type, view.entry(entry)[3])
-
-
-def _template(type_: str, src: int, dst: int, session: Json) -> Json:
-    """The alphabet's one message of a type that comes from or goes to where it must not."""
-    proposal = 1 if type_ in NUMBERED else 0
-    reason = "as_sent" if type_ == "Cancel" else "none"
-    of = ("Cancel", 1) if type_ == "Ack" else ("none", 0)
-    k = 0 if type_ == "Ack" else 1
-    return (type_, src, dst, session, k, proposal, type_ == "Acceptance", reason, of)
+    about = {"type": of["type"], "to": m["src"], "session": m["session"], "seq": of["seq"]}
+    entry = t.entry_by_seq(about) if of["seq"] else None
+    return (entry.type, entry.k) if entry is not None else ("Cancel", 0)

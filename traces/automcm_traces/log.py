@@ -14,7 +14,7 @@ The order of lines, ``seq`` and ``t_ms`` across lines are the reader's business,
 import base64
 import binascii
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -182,6 +182,11 @@ class Header(Part):
         AfterValidator(_sorted_kinds),
     ]
     """Kinds of event of which the log holds all, sorted: only there does missing mean "no"."""
+
+    @property
+    def unobserved(self) -> list[str]:
+        """The kinds of event of which it may lack some."""
+        return sorted({*get_args(EventKind)} - {*self.complete})
 
     @model_validator(mode="before")
     @classmethod

@@ -16,7 +16,10 @@ from automcm_spec.oracle import Answer, Oracle, canonical
 from automcm_traces.asking import frozen, state_place
 from automcm_traces.engine import NOTHING, Engine
 from automcm_traces.form import well_formed
-from automcm_traces.inputs import Asked, other
+from automcm_traces.graph_engine import GraphEngine
+from automcm_traces.graph_inputs import other
+from automcm_traces.graph_view import STRANGER, View, Y, real_timer
+from automcm_traces.inputs import Asked
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -30,7 +33,7 @@ from automcm_traces.log import (
 from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges
 from automcm_traces.timers import named, timer_key
-from automcm_traces.track import NUMBERED, STRANGER, CannotTell, Track, View, Y
+from automcm_traces.track import NUMBERED, CannotTell, Track
 
 Json = Any
 CHAIN = 8
@@ -50,11 +53,11 @@ class Possible:
     """Every station that the log so far allows; as Engine, for logs that promise less."""
 
     def __init__(self, log: Log | Header, late_ms: int | None = None) -> None:
-        first = Engine(log, late_ms)
+        first = GraphEngine(log, late_ms)
         if "send" not in first.promised:
             raise CannotTell("the log does not promise to hold all that the station sends")
         self._unseen = set(_KINDS.values()) - first.promised
-        self._engines = [first]
+        self._engines: list[Engine] = [first]
         self._given_up = ""
 
     @property
@@ -158,7 +161,7 @@ class Possible:
                 given = _given(view_, value)
                 if given is None:
                     continue
-                asked = Asked(view_, value, _words(value), given)
+                asked = Asked(value, _words(value), given, view=view_)
                 try:
                     quiet.suppose(asked, at, event.t_ms, timer)
                 except (CannotTell, Diverges):
@@ -177,7 +180,8 @@ def _kind(engine: Engine) -> Json:
     step = engine.step
     calls: Json = None
     if step is not None:
-        about = tuple(step.view.ids), step.view.event_session
+        assert step.found is not None
+        about = tuple(step.found.view.ids), step.found.view.event_session
         left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
         calls = step.input, about, left, len(step.arm), (step.given or {}).get("proposal")
     return engine.track.key(), tuple(sorted(engine.timers)), calls, engine.odd
@@ -290,12 +294,11 @@ def _refusals(graph: Oracle, place: int) -> list[Answer]:
 
 def _due(engine: Engine, view: View, timer: Json, until_ms: int) -> str:
     """The key of an armed timer that may have expired by ``until_ms``; empty if there is none."""
-    if timer[0] in ("resend", "giveup") and timer[1][0] != "Advertisement":
-        if not any(e.to in view.ids and view.entry(e) == timer[1] for e in engine.track.outbox):
-            return ""
-    elif timer[0] == "resend" and engine.track.advertisement is None:
+    real = real_timer(view, timer)
+    advertises = len(timer) > 1 and timer[0] == "resend" and timer[1][0] == "Advertisement"
+    if real is None or (advertises and engine.track.advertisement is None):
         return ""
-    key = timer_key(named(engine.track, [], view, timer))
+    key = timer_key(named(engine.track, [], real))
     deadline = engine.timers.get(key)
     return key if deadline is not None and deadline.first <= until_ms else ""
 
@@ -335,8 +338,3 @@ def _words(value: Json) -> str:
         return f"receive {value[1][0]}"
     name = value[1][0] if value[0] == "expire" else value[1] if len(value) > 1 else ""
     return f"{value[0]} {name}".strip() if isinstance(name, str) else canonical(value)
-
-
-def unobserved(header: Header) -> list[str]:
-    """The kinds of event that a log does not promise."""
-    return sorted({*_KINDS.values(), "indication", "send"} - set(header.complete))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from automcm_spec.oracle import Answer
 from automcm_spec.rules import RULES, handler, line
-from automcm_traces.track import Expected, Track, View
+from automcm_spec.station import State, Timer
+from automcm_traces.log import Event
+from automcm_traces.track import Expected, Track
+
+if TYPE_CHECKING:
+    from automcm_traces.graph_view import Found
 
 Json = Any
 
@@ -39,6 +43,28 @@ class Diverges(Exception):
         self.step, self.seen, self.off = step, seen, off
 
 
+@dataclass(frozen=True, slots=True)
+class Why:
+    """What would have been allowed instead; texts for a person, empty where nothing is known."""
+
+    nearest: str = ""
+    causes: tuple[str, ...] = ()
+    """Inputs that would have led to what the log says."""
+    state: str = ""
+    """The station before the event."""
+
+    def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
+        return {"nearest": self.nearest, "causes": list(self.causes), "state": self.state}
+
+    def lines(self) -> list[str]:
+        """One thing a line."""
+        found = [self.nearest] if self.nearest else []
+        if self.causes:
+            found.append(f"allowed after: {'; '.join(self.causes)}")
+        return [*found, f"state before: {self.state}"] if self.state else found
+
+
 class Deadline(NamedTuple):
     """When an armed timer expires, in ms of the station's clock: not before ``first``, and at
     ``last`` at the latest; None if that is not known."""
@@ -53,29 +79,33 @@ class Step:
 
     at: int
     t_ms: int
+    event: Event | None
+    """The input as the log has it; None if it was not observed."""
     input: Json
+    """As the specification has it."""
     what: str
-    view: View
-    answer: Answer
-    after: Json
-    """The state of the oracle that comes next."""
+    rule: str
+    """The rule that decides."""
+    after: State
+    """The state that comes next."""
+    changes: bool
+    """Whether the state or a timer changes."""
+    says: tuple[str, ...]
+    """What the application hears, with its reason."""
     messages: list[Expected]
-    arm: list[tuple[View, Json]]
-    stop: list[tuple[View, Json]]
+    arm: list[Timer]
+    stop: list[Timer]
     told: list[str]
     given: dict[str, Json] | None
-    content: dict[str, Json]
+    content: Mapping[str, Json]
     since_ms: int
     """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
     unseen: bool = False
     """Neither the input nor an effect was observed so far."""
     fresh: int = 0
     sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
-
-    @property
-    def rule(self) -> str:
-        """The rule that decides."""
-        return self.answer.effect.rule
+    found: Found | None = None
+    """Where it was found, if the graph was asked."""
 
     @property
     def guard(self) -> str:
@@ -86,17 +116,13 @@ class Step:
 
     def copy(self, track: Track) -> Step:
         """The same step of a copy of the station."""
-        views: dict[int, View] = {}
-
-        def on(view: View) -> View:
-            return views.setdefault(id(view), view.on(track))
-
+        found = self.found
         return replace(
             self,
-            view=on(self.view),
             messages=list(self.messages),
-            arm=[(on(view), timer) for view, timer in self.arm],
-            stop=[(on(view), timer) for view, timer in self.stop],
+            arm=list(self.arm),
+            stop=list(self.stop),
             told=list(self.told),
             sent=list(self.sent),
+            found=found and found._replace(view=found.view.on(track)),
         )

@@ -1,13 +1,14 @@
-"""Timers: what a log calls them, and what the oracle does."""
+"""Timers: what a log calls them, and what the specification does."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from automcm_spec.station import Entry, Timer
 from automcm_traces.log import Parameters
 from automcm_traces.step import Step
-from automcm_traces.track import Expected, Track, View
+from automcm_traces.track import Expected, Track
 
 Json = Any
 TIMER_RULES = {
@@ -66,61 +67,55 @@ def timer_key(timer: Mapping[str, Json]) -> str:
 
 
 def named(
-    track: Track, sent: Sequence[tuple[Expected, dict[str, Json]]], view: View, value: Json
+    track: Track, sent: Sequence[tuple[Expected, dict[str, Json]]], timer: Timer
 ) -> dict[str, Json]:
-    """A timer of the oracle as a log names it; ``sent`` is what the step sent."""
-    if value[0] == "forget":
-        return {"name": value[0], "station": view.real_id(value[1])}
-    if value[0] not in ("resend", "giveup"):
-        return {"name": value[0]}
-    type_, to = value[1][0], view.real_id(value[1][1])
-    waiting = [e for e in track.outbox if e.to in view.ids and view.entry(e) == value[1]]
-    messages = [e.message for e in waiting]
+    """A timer of the specification as a log names it; ``sent`` is what the step sent."""
+    if timer[0] == "forget":
+        return {"name": timer[0], "station": timer[1]}
+    if timer[0] not in ("resend", "giveup"):
+        return {"name": timer[0]}
+    type_, to = timer[1].type, timer[1].to
+    messages = [e.message for e in track.outbox if e.spec == timer[1]]
     messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
     if type_ == "Advertisement" and track.advertisement is not None:
         messages.append(track.advertisement)
     m = messages[0]
     about: dict[str, Json] = {"type": type_, "to": to} if to else {"type": type_}
-    return {"name": value[0], "message": about | {"session": m["session"], "seq": m["seq"]}}
+    return {"name": timer[0], "message": about | {"session": m["session"], "seq": m["seq"]}}
 
 
-def match(
-    track: Track, step: Step, timer: dict[str, Json], pool: list[tuple[View, Json]]
-) -> tuple[View, Json] | None:
-    """The oracle's timer that this one is."""
-    for view, value in pool:
-        if value[0] != timer["name"]:
+def match(track: Track, step: Step, timer: dict[str, Json], pool: list[Timer]) -> Timer | None:
+    """The timer of the specification that this one of a log is."""
+    for one in pool:
+        if one[0] != timer["name"]:
             continue
-        if value[0] == "forget" and view.real_id(value[1]) != timer.get("station"):
+        if one[0] == "forget" and one[1] != timer.get("station"):
             continue
-        if value[0] in ("resend", "giveup") and not _about(track, step, view, timer, value[1]):
+        if one[0] in ("resend", "giveup") and not _about(track, step, timer, one[1]):
             continue
-        return view, value
+        return one
     return None
 
 
-def _about(track: Track, step: Step, view: View, timer: dict[str, Json], entry: Json) -> bool:
-    """Whether a timer of a message is the oracle's timer of that entry."""
+def _about(track: Track, step: Step, timer: dict[str, Json], entry: Entry) -> bool:
+    """Whether a timer of a message is the one of this entry."""
     named = timer.get("message")
-    if named is None:
-        return False
-    type_, to, session, k, _ = entry
-    if named["type"] != type_ or named.get("to", 0) != (view.real_id(to) if to else 0):
+    if named is None or named["type"] != entry.type or named.get("to", 0) != entry.to:
         return False
     about = named["seq"], list(named["session"])
-    sent = [m for e, m in step.sent if (e.type, e.dst) == (type_, named.get("to", 0))]
-    if type_ == "Advertisement" and track.advertisement is not None:
+    sent = [m for e, m in step.sent if (e.type, e.dst) == (entry.type, entry.to)]
+    if entry.type == "Advertisement" and track.advertisement is not None:
         sent.append(track.advertisement)
     if any((m["seq"], m["session"]) == about for m in sent):
         return True
-    if type_ == "Advertisement":
+    if entry.type == "Advertisement":
         return False
     found = track.entry_by_seq(named)
-    return found is not None and view.entry(found)[2:4] == (session, k)
+    return found is not None and (found.session, found.k) == (entry.session, entry.seq)
 
 
-def short(value: Json) -> str:
-    """A timer of the oracle in words."""
-    if value[0] in ("resend", "giveup"):
-        return f"{value[0]}({value[1][0]})"
-    return str(value[0])
+def short(timer: Timer) -> str:
+    """A timer of the specification in words."""
+    if timer[0] in ("resend", "giveup"):
+        return f"{timer[0]}({timer[1].type})"
+    return str(timer[0])

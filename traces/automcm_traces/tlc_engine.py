@@ -27,7 +27,6 @@ from automcm_traces.log import (
     TimerArm,
     TimerEnd,
 )
-from automcm_traces.possible import unobserved
 from automcm_traces.reader import Log, LogError, LogStream, name_of
 from automcm_traces.timers import TIMER_RULES, timer_name
 from automcm_traces.tlc_module import DEFAULTS, TooLarge, Translation, limits, module
@@ -190,7 +189,7 @@ def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
     what, line, rule, wanted = answer
     about: dict[str, Any] = {
         "header": log.header,
-        "unobserved": tuple(unobserved(log.header)),
+        "unobserved": tuple(log.header.unobserved),
         "events": len(log.events),
     }
     if what == "ALLOWED":

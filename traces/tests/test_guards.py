@@ -13,7 +13,8 @@ from automcm.straight import Straight
 from automcm_spec.generate import ONE_PEER, TIGHT, Graph
 from automcm_spec.oracle import STATE_FIELDS, Oracle, load
 from automcm_spec.rules import place
-from automcm_traces.engine import Engine
+from automcm_traces.graph_engine import GraphEngine
+from automcm_traces.graph_view import View
 from automcm_traces.guards import (
     MOST,
     armed_in,
@@ -29,7 +30,7 @@ from automcm_traces.guards_tree import ways
 from automcm_traces.log import Receive
 from automcm_traces.reader import Log, read
 from automcm_traces.step import Diverges
-from automcm_traces.track import Entry, Track, View
+from automcm_traces.track import INITIAL, Entry, Track
 
 Json = Any
 ADVERTISEMENT = ["receive", ["Advertisement", 2, 0, [2, 1], 1, 0, False, "none", ["none", 0]], True]
@@ -158,8 +159,8 @@ def test_what_would_have_caused_it() -> None:
 
 def test_the_values_are_given_with_the_ids_of_the_log() -> None:
     """ADV-8: real ids, sessions and limits instead of the oracle's."""
-    track = Track(2002, 5, phase="ACTUATING", role="receiver", session=(1001, 7), proposal=4)
-    track.joined = {1001: 7}
+    state = INITIAL._replace(phase="ACTUATING", role="receiver", session=(1001, 7), proposal=4)
+    track = Track(2002, 5, state=state._replace(joined=frozenset({(1001, 7)})))
     sent = {"seq": 3, "proposal": 4, "accepted": True}
     track.outbox.append(Entry("Acceptance", 1001, (1001, 7), 4, sent))
     view = View(track, 1001, session=(1001, 7), k=4)
@@ -191,7 +192,7 @@ def test_the_values_are_given_with_the_ids_of_the_log() -> None:
 
 def test_what_was_received_is_shown_as_the_log_has_it() -> None:
     """END-6: the seq of the wire, not what stands for it in the oracle."""
-    track = Track(1001, phase="STANDALONE", number=7)
+    track = Track(1001, state=INITIAL._replace(number=7))
     track.outbox.append(Entry("Fin", 2002, (1001, 7), 1, {"seq": 5}))
     ack = {"type": "Ack", "src": 2002, "dst": 1001, "session": [1001, 7], "seq": 0}
     ack |= {"of": {"type": "Fin", "seq": 5}}
@@ -209,7 +210,8 @@ def test_what_was_received_is_shown_as_the_log_has_it() -> None:
 
 def test_a_timer_of_a_log_in_the_ids_of_the_oracle() -> None:
     """REL-1: of a message in the outbox, of one that is not, of the Advertisement."""
-    track = Track(1001, phase="ADVERTISING", role="prescriber", session=(1001, 7), number=7)
+    state = INITIAL._replace(phase="ADVERTISING", role="prescriber", session=(1001, 7), number=7)
+    track = Track(1001, state=state)
     track.outbox.append(Entry("Cancel", 2002, (1001, 7), 1, {"seq": 5}))
     view = View(track, 2002, session=(1001, 7))
     key = {"type": "Cancel", "to": 2002, "session": [1001, 7], "seq": 5}
@@ -297,7 +299,7 @@ def test_what_an_event_of_a_log_shows(log: Log) -> None:
 
 def test_adv_3_where_a_log_diverges_the_guard_is_found(log: Log) -> None:
     """The application's trajectory is missing, so the Advertisement does not concern it."""
-    engine = Engine(log.header)
+    engine = GraphEngine(log.header)
     with pytest.raises(Diverges) as caught_:
         for at, event in log.events:
             if isinstance(event, Receive):
@@ -305,10 +307,12 @@ def test_adv_3_where_a_log_diverges_the_guard_is_found(log: Log) -> None:
             engine.feed(at, event)
     d = caught_.value
     assert d.step is not None
-    found = nearest(oracle(), d.step.view.state(), d.step.input, d.seen)
+    assert d.step.found is not None
+    view = d.step.found.view
+    found = nearest(oracle(), view.state(), d.step.input, d.seen)
     assert found is not None
     assert (found.rule, found.action) == ("ADV-3", "phase INTENDING")  # what it says first
-    assert found.text(names(d.step.view, d.step.given)).endswith(
+    assert found.text(names(view, d.step.given)).endswith(
         "the Advertisement does not concern it (no planned with it): concerned = FALSE  "
         f"Station.tla:{place('OnAdvertisement', '~concerned')[0]}"
     )
