@@ -26,7 +26,7 @@ def explain(
     ] = Path("runs/explain"),
     engine: Annotated[
         Literal["oracle", "tlc"],
-        typer.Option(help="Who judges: the oracle, or TLC on the specification itself."),
+        typer.Option(help="Who judges: the compiled specification, or TLC on its text."),
     ] = "oracle",
     json_: Json = None,
 ) -> None:
@@ -36,19 +36,24 @@ def explain(
     and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.
     """
     from automcm_spec.oracle import OracleError
-    from automcm_spec.tlc import TlcError
     from automcm_traces import explain as explain_
-    from automcm_traces import telling, tlc_engine
+    from automcm_traces import telling
 
     logs = files_of("explain", logs)
-    judge = tlc_engine.explain_files if engine == "tlc" else explain_.explain_files
+    judge = explain_.explain_files
+    failures: tuple[type[Exception], ...] = (OracleError,)
+    if engine == "tlc":
+        from automcm_spec.tlc import TlcError
+        from automcm_traces import tlc_engine
+
+        judge, failures = tlc_engine.explain_files, (*failures, TlcError)
     try:
         verdicts = judge(logs, late)
         system = explain_.together(logs) if len(logs) > 1 else None
         written: list[dict[str, str]] = []
         for verdict, log in zip(verdicts, logs, strict=True):
             written.append(_prefix(verdict, log, out, written))
-    except (OracleError, TlcError) as error:
+    except failures as error:
         typer.echo(f"explain: {error}", err=True)
         raise typer.Exit(3) from None
     told = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]

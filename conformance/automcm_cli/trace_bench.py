@@ -30,7 +30,7 @@ class Measured:
     read_s: float
     """LogStream: the format checked, line by line."""
     explain_s: float
-    """Read, and held against the oracle."""
+    """Read, and compared with the compiled specification."""
     tlc_s: float | None
     """TLC's batch, its start and the reading included; None if it was not asked for."""
 
@@ -93,7 +93,7 @@ def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
     with scratch.folder("bench") as folder:
         say(f"making {number} logs")
         paths = logs(number, folder)
-        explain_file(paths[0])  # the oracle is read once
+        explain_file(paths[0])  # what is imported late, and the first answers
 
         def parse() -> None:
             for path in paths:
@@ -148,7 +148,7 @@ def traces(
     tlc: Annotated[bool, typer.Option(help="Measure TLC's batch too.")] = True,
     json_: Json = None,
 ) -> None:
-    """Events a second of the oracle engine, beside parsing and TLC.  All on the same logs.
+    """Events a second of the engine, beside parsing and TLC.  All on the same logs.
 
     There is no verdict: what is measured depends on the machine, and the ratios less so.
     """
