@@ -15,8 +15,8 @@ PAGE = ROOT / "docs" / "security.md"
 NAMED = re.findall(r"\[(test_\w+)\]\(\.\./([\w/]+\.py)\)", PAGE.read_text())
 MODULES = ("pickle", "marshal", "shelve", "yaml", "gzip", "zipfile", "tarfile", "bz2", "zlib")
 CALLS = ("eval", "exec", "os.system", "os.popen")
-ALLOWED = {("mutated.py", "exec")}
-"""Runs a mutant that the kit has made itself."""
+ALLOWED = {("mutated.py", "exec"), ("conditions.py", "exec")}
+"""A mutant that the kit has made itself; our own compiled station, with hooks."""
 
 
 @pytest.mark.parametrize(("name", "path"), NAMED, ids=lambda each: each)

@@ -291,11 +291,16 @@ def test_the_reference_says_what_it_does_not_take(reference: str) -> None:
         there.send(b"{}")
         with pytest.raises(ConnectionClosed, match="each line is a text message"):
             there.recv(timeout=5)
-    taken = run.invoke(app, ["adapter", "--websocket", reference.removeprefix("ws://")])
-    assert taken.exit_code == 3
-    assert "cannot listen on" in taken.stderr
-    remote = run.invoke(app, ["adapter", "--websocket", "192.0.2.1:1"])
-    assert (remote.exit_code, "not a loopback address" in remote.stderr) == (3, True)
+    taken, remote = (
+        subprocess.run(
+            [sys.executable, "-m", "automcm_cli", "adapter", "--websocket", where],
+            capture_output=True,
+            text=True,
+        )
+        for where in (reference.removeprefix("ws://"), "192.0.2.1:1")
+    )
+    assert (taken.returncode, "cannot listen on" in taken.stderr) == (3, True)
+    assert (remote.returncode, "not a loopback address" in remote.stderr) == (3, True)
 
 
 def test_a_run_without_a_server_is_one_line(tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from types import ModuleType
 
 import pytest
 
-from automcm_spec import compiler, sany
-
 
 @pytest.fixture(scope="session")
 def open_xml() -> bytes:
     """SANY's XML of OpenStation."""
+    from automcm_spec import compiler, sany  # not in every run of pytest
+
     return sany.export(compiler.PLAN.module)
 
 
