@@ -41,36 +41,31 @@ class Lines:
         self._out = _line_output(sys.stdout, lambda why: self._trouble(why))
 
     def report(self, event: dict[str, Any]) -> None:
-        """One line of JSON on standard output, if there is one."""
-        if self._out is not None:
-            self._out.write(json.dumps(event, separators=(",", ":")).encode() + b"\n")
+        """One line of JSON on standard output."""
+        self._out.write(json.dumps(event, separators=(",", ":")).encode() + b"\n")
 
     def complain(self, text: str) -> None:
-        """One line on standard error, if there is one."""
-        if self._err is not None:
-            self._err.write(f"{self._name}: {text}\n".encode(errors="backslashreplace"))
+        """One line on standard error."""
+        self._err.write(f"{self._name}: {text}\n".encode(errors="backslashreplace"))
 
     def finish(self) -> None:
         """Write what can still be written, within a moment."""
-        if self._out is not None:
-            self._out.finish(FINISH_S)
-            if self._out.lost and not self._out.closed_by_reader:
-                self.complain(f"standard output: {self._out.lost} reports are lost")
-        if self._err is not None:
-            self._err.finish(FINISH_S)
+        self._out.finish(FINISH_S)
+        if self._out.lost and not self._out.closed_by_reader:
+            self.complain(f"standard output: {self._out.lost} reports are lost")
+        self._err.finish(FINISH_S)
 
     def _trouble(self, why: str) -> None:
         self.complain(f"standard output: {why}; the reports of now are lost")
 
 
-def _line_output(
-    stream: TextIO | None, trouble: Callable[[str], None] = lambda why: None
-) -> LineOutput | None:
-    """On the descriptor itself, so that nothing waits in Python's buffer at the end."""
+def _line_output(stream: TextIO, trouble: Callable[[str], None] = lambda why: None) -> LineOutput:
+    """On the descriptor itself, so that nothing waits in Python's buffer at the end.
+
+    A descriptor that was closed is occupied by then (automcm_cli.exit_codes).
+    """
     from automcm.output import LineOutput
 
-    if stream is None:  # closed before the start; its number may be that of a socket by now
-        return None
     stream.flush()
     return LineOutput(stream.fileno(), trouble=trouble)
 

@@ -20,7 +20,7 @@ from automcm_conformance.compare import Comparison, Divergence
 from automcm_conformance.coverage import Coverage
 from automcm_spec import compiler, generate, models, oracle, tlc
 from automcm_spec.agreement import Agreement, Difference
-from automcm_spec.sany import Place, Refused
+from automcm_spec.sany import Refused
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
 
 ROOT = generated.ROOT
@@ -266,7 +266,7 @@ def test_a_construct_that_cannot_be_compiled_is_a_line_of_drift(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def refused() -> str:
-        raise Refused("CHOOSE", Place("Station", 12, 1, 12, 2))
+        raise Refused("CHOOSE", tlc.Location("Station", 12, 1, 12, 2))
 
     monkeypatch.setattr(compiler, "text", refused)
     one_peer = oracle.content(generate.ONE_PEER.path)

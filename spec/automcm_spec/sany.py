@@ -13,11 +13,11 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from automcm_spec import tlc
 from automcm_spec.paths import TLA
+from automcm_spec.tlc import Location
 
 OTHER = "OTHER"
 """The operation of the test of a CASE arm that is written OTHER."""
@@ -40,20 +40,10 @@ _WORDS = {
 class Refused(ValueError):
     """Something that the compiler does not take; the text names it and its line."""
 
-    def __init__(self, construct: str, at: Place) -> None:
+    def __init__(self, construct: str, at: Location) -> None:
         self.construct = _WORDS.get(construct, construct)
         self.at = at
         super().__init__(f"{at.module}.tla:{at.line}: cannot be compiled: {self.construct}")
-
-
-class Place(NamedTuple):
-    """Where something stands; lines and columns count from 1, the last column is included."""
-
-    module: str
-    line: int
-    column: int
-    end_line: int
-    end_column: int
 
 
 @dataclass(frozen=True)
@@ -71,7 +61,7 @@ class Node:
     """
 
     op: str
-    at: Place
+    at: Location
     name: str = ""
     args: tuple[Node, ...] = ()
     bounds: tuple[tuple[str, Node], ...] = ()
@@ -102,7 +92,7 @@ class Operator:
     name: str
     params: tuple[str, ...]
     body: Node
-    at: Place
+    at: Location
 
 
 @dataclass(frozen=True)
@@ -188,7 +178,7 @@ class _Reader:
     def _is_ours(self, element: Element) -> bool:
         return element.tag == "UserDefinedOpKind" and _place(element).module not in STANDARD
 
-    def _order(self, at: Place) -> tuple[int, int, int]:
+    def _order(self, at: Location) -> tuple[int, int, int]:
         return self._modules.index(at.module), at.line, at.column
 
     def _of(self, ref: Element) -> Element:
@@ -222,7 +212,7 @@ class _Reader:
                 return self._application(element, at)
         return Node(element.tag, at)
 
-    def _at(self, element: Element, at: Place) -> Node:
+    def _at(self, element: Element, at: Location) -> Node:
         """The ``@`` of an EXCEPT as what it stands for."""
         *_, base, path = element
         node = self._node(base)
@@ -231,7 +221,7 @@ class _Reader:
             node = Node(op, at, "", (node, step))
         return node
 
-    def _let(self, element: Element, at: Place) -> Node:
+    def _let(self, element: Element, at: Location) -> Node:
         bounds = []
         for ref in element.iterfind("opDefs/*"):
             operator = self._operator(self._of(ref))
@@ -240,7 +230,7 @@ class _Reader:
             bounds.append((operator.name, operator.body))
         return Node("let", at, "", (self._node(_child(element, "body")[0]),), tuple(bounds))
 
-    def _application(self, element: Element, at: Place) -> Node:
+    def _application(self, element: Element, at: Location) -> Node:
         ref = _child(element, "operator")[0]
         applied = self._of(ref)
         name = _name(applied)
@@ -278,12 +268,12 @@ def _name(element: Element) -> str:
     return _text(element, "uniquename")
 
 
-def _place(element: Element) -> Place:
+def _place(element: Element) -> Location:
     at = element.find("location")
     if at is None:
-        return Place("", 0, 0, 0, 0)
+        return Location("", 0, 0, 0, 0)
     line, column = _child(at, "line"), _child(at, "column")
-    return Place(
+    return Location(
         _text(at, "filename"),
         *(int(_text(line, "begin")), int(_text(column, "begin"))),
         *(int(_text(line, "end")), int(_text(column, "end"))),

@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from automcm_spec.sany import OTHER, Node, Operator, Place, Refused, Specification
+from automcm_spec.sany import OTHER, Node, Operator, Refused, Specification
+from automcm_spec.tlc import Location
 
 TAG = "kind"
 """The field by which records in one set are told apart."""
@@ -113,7 +114,7 @@ class Class:
     """The records with the same fields, and where one is first made."""
 
     name: str
-    at: Place
+    at: Location
     fields: dict[str, Type]
 
 
@@ -155,13 +156,13 @@ class Types:
     names: Mapping[str, str]
     classes: dict[str, Class] = field(default_factory=dict)
     signatures: dict[str, Signature] = field(default_factory=dict)
-    partial: set[Place] = field(default_factory=set)
+    partial: set[Location] = field(default_factory=set)
     """Selections that not every possible value has."""
-    made: dict[Place, str] = field(default_factory=dict)
+    made: dict[Location, str] = field(default_factory=dict)
     """The class of the record that is made at a place."""
     _known: dict[tuple[str, tuple[Type, ...]], Type] = field(default_factory=dict)
     _inside: str = ""
-    _mixed: dict[frozenset[str], Place] = field(default_factory=dict)
+    _mixed: dict[frozenset[str], Location] = field(default_factory=dict)
 
     def infer(self, roots: Mapping[str, Sequence[str]]) -> None:
         """The types of everything that these operators need.
@@ -180,7 +181,7 @@ class Types:
 
     def _operator(self, name: str) -> Operator:
         if name not in self.spec.operators:
-            raise Refused(f"no operator {name}", Place("", 0, 0, 0, 0))
+            raise Refused(f"no operator {name}", Location("", 0, 0, 0, 0))
         return self.spec.operators[name]
 
     def _given(self, text: str) -> Type:
@@ -192,7 +193,7 @@ class Types:
         assert isinstance(found, SetOf)
         return found.item
 
-    def _told_apart(self, classes: frozenset[str], at: Place) -> None:
+    def _told_apart(self, classes: frozenset[str], at: Location) -> None:
         seen: set[str] = set()
         for name in classes:
             first = next(iter(self.classes[name].fields.values()))

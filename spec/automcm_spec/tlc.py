@@ -39,7 +39,7 @@ class TlcError(Exception):
 
 
 class Location(NamedTuple):
-    """Where an action stands."""
+    """Where something stands; lines and columns count from 1, the last column is included."""
 
     module: str
     line: int

@@ -72,7 +72,7 @@ def test_operators_and_constants_are_in_the_order_of_the_text(open_xml: bytes) -
 
 
 def test_names_are_replaced_below_everything() -> None:
-    at = sany.Place("M", 1, 1, 1, 1)
+    at = tlc.Location("M", 1, 1, 1, 1)
     x, y = sany.Node("name", at, "x"), sany.Node("name", at, "y")
     some = sany.Node("$SubsetOf", at, "", (sany.Node("=", at, "", (x, y)),), (("z", x),))
     put = some.put({"x": y})
