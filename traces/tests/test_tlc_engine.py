@@ -474,15 +474,17 @@ CORPUS = Path(__file__).parents[1] / "corpus"
 
 
 @pytest.mark.parametrize(("first", "every"), [(7, 10), pytest.param(0, 1, marks=pytest.mark.deep)])
-def test_tlc_gives_each_log_of_the_corpus_its_verdict_and_line(first: int, every: int) -> None:
+def test_tlc_gives_each_log_of_the_corpus_its_verdict_line_and_rule(first: int, every: int) -> None:
     """Forged messages show only beside the log of their sender, without any engine."""
     index = json.loads((CORPUS / "index.json").read_text())
     index = [entry for entry in index if "beside" not in entry][first::every]
     verdicts = explain_each([CORPUS / entry["file"] for entry in index])
-    found = [(entry["file"], v.verdict, v.line) for entry, v in zip(index, verdicts, strict=True)]
-    assert found == [(e["file"], e["verdict"], e.get("line", 0)) for e in index]
+    found = [
+        (entry["file"], v.verdict, v.line, v.rule) for entry, v in zip(index, verdicts, strict=True)
+    ]
+    assert found == [(e["file"], e["verdict"], e["line"], e.get("rule", "")) for e in index]
     assert len(found) > 800 // every
-    assert len({verdict for _, verdict, _ in found}) == 4
+    assert len({verdict for _, verdict, *_ in found}) == 4
 
 
 def mutated(records: Records, r: random.Random) -> Records:
@@ -509,7 +511,7 @@ def mutated(records: Records, r: random.Random) -> Records:
 
 
 @pytest.mark.parametrize("edits", [2, pytest.param(15, marks=pytest.mark.deep)])
-def test_both_engines_agree_on_verdict_and_line(
+def test_both_engines_agree_on_verdict_line_and_rule(
     edits: int, good: dict[str, Records], tmp_path: Path
 ) -> None:
     r = random.Random(1)
