@@ -11,8 +11,8 @@ import sys
 from collections.abc import Callable, Collection, Iterator
 from copy import copy
 from functools import cache
-from pathlib import Path
-from types import ModuleType
+from inspect import getsource
+from textwrap import dedent
 from typing import Any, NamedTuple, NoReturn, TypeAlias, TypeVar
 
 EMPTY: frozenset[Any] = frozenset()
@@ -72,7 +72,7 @@ def recording(station: S, hook: Hook) -> S:
     if getattr(module, made.__name__, None) is not made or not hasattr(module, "CONDITIONS"):
         raise TypeError(f"{made.__name__} is no class of a compiled module")
     recorded = copy(station)
-    recorded.__class__ = _instrumented(module)[made.__name__]
+    recorded.__class__ = _recording_class(made)  # type: ignore[arg-type]
     recorded._hook = hook  # type: ignore[attr-defined]
     return recorded
 
@@ -94,24 +94,39 @@ def record(
 
 
 def in_the_way(
-    station: S, ask: Callable[[S], T], wanted: Callable[[T], bool], most: int = 3
+    station: S,
+    ask: Callable[[S], T],
+    wanted: Callable[[T], bool],
+    most: int = 3,
+    kind: str = "guard",
 ) -> list[list[Taken]]:
     """The fewest guards that would have to be otherwise for ``ask`` to return what is wanted.
 
     All smallest choices of at most ``most``, each in the order in which the guards are met; [[]]
-    if it is what is returned anyway, [] if there is none.
+    if it is what is returned anyway, [] if there is none.  ``kind`` is that of the conditions to
+    choose from: ``part`` for a question that no guard decides.
     """
     found: list[list[Taken]] = []
     tried: set[frozenset[Condition]] = {frozenset()}
     level = [frozenset[Condition]()]
+    met: dict[Condition, None] = {}
+    flipped: frozenset[Condition] = frozenset()
+
+    def hook(condition: Condition, value: bool, values: Callable[[], Values]) -> bool:
+        if condition.kind == kind:
+            met[condition] = None
+        return value is not (condition in flipped)
+
+    hooked = recording(station, hook)
     for size in range(most + 1):
         following: list[frozenset[Condition]] = []
         for flipped in level:
-            result, taken = record(station, ask, flipped)
-            guards = {t.condition: t for t in taken if t.condition.kind == "guard"}
-            if wanted(result) and flipped <= guards.keys():
-                found.append([t for c, t in guards.items() if c in flipped])
-            for condition in guards if size < most else ():
+            met.clear()
+            if wanted(ask(hooked)):
+                _, taken = record(station, ask, flipped)
+                chosen = {t.condition: t for t in taken if t.condition in flipped}
+                found.append([chosen[c] for c in met if c in flipped])
+            for condition in met if size < most and not found else ():
                 more = flipped | {condition}
                 if len(more) > size and more not in tried:
                     tried.add(more)
@@ -130,29 +145,48 @@ def decided_at(taken: list[Taken], rule: str) -> int:
 
 
 @cache
-def _instrumented(module: ModuleType) -> dict[str, Any]:
-    """The names of a compiled module, with a hook at every condition of its classes."""
-    path = Path(str(module.__file__))
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    tree.body = [n for n in tree.body if isinstance(n, ast.ClassDef) and not _is_record(n)]
-    at = {(_plain(c.operator), c.node): n for n, c in enumerate(module.CONDITIONS)}
-    for method in [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]:
-        nodes = (
-            (at.get((_plain(method.name), n)), node) for n, node in enumerate(ast.walk(method))
-        )
+def _recording_class(made: type) -> type:
+    """A subclass that asks ``_hook`` at every condition: a method from its first call on."""
+    module = sys.modules[made.__module__]
+    rows: dict[str, dict[int, int]] = {}
+    for row, condition in enumerate(module.CONDITIONS):
+        rows.setdefault(_plain(condition.operator), {})[condition.node] = row
+    names = {**vars(module), "_shown": _shown}
+    methods = {
+        name: method for each in reversed(made.__mro__) for name, method in vars(each).items()
+    }
+    lazy = {
+        name: _Lazy(name, method, rows[_plain(name)], names)
+        for name, method in methods.items()
+        if _plain(name) in rows
+    }
+    return type(made.__name__, (made,), dict(lazy))
+
+
+class _Lazy:
+    """Stands for a method, or a cached property, until it is asked for."""
+
+    def __init__(self, name: str, method: Any, rows: dict[int, int], names: dict[str, Any]) -> None:
+        self._name, self._method, self._rows, self._names = name, method, rows, names
+
+    def __get__(self, station: Any, owner: type) -> Any:
+        function = getattr(self._method, "func", self._method)
+        (method,) = ast.parse(dedent(getsource(function))).body
+        nodes = ((self._rows.get(n), node) for n, node in enumerate(ast.walk(method)))
         _Hooks({id(node): row for row, node in nodes if row is not None}).visit(method)
-    space = {**vars(module), "_shown": _shown}
-    exec(compile(ast.fix_missing_locations(tree), str(path), "exec"), space)
-    return space
+        found: dict[str, Any] = {}
+        module = ast.fix_missing_locations(ast.Module([method], []))
+        exec(compile(module, function.__code__.co_filename, "exec"), self._names, found)
+        (hooked,) = found.values()
+        if hasattr(hooked, "__set_name__"):
+            hooked.__set_name__(owner, self._name)
+        setattr(owner, self._name, hooked)
+        return getattr(station, self._name)
 
 
 def _plain(name: str) -> str:
     """The same for OnCamLoss and on_cam_loss."""
     return name.replace("_", "").lower()
-
-
-def _is_record(node: ast.ClassDef) -> bool:
-    return any(isinstance(base, ast.Name) and base.id == "NamedTuple" for base in node.bases)
 
 
 def _shown(*pairs: tuple[str, Any]) -> Values:

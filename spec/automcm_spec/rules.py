@@ -136,19 +136,6 @@ def operators(tla: Path) -> dict[str, tuple[int, str]]:
     return {operator: (first, "\n".join(texts)) for operator, (first, texts) in found.items()}
 
 
-def place(operator: str, text: str, after: int = 0, tla: Path = TLA) -> tuple[int, int]:
-    """Where ``text`` stands in an operator of Station.tla: its line, and where it ends.
-
-    ``after`` is an end that ``place`` returned before: what stands earlier does not count.  A blank
-    may be a line break.  Raises ValueError if the text is not there.
-    """
-    first, body = operators(tla).get(operator, (0, ""))
-    found = re.compile(r"\s+".join(map(re.escape, text.split()))).search(body, after)
-    if found is None:
-        raise ValueError(f"{operator} in Station.tla: no {text}")
-    return first + body.count("\n", 0, found.start()), found.end()
-
-
 def cited(text: str) -> set[str]:
     """The rule ids that a text names."""
     return set(re.findall(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)-\d\b", text))

@@ -158,6 +158,14 @@ def test_every_smallest_choice_is_found() -> None:
     assert found == [[("In(st, m.session)", False)]]
 
 
+def test_parts_are_chosen_from_if_asked_for() -> None:
+    """Those of what no guard decides, such as which timers are armed."""
+    found = in_the_way(
+        LIMITS, lambda s: s.armed(ME, INTENDING), lambda armed: ("hold",) in armed, kind="part"
+    )
+    assert [[t.condition.text for t in choice] for choice in found] == [['st.phase = "WAITING"']]
+
+
 def test_a_subclass_is_refused() -> None:
     class Other(Station):
         pass

@@ -302,7 +302,7 @@ SEEDS: tuple[tuple[str, str, str, Edit, str, str, int], ...] = (
      _set("timer", {"timer.message.session": [1001, 2]}, name="giveup", op="arm"),
      "diverges", "ADV-3", 0),
     ("malformed_acked", "pair-2002", "A Prescription of version 2 is acked, not discarded.",
-     _malformed, "diverges", "", 0),
+     _malformed, "diverges", "END-5", 0),
     ("empty", "pair-1001", "A file of no bytes.",
      _raw(lambda lines: (0, b"")), "unreadable", "", 0),
     ("rubbish", "pair-1001", "A file that is no text.",

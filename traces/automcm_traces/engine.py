@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from automcm_spec.rules import RULES
 from automcm_spec.station import Input, Outcome, State, Station
@@ -74,6 +74,16 @@ def specification(*limits: int) -> Specification:
     return Specification(*limits)
 
 
+class Malformed(NamedTuple):
+    """A message that is no input of the specification: only ``discarded`` follows (END-5)."""
+
+    line: int
+    must: bool
+    """Whether it must be reported."""
+    why: str
+    reported: bool = False
+
+
 class Engine:
     """Follows one station's log.
 
@@ -97,9 +107,8 @@ class Engine:
         self.observer: Callable[[Step, Track], None] | None = None
         """Called after each step is complete, with the station as it is then."""
         self._step: Step | None = None
-        self.odd: tuple[int, bool, str] | None = None
-        """The line of a message that is malformed, until it is reported, whether it must be, and
-        why it is."""
+        self.odd: Malformed | None = None
+        """The last input, if it is a message that is malformed."""
         self._quiet: dict[tuple[int, bool, bool], Step] = {}
         """CAMs that change nothing as the station is: by sender, marked, newer."""
 
@@ -193,9 +202,9 @@ class Engine:
         """No more effects of the last input: what is still expected is missing."""
         step, odd = self._step, self.odd
         self.odd = None
-        if odd is not None and odd[1] and "indication" in self.promised:
+        if odd is not None and odd.must and "indication" in self.promised:
             text = "receive a malformed message: not everything followed"
-            raise Diverges(odd[0], text, "END-5", ["indication discarded"], _by("END-5"))
+            raise Diverges(odd.line, text, "END-5", ["indication discarded"], _by("END-5"))
         if step is None:
             return
         missing = self.outstanding() if step.messages or step.arm or step.stop or step.told else []
@@ -238,7 +247,7 @@ class Engine:
         found = event.phase, event.role
         for name, is_, should in zip(("phase", "role"), found, wanted, strict=True):
             if is_ is not None and is_ != should:
-                rule, guard = (step.rule, step.guard) if step else ("", "")
+                rule, guard = self._last_rule()
                 wants = [f"{name} {should}"]
                 text = f"{name} {is_}{'' if step else self._but_odd()}"
                 raise Diverges(at, text, rule, wants, guard, step, (name, is_))
@@ -254,7 +263,7 @@ class Engine:
                     self._start(at, event.t_ms, event)
             case Receive(message=m):  # END-5: nothing may follow but "discarded"
                 mine = m is not None and m.get("dst", self.track.me) == self.track.me
-                self.odd = at, mine, malformed(m) or "" if m else "raw bytes"
+                self.odd = Malformed(at, mine, malformed(m) or "" if m else "raw bytes")
             case TimerEnd(timer=timer):
                 self._expired(at, event, timer.model_dump(exclude_none=True))
             case _:
@@ -349,7 +358,8 @@ class Engine:
         step = self._step
         if step is None:
             text = f"{event}: nothing called for it{self._but_odd()}"
-            raise Diverges(at, text, "", [], "", None, seen)
+            rule, guard = self._last_rule()
+            raise Diverges(at, text, rule, [], guard, None, seen)
         if step.unseen:
             if t_ms > step.t_ms:
                 wanted = [f"{step.what}, by {step.t_ms} ms"]
@@ -361,7 +371,13 @@ class Engine:
         """That nothing follows from the last message, if it is malformed."""
         if self.odd is None:
             return ""
-        return f"; the message of line {self.odd[0]} is malformed ({self.odd[2]})"
+        return f"; the message of line {self.odd.line} is malformed ({self.odd.why})"
+
+    def _last_rule(self) -> tuple[str, str]:
+        """The rule that decided the last input, and what it says; empty if nothing was decided."""
+        if self._step is not None:
+            return self._step.rule, self._step.guard
+        return ("END-5", _by("END-5")) if self.odd is not None else ("", "")
 
     def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
         event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
@@ -397,7 +413,7 @@ class Engine:
     def _told(self, at: int, event: ApplicationIndication) -> None:
         name = event.indication.name
         if self._step is None and name == "discarded" and self._may_be_odd():
-            self.odd = None
+            self.odd = self.odd and self.odd._replace(must=False, reported=True)
             return
         seen = ("indication", name)
         step = self._current(at, event.t_ms, f"indication {name}", seen)
@@ -416,7 +432,8 @@ class Engine:
                 raise Diverges(at, text, step.rule, wants, step.guard, step, seen)
 
     def _may_be_odd(self) -> bool:
-        return self.odd is not None or "receive" not in self.promised
+        reported = self.odd is None or self.odd.reported
+        return not reported or "receive" not in self.promised
 
     def _timer_changed(self, at: int, event: TimerArm | TimerEnd) -> None:
         timer = event.timer.model_dump(exclude_none=True)

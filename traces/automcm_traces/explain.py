@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from automcm_traces.delivery import forged_receptions
+from automcm_traces.divergence import why
 from automcm_traces.engine import Engine
 from automcm_traces.log import Event, Header
 from automcm_traces.properties import SystemReport, judge
@@ -119,8 +120,6 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
             follow.finish()
         states = follow.states
     except Diverges as d:
-        from automcm_traces.divergence import why  # it loads the graph
-
         wanted = tuple(d.wanted)
         return Verdict(
             "diverges",

@@ -52,6 +52,9 @@ class Why:
     """Inputs that would have led to what the log says."""
     state: str = ""
     """The station before the event."""
+    of_last_input: bool = True
+    """Whether the last input leads to what the log says, but for a guard.  If not, the rule that
+    decided it has nothing to do with that."""
 
     def as_dict(self) -> dict[str, Json]:
         """As in ``--json``."""

@@ -60,7 +60,8 @@ def expected(these: Sequence[str]) -> list[str]:
 def _diverges(verdict: Verdict) -> Iterator[str]:
     yield from (f"  {line}" for line in expected(verdict.expected))
     if verdict.guard:
-        yield f"  by {verdict.guard}"
+        by = "by" if verdict.why.of_last_input else "last input decided by"
+        yield f"  {by} {verdict.guard}"
     yield from (f"  {line}" for line in verdict.why.lines())
     n = verdict.possible_states
     if n != 1 or verdict.unobserved:

@@ -205,7 +205,7 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
     assert (verdict.line, verdict.event) == (number, f"phase NEGOTIATING{why}")
     wrong.write_text(wrong.read_text().replace(', "phase": "NEGOTIATING", "role": "receiver"', ""))
     verdict = explain(read(wrong))
-    assert (verdict.line, verdict.rule) == (number + 1, "")
+    assert (verdict.line, verdict.rule) == (number + 1, "END-5")
     assert verdict.event == f"send Ack to 1001: nothing called for it{why}"
 
 

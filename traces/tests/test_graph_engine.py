@@ -113,7 +113,7 @@ def test_an_allowed_complete_log_loads_no_graph() -> None:
         [sys.executable, "-c", code, a_log().file], capture_output=True, text=True, check=True
     )
     verdict, modules, most = done.stdout.strip().splitlines()
-    graph = {"asking", "graph_engine", "graph_inputs", "graph_view", "guards", "possible"}
+    graph = {"asking", "graph_engine", "graph_inputs", "graph_view", "possible"}
     assert verdict == "allowed"
     assert graph & {name.split(".")[-1] for name in modules.split()} == set()
     assert int(most.split()[1]) < 80 * 1024  # KiB

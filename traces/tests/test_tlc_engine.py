@@ -275,6 +275,26 @@ def end_5_a_message_of_another_version_is_obeyed(r: Records) -> int:
     return change(r, find(r, "receive", type="Prescription"), "message", v=2)
 
 
+def reported(r: Records, times: int) -> int:
+    """A Prescription of version 2, and that it was discarded; the line after."""
+    n = find(r, "receive", type="Prescription")
+    r[n]["message"]["v"] = 2
+    del r[n]["phase"], r[n]["role"]
+    event = {"rec": "event", "t_ms": r[n]["t_ms"], "ev": "indication"}
+    r[n + 1 : n + 1] = [event | {"indication": {"name": "discarded"}} for _ in range(times)]
+    return n + times + 2
+
+
+@wrong(RECEIVER)
+def end_5_a_message_that_was_reported_is_obeyed(r: Records) -> int:
+    return reported(r, 1)
+
+
+@wrong(RECEIVER)
+def end_5_a_message_is_reported_twice(r: Records) -> int:
+    return reported(r, 2) - 1
+
+
 @wrong("abort/3003")
 def end_8_no_quarantine_after_a_restart(r: Records) -> int:
     del r[find(r, "timer", op="arm", name="quarantine")]
@@ -318,32 +338,37 @@ def mem_1_a_prescriber_too_many_is_remembered(r: Records) -> int:
 @pytest.fixture(scope="module")
 def judged(
     good: dict[str, Records], tmp_path_factory: pytest.TempPathFactory
-) -> dict[str, tuple[int, Verdict]]:
+) -> dict[str, tuple[int, Verdict, Verdict]]:
+    """By name: the line, what the other engine says, and what TLC says."""
     folder = tmp_path_factory.mktemp("wrong")
     logs, lines = [], []
     for name, (base, spoil) in WRONG.items():
         records = copy.deepcopy(good[base])
         lines.append(spoil(records))
         logs.append(written(records, folder / f"{name}.ndjson"))
-    return dict(zip(WRONG, zip(lines, explain_batch(logs), strict=True), strict=True))
+    other = map(explain, logs)
+    return dict(zip(WRONG, zip(lines, other, explain_batch(logs), strict=True), strict=True))
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_log_diverges_at_its_line(
-    name: str, judged: dict[str, tuple[int, Verdict]]
+def test_a_wrong_log_diverges_at_its_line_by_the_rule_that_both_engines_name(
+    name: str, judged: dict[str, tuple[int, Verdict, Verdict]]
 ) -> None:
-    line, verdict = judged[name]
+    line, other, verdict = judged[name]
     assert (verdict.verdict, verdict.line) == ("diverges", line), verdict
+    assert (verdict.line, verdict.rule) == (other.line, other.rule), other
 
 
-def test_a_divergence_says_what_was_called_for(judged: dict[str, tuple[int, Verdict]]) -> None:
-    _, verdict = judged["new_content_skips_a_seq"]
+def test_a_divergence_says_what_was_called_for(
+    judged: dict[str, tuple[int, Verdict, Verdict]],
+) -> None:
+    *_, verdict = judged["new_content_skips_a_seq"]
     assert (verdict.event, verdict.rule) == ("send Acceptance to 1001", "NEG-3")
     assert "send Acceptance to 1001 session=1001/1 (proposal=1, refused, unsafe)" in (
         verdict.expected
     )
     assert verdict.guard.startswith("NEG-3: ")
-    _, verdict = judged["act_5_a_cam_lacks_the_mark"]
+    *_, verdict = judged["act_5_a_cam_lacks_the_mark"]
     assert (verdict.rule, verdict.expected) == ("ACT-5", ("marks 1001/1",))
 
 
@@ -449,15 +474,17 @@ CORPUS = Path(__file__).parents[1] / "corpus"
 
 
 @pytest.mark.parametrize(("first", "every"), [(7, 10), pytest.param(0, 1, marks=pytest.mark.deep)])
-def test_tlc_gives_each_log_of_the_corpus_its_verdict_and_line(first: int, every: int) -> None:
+def test_tlc_gives_each_log_of_the_corpus_its_verdict_line_and_rule(first: int, every: int) -> None:
     """Forged messages show only beside the log of their sender, without any engine."""
     index = json.loads((CORPUS / "index.json").read_text())
     index = [entry for entry in index if "beside" not in entry][first::every]
     verdicts = explain_each([CORPUS / entry["file"] for entry in index])
-    found = [(entry["file"], v.verdict, v.line) for entry, v in zip(index, verdicts, strict=True)]
-    assert found == [(e["file"], e["verdict"], e.get("line", 0)) for e in index]
+    found = [
+        (entry["file"], v.verdict, v.line, v.rule) for entry, v in zip(index, verdicts, strict=True)
+    ]
+    assert found == [(e["file"], e["verdict"], e["line"], e.get("rule", "")) for e in index]
     assert len(found) > 800 // every
-    assert len({verdict for _, verdict, _ in found}) == 4
+    assert len({verdict for _, verdict, *_ in found}) == 4
 
 
 def mutated(records: Records, r: random.Random) -> Records:
@@ -484,7 +511,7 @@ def mutated(records: Records, r: random.Random) -> Records:
 
 
 @pytest.mark.parametrize("edits", [2, pytest.param(15, marks=pytest.mark.deep)])
-def test_both_engines_agree_on_verdict_and_line(
+def test_both_engines_agree_on_verdict_line_and_rule(
     edits: int, good: dict[str, Records], tmp_path: Path
 ) -> None:
     r = random.Random(1)
@@ -495,5 +522,7 @@ def test_both_engines_agree_on_verdict_and_line(
     ]
     oracle = [explain(log) for log in logs]
     tlc = explain_batch(logs)
-    assert [(v.verdict, v.line) for v in tlc] == [(v.verdict, v.line) for v in oracle]
+    assert [(v.verdict, v.line, v.rule) for v in tlc] == [
+        (v.verdict, v.line, v.rule) for v in oracle
+    ]
     assert {v.verdict for v in tlc} == {"allowed", "diverges"}
