@@ -29,7 +29,7 @@ def why(d: Diverges, track: Track) -> Why:
         return Why(state=told)
     before, seen = graph.states[place], d.seen or _lacking(d)
     found, after = None, []
-    if step is not None and seen:
+    if step is not None and seen and value is not None:
         full = step.rule == "MEM-1"
         found = nearest(graph, before, value, seen, full=full)
     elif seen and seen[0] == "expire":

@@ -43,6 +43,10 @@ class Diverges(Exception):
         self.step, self.seen, self.off = step, seen, off
 
 
+class Late(Diverges):
+    """Something happens long after a timer should have expired."""
+
+
 @dataclass(frozen=True, slots=True)
 class Why:
     """What would have been allowed instead; texts for a person, empty where nothing is known."""
@@ -63,6 +67,25 @@ class Why:
         if self.causes:
             found.append(f"allowed after: {'; '.join(self.causes)}")
         return [*found, f"state before: {self.state}"] if self.state else found
+
+
+class Supposition(NamedTuple):
+    """A restart, or an expiry by which the application falls back, that is not in the log."""
+
+    what: str
+    """``restart``, or the timer."""
+    after: int
+    """The line after which it happened."""
+    before: int
+    """The line before which it happened."""
+
+    def __str__(self) -> str:
+        what = "it restarted" if self.what == "restart" else f"its {self.what} expired"
+        return f"{what} unseen between lines {self.after} and {self.before}"
+
+    def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
+        return {"what": self.what, "after_line": self.after, "before_line": self.before}
 
 
 class Deadline(NamedTuple):
@@ -100,8 +123,8 @@ class Step:
     content: Mapping[str, Json]
     since_ms: int
     """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
-    unseen: bool = False
-    """Neither the input nor an effect was observed so far."""
+    by_ms: int | None = None
+    """When the first effect must have come, if neither the input nor an effect was observed."""
     fresh: int = 0
     sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
     found: Found | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -216,3 +216,117 @@ def test_rel_1_a_retransmission_left_out_is_seen_without_timers(
     records: Records = json.loads(json.dumps(logs[0]))
     del records[place(records, "send", "Advertisement", 3)]
     assert judged(records, ("command", "receive", "send"), tmp_path).verdict == "diverges"
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Records, Records]:
+    """The prescriber and the receiver of the example in docs/trace-format.md."""
+    folder = tmp_path_factory.mktemp("pair")
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2), logs=folder)
+    simulation.add(1001, Straight())
+    simulation.add(2002, Straight())
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    first, second = (
+        [json.loads(line) for line in path.read_text().splitlines()]
+        for path in sorted(folder.iterdir())
+    )
+    return first, second
+
+
+def up_to(records: Records, ev: str, type_: str, number: int = 0) -> Records:
+    """The log up to the nth event of a kind with a message of a type."""
+    return records[: place(records, ev, type_, number) + 1]
+
+
+def again(record: dict[str, Any], ms: Iterable[int], **fields: Any) -> Records:
+    """The event so many ms later each, with these fields of its message."""
+    message = record["message"] | fields
+    return [record | {"t_ms": record["t_ms"] + n, "message": message} for n in ms]
+
+
+def copies(records: Records, number: int) -> Records:
+    """A log with so many copies, each t_resend after the other, of what it sends last."""
+    return [*records, *again(records[-1], range(100, 100 * (number + 1), 100))]
+
+
+def _intentions(_: Records, receiver: Records, late: bool) -> Records:
+    """t_giveup is 2.1 s (ADV-6)."""
+    return copies(up_to(receiver, "send", "Intention"), 49 if late else 20)
+
+
+def _advertisements(prescriber: Records, _: Records, late: bool) -> Records:
+    return copies(up_to(prescriber, "send", "Advertisement"), 30 if late else 20)
+
+
+def _accepts(_: Records, receiver: Records, late: bool) -> Records:
+    """3 s after its Prescription, and t_decide is 0.5 s."""
+    accepts = receiver[place(receiver, "send", "Acceptance")]
+    asked = up_to(receiver, "send", "Ack")
+    assert asked[-1]["message"]["of"]["type"] == "Prescription"
+    return [*asked, *again(accepts, [2950 if late else 400])]
+
+
+def _fin(prescriber: Records, _: Records, late: bool) -> Records:
+    """At 60 s, though the lease ended after 20 s; until then CAMs arrive."""
+    acts = up_to(prescriber, "send", "Ack", -1)
+    cam = prescriber[place(prescriber, "receive", "CAM", -1)] | {"t_ms": acts[-1]["t_ms"]}
+    marks = [acts[-1]["message"]["session"]]
+    for ms in range(1000, 19_000, 1000):
+        acts += again(cam, [ms], generation_ms=cam["t_ms"] + ms, marks=marks)
+    fin = prescriber[place(prescriber, "send", "Fin")]
+    return [*acts, fin | {"t_ms": 60_000 if late else acts[-1]["t_ms"] + 500}]
+
+
+def _acting(receiver: Records) -> Records:
+    """Up to the Ack of the Acceptance, and a Cancel of then."""
+    acting = up_to(receiver, "receive", "Ack", -1)
+    sent = {"v": 1, "src": 2002, "dst": 1001, "session": [1001, 1], "seq": 3, "type": "Cancel"}
+    sent |= {"reason": "abort"}
+    cancel = {"rec": "event", "seq": 0, "ev": "send", "tx": "2002:9999", "message": sent}
+    return [*acting, cancel | {"t_ms": acting[-1]["t_ms"]}]
+
+
+def _abort(_: Records, receiver: Records, late: bool) -> Records:
+    """10 s into silence; t_cam_loss is 1.5 s."""
+    *acting, cancel = _acting(receiver)
+    return [*acting, *again(cancel, [10_000 if late else 1000])]
+
+
+def _cancels(_: Records, receiver: Records, late: bool) -> Records:
+    return copies(_acting(receiver), 20 + 30 * late)
+
+
+def _a_minute(_: Records, receiver: Records, late: bool) -> Records:
+    """The example of the documentation; its Acceptance is 59 s late, and all after it."""
+    at = place(receiver, "send", "Acceptance")
+    later = [r | {"t_ms": r["t_ms"] + 59_000 * late} for r in receiver[at:-1]]
+    return [*receiver[:at], *later]
+
+
+@pytest.mark.parametrize("late", [True, False], ids=["late", "in time"])
+@pytest.mark.parametrize(
+    ("build", "rule"),
+    [
+        (_intentions, "REL-1"),
+        (_advertisements, "PRE-1"),
+        (_accepts, "PRE-5"),
+        (_fin, "ACT-4"),
+        (_abort, "ACT-2"),
+        (_cancels, "REL-1"),
+        (_a_minute, "PRE-5"),
+    ],
+    ids=lambda x: x.__name__[1:] if callable(x) else x,
+)
+def test_nothing_unseen_jumps_over_a_timer(
+    build: Callable[[Records, Records, bool], Records],
+    rule: str,
+    late: bool,
+    pair: tuple[Records, Records],
+    tmp_path: Path,
+) -> None:
+    """The timers are not logged; the header tells how long they last."""
+    end = {"rec": "end", "seq": 0, "reason": "clean", "lost_records": 0}
+    verdict = judged([*build(*pair, late), end], ("receive", "send"), tmp_path)
+    assert verdict.verdict == ("diverges" if late else "allowed"), verdict
+    assert verdict.rule == (rule if late else "")
