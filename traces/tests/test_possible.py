@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import pytest
+from agreement import of_the_reference
 
 from automcm.links.simulated import Channel
 from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_traces.explain import Verdict, explain_file
+from automcm_traces.telling import text
 
 PARTS = (
     ("send",),
@@ -25,7 +28,9 @@ PARTS = (
     ("indication", "receive", "restart", "send"),
     ("command", "indication", "receive", "send", "timer"),
 )
+ALL = ("command", "indication", "receive", "restart", "send", "timer")
 Records = list[dict[str, Any]]
+END = {"rec": "end", "seq": 0, "reason": "clean", "lost_records": 0}
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +83,18 @@ def test_what_is_left_of_an_allowed_log_is_allowed(
         assert verdict.verdict == "allowed", (verdict.line, verdict.event)
         assert verdict.possible_states >= 1
         assert set(verdict.unobserved).isdisjoint(kinds)
+
+
+def test_every_slice_of_a_generated_log_is_allowed(tmp_path: Path) -> None:
+    others = [kind for kind in ALL if kind != "send"]
+    slices = [{"send", *kinds} for n in range(5) for kinds in combinations(others, n)]
+    for lines in of_the_reference(5, 11):
+        records = [json.loads(line) for line in lines]
+        for kept in slices:
+            kinds = tuple(kind for kind in ALL if kind in kept)
+            if any(r.get("ev") in kinds for r in records):
+                verdict = judged(records, kinds, tmp_path)
+                assert verdict.verdict == "allowed", (kinds, verdict)
 
 
 @pytest.mark.parametrize("kinds", [(), ("receive", "timer"), ("command", "indication")])
@@ -240,9 +257,10 @@ def up_to(records: Records, ev: str, type_: str, number: int = 0) -> Records:
 
 
 def again(record: dict[str, Any], ms: Iterable[int], **fields: Any) -> Records:
-    """The event so many ms later each, with these fields of its message."""
-    message = record["message"] | fields
-    return [record | {"t_ms": record["t_ms"] + n, "message": message} for n in ms]
+    """The event so many ms later each, with these fields of its message and no phase."""
+    plain = {name: record[name] for name in record if name not in ("phase", "role")}
+    plain["message"] = record["message"] | fields
+    return [plain | {"t_ms": record["t_ms"] + n} for n in ms]
 
 
 def copies(records: Records, number: int) -> Records:
@@ -268,11 +286,11 @@ def _accepts(_: Records, receiver: Records, late: bool) -> Records:
 
 
 def _fin(prescriber: Records, _: Records, late: bool) -> Records:
-    """At 60 s, though the lease ended after 20 s; until then CAMs arrive."""
+    """At 60 s; the lease ends after 20 s, and until then CAMs arrive."""
     acts = up_to(prescriber, "send", "Ack", -1)
     cam = prescriber[place(prescriber, "receive", "CAM", -1)] | {"t_ms": acts[-1]["t_ms"]}
     marks = [acts[-1]["message"]["session"]]
-    for ms in range(1000, 19_000, 1000):
+    for ms in range(1000, 20_000, 1000):
         acts += again(cam, [ms], generation_ms=cam["t_ms"] + ms, marks=marks)
     fin = prescriber[place(prescriber, "send", "Fin")]
     return [*acts, fin | {"t_ms": 60_000 if late else acts[-1]["t_ms"] + 500}]
@@ -326,7 +344,63 @@ def test_nothing_unseen_jumps_over_a_timer(
     tmp_path: Path,
 ) -> None:
     """The timers are not logged; the header tells how long they last."""
-    end = {"rec": "end", "seq": 0, "reason": "clean", "lost_records": 0}
-    verdict = judged([*build(*pair, late), end], ("receive", "send"), tmp_path)
+    verdict = judged([*build(*pair, late), END], ("receive", "send"), tmp_path)
     assert verdict.verdict == ("diverges" if late else "allowed"), verdict
     assert verdict.rule == (rule if late else "")
+
+
+@pytest.fixture(scope="module")
+def chooses(tmp_path_factory: pytest.TempPathFactory) -> Records:
+    """A prescriber that records three stations and prescribes to 3003."""
+    folder = tmp_path_factory.mktemp("chooses")
+    simulation = Simulation(seed=5, logs=folder)
+    for station in (1001, 2002, 3003, 4004):
+        simulation.add(station, Straight(target=3003))
+    simulation.request(1001, at=500)
+    simulation.run(until=4_000)
+    return [json.loads(line) for line in (folder / "1001.ndjson").read_text().splitlines()]
+
+
+@pytest.mark.parametrize("kinds", PARTS, ids="+".join)
+@pytest.mark.parametrize("lacks", [2002, 4004])
+def test_pre_2_the_cancel_that_lacks_is_named(
+    lacks: int, kinds: tuple[str, ...], chooses: Records, tmp_path: Path
+) -> None:
+    """PRE-2: whoever is recorded and not prescribed to gets a Cancel."""
+
+    def about(record: dict[str, Any]) -> bool:
+        m = record.get("message", record.get("timer", {}).get("message", {}))
+        return m.get("type") == "Cancel" and m.get("dst", m.get("to")) == lacks
+
+    verdict = judged([r for r in chooses if not about(r)], kinds, tmp_path)
+    assert (verdict.verdict, verdict.rule) == ("diverges", "PRE-2")
+    assert verdict.expected[0] == f"send Cancel to {lacks} session=1001/1 (not_selected)"
+    assert not any("Prescription to" in wanted for wanted in verdict.expected)
+
+
+@pytest.mark.parametrize("kinds", [("send", "timer"), ("receive", "send", "timer")], ids="+".join)
+def test_a_log_that_only_an_unseen_restart_explains_says_so(
+    kinds: tuple[str, ...], logs: list[Records], tmp_path: Path
+) -> None:
+    records = logs[1]
+    kept = [r for r in records if r["rec"] == "header" or r.get("ev") in ("restart", *kinds)]
+    before = next(n for n, r in enumerate(kept) if r.get("ev") == "restart")
+    (found,) = judged(records, kinds, tmp_path).only_if
+    assert found.what == "restart" and found.after <= before < found.before
+    assert kept[found.before]["t_ms"] >= kept[before]["t_ms"] >= kept[found.after - 1]["t_ms"]
+    assert judged(records, (*kinds, "restart"), tmp_path).only_if == ()
+
+
+def test_a_log_that_only_an_unseen_expiry_explains_says_so(
+    pair: tuple[Records, Records], tmp_path: Path
+) -> None:
+    """ACT-2: it says that it heard no CAM for long enough."""
+    *acting, cancel = _acting(pair[1])
+    last = max(r["t_ms"] for r in acting[1:] if r.get("message", {}).get("type") == "CAM")
+    lost = again(cancel, [last + 1500 - cancel["t_ms"]], reason="cam_loss")
+    verdict = judged([*acting, *lost, END], ("receive", "send"), tmp_path)
+    number = sum(r["ev"] in ("receive", "send") for r in acting[1:])
+    lines = {"after_line": number + 1, "before_line": number + 2}
+    assert verdict.as_dict()["only_if"] == [{"what": "cam", **lines}]
+    said = f"allowed only if its cam expired unseen between lines {number + 1} and {number + 2}"
+    assert said in text(verdict)
