@@ -334,17 +334,18 @@ class Engine:
 
     def _current(self, at: int, t_ms: int, event: str, seen: tuple[str, Json]) -> Step:
         """The step that an effect belongs to.  The first effect tells when an unseen input was:
-        up to late_ms before."""
+        less than late_ms before."""
         step = self._step
         if step is None:
             text = f"{event}: nothing called for it{self._but_odd()}"
             raise Diverges(at, text, "", [], "", None, seen)
-        if step.by_ms is not None:
-            if t_ms > step.by_ms:
-                self._missed(at, t_ms - self._late_ms)
-                wanted = [f"{step.what}, by {step.by_ms} ms"]
+        if step.unseen:
+            first = max(step.since_ms, t_ms - max(self._late_ms - 1, 0))
+            if first > step.t_ms:
+                self._missed(at, first)
+                wanted = [f"{step.what}, by {step.t_ms} ms"]
                 raise Late(at, event, step.rule, wanted, step.guard, step, seen)
-            step.by_ms, step.since_ms = None, max(step.since_ms, t_ms - self._late_ms)
+            step.unseen, step.since_ms = False, first
         return step
 
     def _but_odd(self) -> str:

@@ -66,21 +66,17 @@ class _Supposing(Engine):
         should have expired before it.
         """
         self.finish()
-        by_ms = until_ms
-        if i.kind == "expire":
-            own = self.timers.pop(timer_key(named(self.track, [], i.timer)))
-            self.since_ms = max(self.since_ms, own.first)
-            if own.last is not None:
-                until_ms = by_ms = min(until_ms, own.last + self._late_ms)
+        own = timer_key(named(self.track, [], i.timer)) if i.kind == "expire" else ""
+        if own:
+            self.since_ms = max(self.since_ms, self.timers[own].first)
         if i.kind != "restart":  # what was due before is lost (END-8)
             self._missed(at, self.since_ms)
-            due_ms = min((d.last for d in self.timers.values() if d.last is not None), default=None)
-            if due_ms is not None:
-                until_ms = min(until_ms, due_ms + self._late_ms)
-                by_ms = min(by_ms, due_ms + 2 * self._late_ms)
+            due = [d.last + self._late_ms for d in self.timers.values() if d.last is not None]
+            until_ms = min([until_ms, *due])
+        self.timers.pop(own, None)
         question = Asked(i, f"{_words(i)}, not logged", _given(self.track, i))
         step = self._step = self._answered(at, until_ms, None, question)
-        step.since_ms, step.by_ms = self.since_ms, by_ms
+        step.since_ms, step.unseen = self.since_ms, True
         if i.kind == "restart" or (i.kind == "expire" and step.says[0] == "fallback"):
             what = "restart" if i.kind == "restart" else short(i.timer)
             self.supposed = (*self.supposed, Supposition(what, after, at))
@@ -252,7 +248,7 @@ def _kind(engine: Engine) -> Json:
     if step is not None:
         left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
         proposal = (step.given or {}).get("proposal")
-        calls = step.input, left, len(step.arm), proposal, step.by_ms is None
+        calls = step.input, left, len(step.arm), proposal, step.unseen
     return engine.track.key(), tuple(sorted(engine.timers)), calls, engine.odd
 
 
@@ -260,10 +256,8 @@ def _covers(a: _Supposing, b: _Supposing) -> bool:
     """Whether ``a``, which differs from ``b`` in its times only, may do all that ``b`` may, and
     supposes no more."""
     one, other = a.step, b.step
-    if one is not None and other is not None:
-        earlier = one.since_ms > other.since_ms or one.t_ms < other.t_ms
-        if earlier or (one.by_ms or 0) < (other.by_ms or 0):
-            return False
+    if one and other and (one.since_ms > other.since_ms or one.t_ms < other.t_ms):
+        return False
     return (
         a.since_ms <= b.since_ms
         and len(_common(a.supposed, b.supposed)) == len(a.supposed)

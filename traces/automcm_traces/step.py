@@ -123,8 +123,8 @@ class Step:
     content: Mapping[str, Json]
     since_ms: int
     """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
-    by_ms: int | None = None
-    """When the first effect must have come, if neither the input nor an effect was observed."""
+    unseen: bool = False
+    """Neither the input nor an effect was observed so far."""
     fresh: int = 0
     sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
     found: Found | None = None
