@@ -60,17 +60,11 @@ class _Supposing(Engine):
 
     def suppose(self, i: Input, at: int, after: int, until_ms: int) -> None:
         """An input that was not observed, after one line and before the event of line ``at``
-        at ``until_ms``.
-
-        Raises CannotTell, and Diverges if what the log promises is missing before it, or a timer
-        should have expired before it.
-        """
-        self.finish()
+        at ``until_ms``.  Nothing may be expected any more of the input before it."""
         own = timer_key(named(self.track, [], i.timer)) if i.kind == "expire" else ""
         if own:
             self.since_ms = max(self.since_ms, self.timers[own].first)
         if i.kind != "restart":  # what was due before is lost (END-8)
-            self._missed(at, self.since_ms)
             due = [d.last + self._late_ms for d in self.timers.values() if d.last is not None]
             until_ms = min([until_ms, *due])
         self.timers.pop(own, None)
@@ -188,14 +182,9 @@ class _Search:
             if not self._may_be(answer.input, base):
                 continue
             quiet = base.copy()
-            try:
-                quiet.suppose(answer.input, self.at, self.after, self.event.t_ms)
-                if not shows:
-                    quiet.finish()
-            except Diverges as d:
-                if loud:
-                    self.refused.append((_rank(d, quiet), d))
-                continue
+            quiet.suppose(answer.input, self.at, self.after, self.event.t_ms)
+            if not shows:
+                quiet.finish()
             if loud:
                 self._try(quiet)
             elif self._is_new(quiet):

@@ -85,16 +85,45 @@ def test_what_is_left_of_an_allowed_log_is_allowed(
         assert set(verdict.unobserved).isdisjoint(kinds)
 
 
-def test_every_slice_of_a_generated_log_is_allowed(tmp_path: Path) -> None:
+def generated(folder: Path) -> list[Records]:
+    """Good logs: with loss, restarts and aborts, and of a receiver that is asked more often than
+    its own max_rounds."""
+    found = [[json.loads(line) for line in lines] for lines in of_the_reference(8, 32)]
+    simulation = Simulation(seed=1, channel=Channel(loss=0.3), logs=folder)
+    simulation.add(1001, Straight())
+    simulation.add(2002, Straight(refuse_first=2), Parameters(max_rounds=1))
+    simulation.request(1001, at=500)
+    simulation.run(until=5_000)
+    lines = (folder / "2002.ndjson").read_text().splitlines()
+    return [*found, [json.loads(line) for line in lines]]
+
+
+def test_every_slice_of_a_good_log_is_allowed_and_supposes_what_happened(tmp_path: Path) -> None:
+    """What must have happened unseen is in the log that the slice was taken from."""
     others = [kind for kind in ALL if kind != "send"]
     slices = [{"send", *kinds} for n in range(5) for kinds in combinations(others, n)]
-    for lines in of_the_reference(5, 11):
-        records = [json.loads(line) for line in lines]
-        for kept in slices:
-            kinds = tuple(kind for kind in ALL if kind in kept)
-            if any(r.get("ev") in kinds for r in records):
-                verdict = judged(records, kinds, tmp_path)
-                assert verdict.verdict == "allowed", (kinds, verdict)
+    supposed = 0
+    for records in generated(tmp_path):
+        for some in slices:
+            kinds = tuple(kind for kind in ALL if kind in some)
+            places = [n for n, r in enumerate(records) if r["rec"] != "event" or r["ev"] in kinds]
+            if len(places) == 2:
+                continue  # no event
+            verdict = judged(records, kinds, tmp_path)
+            assert verdict.verdict == "allowed", (kinds, verdict)
+            for what, after, before in verdict.only_if:
+                between = records[places[after - 1] + 1 : places[before - 1]]
+                assert any(_happens(record, what) for record in between), (kinds, what)
+                supposed += 1
+    assert supposed
+
+
+def _happens(record: dict[str, Any], what: str) -> bool:
+    """Whether it is the restart or the expiry that a supposition names."""
+    if what == "restart":
+        return record.get("ev") == "restart"
+    name = what.split("(")[0]
+    return record.get("op") == "expire" and record["timer"]["name"] == name
 
 
 @pytest.mark.parametrize("kinds", [(), ("receive", "timer"), ("command", "indication")])
