@@ -433,3 +433,18 @@ def test_a_log_that_only_an_unseen_expiry_explains_says_so(
     assert verdict.as_dict()["only_if"] == [{"what": "cam", **lines}]
     said = f"allowed only if its cam expired unseen between lines {number + 1} and {number + 2}"
     assert said in text(verdict)
+
+
+def test_what_is_unseen_may_have_happened_before_a_cam_that_does_not_show_it(
+    pair: tuple[Records, Records], tmp_path: Path
+) -> None:
+    """The restart shows in the CAM sent, not in the one heard before it."""
+    acting = up_to(pair[1], "receive", "Ack", -1)
+    t_ms = acting[-1]["t_ms"]
+    heard, sent = (
+        acting[place(acting, ev, "CAM", -1)] | {"t_ms": t_ms} for ev in ("receive", "send")
+    )
+    records = [*acting, *again(heard, [10], src=9), *again(sent, [20], marks=[]), END]
+    number = 1 + sum(r["ev"] in ("receive", "send") for r in acting[1:])
+    verdict = judged(records, ("receive", "send"), tmp_path)
+    assert verdict.only_if == (("restart", number, number + 2),), verdict
