@@ -44,7 +44,7 @@ def why(d: Diverges, track: Track) -> Why:
             return Why(state=told)
         phases = question.arms(timer) if len(timer) == 1 else []
         return Why(nearest, (f"a step into {', '.join(phases)}",) if phases else (), told)
-    if (i := _last_input(d, track)) is not None and (nearest := question.nearest(i, wanted)):
+    if d.step is not None and (nearest := question.nearest(d.step.input, wanted)):
         return Why(nearest, (), told)
     if wanted[0] == "without" or wanted[1] in (track.phase, track.role):
         return Why(state=told)
@@ -215,15 +215,6 @@ def _lasting(name: str) -> bool:
 
 
 # -- what is observed, and what is done
-
-
-def _last_input(d: Diverges, track: Track) -> Input | None:
-    if d.step is None:
-        return None
-    found: Input | None = d.step.input
-    if d.step.found is not None:  # the graph has other ids
-        found = inputs.asked(track, d.step.event).value if d.step.event is not None else None
-    return found
 
 
 def _wanted(d: Diverges) -> Words:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 from automcm_spec.rules import RULES
 from automcm_spec.station import Input, Outcome, State, Station
@@ -26,7 +26,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
-from automcm_traces.step import Deadline, Diverges, Step
+from automcm_traces.step import Deadline, Diverges, Late, Step, Supposition
 from automcm_traces.timers import (
     TIMER_RULES,
     durations,
@@ -112,7 +112,7 @@ class Engine:
         self._quiet: dict[tuple[int, bool, bool], Step] = {}
         """CAMs that change nothing as the station is: by sender, marked, newer."""
 
-    def copy(self) -> Engine:
+    def copy(self) -> Self:
         """The same, to go on from here on its own."""
         other = self.__class__.__new__(self.__class__)
         other.__dict__.update(self.__dict__)
@@ -133,6 +133,11 @@ class Engine:
     def states(self) -> int:
         """How many states of the specification are possible: one, if nothing is unseen."""
         return 1
+
+    @property
+    def only_if(self) -> tuple[Supposition, ...]:
+        """What must have happened unseen for the log to be allowed."""
+        return ()
 
     def takes(self, m: dict[str, Json]) -> bool:
         """Whether the current step calls for this message to be sent."""
@@ -176,7 +181,7 @@ class Engine:
         match event:
             case Send(message=message) if message["type"] == "CAM":
                 self.finish()
-                self._missed(at, event)
+                self._missed(at, event.t_ms)
                 self._cam_sent(at, message)
                 self._phase_is(at, event)
                 return
@@ -191,7 +196,7 @@ class Engine:
                 self._input(at, event)
             case _:
                 self.finish()
-                self._missed(at, event)
+                self._missed(at, event.t_ms)
                 self._input(at, event)
         if not (isinstance(event, Receive) and event.message and event.message["type"] == "CAM"):
             self.since_ms = event.t_ms
@@ -282,22 +287,6 @@ class Engine:
         parts = k.input, k.what, k.rule, k.after, False, k.says, k.messages, k.arm, k.stop, k.told
         self._step = Step(at, t_ms, event, *parts, m, k.content, t_ms, found=k.found)
 
-    def suppose(self, asked: Asked, at: int, until_ms: int, timer: str = "") -> None:
-        """An input that was not observed, before the event of line ``at`` at ``until_ms``; the
-        expiry of an armed timer by its key.
-
-        Raises CannotTell, and Diverges if what the log promises is missing before it.
-        """
-        self.finish()
-        if timer:
-            deadline = self.timers.pop(timer)
-            self.since_ms = max(self.since_ms, deadline.first)
-            if deadline.last is not None:
-                until_ms = min(until_ms, deadline.last + self._late_ms)
-        self._step = self._answered(at, until_ms, None, asked)
-        self._step.what, self._step.since_ms = f"{asked.what}, not logged", self.since_ms
-        self._step.unseen = True
-
     def _expired(self, at: int, event: Event, timer: dict[str, Json]) -> None:
         what = f"expire {timer_name(timer)}"
         deadline = self.timers.pop(timer_key(timer), None)
@@ -354,17 +343,19 @@ class Engine:
 
     def _current(self, at: int, t_ms: int, event: str, seen: tuple[str, Json]) -> Step:
         """The step that an effect belongs to.  The first effect tells when an unseen input was:
-        up to late_ms before."""
+        less than late_ms before."""
         step = self._step
         if step is None:
             text = f"{event}: nothing called for it{self._but_odd()}"
             rule, guard = self._last_rule()
             raise Diverges(at, text, rule, [], guard, None, seen)
         if step.unseen:
-            if t_ms > step.t_ms:
+            first = max(step.since_ms, t_ms - max(self._late_ms - 1, 0))
+            if first > step.t_ms:
+                self._missed(at, first)
                 wanted = [f"{step.what}, by {step.t_ms} ms"]
-                raise Diverges(at, event, step.rule, wanted, step.guard, step, seen)
-            step.unseen, step.since_ms = False, max(step.since_ms, t_ms - self._late_ms)
+                raise Late(at, event, step.rule, wanted, step.guard, step, seen)
+            step.unseen, step.since_ms = False, first
         return step
 
     def _but_odd(self) -> str:
@@ -486,14 +477,18 @@ class Engine:
                 return int(m["lease_ms"])
         return self.track.lease_ms or None
 
-    def _missed(self, at: int, event: Event) -> None:
-        """A timer that should have fired long before this event."""
-        for name, deadline in self.timers.items():
-            if deadline.last is not None and event.t_ms > deadline.last + self._late_ms:
-                wanted = [f"expire {name} at {deadline.last} ms"]
-                rule = TIMER_RULES[name.split("(")[0]]
-                text = f"{name} was due at {deadline.last} ms"
-                raise Diverges(at, text, rule, wanted, _by(rule))
+    def _missed(self, at: int, t_ms: int) -> None:
+        """A timer that should have fired long before: the first of them."""
+        late = [
+            (d.last, name)
+            for name, d in self.timers.items()
+            if d.last is not None and t_ms > d.last + self._late_ms
+        ]
+        if late:
+            due_ms, name = min(late)
+            wanted = [f"expire {name} at {due_ms} ms"]
+            rule = TIMER_RULES[name.split("(")[0]]
+            raise Late(at, f"{name} was due at {due_ms} ms", rule, wanted, _by(rule))
 
 
 def _by(rule: str) -> str:

@@ -17,7 +17,7 @@ from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log, LogError, LogStream, name_of, one_line, read
 from automcm_traces.same import same
 from automcm_traces.sessions import Session, Sessions
-from automcm_traces.step import Diverges, Why
+from automcm_traces.step import Diverges, Supposition, Why
 from automcm_traces.track import CannotTell
 
 if TYPE_CHECKING:
@@ -57,6 +57,8 @@ class Verdict:
     seen: int = 0
     """The last line that was read: that of the divergence, or of the event that showed it."""
     why: Why = field(default_factory=Why)
+    only_if: tuple[Supposition, ...] = ()
+    """What must have happened unseen for the log to be allowed."""
 
     def as_dict(self) -> dict[str, Json]:
         """As in ``--json``."""
@@ -72,6 +74,7 @@ class Verdict:
             "allowed_after": list(self.why.causes),
             "state": self.why.state,
             "possible_states": self.possible_states,
+            "only_if": [supposition.as_dict() for supposition in self.only_if],
             "events": self.events,
             "sessions": [session.as_dict() for session in self.sessions],
             "unobserved": list(self.unobserved),
@@ -149,6 +152,7 @@ def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
         "allowed",
         log.file,
         possible_states=states,
+        only_if=follow.only_if,
         events=events,
         sessions=tuple(sessions.kept),
         number_of_sessions=sessions.number,

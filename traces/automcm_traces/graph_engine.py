@@ -1,4 +1,4 @@
-"""The engine on the finite graph: for logs that do not hold everything, and to compare with.
+"""The engine on the finite graph: for what is counted of the graph, and to compare with.
 
 What it shares with ``Engine`` is how effects are held against what must follow.
 """

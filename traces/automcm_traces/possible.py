@@ -5,23 +5,24 @@ before each event every input of such a kind is supposed that changes the statio
 explain the event, again and again; what cannot take the event then is dropped.  If nothing is
 left, the log diverges, whatever happened unseen.  What a station sends must be in the log: it is
 what the protocol judges, and what pins the unseen inputs down.
+
+An unseen input does not come after a timer that should have expired long before: then the expiry
+must be supposed first, with all that it causes.  Only a restart may: what was due is lost (END-8).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import reduce
+from math import inf
 from typing import Any
 
-from automcm_spec.oracle import Answer, Oracle, canonical
-from automcm_traces.asking import frozen, state_place
-from automcm_traces.engine import NOTHING, Engine
-from automcm_traces.form import well_formed
-from automcm_traces.graph_engine import GraphEngine
-from automcm_traces.graph_inputs import other
-from automcm_traces.graph_view import STRANGER, View, Y, real_timer
+from automcm_spec.station import Command, Expire, Input, Outcome
+from automcm_spec.station import Receive as Received
+from automcm_traces.engine import NOTHING, NOTHING_TOLD, Engine
 from automcm_traces.inputs import Asked
 from automcm_traces.log import (
-    ApplicationCommand,
     ApplicationIndication,
     Event,
     Header,
@@ -31,15 +32,18 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
-from automcm_traces.step import Deadline, Diverges
-from automcm_traces.timers import named, timer_key
+from automcm_traces.step import Deadline, Diverges, Late, Supposition
+from automcm_traces.timers import named, short, timer_key
 from automcm_traces.track import NUMBERED, CannotTell, Track
+from automcm_traces.unseen import Answer, answers
 
 Json = Any
 CHAIN = 8
 """Inputs in a row that may be unseen before one event."""
 MOST = 300
 """Stations that are followed at once; beyond, nothing is concluded from there being none."""
+Refused = list[tuple[tuple[float, int], Diverges]]
+"""What some station has against an event, with its rank."""
 _KINDS = {
     "receive": "receive",
     "cam": "receive",
@@ -49,15 +53,40 @@ _KINDS = {
 }
 
 
+class _Supposing(Engine):
+    """One station that the log allows."""
+
+    supposed: tuple[Supposition, ...] = ()
+
+    def suppose(self, i: Input, at: int, after: int, until_ms: int) -> None:
+        """An input that was not observed, after one line and before the event of line ``at``
+        at ``until_ms``.  Nothing may be expected any more of the input before it."""
+        own = timer_key(named(self.track, [], i.timer)) if i.kind == "expire" else ""
+        if own:
+            self.since_ms = max(self.since_ms, self.timers[own].first)
+        if i.kind != "restart":  # what was due before is lost (END-8)
+            due = [d.last + self._late_ms for d in self.timers.values() if d.last is not None]
+            until_ms = min([until_ms, *due])
+        self.timers.pop(own, None)
+        question = Asked(i, f"{_words(i)}, not logged", _given(self.track, i))
+        step = self._step = self._answered(at, until_ms, None, question)
+        step.since_ms, step.unseen = self.since_ms, True
+        if i.kind == "restart" or (i.kind == "expire" and step.says[0] == "fallback"):
+            what = "restart" if i.kind == "restart" else short(i.timer)
+            self.supposed = (*self.supposed, Supposition(what, after, at))
+
+
 class Possible:
     """Every station that the log so far allows; as Engine, for logs that promise less."""
 
     def __init__(self, log: Log | Header, late_ms: int | None = None) -> None:
-        first = GraphEngine(log, late_ms)
+        first = _Supposing(log, late_ms)
         if "send" not in first.promised:
             raise CannotTell("the log does not promise to hold all that the station sends")
-        self._unseen = set(_KINDS.values()) - first.promised
-        self._engines: list[Engine] = [first]
+        self._promised = first.promised
+        self._engines: list[_Supposing] = [first]
+        self._after = 1
+        """The line of the last event but CAMs: what was not observed happened later."""
         self._given_up = ""
 
     @property
@@ -70,124 +99,167 @@ class Possible:
         """The one that needs the fewest unseen inputs."""
         return self._engines[0].track
 
+    @property
+    def only_if(self) -> tuple[Supposition, ...]:
+        """What each of them supposes to have happened unseen."""
+        return reduce(_common, (engine.supposed for engine in self._engines))
+
     def feed(self, at: int, event: Event) -> None:
         """The next event.  Raises as Engine.feed does; Diverges only if nothing can be unseen
         that would explain it."""
-        taken: dict[Json, Engine] = {}
-        refused: list[Diverges] = []
-        seen = {_key(engine) for engine in self._engines}
+        search = _Search(at, event, self._after, self._promised)
         layer = self._engines
-        for depth in range(CHAIN + 1):
-            further: list[Engine] = []
-            for engine in layer:
-                took = self._took(engine, at, event, refused)
-                if took is not None:
-                    _merge(taken, took)
-                if took is not None and _is_cam(event):
-                    continue  # what is unseen may as well come later
-                for quiet in self._unseen_inputs(engine, at, event):
-                    if (key := _key(quiet)) not in seen:
-                        seen.add(key)
-                        further.append(quiet)
-            layer = further
-            if not layer:
+        for _ in range(CHAIN + 1):
+            layer = [quiet for engine in layer for quiet in search.goes_on(engine)]
+            if not layer or search.number > MOST:
                 break
-            if len(seen) > MOST or depth == CHAIN:
-                self._given_up = "too much of what happened is not in the log"
-                break
-        if not taken:
-            if self._given_up:
-                raise CannotTell(self._given_up)
-            raise _nearest(refused)
-        self._engines = list(taken.values())
+        if layer:
+            search.given_up = "too much of what happened is not in the log"
+        self._given_up = search.given_up or self._given_up
+        if not search.taken:
+            raise self._nearest(search.refused)
+        self._engines = list(search.taken.values())
+        if not _is_cam(event):
+            self._after = at
 
     def finish(self) -> None:
         """No more effects of the last input."""
-        refused: list[Diverges] = []
+        refused: Refused = []
         left = []
         for engine in self._engines:
             try:
                 engine.finish()
             except Diverges as d:
-                refused.append(d)
+                refused.append((_rank(d, engine), d))
             else:
                 left.append(engine)
         if not left:
-            raise CannotTell(self._given_up) if self._given_up else refused[0]
+            raise self._nearest(refused)
         self._engines = left
 
-    def _took(
-        self, engine: Engine, at: int, event: Event, refused: list[Diverges]
-    ) -> Engine | None:
-        """The engine after the event; None if it cannot be."""
-        copy = engine.copy()
-        try:
-            copy.feed(at, event)
-        except Diverges as d:
-            refused.append(d)
-            return None
-        except CannotTell as error:
-            self._given_up = str(error)
-            return None
-        return copy
+    def _nearest(self, refused: Refused) -> Exception:
+        """Why no station allows an event, as the one says that explains most."""
+        if self._given_up:
+            return CannotTell(self._given_up)
+        return min(refused, key=lambda r: r[0])[1]
 
-    def _unseen_inputs(self, engine: Engine, at: int, event: Event) -> Iterator[Engine]:
-        """What the station may have become by one input that is not in the log."""
+
+@dataclass
+class _Search:
+    """For the stations that allow the event of line ``at``."""
+
+    at: int
+    event: Event
+    after: int
+    """What is unseen happened after this line."""
+    promised: frozenset[str]
+    taken: dict[Json, _Supposing] = field(default_factory=dict)
+    """The stations after the event."""
+    refused: Refused = field(default_factory=list)
+    given_up: str = ""
+    """Why there may be more of them than were found."""
+    number: int = 0
+    """Of the stations before the event."""
+    _seen: dict[Json, list[_Supposing]] = field(default_factory=dict)
+
+    def goes_on(self, engine: _Supposing) -> Iterator[_Supposing]:
+        """Try the event; then, what the station may have become before by one input that is not in
+        the log.  If the log must hold something that follows, that is tried on the event at once.
+        """
+        takes = self._try(engine.copy())
+        if takes and _is_cam(self.event):
+            return  # what is unseen may as well come later
         base = engine.copy()
         try:
             base.finish()
         except Diverges:
             return  # what must follow first has not come yet
-        whole_timers = "timer" in base.promised
-        for view in _views(base.track, event):
-            try:
-                graph, place = state_place(view)
-            except CannotTell as error:
-                self._given_up = str(error)
+        self._is_new(base)
+        for answer in answers(base.track, self.event):
+            shows, loud = _shows(answer, self.event), self._loud(answer.outcome)
+            if (loud and not shows) or not (answer.changes or shows):
                 continue
-            for answer in _answers(graph, place, view, event):
-                value = frozen(graph.inputs[answer.input])
-                if _KINDS[value[0]] not in self._unseen:
-                    continue
-                if value[0] == "cam" and not (isinstance(event, TimerArm) and whole_timers):
-                    continue  # its timer is taken to last for ever then
-                quiet = base.copy()
-                view_ = view.on(quiet.track)
-                timer = ""
-                if value[0] == "expire":
-                    timer = _due(quiet, view_, value[1], event.t_ms)
-                    if not timer:
-                        continue
-                given = _given(view_, value)
-                if given is None:
-                    continue
-                asked = Asked(value, _words(value), given, view=view_)
-                try:
-                    quiet.suppose(asked, at, event.t_ms, timer)
-                except (CannotTell, Diverges):
-                    continue
+            if not self._may_be(answer.input, base):
+                continue
+            quiet = base.copy()
+            quiet.suppose(answer.input, self.at, self.after, self.event.t_ms)
+            if not shows:
+                quiet.finish()
+            if loud:
+                self._try(quiet)
+            elif self._is_new(quiet):
                 yield quiet
 
+    def _try(self, engine: _Supposing) -> bool:
+        """Whether the engine allows the event."""
+        try:
+            engine.feed(self.at, self.event)
+        except Diverges as d:
+            self.refused.append((_rank(d, engine), d))
+        except CannotTell as error:
+            self.given_up = str(error)
+        else:
+            _merge(self.taken, engine)
+            return True
+        return False
 
-def _key(engine: Engine) -> Json:
-    """What tells one possible station from another."""
-    timers = tuple(sorted((k, d.first, d.last or 0) for k, d in engine.timers.items()))
-    return _kind(engine), timers, engine.since_ms
+    def _may_be(self, i: Input, engine: Engine) -> bool:
+        """Whether an input may be unseen."""
+        if _KINDS[i.kind] in self.promised:
+            return False
+        if i.kind == "cam":  # without timers, its timer is taken to last for ever
+            return "timer" in self.promised
+        if i.kind != "expire":
+            return True
+        deadline = engine.timers.get(timer_key(named(engine.track, [], i.timer)))
+        return deadline is not None and deadline.first <= self.event.t_ms
+
+    def _loud(self, outcome: Outcome) -> bool:
+        """Whether the log promises to hold something of what follows."""
+        told = "indication" in self.promised and outcome.told != NOTHING_TOLD
+        timer = "timer" in self.promised and (outcome.arm or outcome.stop)
+        return bool(outcome.out or told or timer)
+
+    def _is_new(self, engine: _Supposing) -> bool:
+        """Whether nothing that was seen may go on as this one may; then it has been seen now."""
+        alike = self._seen.setdefault(_kind(engine), [])
+        if any(_covers(other, engine) for other in alike):
+            return False
+        alike.append(engine)
+        self.number += 1
+        return True
 
 
 def _kind(engine: Engine) -> Json:
-    """The same but for times."""
+    """What tells one possible station from another, but for times."""
     step = engine.step
     calls: Json = None
     if step is not None:
-        assert step.found is not None
-        about = tuple(step.found.view.ids), step.found.view.event_session
         left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
-        calls = step.input, about, left, len(step.arm), (step.given or {}).get("proposal")
+        proposal = (step.given or {}).get("proposal")
+        calls = step.input, left, len(step.arm), proposal, step.unseen
     return engine.track.key(), tuple(sorted(engine.timers)), calls, engine.odd
 
 
-def _merge(engines: dict[Json, Engine], engine: Engine) -> None:
+def _covers(a: _Supposing, b: _Supposing) -> bool:
+    """Whether ``a``, which differs from ``b`` in its times only, may do all that ``b`` may, and
+    supposes no more."""
+    one, other = a.step, b.step
+    if one and other and (one.since_ms > other.since_ms or one.t_ms < other.t_ms):
+        return False
+    return (
+        a.since_ms <= b.since_ms
+        and len(_common(a.supposed, b.supposed)) == len(a.supposed)
+        and all(_lasts(a.timers[key], d) for key, d in b.timers.items())
+    )
+
+
+def _lasts(a: Deadline, b: Deadline) -> bool:
+    """Whether ``a`` allows all that ``b`` does."""
+    return a.first <= b.first and (a.last is None or (b.last is not None and b.last <= a.last))
+
+
+def _merge(engines: dict[Json, _Supposing], engine: _Supposing) -> None:
     """Of two that differ in their times only, one remains that may be either."""
     other = engines.setdefault(_kind(engine), engine)
     if other is engine:
@@ -199,16 +271,35 @@ def _merge(engines: dict[Json, Engine], engine: Engine) -> None:
         other.timers[key] = Deadline(min(a.first, b.first), last)
     if other.step is not None and engine.step is not None:
         other.step.since_ms = min(other.step.since_ms, engine.step.since_ms)
+        other.step.t_ms = max(other.step.t_ms, engine.step.t_ms)
+    other.supposed = _common(other.supposed, engine.supposed)
 
 
-def _nearest(refused: list[Diverges]) -> Diverges:
-    """Why an event cannot be: the state that needs the fewest unseen inputs says so, unless it
-    calls for nothing more and another one calls for that message in another form."""
-    first = refused[0]
-    if first.off or list(first.wanted) not in ([], [NOTHING]):
-        return first
-    close = [d for d in refused if d.off and d.at == first.at]
-    return min(close, key=lambda d: d.off, default=first)
+def _common(a: tuple[Supposition, ...], b: tuple[Supposition, ...]) -> tuple[Supposition, ...]:
+    """What both suppose."""
+    if a == b:
+        return a
+    found, left = [], list(b)
+    for one in a:
+        other = next((x for x in left if x.what == one.what), None)
+        if other is not None:
+            left.remove(other)
+            lines = min(one.after, other.after), max(one.before, other.before)
+            found.append(Supposition(one.what, *lines))
+    return tuple(found)
+
+
+def _rank(d: Diverges, engine: _Supposing) -> tuple[float, int]:
+    """How little of the log a station explains: a timer that is late, or the fields of a message
+    in another form; more if the event is not called for and something else is lacking; without
+    end if nothing is.  An unseen restart counts too."""
+    lacks = 0 if list(d.wanted) in ([], [NOTHING]) else len(d.wanted)
+    restarts = sum(one.what == "restart" for one in engine.supposed)
+    if isinstance(d, Late):
+        return 1 + restarts, 0
+    if d.off:
+        return d.off + restarts, 0
+    return (3 + restarts, lacks) if lacks else (inf, 0)
 
 
 def _is_cam(event: Event) -> bool:
@@ -219,122 +310,42 @@ def _is_cam(event: Event) -> bool:
     )
 
 
-def _about(event: Event) -> tuple[set[int], set[tuple[int, int]], int]:
-    """The stations and sessions that an event names, and the proposal."""
-    stations: set[int] = set()
-    sessions: set[tuple[int, int]] = set()
-    fields: dict[str, Json] = {}
+def _shows(answer: Answer, event: Event) -> bool:
+    """Whether an event may be what follows an input."""
+    outcome = answer.outcome
     match event:
-        case Send(message=m) | Receive(message=dict(m)) if well_formed(m):
-            fields = m
-        case TimerArm(timer=timer) | TimerEnd(timer=timer):
-            told = timer.model_dump(exclude_none=True)
-            fields = told.get("message", {})
-            stations |= {told["station"]} if "station" in told else set()
-        case ApplicationCommand(command=given):
-            fields = given.model_extra or {}
-    for name in ("src", "dst", "to", "target"):
-        if isinstance(fields.get(name), int):
-            stations.add(fields[name])
-    session = fields.get("session")
-    if isinstance(session, list) and len(session) == 2:
-        sessions.add((session[0], session[1]))
-        stations.add(session[0])
-    proposal = fields.get("proposal", 0)
-    return stations, sessions, proposal if isinstance(proposal, int) else 0
-
-
-def _views(t: Track, event: Event) -> list[View]:
-    """The parts of the station that something unseen may be about."""
-    stations, named, proposal = _about(event)
-    stations |= {t.peer, *t.recorded, *t.joined, *(e.to for e in t.outbox)}
-    proposals = {proposal} | ({t.proposal - 1} if t.proposal > 1 else set())
-    views = []
-    for y in sorted(stations - {0, t.me}) or [0]:
-        sessions = {s for s in named if s[0] in (y, t.me)}
-        sessions |= {e.session for e in t.outbox if e.to == y}
-        sessions |= {t.session} if t.session else set()
-        about: list[tuple[int, int] | None] = [*sorted(sessions)] or [None]
-        views += [
-            View(t, y, other(t, y), session, k) for session in about for k in sorted(proposals)
-        ]
-    return views
-
-
-def _answers(graph: Oracle, place: int, view: View, event: Event) -> Iterator[Answer]:
-    """What an unseen input may be: one that changes the station, or explains the event."""
-    yield from graph.changes(place)
-    match event:
-        case Send(message=m) if m["type"] != "CAM":
+        case Send(message=m):
             of = m.get("of")
             acked = of.get("type") if isinstance(of, dict) else "none"
-            for answer in _refusals(graph, place):
-                if any(x[0] == m["type"] and x[8][0] == acked for x in answer.effect.messages):
-                    yield answer
+            return any((x.type, x.of[0]) == (m["type"], acked) for x in outcome.out)
         case ApplicationIndication(indication=told) if told.name != "discarded":
-            for answer in _refusals(graph, place):
-                if answer.effect.told[0] == told.name:
-                    yield answer
+            return outcome.told[0] == told.name
+        case TimerArm(timer=timer):
+            return any(one[0] == timer.name for one in outcome.arm)
+        case TimerEnd(op="stop", timer=timer):
+            return any(one[0] == timer.name for one in outcome.stop)
+    return False
 
 
-_kept: dict[tuple[str, int], list[Answer]] = {}
-
-
-def _refusals(graph: Oracle, place: int) -> list[Answer]:
-    """The inputs that change nothing and are answered."""
-    key = graph.name, place
-    if key not in _kept:
-        _kept[key] = [
-            answer
-            for answer in graph.answers(place)
-            if not answer.changes and (answer.effect.messages or answer.effect.told[0] != "nothing")
-        ]
-    return _kept[key]
-
-
-def _due(engine: Engine, view: View, timer: Json, until_ms: int) -> str:
-    """The key of an armed timer that may have expired by ``until_ms``; empty if there is none."""
-    real = real_timer(view, timer)
-    advertises = len(timer) > 1 and timer[0] == "resend" and timer[1][0] == "Advertisement"
-    if real is None or (advertises and engine.track.advertisement is None):
-        return ""
-    key = timer_key(named(engine.track, [], real))
-    deadline = engine.timers.get(key)
-    return key if deadline is not None and deadline.first <= until_ms else ""
-
-
-def _given(view: View, value: Json) -> dict[str, Json] | None:
-    """The message or command behind an unseen input, as far as it is known; None if it cannot be
-    expressed."""
-    if value[0] == "receive":
-        type_, src, dst, session, k, proposal, accepted, _, _ = value[1]
-        known = (
-            session[0] != STRANGER
-            and session[1] in view.numbers.get(view.real_id(session[0]), {}).values()
-        )
-        if src != Y or dst not in (0, 1) or not known:
-            return None
-        m = {"type": type_, "src": view.real_id(Y), "session": list(view.real_session(session))}
-        m |= {"seq": 0} if not k else {}
-        if type_ in NUMBERED:
-            m |= {"proposal": _proposal(view, proposal), "accepted": accepted}
+def _given(t: Track, i: Input) -> dict[str, Json] | None:
+    """The message or command behind an unseen input, as far as it is known."""
+    if i.kind == "receive":
+        m = {"type": i.message.type, "src": i.message.src, "session": list(i.message.session)}
+        m |= {"seq": 0} if not i.message.seq else {}
+        if i.message.type in NUMBERED:
+            m |= {"proposal": i.message.proposal, "accepted": i.message.accepted}
         return m
-    if value[0] == "command":
-        proposal = {"proposal": _proposal(view, value[3])} if value[3] else {}
-        return {"name": value[1], **proposal}
-    if value[0] == "cam":
-        return {"type": "CAM", "generation_ms": view.track.heard_ms or 0}
-    return {}
+    if i.kind == "command":
+        return {"name": i.name} | ({"proposal": i.proposal} if i.proposal else {})
+    return {"type": "CAM", "generation_ms": t.heard_ms or 0} if i.kind == "cam" else {}
 
 
-def _proposal(view: View, k: int) -> int:
-    """A proposal of the oracle as a real one."""
-    current = view.track.proposal
-    return current + k - view.proposals(current) if current else k
-
-
-def _words(value: Json) -> str:
-    if value[0] == "receive":
-        return f"receive {value[1][0]}"
-    name = value[1][0] if value[0] == "expire" else value[1] if len(value) > 1 else ""
-    return f"{value[0]} {name}".strip() if isinstance(name, str) else canonical(value)
+def _words(i: Input) -> str:
+    match i:
+        case Received():
+            return f"receive {i.message.type}"
+        case Command():
+            return f"command {i.name}"
+        case Expire():
+            return f"expire {i.timer[0]}"
+    return i.kind

@@ -43,6 +43,10 @@ class Diverges(Exception):
         self.step, self.seen, self.off = step, seen, off
 
 
+class Late(Diverges):
+    """Something happens long after a timer should have expired."""
+
+
 @dataclass(frozen=True, slots=True)
 class Why:
     """What would have been allowed instead; texts for a person, empty where nothing is known."""
@@ -66,6 +70,25 @@ class Why:
         if self.causes:
             found.append(f"allowed after: {'; '.join(self.causes)}")
         return [*found, f"state before: {self.state}"] if self.state else found
+
+
+class Supposition(NamedTuple):
+    """A restart, or an expiry by which the application falls back, that is not in the log."""
+
+    what: str
+    """``restart``, or the timer."""
+    after: int
+    """The line after which it happened."""
+    before: int
+    """The line before which it happened."""
+
+    def __str__(self) -> str:
+        what = "it restarted" if self.what == "restart" else f"its {self.what} expired"
+        return f"{what} unseen between lines {self.after} and {self.before}"
+
+    def as_dict(self) -> dict[str, Json]:
+        """As in ``--json``."""
+        return {"what": self.what, "after_line": self.after, "before_line": self.before}
 
 
 class Deadline(NamedTuple):

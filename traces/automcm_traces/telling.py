@@ -45,6 +45,10 @@ def _allowed(verdict: Verdict) -> Iterator[str]:
         kinds, n = ", ".join(verdict.unobserved), verdict.possible_states
         states = f"{n} state{'' if n == 1 else 's'} of the specification"
         yield f"  not logged: {kinds}; at its end the log fits {states}"
+    suppositions = verdict.only_if[-SESSIONS:]
+    if len(verdict.only_if) > len(suppositions):
+        yield f"  allowed only if {len(verdict.only_if)} things happened unseen; the last of them:"
+    yield from (f"  allowed only if {supposition}" for supposition in suppositions)
     shown = verdict.sessions[-SESSIONS:]
     if verdict.number_of_sessions > len(shown):
         yield f"  {verdict.number_of_sessions} sessions; the last of them:"

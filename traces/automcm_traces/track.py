@@ -288,11 +288,12 @@ def difference(
 
 
 def off(e: Expected, m: dict[str, Json]) -> int:
-    """In how many fields the logged message ``m`` is not the expected one, at least 1."""
+    """In how many fields the logged message ``m`` is not the expected one: one more than those
+    counted here, which may be right while its seq or its content is not."""
     told: dict[str, Json] = {"dst": e.dst, "session": list(e.session), "proposal": e.proposal}
     told |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
     found = {"dst": 0, "proposal": 0, "accepted": False} | m
-    return len([name for name, wanted in told.items() if found.get(name) != wanted]) or 1
+    return 1 + len([name for name, wanted in told.items() if found.get(name) != wanted])
 
 
 def _acks(of: tuple[str, int | None], m: dict[str, Json]) -> list[Json]:
