@@ -59,7 +59,11 @@ def reached() -> Reached:
         name = following.pop()
         if name in methods and name not in asked:
             asked.add(name)
-            following += [n.attr for n in ast.walk(methods[name]) if isinstance(n, ast.Attribute)]
+            following += [
+                node.attr
+                for node in ast.walk(methods[name])
+                if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "self"
+            ]
     own = [c for c in station.CONDITIONS if snake(c.operator) in asked]
     last = {name: set(_last_arms(methods[name])) for name in asked}
     places: dict[Condition, Condition] = {}
