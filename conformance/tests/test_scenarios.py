@@ -312,7 +312,9 @@ def crowd(stations: int) -> Play:
     )
 
 
-DEAF = "first('receive Cancel', 'END-2', lambda me, st, i: (me.station_id, st.phase) == (%d, 'WAITING'))"
+DEAF = """
+first('receive Cancel', 'END-2', lambda me, st, i: (me.station_id, st.phase) == (%d, 'WAITING'))
+"""
 """One station does not hear that it was not chosen."""
 
 
