@@ -43,7 +43,6 @@ def demo(
 
     from automcm.links import LinkError
     from automcm_cli.demo import Demo
-    from automcm_spec.oracle import OracleError
 
     if kill not in (None, "B"):
         raise typer.BadParameter(f"{kill}: only B, the target, can be killed")
@@ -60,7 +59,7 @@ def demo(
     try:
         with _live(shown):
             asyncio.run(shown.run())
-    except (LinkError, OracleError, OSError) as error:
+    except (LinkError, OSError) as error:
         typer.echo(f"demo: {error}", err=True)
         raise typer.Exit(3) from None
     write_json(json_, shown.as_dict())

@@ -35,18 +35,17 @@ def explain(
     Several logs of one run are also judged together: what was received against what was sent,
     and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.
     """
-    from automcm_spec.oracle import OracleError
     from automcm_traces import explain as explain_
     from automcm_traces import telling
 
     logs = files_of("explain", logs)
     judge = explain_.explain_files
-    failures: tuple[type[Exception], ...] = (OracleError,)
+    failures: tuple[type[Exception], ...] = ()
     if engine == "tlc":
         from automcm_spec.tlc import TlcError
         from automcm_traces import tlc_engine
 
-        judge, failures = tlc_engine.explain_files, (*failures, TlcError)
+        judge, failures = tlc_engine.explain_files, (TlcError,)
     try:
         verdicts = judge(logs, late)
         system = explain_.together(logs) if len(logs) > 1 else None

@@ -39,7 +39,6 @@ def shrink(
     forged message, a property of the system) is shrunk with them. Exit code 0: shrunk; 1: there
     is nothing wrong to shrink.
     """
-    from automcm_spec.oracle import OracleError
     from automcm_traces import shrink as shrink_
     from automcm_traces.show import columns
 
@@ -51,7 +50,7 @@ def shrink(
     except shrink_.NothingToShrink as error:
         typer.echo(f"shrink: {error}", err=True)
         raise typer.Exit(error.code) from None
-    except (OracleError, OSError) as error:
+    except OSError as error:
         typer.echo(f"shrink: {error}", err=True)
         raise typer.Exit(3) from None
     told = found.as_dict()

@@ -32,7 +32,6 @@ def export(
     A diagram has 400 messages at most, and says how many more there are. MCAP has a channel of
     JSON for each station; --to logs makes logs of it again, byte for byte.
     """
-    from automcm_spec.oracle import OracleError
     from automcm_traces.mcap_file import McapError
     from automcm_traces.merge import MergeError
     from automcm_traces.reader import LogError
@@ -48,7 +47,7 @@ def export(
     except CannotTell as error:
         typer.echo(f"export: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None
-    except (LogError, McapError, MergeError, OracleError, OSError) as error:
+    except (LogError, McapError, MergeError, OSError) as error:
         typer.echo(f"export: {error}", err=True)
         raise typer.Exit(3) from None
     say_written(json_, [out / name for name in contents])

@@ -68,7 +68,6 @@ def html(
     --to-line or both, so many lines of the first log, and of the others what stands between the
     first and the last message exchanged with these lines.
     """
-    from automcm_spec.oracle import OracleError
     from automcm_spec.tlc import TlcError
     from automcm_traces.itf import ItfError
     from automcm_traces.page import html as html_
@@ -89,7 +88,7 @@ def html(
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
         files.write(out, data)
-    except (ItfError, LogError, OracleError, OSError, PageError, StoryError, TlcError) as error:
+    except (ItfError, LogError, OSError, PageError, StoryError, TlcError) as error:
         typer.echo(f"html: {error}", err=True)
         raise typer.Exit(3) from None
     about = {"written": str(out), "bytes": len(data), "rows": len(page.nodes)}
@@ -108,7 +107,7 @@ def page_of(
     """The page of logs, or of one counterexample; with ``compare``, of two runs.  ``part`` is not
     for a counterexample.
 
-    Raises ItfError, LogError, OracleError, OSError, PageError, StoryError, TlcError.
+    Raises ItfError, LogError, OSError, PageError, StoryError, TlcError.
     """
     from automcm_traces import page_data
     from automcm_traces.page_run import check_size

@@ -26,7 +26,6 @@ def itf(
     The counterexample is one of ours (automcm spec check, traces/counterexamples): TLC works out
     what its stations send.  In the ITF of a log each state is the station after a step.
     """
-    from automcm_spec.oracle import OracleError
     from automcm_spec.tlc import TlcError
     from automcm_traces import itf as itf_
     from automcm_traces.reader import LogError
@@ -44,7 +43,7 @@ def itf(
     except CannotTell as error:
         typer.echo(f"{file}: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None
-    except (itf_.ItfError, LogError, OracleError, OSError, StoryError, TlcError) as error:
+    except (itf_.ItfError, LogError, OSError, StoryError, TlcError) as error:
         typer.echo(f"itf: {error}", err=True)
         raise typer.Exit(3) from None
     say_written(json_, [out / name for name in texts])

@@ -189,6 +189,10 @@ def _session(text: str) -> tuple[int, int] | None:
 
 def coverage(
     logs: Logs,
+    annotate: Annotated[
+        bool,
+        typer.Option("--annotate", help="Print the operators of Station.tla with a mark per line."),
+    ] = False,
     late: Late = None,
     json_: Json = None,
 ) -> None:
@@ -196,19 +200,15 @@ def coverage(
 
     A log that diverges, or cannot be told or read, is counted up to there.
     """
-    from automcm_spec.oracle import OracleError
+    from automcm_spec.condition_coverage import annotated
     from automcm_traces import coverage as coverage_
 
     files = files_of("coverage", logs)
-    try:
-        with progress() as status:
-            found = coverage_.measure(_told(files, status), late)
-    except OracleError as error:
-        typer.echo(f"coverage: {error}", err=True)
-        raise typer.Exit(3) from None
+    with progress() as status:
+        found = coverage_.measure(_told(files, status), late)
     write_json(json_, found.as_dict())
     if str(json_) != "-":
-        for line in coverage_.text(found):
+        for line in annotated(found.conditions) if annotate else coverage_.text(found):
             typer.echo(line)
     raise typer.Exit(coverage_.exit_code(found))
 

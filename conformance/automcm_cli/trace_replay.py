@@ -33,7 +33,6 @@ def replay(
     """
     from automcm_conformance.replay_log import replay as replay_
     from automcm_conformance.report import visible
-    from automcm_spec.oracle import OracleError
     from automcm_traces.reader import LogError
 
     command = command_of(ctx)
@@ -44,7 +43,7 @@ def replay(
         write_json(json_, verdict | {"event": error.what, "exit_code": 3})
         typer.echo(f"replay: {error}", err=True)
         raise typer.Exit(3) from None
-    except (OracleError, OSError) as error:
+    except OSError as error:
         typer.echo(f"replay: {error}", err=True)
         raise typer.Exit(3) from None
     write_json(json_, result.as_dict())

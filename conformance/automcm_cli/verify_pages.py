@@ -7,7 +7,6 @@ from pathlib import Path
 
 from automcm_cli import spec, trace_html
 from automcm_spec import files, models
-from automcm_spec.oracle import OracleError
 from automcm_spec.tlc import TlcError
 from automcm_traces.itf import ItfError
 from automcm_traces.page import html
@@ -30,7 +29,7 @@ def write(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Pat
         trace = spec.write_trace(verdict, folder)
         try:
             data = html(trace_html.page_of([trace], None))
-        except (ItfError, LogError, OracleError, PageError, StoryError, TlcError):
+        except (ItfError, LogError, PageError, StoryError, TlcError):
             written.append(trace)
             continue
         path = folder / f"{verdict.model.cfg}.html"

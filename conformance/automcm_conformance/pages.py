@@ -18,7 +18,7 @@ MOST = 20
 def write(report: Report, folder: Path) -> None:
     """Write a page beside the log of each case that is no PASS, and name it in the report.
 
-    Raises OSError if it cannot be written, and automcm_spec.oracle.OracleError.
+    Raises OSError if it cannot be written.
     """
     for case in [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")][:MOST]:
         log = folder / case.log

@@ -119,7 +119,7 @@ def replay(
     """Give the inputs of a log to the adapter ``command``; the new log goes into ``out``.
 
     ``limit_s`` is the real time an answer may take, ``seed`` that of ``reset``; ``well_formed``
-    says whether a message keeps the bounds of messages.md.  Raises LogError, OracleError, OSError.
+    says whether a message keeps the bounds of messages.md.  Raises LogError and OSError.
     """
     found = survey(path)
     result = Replayed("allowed", str(path), total=found.inputs, notes=list(found.warnings))

@@ -6,14 +6,13 @@ have been told in the end.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
 from automcm_conformance.opened import opened
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import (
-    DEFAULTS,
     MESSAGE_TYPES,
     PROTOCOL,
     HelloAnswer,
@@ -24,8 +23,6 @@ from automcm_conformance.radio import Rule
 from automcm_conformance.stage import LEASE_MS, Application, Outcome, Play, Stage, When
 
 P, Q, R = 1001, 1002, 2002
-STATIONS, ENTRIES = 4, 8
-"""No play has more stations, nor more entries in an outbox when a session begins."""
 
 REQUEST = When("start", 500, "request")
 COMPLETE = When("ACTUATING", 1_000, "complete")
@@ -179,14 +176,12 @@ def run(
 
     ``limit_s`` is the real time that an answer may take.  Logs are written into ``folder``, under
     ``scenarios``.  The same ``seed`` gives the same bytes.  Raises KeyError for an unknown name,
-    OracleError, and OSError if a log cannot be written.
+    and OSError if a log cannot be written.
     """
     plays = NAMES[name]
     missing = [need for need in needs(plays) if need not in hello.features]
     if missing:
         return Outcome("SKIP", f"needs {', '.join(missing)}")
-    if _cramped(DEFAULTS | {str(n): value for n, value in hello.fixed.items()}):
-        return Outcome("SKIP", "a limit is fixed so low that MEM-1 would decide")
     stations = sorted({station for play in plays for station in play.stations})
     place = folder / "scenarios" / name.removeprefix("scenario ").replace(" ", "-")
     outcomes = []
@@ -214,14 +209,3 @@ def run(
         return unclear or bad[0]
     left_out = f"left out, {len(bad)} of {len(outcomes)} plays: {bad[0].reason}" if bad else ""
     return Outcome("PASS", left_out, log=logs)
-
-
-def _cramped(parameters: Mapping[str, int]) -> bool:
-    """Whether a limit could be reached; what MEM-1 decides then is not followed."""
-    p = parameters
-    reserve = 1 + max(p["max_participants"], p["max_rounds"])
-    return (
-        p["outbox_limit"] < reserve + ENTRIES
-        or p["max_participants"] < STATIONS
-        or p["memory_limit"] < STATIONS
-    )

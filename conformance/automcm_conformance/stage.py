@@ -161,7 +161,7 @@ class Stage:
     def outcome(self, folder: Path) -> Outcome:
         """Play it, and judge.  Logs are named relative to ``folder``.
 
-        Raises OracleError and OSError.
+        Raises OSError.
         """
         end = "clean"
         try:

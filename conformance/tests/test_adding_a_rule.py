@@ -4,23 +4,18 @@
 from __future__ import annotations
 
 import doctest
-import os
 import re
 import shlex
-import shutil
-import subprocess
-import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from copied_tree import ROOT, copied, python
 
 from automcm_conformance import purposes
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "adding-a-rule.md"
-FOLDERS = ("spec", "reference", "traces", "conformance")
 STEP = re.compile(
     r"```diff\n--- (?P<path>\S+)\n(?P<diff>.*?)```"
     r"|^    \.venv/bin/(?P<command>automcm [^\n]*)\n\n```\n(?P<printed>.*?)```",
@@ -76,15 +71,7 @@ def apply(change: Change, root: Path) -> None:
 
 
 def run(words: str, root: Path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "automcm_cli", *shlex.split(words)[1:]],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(str(root / name) for name in FOLDERS)},
-        cwd=root,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode in (0, 1), done.stderr
-    return done.stdout
+    return python(root, "-m", "automcm_cli", *shlex.split(words)[1:], codes=(0, 1))
 
 
 def prints(command: Command, root: Path) -> None:
@@ -98,8 +85,7 @@ def prints(command: Command, root: Path) -> None:
 
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
-    left_out = shutil.ignore_patterns(".git", ".venv", ".*_cache", "__pycache__", "runs", "site")
-    return Path(shutil.copytree(ROOT, tmp_path / "copy", ignore=left_out))
+    return copied(tmp_path / "copy")
 
 
 def test_the_short_loop_of_the_page(copy: Path) -> None:
@@ -117,6 +103,19 @@ def test_the_page_command_by_command(copy: Path) -> None:
             apply(step, copy)
         else:
             prints(step, copy)
+
+
+def test_the_page_changes_the_rule_and_neither_the_tools_nor_the_kit() -> None:
+    """Nothing that follows or explains a log, and nothing that drives a station, repeats a rule."""
+    assert {step.path for step in STEPS if isinstance(step, Change)} == {
+        "spec/tla/Station.tla",
+        "spec/tla/System.tla",
+        "spec/automcm_spec/rules.py",
+        "reference/automcm/prescribing.py",
+        "reference/automcm/phases.py",
+    }
+    table = re.findall(r"^\| .*", PAGE.read_text().split("\n## 4. ")[1].split("\n## ")[0], re.M)
+    assert table and not re.search(r"automcm_(traces|conformance)/", "".join(table))
 
 
 def test_the_case_of_the_page_is_the_next_of_its_series() -> None:

@@ -11,8 +11,8 @@ import pytest
 
 from automcm_conformance import purposes, scenarios
 from automcm_conformance.protocol import HelloAnswer
-from automcm_conformance.scenarios import BOTH, NAMES, P, R
-from automcm_conformance.stage import Application, Outcome, Play, hazard
+from automcm_conformance.scenarios import BOTH, COMPLETE, DONE, NAMES, RECEIVER, REQUEST, P, R
+from automcm_conformance.stage import Application, Outcome, Play, When, hazard
 from automcm_spec.rules import RULES
 from automcm_traces.explain import explain_files
 from automcm_traces.track import INITIAL, Track
@@ -289,7 +289,47 @@ def test_what_it_cannot_do_is_skipped(tmp_path: Path) -> None:
     assert skipped("scenario all arrives", features=["prescriber"]) == "needs receiver, cam"
     features = ["prescriber", "receiver", "cam"]
     assert skipped("scenario prescriber restarts", features=features) == "needs restart"
-    assert "MEM-1" in skipped("scenario three receivers", fixed={"max_participants": 1})
+
+
+def test_limits_are_followed_and_lead_elsewhere(tmp_path: Path) -> None:
+    """MEM-1: the only participant is not the target."""
+    hello = HELLO.model_copy(update={"fixed": {"max_participants": 1}})
+    outcome = run("scenario three receivers", REFERENCE, tmp_path, hello)
+    assert outcome.verdict == "SKIP" and "max_participants 1 would lead elsewhere" in outcome.reason
+    verdicts = explain_files([tmp_path / log for log in outcome.log])
+    assert {v.verdict for v in verdicts} == {"allowed"}
+
+
+def crowd(stations: int) -> Play:
+    """A prescriber that takes the highest of all others, in two sessions."""
+    others = range(2001, 2000 + stations)
+    again = When("STANDALONE", 3_000, "request", times=1)
+    prescriber = Application((REQUEST, COMPLETE, again), target=others[-1])
+    story = dict.fromkeys(others[:-1], ("fallback not_selected",) * 2)
+    return Play(
+        {P: prescriber} | dict.fromkeys(others, RECEIVER),
+        story=story | {P: DONE[P] * 2, others[-1]: DONE[R] * 2},
+    )
+
+
+DEAF = """
+first('receive Cancel', 'END-2', lambda me, st, i: (me.station_id, st.phase) == (%d, 'WAITING'))
+"""
+"""One station does not hear that it was not chosen."""
+
+
+@pytest.mark.parametrize("stations", [5, 12])
+def test_any_number_of_stations_is_played_and_judged(
+    stations: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(NAMES, "scenario crowd", (crowd(stations),))
+    outcome = run("scenario crowd", REFERENCE, tmp_path)
+    assert (outcome.verdict, outcome.reason) == ("PASS", "")
+    assert len(outcome.log) == stations
+    wrong = broken(DEAF % (2000 + stations - 2))
+    outcome = run("scenario crowd", wrong, tmp_path)
+    assert (outcome.verdict, outcome.rule) == ("FAIL", "END-2")
+    assert outcome.what.startswith(f"{2000 + stations - 2}: ")
 
 
 def test_a_scenario_that_fixed_parameters_lead_elsewhere_is_skipped(tmp_path: Path) -> None:

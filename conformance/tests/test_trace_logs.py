@@ -13,6 +13,7 @@ from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_cli.main import app
+from automcm_spec.station import CONDITIONS
 
 run = CliRunner()
 COMMANDS = ("lint", "show", "coverage")
@@ -146,8 +147,15 @@ def test_coverage_as_json(folder: Path, tmp_path: Path) -> None:
     value = json.loads(target.read_text())
     assert answer.exit_code == 0 and value["logs"] == 2
     assert value["rules"]["NEG-2"] == 1 and value["rules"]["NEG-4"] == 0
-    assert value["graphs"]["one-peer"]["transitions"] > 10
+    assert {row["operator"] for row in value["conditions"]} > {"OnCam", "OnFin"}
     assert "rules" in answer.output
+
+
+def test_coverage_on_the_text_of_the_specification(folder: Path) -> None:
+    answer = run.invoke(app, ["trace", "coverage", str(folder), "--annotate"])
+    assert answer.exit_code == 0 and "logs, " not in answer.output
+    line = next(c.line for c in CONDITIONS if c[0] == "OnRequest" and c.text == "Bound(st)")
+    assert f'false  {line}   IF Bound(st) THEN Refuse(st, "ADV-1")' in answer.output.splitlines()
 
 
 def test_no_color_means_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

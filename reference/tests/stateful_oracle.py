@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -18,9 +17,9 @@ from automcm.rules import RULES
 from automcm.state import State, Timer
 from automcm.station import Effects, Station
 from automcm_spec import station as specification
-from automcm_spec.conditions import Condition, recording
+from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
+from automcm_spec.conditions import recording
 from automcm_spec.forms import input_of, to_json
-from automcm_spec.names import snake
 from automcm_spec.rules import RULES as EVERY_RULE
 from automcm_traces import log
 from automcm_traces.timers import durations
@@ -61,14 +60,6 @@ def _rows(rules: dict[str, tuple[Row, ...]]) -> set[tuple[str, int, str]]:
     return {(name, n, row.rule) for name, rows in rules.items() for n, row in enumerate(rows)}
 
 
-CONDITIONS = frozenset(
-    c
-    for c in specification.CONDITIONS
-    if c.kind != "rule"
-    and c.operator != "StationTypeInv"
-    and hasattr(specification.Station, snake(c.operator))
-)
-"""What Step of Station.tla may ask."""
 NO_ROW = {"ACT-1", "END-4"}
 """ACT-1 is the application's; END-4 is no row but the guard of many (S-7 is its check)."""
 
@@ -86,19 +77,14 @@ class Coverage:
     ways: Counter[tuple[str, str, str, str]] = field(default_factory=Counter)
     looked: Counter[str] = field(default_factory=Counter)
     """How often a property had something to look at."""
-    conditions: set[tuple[Condition, bool]] = field(default_factory=set)
-    """Conditions of Station.tla, with the value they had."""
+    conditions: ConditionCoverage = field(default_factory=ConditionCoverage)
+    """Of Station.tla."""
 
     def add(self, other: Coverage) -> None:
         self.steps += other.steps
         for name in ("inputs", "phases", "rows", "ways", "looked"):
             getattr(self, name).update(getattr(other, name))
-        self.conditions |= other.conditions
-
-    def meet(self, condition: Condition, value: bool, _: Callable[[], object]) -> bool:
-        """A condition of the specification (automcm_spec.conditions.Hook)."""
-        self.conditions.add((condition, value))
-        return value
+        self.conditions.ways.update(other.conditions.ways)
 
     def rules_and_phases_missing(self) -> list[str]:
         """What even a short run must meet."""
@@ -124,8 +110,6 @@ class Coverage:
         rarest = ", ".join(f"{r} {n}" for r, n in sorted(self.inputs.items(), key=_second)[:5])
         looked = ", ".join(f"{name} {self.looked[name]}" for name in sorted(self.looked))
         rules = len([r for r in EVERY_RULE if self.inputs[r]])
-        ways = {(c, value) for c in CONDITIONS for value in (False, True)}
-        one_way = sorted(ways - self.conditions, key=lambda way: (way[0].line, *way))
         return "\n".join(
             [
                 f"{self.steps} steps, {sum(self.inputs.values())} inputs of stations",
@@ -134,9 +118,9 @@ class Coverage:
                 f"ways between phases {len(self.ways)} of {len(WAYS)}",
                 f"rarest rules: {rarest}",
                 f"looked at: {looked}",
-                f"conditions of Station.tla: {2 * len(CONDITIONS) - len(one_way)} of "
-                f"{2 * len(CONDITIONS)} ways",
-                *(f"  {c.operator}:{c.line} never {value}: {c.text}" for c, value in one_way),
+                f"conditions of Station.tla: {self.conditions.both_ways()} of "
+                f"{len(reached().conditions)} both ways",
+                *(f"  {line}" for line in lacking(self.conditions)),
                 "missing: " + ("; ".join(self.missing()) or "nothing"),
             ]
         )
@@ -181,7 +165,7 @@ class Lockstep:
     def __init__(self, station: Station, coverage: Coverage) -> None:
         p = station.parameters
         limits = p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit
-        self._specified = recording(specification.Station(*limits), coverage.meet)
+        self._specified = recording(specification.Station(*limits), coverage.conditions.meet)
         self._station, self._me = station, station.station_id
         self._state = self._specified.initial
         told = log.Parameters.model_validate(automcm.logging.parameters(p))

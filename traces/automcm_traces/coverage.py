@@ -1,24 +1,26 @@
 """How much of the specification a fleet's logs exercise, and what they never do.
 
-Each log is followed on the oracle as ``automcm trace explain`` does; what is counted of it ends
-where it diverges, or can no longer be told or read.
+Each log is followed on the compiled specification; what is counted of it ends where it diverges, or
+can no longer be told or read.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
-from automcm_spec.generate import ONE_PEER, TWO_PEERS, spec_hash
-from automcm_spec.oracle import Oracle, load
+from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
+from automcm_spec.conditions import recording
+from automcm_spec.reachable import steps
 from automcm_spec.rules import RULES, kind
+from automcm_spec.station import Input, OpenStation, State, Station
+from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
 from automcm_traces.form import TYPES
-from automcm_traces.graph_engine import GraphEngine
 from automcm_traces.log import Receive, Send
 from automcm_traces.reader import Log, LogError, LogStream, at_line, name_of, one_line
 from automcm_traces.step import Diverges, Step
@@ -27,44 +29,41 @@ from automcm_traces.track import CannotTell, Track
 Json = Any
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
 ALL_TYPES = (*TYPES, "CAM")
-GRAPHS = {graph.name: graph for graph in (ONE_PEER, TWO_PEERS)}
-"""A step is looked up in the second if two other stations matter to it, else in the first."""
-
-
-@cache
-def _oracle(graph: str) -> Oracle:
-    return load(GRAPHS[graph].path, spec_hash())
+REMEMBERED = 20_000
+"""Questions to the specification that are counted before it is asked them."""
+Question: TypeAlias = tuple[int, tuple[int, ...], State, Input | None]
+"""Station, limits, what it was, and its input; None for the marks of its CAM."""
 
 
 @dataclass(frozen=True)
 class Possible:
-    """What the oracle knows, to hold what was seen against."""
+    """What the specification knows, to hold what was seen against."""
 
     rules: tuple[str, ...]
-    """Those that decide an input in a graph; the others no graph can show."""
+    """Those that decide an input."""
     phases: tuple[str, ...]
     ways: tuple[str, ...]
-    """``A -> B`` for each pair of phases that some transition joins."""
+    """``A -> B`` for each pair of phases that some step joins."""
     inputs: tuple[str, ...]
 
 
 @cache
 def possible() -> Possible:
-    """Raises automcm_spec.oracle.OracleError if there is no oracle."""
-    rules: set[str] = set()
-    phases: set[str] = set()
-    ways: set[str] = set()
-    inputs: set[str] = set()
-    for name in GRAPHS:
-        oracle = _oracle(name)
-        rules |= {effect.rule for effect in oracle.effects}
-        phase = [state[0] for state in oracle.states]
-        phases |= set(phase)
-        for state, was in enumerate(phase):
-            ways |= {f"{was} -> {phase[to]}" for to in set(oracle.moves(state).values())}
-        inputs |= {kind(value) for value in oracle.inputs}
-    known = tuple(rule for rule in RULES if rule in rules)
-    return Possible(known, tuple(sorted(phases)), tuple(sorted(ways)), tuple(sorted(inputs)))
+    """Seen from a station with one peer, which has all phases, ways and kinds of input (tests)."""
+    one = frozenset({1})
+    o = OpenStation(2, 1, 5, 2, peers=frozenset({2}), own_sessions=one, peer_sessions=one)
+    ways = {
+        f"{st.phase} -> {after.st.phase}"
+        for st, _, after in steps(o)
+        if after.st != st or after.arm
+    }
+    deciding = {c.text for c in reached().rules}
+    return Possible(
+        tuple(rule for rule in RULES if rule in deciding),
+        tuple(sorted(o.phases)),
+        tuple(sorted(ways)),
+        tuple(sorted({kind(i) for i in o.alphabet})),
+    )
 
 
 @dataclass
@@ -76,14 +75,6 @@ class Coverage:
     steps: int = 0
     problems: list[tuple[str, int, Problem, str]] = field(default_factory=list)
     """File, line, what kind, and why: logs that were not counted to their end."""
-    transitions: dict[str, set[tuple[int, int]]] = field(
-        default_factory=lambda: {name: set() for name in GRAPHS}
-    )
-    """By graph: pairs of state and input that changed something."""
-    refusals: dict[str, set[tuple[int, int]]] = field(
-        default_factory=lambda: {name: set() for name in GRAPHS}
-    )
-    """By graph: those that changed nothing."""
     rules: Counter[str] = field(default_factory=Counter)
     phases: Counter[str] = field(default_factory=Counter)
     """In which the inputs came."""
@@ -91,6 +82,9 @@ class Coverage:
     inputs: Counter[str] = field(default_factory=Counter)
     sent: Counter[str] = field(default_factory=Counter)
     received: Counter[str] = field(default_factory=Counter)
+    _conditions: ConditionCoverage = field(default_factory=ConditionCoverage)
+    _asked: Counter[Question] = field(default_factory=Counter)
+    """How often each question came up that the specification was not asked yet."""
 
     def add(self, path: Path, late_ms: int | None = None) -> None:
         """Count one log, read as it is followed.  ``late_ms`` is as for ``Engine``."""
@@ -98,8 +92,8 @@ class Coverage:
         at = 0
         try:
             stream = LogStream(path)
-            engine = GraphEngine(Log(stream.file, stream.header, [], None, False, []), late_ms)
-            engine.observer = self._step
+            engine = Engine(Log(stream.file, stream.header, [], None, False, []), late_ms)
+            engine.observer = self._observer(engine.track)
             for at, event in stream:
                 self.events += 1
                 match event:
@@ -108,6 +102,8 @@ class Coverage:
                     case Receive(message=m) if m is not None:
                         self.received[str(m["type"])] += 1
                 engine.feed(at, event)
+                if isinstance(event, Send) and event.message["type"] == "CAM":
+                    self._count(engine.track, engine.track.state, None)
             if stream.gap is not None:
                 at = stream.gap[0]
                 raise CannotTell(stream.gap[1])
@@ -134,21 +130,40 @@ class Coverage:
     def _problem(self, path: Path, line: int, what: Problem, why: str) -> None:
         self.problems.append((name_of(path), line, what, one_line(why)))
 
-    def _step(self, step: Step, track: Track) -> None:
-        assert step.found is not None
-        answer = step.found.answer
-        graph = TWO_PEERS.name if len(step.found.view.ids) > 2 else ONE_PEER.name
-        states = _oracle(graph).states
-        was, then = states[answer.state][0], states[answer.next][0]
-        self.steps += 1
-        self.rules[answer.effect.rule] += 1
-        self.phases[was] += 1
-        self.inputs[kind(step.input)] += 1
-        if answer.changes:
-            self.ways[f"{was} -> {then}"] += 1
-            self.transitions[graph].add((answer.state, answer.input))
-        else:
-            self.refusals[graph].add((answer.state, answer.input))
+    def _observer(self, track: Track) -> Callable[[Step, Track], None]:
+        before = track.state
+
+        def took(step: Step, track: Track) -> None:
+            nonlocal before
+            was, before = before, track.state
+            self.steps += 1
+            self.rules[step.rule] += 1
+            self.phases[was.phase] += 1
+            self.inputs[kind(step.input)] += 1
+            if step.changes:
+                self.ways[f"{was.phase} -> {before.phase}"] += 1
+            self._count(track, was, step.input)
+
+        return took
+
+    def _count(self, track: Track, st: State, i: Input | None) -> None:
+        self._asked[track.me, (track.max_rounds, *track.limits), st, i] += 1
+        if len(self._asked) >= REMEMBERED:
+            self._ask()
+
+    @property
+    def conditions(self) -> ConditionCoverage:
+        """How often each condition of Station.tla was true and false."""
+        self._ask()
+        return self._conditions
+
+    def _ask(self) -> None:
+        """Ask each question once, with the conditions recorded."""
+        for (me, limits, st, i), times in self._asked.items():
+            self._conditions.times = times
+            station = recording(Station(*limits), self._conditions.meet)
+            station.marks(st) if i is None else station.step(me, st, i)
+        self._asked.clear()
 
     def tables(self) -> dict[str, dict[str, int]]:
         """By what is counted: how often each thing that is possible was seen, 0 for never."""
@@ -162,18 +177,6 @@ class Coverage:
             "received": {type_: self.received[type_] for type_ in ALL_TYPES},
         }
 
-    def graphs(self) -> dict[str, dict[str, int]]:
-        """By graph: transitions and refusals seen, and how many there are."""
-        return {
-            name: {
-                "transitions": len(self.transitions[name]),
-                "of_transitions": _oracle(name).transitions,
-                "refusals": len(self.refusals[name]),
-                "of_refusals": _oracle(name).refusals,
-            }
-            for name in GRAPHS
-        }
-
     def as_dict(self) -> dict[str, Json]:
         """As in ``--json``."""
         return {
@@ -184,18 +187,13 @@ class Coverage:
                 {"file": file, "line": line, "verdict": what, "reason": why}
                 for file, line, what, why in self.problems
             ],
-            "graphs": self.graphs(),
+            "conditions": self.conditions.as_list(),
             **self.tables(),
-            "no_graph": [rule for rule in RULES if rule not in possible().rules],
         }
 
 
 def measure(paths: Iterable[Path], late_ms: int | None = None) -> Coverage:
-    """What these logs exercise together.
-
-    Raises automcm_spec.oracle.OracleError if there is no oracle.
-    """
-    possible()
+    """What these logs exercise together."""
     coverage = Coverage()
     for path in paths:
         coverage.add(path, late_ms)
@@ -233,9 +231,9 @@ def text(coverage: Coverage) -> list[str]:
         lines.append(f"  {where}: {problem.replace('_', ' ').upper()}: {why}")
     if len(c.problems) > MOST_PROBLEMS:
         lines.append(f"  {len(c.problems) - MOST_PROBLEMS:,} more")
-    for name, n in c.graphs().items():
-        for part in ("transitions", "refusals"):
-            lines.append(_share(f"{name} {part}", n[part], n[f"of_{part}"]))
+    conditions = c.conditions
+    lines.append(_share("conditions both ways", conditions.both_ways(), len(reached().conditions)))
+    lines += [f"  {line}" for line in lacking(conditions)]
     for name, table in c.tables().items():
         lines.append(_share(name, sum(1 for count in table.values() if count), len(table)))
         never = [thing for thing, count in table.items() if not count]

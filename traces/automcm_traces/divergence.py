@@ -13,8 +13,8 @@ from typing import Any
 from automcm_spec.conditions import Taken, in_the_way, record
 from automcm_spec.rules import handler
 from automcm_spec.station import Entry, Expire, Input, Outcome, Station, Timer
-from automcm_traces import inputs
 from automcm_traces.alphabet import SOMEBODY, alphabet
+from automcm_traces.inputs import timer_of
 from automcm_traces.step import Diverges, Why
 from automcm_traces.timers import short
 from automcm_traces.track import NUMBERED, PHASES, ROLES, Track
@@ -275,8 +275,7 @@ def _timer(track: Track, timer: Mapping[str, Json]) -> Timer | None:
     about = timer.get("message")
     if about is not None and about["type"] != "Advertisement" and not track.entry_by_seq(about):
         return None
-    found: Timer = inputs.expired(track, dict(timer)).value.timer
-    return found
+    return timer_of(track, timer)
 
 
 def _order(i: Input) -> tuple[int, str]:

@@ -119,7 +119,7 @@ class Engine:
         other.track = self.track.copy()
         other.timers = dict(self.timers)
         other._quiet = {}
-        other._step = None if self._step is None else self._step.copy(other.track)
+        other._step = None if self._step is None else self._step.copy()
         return other
 
     # -- what may follow, for who drives a station and writes its log meanwhile
@@ -231,7 +231,7 @@ class Engine:
             self.timers = {k: d for k, d in self.timers.items() if k == "quarantine"}
         if step.changes or step.sent:
             self._quiet.clear()
-        after = self._after(step)
+        after = step.after
         if after is not t.state or step.sent:
             was = t.phase
             lift(t, after, step.sent)
@@ -240,10 +240,6 @@ class Engine:
                 t.lease_ms = m.get("lease_ms", 0)
         if m is not None and m.get("type") == "CAM" and step.changes:
             t.heard_ms = m["generation_ms"]
-
-    def _after(self, step: Step) -> State:
-        """The state that comes next."""
-        return step.after
 
     def _phase_is(self, at: int, event: Event) -> None:
         """Phase and role after the step, where the log has them, are those of the specification."""
@@ -285,7 +281,7 @@ class Engine:
             return
         k = known
         parts = k.input, k.what, k.rule, k.after, False, k.says, k.messages, k.arm, k.stop, k.told
-        self._step = Step(at, t_ms, event, *parts, m, k.content, t_ms, found=k.found)
+        self._step = Step(at, t_ms, event, *parts, m, k.content, t_ms)
 
     def _expired(self, at: int, event: Event, timer: dict[str, Json]) -> None:
         what = f"expire {timer_name(timer)}"
@@ -308,12 +304,8 @@ class Engine:
 
     def _start(self, at: int, t_ms: int, event: Event) -> Step:
         """Ask what must follow a logged input."""
-        step = self._step = self._answered(at, t_ms, event, self._asked(event))
+        step = self._step = self._answered(at, t_ms, event, asked(self.track, event))
         return step
-
-    def _asked(self, event: Event) -> Asked:
-        """The question that a logged input is."""
-        return asked(self.track, event)
 
     def _answered(self, at: int, t_ms: int, event: Event | None, question: Asked) -> Step:
         """A step, as the specification has it."""

@@ -85,8 +85,6 @@ class Verdict:
 def explain(log: Log | LogStream, late_ms: int | None = None) -> Verdict:
     """The verdict on one log; ``late_ms`` is as for ``Engine``.  Of a LogStream no more than the
     last events is kept in memory.
-
-    Raises automcm_spec.oracle.OracleError if there is no oracle.
     """
     verdict = _judged(log, late_ms)
     if isinstance(log, LogStream):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from automcm_spec.station import Cam, Command, Entry, Expire, Message, Restart
+from automcm_spec.station import Cam, Command, Entry, Expire, Input, Message, Restart, Timer
 from automcm_spec.station import Receive as Received
 from automcm_traces.log import ApplicationCommand, Event, Receive, TimerEnd
 from automcm_traces.timers import timer_name
@@ -19,16 +19,13 @@ REASONS = ("none", "busy", "unknown_session", "closed")
 class Asked(NamedTuple):
     """A question to the specification."""
 
-    value: Any
-    """An ``Input``; of the graph that with its ids."""
+    value: Input
     what: str
     """The input in words."""
     given: dict[str, Json] | None = None
     """The message or command itself."""
     content: Mapping[str, Json] = {}
     """What the application gave with it, and the station must send as it is."""
-    view: Any = None
-    """The part of the station that it is about, if the graph is asked."""
 
 
 def marked_and_newer(t: Track, m: dict[str, Json]) -> tuple[bool, bool]:
@@ -83,13 +80,18 @@ def command(c: dict[str, Json]) -> Asked:
 
 
 def expired(t: Track, timer: dict[str, Json]) -> Asked:
-    """An armed timer; one of a message is of the Advertisement or of one in the outbox."""
+    """An armed timer."""
+    return Asked(Expire("expire", timer_of(t, timer)), f"expire {timer_name(timer)}")
+
+
+def timer_of(t: Track, timer: Mapping[str, Json]) -> Timer:
+    """A timer of a log; one of a message is of the Advertisement or of one in the outbox."""
     name, about = timer["name"], timer.get("message")
     of: tuple[Json, ...] = (timer["station"],) if "station" in timer else ()
     if about is not None:
         entry = t.entry_by_seq(about)
         of = (entry.spec if entry else Entry("Advertisement", 0, t.state.session, 1, False),)
-    return Asked(Expire("expire", (name, *of)), f"expire {timer_name(timer)}")
+    return (name, *of)
 
 
 def _acked(t: Track, m: dict[str, Json]) -> tuple[str, int]:

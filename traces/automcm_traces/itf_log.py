@@ -180,8 +180,7 @@ def from_log(log: Log) -> str:
     The ``#meta`` of a state holds ``action`` (the operator of Station.tla), ``args`` (what the
     event carries), ``rule``, ``t_ms``, the ``line`` of the log and the ``location`` in
     Station.tla.  A log that diverges ends with the last step that is allowed, and the
-    description says so.  Raises automcm_traces.track.CannotTell,
-    automcm_spec.oracle.OracleError.
+    description says so.  Raises automcm_traces.track.CannotTell.
     """
     events = {at: event.model_dump(exclude_none=True) for at, event in log.events}
     engine = Engine(log)

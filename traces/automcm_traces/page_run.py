@@ -122,8 +122,7 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
     Of a ``part``, only that is held in memory. Each verdict is still the one on the whole log, but
     the logs are not judged together.
 
-    Raises PageError, LogError if no log has a header, and automcm_spec.oracle.OracleError if
-    there is no oracle.
+    Raises PageError, and LogError if no log has a header.
     """
     if len(paths) > MOST_LOGS:
         raise PageError(f"{len(paths)} logs; a page shows at most {MOST_LOGS}")

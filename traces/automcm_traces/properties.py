@@ -140,10 +140,7 @@ class SystemReport:
 
 
 def judge(logs: Sequence[Log]) -> SystemReport:
-    """What the logs of one run say together; whatever they hold, there is a report.
-
-    Raises automcm_spec.oracle.OracleError if there is no oracle.
-    """
+    """What the logs of one run say together; whatever they hold, there is a report."""
     files = tuple(log.file for log in logs)
     try:
         return _report(World(logs))

@@ -123,7 +123,7 @@ def shrink(
     A log that diverges by itself is shrunk by itself; one with a forged message with the others,
     and so are logs that together violate a property.  ``late_ms`` is as for ``explain``.
 
-    Raises NothingToShrink, OSError, and automcm_spec.oracle.OracleError.
+    Raises NothingToShrink and OSError.
     """
     verdicts = explain_files(paths, late_ms)
     wrong = next((v for v in verdicts if v.verdict == "diverges"), None)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from automcm_spec.rules import RULES, handler, line
 from automcm_spec.station import State, Timer
 from automcm_traces.log import Event
-from automcm_traces.track import Expected, Track
-
-if TYPE_CHECKING:
-    from automcm_traces.graph_view import Found
+from automcm_traces.track import Expected
 
 Json = Any
 
@@ -130,8 +127,6 @@ class Step:
     """Neither the input nor an effect was observed so far."""
     fresh: int = 0
     sent: list[tuple[Expected, dict[str, Json]]] = field(default_factory=list)
-    found: Found | None = None
-    """Where it was found, if the graph was asked."""
 
     @property
     def guard(self) -> str:
@@ -140,9 +135,8 @@ class Step:
         where = line(rule, self.input)
         return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"
 
-    def copy(self, track: Track) -> Step:
+    def copy(self) -> Step:
         """The same step of a copy of the station."""
-        found = self.found
         return replace(
             self,
             messages=list(self.messages),
@@ -150,5 +144,4 @@ class Step:
             stop=list(self.stop),
             told=list(self.told),
             sent=list(self.sent),
-            found=found and found._replace(view=found.view.on(track)),
         )

@@ -130,10 +130,7 @@ def key_of(message: dict[str, Json]) -> str:
 
 
 def timeline(log: Log) -> Timeline:
-    """The station's timeline; it ends early where the engine cannot follow the log.
-
-    Raises automcm_spec.oracle.OracleError if there is no oracle.
-    """
+    """The station's timeline; it ends early where the engine cannot follow the log."""
     made = Timeline(log.header.station, log.file)
     at, line, t_ms = 0, 0, 0
     try:

@@ -28,18 +28,6 @@ FIELDS = {
 COMMON = {"v", "type", "src", "dst", "session", "seq"}
 NUMBERED = ("Prescription", "Acceptance")
 OPTIONAL = {"dst", "planned", "reason", "selected"}
-PHASES = (
-    "STANDALONE",
-    "ADVERTISING",
-    "CHOOSING",
-    "PRESCRIBING",
-    "INTENDING",
-    "WAITING",
-    "NEGOTIATING",
-    "ACTUATING",
-)
-ROLES = ("none", "prescriber", "receiver")
-"""Of Station.tla."""
 ROUNDS = 3
 UNBOUND = (0, 0)
 """The session of a station that has none."""
@@ -79,7 +67,9 @@ class Limits(NamedTuple):
 
 
 DEFAULT_LIMITS = Limits()
-INITIAL = Station(ROUNDS, *DEFAULT_LIMITS).initial
+_STATION = Station(ROUNDS, *DEFAULT_LIMITS)
+INITIAL = _STATION.initial
+PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
 
 
 @dataclass(slots=True)

@@ -19,7 +19,7 @@ Json = Any
 class World:
     """The timelines of the stations, and what is known of order and time between them.
 
-    Raises MergeError if the logs are not those of one run, and OracleError if there is no oracle.
+    Raises MergeError if the logs are not those of one run.
     """
 
     def __init__(self, logs: Sequence[Log]) -> None:

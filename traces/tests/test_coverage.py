@@ -10,7 +10,10 @@ import pytest
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
-from automcm_spec.rules import RULES
+from automcm_spec.generate import TWO_PEERS, spec_hash
+from automcm_spec.oracle import load
+from automcm_spec.rules import RULES, kind
+from automcm_spec.station import CONDITIONS
 from automcm_traces.coverage import EXIT, Coverage, exit_code, measure, possible, text
 from automcm_traces.explain import explain_file
 from automcm_traces.form import TYPES
@@ -45,18 +48,61 @@ def test_what_a_plain_maneuver_exercises(covered: Coverage) -> None:
     assert tables["sent"]["Fin"] >= 1 and tables["received"]["CAM"] > 10
 
 
-def test_nothing_is_counted_twice(logs: list[Path], covered: Coverage) -> None:
+def conditions(coverage: Coverage) -> dict[tuple[str, str], tuple[int, int]]:
+    """By operator and text: how often true, and how often false."""
+    rows = coverage.as_dict()["conditions"]
+    return {(row["operator"], row["text"]): (row["true"], row["false"]) for row in rows}
+
+
+def test_each_condition_has_how_often_it_was_true_and_false(covered: Coverage) -> None:
+    found = conditions(covered)
+    assert found["OnPrescribe", "c.target \\in st.recorded"] == (1, 0)
+    assert found["OnMessage", 'm.type = "Fin"'][0] == covered.received["Fin"]
+    assert found["OnMessage", 'm.type = "Cancel"'][0] == 0
+    assert found["Decide", 'i.kind = "restart"'] == (0, None)
+    assert (
+        sum(found["OnCam", 'st.phase = "ACTUATING"']) == covered.tables()["inputs"]["receive CAM"]
+    )
+    true, false = found["Marks", "Bound(st)"]
+    assert true + false == covered.sent["CAM"]
+    assert 0 < covered.conditions.both_ways() < len(found)
+
+
+def test_logs_together_count_as_often_as_each(logs: list[Path], covered: Coverage) -> None:
     again = measure([*logs, *logs])
-    assert again.transitions == covered.transitions and again.refusals == covered.refusals
     assert again.steps == 2 * covered.steps
-    assert covered.transitions["one-peer"] and covered.refusals["one-peer"]
-    assert not covered.transitions["one-peer"] & covered.refusals["one-peer"]
+    assert again.conditions.both_ways() == covered.conditions.both_ways()
+    twice = {key: 2 * count for key, count in covered.conditions.ways.items()}
+    assert dict(again.conditions.ways) == twice
+
+
+def test_few_questions_kept_or_many_is_the_same(
+    logs: list[Path], covered: Coverage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("automcm_traces.coverage.REMEMBERED", 3)
+    assert measure(logs).as_dict() == covered.as_dict()
+
+
+def test_a_log_that_lacks_something_leaves_a_condition_one_way(
+    logs: list[Path], covered: Coverage, tmp_path: Path
+) -> None:
+    """A CAM during a maneuver whose sender is not the peer: a third station nearby."""
+    simulation = Simulation(seed=3, channel=Channel(), logs=tmp_path)
+    for station in (1001, 2002):
+        simulation.add(station, Straight())
+    simulation.add(3003, Straight(concerned_by_all=False))
+    simulation.request(1001, at=500)
+    simulation.run(until=10_000)
+    where = "OnCam", "i.src = Peer(st)"
+    assert conditions(covered)[where][1] == 0 < conditions(covered)[where][0]
+    assert conditions(measure([tmp_path / "1001.ndjson"]))[where][1] > 0
+    where = next(c.line for c in CONDITIONS if c[0] == "OnCam" and c.text == "i.src = Peer(st)")
+    line = f"true  OnCam:{where} i.src = Peer(st)"
+    assert f"  {line}" in text(covered)
+    assert f"  {line}" not in text(measure([tmp_path / "1001.ndjson"]))
 
 
 def test_every_figure_has_its_whole(covered: Coverage) -> None:
-    one = covered.graphs()["one-peer"]
-    assert 0 < one["transitions"] < one["of_transitions"] == 27276
-    assert 0 < one["refusals"] < one["of_refusals"]
     all_ = possible()
     assert len(all_.phases) == 8 and "restart" in all_.inputs
     assert set(RULES) - set(all_.rules) == {"ACT-1", "END-4"}  # nothing decides by them
@@ -67,10 +113,23 @@ def test_every_figure_has_its_whole(covered: Coverage) -> None:
     json.dumps(covered.as_dict())
 
 
+def test_one_peer_shows_all_ways_and_inputs_that_two_do() -> None:
+    two = load(TWO_PEERS.path, spec_hash())
+    phases = [state[0] for state in two.states]
+    ways = {
+        f"{was} -> {phases[to]}"
+        for state, was in enumerate(phases)
+        for to in two.moves(state).values()
+    }
+    assert ways == set(possible().ways)
+    assert {kind(value) for value in two.inputs} == set(possible().inputs)
+    assert set(phases) == set(possible().phases)
+
+
 def test_the_text_names_what_never_happened(covered: Coverage) -> None:
     lines = text(covered)
     assert lines[0].startswith("2 logs, ")
-    assert max(len(line) for line in lines) <= 80
+    assert all(len(line) <= 80 for line in lines if line[:8] in ("  never:", " " * 8))
     whole = "\n".join(lines)
     never = next(line for line in lines if line.startswith("  never: "))
     assert "NEG-4" in whole and "restart" in whole and "NEG-2" not in never

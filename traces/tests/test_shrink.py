@@ -14,8 +14,8 @@ import pytest
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
-from automcm_spec.oracle import Answer
-from automcm_traces.asking import oracle
+from automcm_spec.generate import ONE_PEER
+from automcm_spec.oracle import Answer, Oracle, load
 from automcm_traces.corpus_bad import Log as Edited
 from automcm_traces.explain import explain_file, explain_files, together
 from automcm_traces.lint import report
@@ -103,10 +103,16 @@ def long_logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@cache
+def one_peer() -> Oracle:
+    """The graph of one station and a peer."""
+    return load(ONE_PEER.path)
+
+
 def shortest(rule: str, role: str, phase: str, cause: str, last_step: int) -> int:
     """How many events the shortest log has in which an input of this kind, in this phase and role,
     is decided by this rule: a shortest path in the graph of the specification."""
-    graph = oracle(False)
+    graph = one_peer()
     before = [phase, "none" if phase == "STANDALONE" else role]
     there = (s for s in shortest_ways() if graph.states[s][:2] == before)
     found = (
@@ -122,7 +128,7 @@ def shortest(rule: str, role: str, phase: str, cause: str, last_step: int) -> in
 def shortest_ways() -> dict[int, int]:
     """How many events it takes to each state.  A step has its input and its effects; before the
     window closes the copies are sent."""
-    graph = oracle(False)
+    graph = one_peer()
     best = {0: 0}
     heap = [(0, 0)]
     while heap:

@@ -1,0 +1,36 @@
+"""Run on a copy of spec/ whose Station.tla is edited: regenerate, explain logs, play a scenario.
+
+Arguments: a scenario, the folder with logs of it, an empty folder.  Prints JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from automcm_spec import compiler
+
+
+def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
+    """The verdict on each log, and on the reference; and the rules and phases met in the logs."""
+    from test_scenarios import REFERENCE, run  # after the station is compiled
+
+    from automcm_traces.coverage import measure
+    from automcm_traces.explain import explain_file
+
+    files = sorted(logs.rglob("*.ndjson"))
+    covered = measure(files)
+    outcome = run(scenario, REFERENCE, empty)
+    verdicts = [explain_file(file) for file in files]
+    return {
+        "verdicts": [{"verdict": v.verdict, "rule": v.rule, "event": v.event} for v in verdicts],
+        "played": [outcome.verdict, outcome.what],
+        "met": sorted({*covered.rules, *covered.phases}),
+    }
+
+
+if __name__ == "__main__":
+    compiler.PATH.write_text(compiler.text(), encoding="utf-8")
+    print(json.dumps(found(sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3]))))
