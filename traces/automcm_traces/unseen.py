@@ -6,17 +6,15 @@ that the state of a station and the next event name; nothing else that is unseen
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
-from automcm_spec.forms import to_json
-from automcm_spec.oracle import canonical
-from automcm_spec.station import Expire, Input, OpenStation, Outcome, Restart, State
+from automcm_spec.station import Input, Outcome, Session, State
+from automcm_traces.alphabet import Alphabet
 from automcm_traces.log import ApplicationCommand, Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.track import NUMBERED, UNBOUND, Track
 
 Json = Any
-Session = tuple[int, int]
 AHEAD = 3
 """By how much the proposal of an unseen Prescription may be above the last one."""
 
@@ -27,65 +25,6 @@ class Answer(NamedTuple):
     input: Input
     outcome: Outcome
     changes: bool
-
-
-class Alphabet(OpenStation):
-    """OpenStation.tla on these ids.  There is no stranger."""
-
-    def __init__(
-        self,
-        limits: tuple[int, int, int, int],
-        me: int,
-        peers: frozenset[int],
-        sessions: frozenset[Session],
-        proposals: frozenset[int],
-    ) -> None:
-        own = frozenset(n for q, n in sessions if q == me)
-        super().__init__(*limits, peers, own, frozenset(), me)
-        self._named = sessions
-        self._proposals = proposals
-
-    @cached_property
-    def rounds(self) -> frozenset[int]:
-        """The proposals that matter."""
-        return self._proposals
-
-    @cached_property
-    def beyond(self) -> int:
-        """One that does not: a log may hold proposals above max_rounds."""
-        return max(self._proposals, default=0) + 1
-
-    @cached_property
-    def foreign(self) -> frozenset[Session]:
-        """No session of a stranger."""
-        return frozenset()
-
-    def peer_ids(self, p: int) -> frozenset[Session]:
-        """The sessions of a peer that are named."""
-        return frozenset(s for s in self._named if s[0] == p)
-
-    @cached_property
-    def _inputs(self) -> list[Input]:
-        """All but expiries, in a fixed order."""
-        found: set[Input] = {*self.commands, Restart("restart")}
-        for p in self.peers:
-            found |= self.heard(self.from_peer(p), True) | self.heard(self.acks(p), False)
-            found |= self.cams(p)
-        return sorted(found, key=lambda i: canonical(to_json(i)))
-
-    def answers(self, st: State) -> tuple[Answer, ...]:
-        """The inputs that do something in this state; of those that do the same, one."""
-        found: dict[Json, Answer] = {}
-        expiries = [Expire("expire", timer) for timer in sorted(self.armed(self.me, st))]
-        for i in (*self._inputs, *expiries):
-            if not self.offered(st, i):
-                continue
-            outcome = self.step(self.me, st, i)
-            changes = bool(outcome.st != st or outcome.arm)
-            if changes or outcome.out or outcome.told != self.nothing:
-                key = i if i.kind == "expire" else i.kind, _type(i), outcome
-                found.setdefault(key, Answer(i, outcome, changes))
-        return tuple(found.values())
 
 
 def _type(i: Input) -> str:
@@ -113,7 +52,18 @@ def _answers(
     proposals: frozenset[int],
     st: State,
 ) -> tuple[Answer, ...]:
-    return _alphabet(limits, me, peers, sessions, proposals).answers(st)
+    """The inputs that do something in this state; of those that do the same, one."""
+    alphabet = _alphabet(limits, me, peers, sessions, proposals)
+    found: dict[Json, Answer] = {}
+    for i in (*alphabet.proper, *alphabet.expiries(st)):
+        if not alphabet.offered(st, i):
+            continue
+        outcome = alphabet.step(me, st, i)
+        changes = bool(outcome.st != st or outcome.arm)
+        if changes or outcome.out or outcome.told != alphabet.nothing:
+            key = i if i.kind == "expire" else i.kind, _type(i), outcome
+            found.setdefault(key, Answer(i, outcome, changes))
+    return tuple(found.values())
 
 
 @lru_cache(maxsize=500)
