@@ -71,9 +71,9 @@ class Question:
     def __init__(self, track: Track, given: Mapping[str, Json] | None = None) -> None:
         self._track = track
         self._given = {name: given[name] for name in ("seq", "reason") if given and name in given}
-        if given and given.get("type") == "Ack":
-            type_, seq = given["of"]["type"], given["of"]["seq"]
-            self._given |= {"of": f"{type_} seq={seq}", "of[2]": seq}
+        match given:
+            case {"type": "Ack", "of": {"type": type_, "seq": seq}}:  # one not logged names nothing
+                self._given |= {"of": f"{type_} seq={seq}", "of[2]": seq}
         self._station = Station(track.max_rounds, *track.limits)
 
     def nearest(self, i: Input, wanted: Words) -> str:

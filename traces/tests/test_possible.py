@@ -448,3 +448,18 @@ def test_what_is_unseen_may_have_happened_before_a_cam_that_does_not_show_it(
     number = 1 + sum(r["ev"] in ("receive", "send") for r in acting[1:])
     verdict = judged(records, ("receive", "send"), tmp_path)
     assert verdict.only_if == (("restart", number, number + 2),), verdict
+
+
+@pytest.mark.parametrize("kinds", PARTS, ids="+".join)
+def test_what_is_left_of_a_bad_log_has_a_verdict(kinds: tuple[str, ...], tmp_path: Path) -> None:
+    """Also where an unseen Ack, of which nothing is known, stands before the divergence."""
+    verdicts = set()
+    for path in sorted((Path(__file__).parents[1] / "corpus" / "bad").glob("*.ndjson")):
+        try:
+            records = [json.loads(line) for line in path.read_text().splitlines()]
+            readable = all(r["rec"] != "event" or "ev" in r for r in records)
+        except (ValueError, KeyError, TypeError):
+            continue  # no log of records
+        if readable:
+            verdicts.add(judged(records, kinds, tmp_path).verdict)
+    assert {"allowed", "diverges"} <= verdicts
