@@ -16,6 +16,9 @@ from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_traces.explain import Verdict, explain_file
+from automcm_traces.log import RECORD
+from automcm_traces.possible import _covers, _merge, _Supposing
+from automcm_traces.step import Deadline, Supposition
 from automcm_traces.telling import text
 
 PARTS = (
@@ -38,9 +41,9 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Records]:
     """A lane change of three stations; the target refuses once, and a receiver restarts."""
     folder = tmp_path_factory.mktemp("logs")
     simulation = Simulation(seed=5, channel=Channel(loss=0.2, duplicate=0.2), logs=folder)
-    for station in (1001, 2002, 3003):
+    for vehicle in (1001, 2002, 3003):
         driver = Straight(target=3003, refuse_first=1, maneuver_ms=2000)
-        simulation.add(station, driver, Parameters(t_cam=500))
+        simulation.add(vehicle, driver, Parameters(t_cam=500))
     simulation.request(1001, at=500)
     simulation.restart(2002, at=4000)
     simulation.run(until=9_000)
@@ -463,3 +466,43 @@ def test_what_is_left_of_a_bad_log_has_a_verdict(kinds: tuple[str, ...], tmp_pat
         if readable:
             verdicts.add(judged(records, kinds, tmp_path).verdict)
     assert {"allowed", "diverges"} <= verdicts
+
+
+def one_station(*supposed: str, last: int = 50) -> _Supposing:
+    """One that the log allows: in a session, with a timer that ends by ``last``."""
+    header = {"rec": "header", "schema": "automcm.trace/1", "run": "r", "station": 1}
+    header |= {"implementation": {"name": "i", "version": "1"}, "complete": ["send"]}
+    header |= {"parameters": {}}
+    engine = _Supposing(RECORD.validate_python(header))
+    engine.timers["hold"] = Deadline(10, last)
+    engine.supposed = tuple(Supposition(what, 2, 4) for what in supposed)
+    return engine
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "covers"),
+    [
+        (((), 50), ((), 50), True),
+        (((), 60), ((), 50), True),
+        (((), 50), ((), 60), False),
+        (((), 50), (("restart",), 50), True),
+        ((("restart",), 50), ((), 50), False),
+    ],
+    ids=["the same", "longer", "shorter", "supposes less", "supposes more"],
+)
+def test_a_station_that_may_do_more_and_supposes_no_more_stands_for_another(
+    a: Any, b: Any, covers: bool
+) -> None:
+    one, other = (one_station(*supposed, last=last) for supposed, last in (a, b))
+    assert _covers(one, other) is covers
+
+
+def test_of_two_stations_that_differ_in_times_one_remains_that_may_be_either() -> None:
+    one, other = one_station("hold", "restart"), one_station("restart", last=90)
+    one.timers["hold"] = Deadline(30, 60)
+    engines: dict[Any, _Supposing] = {}
+    _merge(engines, one)
+    _merge(engines, other)
+    (left,) = engines.values()
+    assert left.timers == {"hold": Deadline(10, 90)}
+    assert [s.what for s in left.supposed] == ["restart"]
