@@ -42,7 +42,9 @@ def models_page(loaded: Sequence[models.Model]) -> str:
         "## Must fail",
         "",
         "`make pages` writes the page that the name of a model leads to: its counterexample, step",
-        "by step, with the states, the messages and the lines of Station.tla.",
+        "by step, with the states, the messages and the lines of Station.tla. A model of one",
+        "station has no page: nobody has sent what the station receives. `automcm spec check`",
+        "shows its steps.",
         "",
         "| model | breaks | steps | story |",
         "|---|---|---:|---|",
@@ -50,7 +52,7 @@ def models_page(loaded: Sequence[models.Model]) -> str:
     for m in loaded:
         if m.expect == "violates":
             steps_taken = (m.length or 1) - 1
-            page = f"[`{m.cfg}`](counterexamples/{m.cfg}.html)"
+            page = f"`{m.cfg}`" if m.alone else f"[`{m.cfg}`](counterexamples/{m.cfg}.html)"
             lines.append(f"| {page} | {m.property} | {steps_taken} | {m.why} |")
     return "\n".join(lines) + "\n"
 
@@ -59,8 +61,8 @@ def checks(model: models.Model) -> str:
     """The properties a model checks; S-1 to S-7 together as S."""
     checked = _ids(model)
     ids = [id_ for id_ in models.PROPERTIES if id_ in checked and id_ != "TypeInv"]
-    safety = [id_ for id_ in ids if id_.startswith("S")]
-    rest = [id_ for id_ in ids if not id_.startswith("S")]
+    safety = [id_ for id_ in ids if id_ in models.SAFETY]
+    rest = [id_ for id_ in ids if id_ not in models.SAFETY]
     return " ".join((["S"] if len(safety) > 1 else safety) + rest) or "-"
 
 

@@ -25,6 +25,8 @@ PROPERTIES = {
     "S-5": "NoHazardInv",
     "S-6": "AckedProp",
     "S-7": "NoCrossEffectProp",
+    "S-9": "ToldProp",
+    "S-10": "ReasonProp",
     "L-1": "EndsProp",
     "L-2": "CompletesProp",
     "L-3": "SilenceProp",
@@ -36,8 +38,15 @@ PROPERTIES = {
     "T-3": "SendingsInv",
     "T-4": "LeaseInv",
     "T-5": "OrdersInv",
+    "T-7": "TogetherInv",
     "TypeInv": "TypeInv",
 }
+
+#: The properties of System, which each model of it checks; together they are called S.
+SAFETY = tuple(f"S-{n}" for n in range(1, 8))
+
+#: The modules of one station to which anything may happen.
+ALONE = ("OpenStation", "ProbeStation", "StationProperties")
 
 #: The id of a property by its name in the modules, or by that of its version with time.
 PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
@@ -83,6 +92,13 @@ class Model(BaseModel):
     property: str | None = None
     breaks: str | None = None
     length: int | None = None
+
+    @builtins.property
+    def alone(self) -> bool:
+        """Is it of one station?  Then its counterexample has no logs and no page: nobody has sent
+        what the station receives.
+        """
+        return self.module in ALONE
 
     @model_validator(mode="after")
     def _fields_fit(self) -> "Model":

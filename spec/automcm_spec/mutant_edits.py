@@ -13,7 +13,6 @@ from automcm_spec.mutant_rules import (
     NEIGHBOURS,
     UNINDEXED,
     UNREAD_ZERO,
-    UNSEEN_ARGUMENTS,
     UNSEEN_FIELDS,
 )
 
@@ -274,9 +273,6 @@ def _compared(node: Node) -> str:
 
 def _left_alone(node: Node, child: Node) -> bool:
     """Whether a part of an expression is one that no model can see."""
-    if node.type == "bound_op":
-        name, arguments = text(_name(node)), _arguments(node)
-        return child in arguments and (name, arguments.index(child)) in UNSEEN_ARGUMENTS
     if child.type == "except_update":
         specifier = child.child_by_field_name("update_specifier")
         fields = text(child).split("=")[0]

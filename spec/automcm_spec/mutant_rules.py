@@ -24,9 +24,8 @@ NOT_MUTATED: dict[str, str] = {
     "Station.Nobody": "a name for a value; any that no station has will do",
     "Station.Broadcast": "a name for a value; any that no station has will do",
     "Station.NoSession": "a name for a value; any that no session has will do",
-    "Station.Nothing": "what the application is told: no model looks at it",
-    "Station.OnCam": "no model has CAMs (their loss is a timer); the oracle and its tests see it",
-    "Station.Marks": "no model has CAMs; the oracle and its tests see it",
+    "Station.Nothing": "a name for a value; any that tells the application nothing will do",
+    "Station.LimitsSuffice": "an assumption on the constants",
     "Station.Step": "arm and stop: the models take the timers from Armed; the oracle sees it",
     "Station.Expired": "used by Step alone",
     "System.Init": "the start; its parts are mutated in Station.Initial",
@@ -44,11 +43,8 @@ PROPERTIES_FROM = "Helpers of the properties"
 HISTORY = {"excused", "received", "last"}
 """Variables whose next value is left alone: only properties read them."""
 
-UNSEEN_FIELDS = {"told", "rule", "again"}
+UNSEEN_FIELDS = {"rule", "again"}
 """Fields of an effect that are left alone: no model reads them (the oracle's graph has them)."""
-
-UNSEEN_ARGUMENTS = {("Effect", 2), ("LeaveWith", 2), ("RefuseProposal", 3)}
-"""Arguments (operator, position from 0) that are left alone: what the application is told."""
 
 UNREAD_ZERO = "Cmd"
 """A zero given to this operator fills a field of a command that nobody reads."""

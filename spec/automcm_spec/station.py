@@ -47,7 +47,7 @@ class Message(NamedTuple):
 
 
 class Receive(NamedTuple):
-    """OpenStation.tla:79."""
+    """OpenStation.tla:81."""
 
     kind: Literal["receive"]
     message: Message
@@ -55,7 +55,7 @@ class Receive(NamedTuple):
 
 
 class Cam(NamedTuple):
-    """OpenStation.tla:82."""
+    """OpenStation.tla:84."""
 
     kind: Literal["cam"]
     src: int
@@ -64,7 +64,7 @@ class Cam(NamedTuple):
 
 
 class Command(NamedTuple):
-    """OpenStation.tla:88."""
+    """OpenStation.tla:90."""
 
     kind: Literal["command"]
     name: str
@@ -84,14 +84,14 @@ class Entry(NamedTuple):
 
 
 class Expire(NamedTuple):
-    """OpenStation.tla:127."""
+    """OpenStation.tla:129."""
 
     kind: Literal["expire"]
     timer: Timer
 
 
 class Restart(NamedTuple):
-    """OpenStation.tla:128."""
+    """OpenStation.tla:130."""
 
     kind: Literal["restart"]
 
@@ -964,7 +964,7 @@ class Station:
         )
 
     def station_type_inv(self, me: int, st: State) -> bool:
-        """Station.tla:531."""
+        """Station.tla:538."""
         return (
             st.phase in self.phases
             and st.role in self.roles
@@ -981,6 +981,17 @@ class Station:
                 == (st.role == "prescriber" and st.phase not in {"ADVERTISING", "CHOOSING"})
             )
             and (st.proposal in range(0, self.max_rounds + 1))
+            and (
+                not not self.bound(st)
+                or st
+                == self.initial._replace(
+                    number=st.number,
+                    joined=st.joined,
+                    outbox=frozenset({e for e in st.outbox if e.type in {"Fin", "Cancel"}}),
+                    quarantine=st.quarantine,
+                    backoff=st.backoff,
+                )
+            )
             and (not st.deciding or (st.role == "prescriber" and st.phase == "NEGOTIATING"))
             and (not st.heard or st.phase == "ACTUATING")
             and ((st.phase == "INTENDING") == any(e.type == "Intention" for e in st.outbox))
@@ -1016,31 +1027,31 @@ class OpenStation(Station):
 
     @cached_property
     def rounds(self) -> frozenset[int]:
-        """OpenStation.tla:26."""
+        """OpenStation.tla:28."""
         return frozenset(range(1, self.max_rounds + 1))
 
     @cached_property
     def beyond(self) -> int:
-        """OpenStation.tla:27."""
+        """OpenStation.tla:29."""
         return self.max_rounds + 1
 
     @cached_property
     def own_ids(self) -> frozenset[Session]:
-        """OpenStation.tla:29."""
+        """OpenStation.tla:31."""
         return frozenset({(self.me, n) for n in self.own_sessions})
 
     def peer_ids(self, p: int) -> frozenset[Session]:
-        """OpenStation.tla:30."""
+        """OpenStation.tla:32."""
         return frozenset({(p, n) for n in self.peer_sessions})
 
     @cached_property
     def foreign(self) -> frozenset[Session]:
-        """OpenStation.tla:31."""
+        """OpenStation.tla:33."""
         return frozenset({(self.stranger, 1)})
 
     @cached_property
     def sessions(self) -> frozenset[Session]:
-        """OpenStation.tla:32."""
+        """OpenStation.tla:34."""
         return (
             self.own_ids
             | frozenset(chain.from_iterable(self.peer_ids(p) for p in self.peers))
@@ -1048,7 +1059,7 @@ class OpenStation(Station):
         )
 
     def from_peer(self, p: int) -> frozenset[Message]:
-        """OpenStation.tla:38."""
+        """OpenStation.tla:40."""
         return (
             frozenset({self.advertisement(p, s) for s in self.sessions})
             | frozenset({self.intention(p, s)._replace(dst=self.me) for s in self.sessions})
@@ -1094,7 +1105,7 @@ class OpenStation(Station):
         )
 
     def acks(self, p: int) -> frozenset[Message]:
-        """OpenStation.tla:53."""
+        """OpenStation.tla:55."""
         return frozenset(
             {
                 self.message("Ack", p, self.me, s, 0)._replace(of=of)
@@ -1117,7 +1128,7 @@ class OpenStation(Station):
         )
 
     def one_of_each(self, src: int, dst: int, s: Session) -> frozenset[Message]:
-        """OpenStation.tla:62."""
+        """OpenStation.tla:64."""
         return frozenset(
             {
                 m._replace(dst=dst)
@@ -1134,7 +1145,7 @@ class OpenStation(Station):
         )
 
     def improper(self, p: int) -> frozenset[Message]:
-        """OpenStation.tla:69."""
+        """OpenStation.tla:71."""
         return (
             frozenset(
                 chain.from_iterable(
@@ -1163,11 +1174,11 @@ class OpenStation(Station):
         )
 
     def heard(self, ms: frozenset[Message], concerned: bool) -> frozenset[Receive]:
-        """OpenStation.tla:78."""
+        """OpenStation.tla:80."""
         return frozenset({Receive(kind="receive", message=m, concerned=concerned) for m in ms})
 
     def cams(self, p: int) -> frozenset[Cam]:
-        """OpenStation.tla:81."""
+        """OpenStation.tla:83."""
         return frozenset(
             {
                 Cam(kind="cam", src=p, marks=marks, newer=newer)
@@ -1181,12 +1192,12 @@ class OpenStation(Station):
         )
 
     def cmd(self, name: str, session: Session, proposal: int, target: int) -> Command:
-        """OpenStation.tla:87."""
+        """OpenStation.tla:89."""
         return Command(kind="command", name=name, session=session, proposal=proposal, target=target)
 
     @cached_property
     def commands(self) -> frozenset[Command]:
-        """OpenStation.tla:91."""
+        """OpenStation.tla:93."""
         return (
             frozenset({self.cmd("request", self.no_session, 0, self.nobody)})
             | frozenset(
@@ -1216,7 +1227,7 @@ class OpenStation(Station):
 
     @cached_property
     def my_entries(self) -> frozenset[Entry]:
-        """OpenStation.tla:100."""
+        """OpenStation.tla:102."""
         return frozenset(
             {
                 self.entry(m)
@@ -1265,7 +1276,7 @@ class OpenStation(Station):
 
     @cached_property
     def timers(self) -> frozenset[Timer]:
-        """OpenStation.tla:112."""
+        """OpenStation.tla:114."""
         return (
             frozenset(
                 {
@@ -1291,7 +1302,7 @@ class OpenStation(Station):
 
     @cached_property
     def alphabet(self) -> frozenset[Input]:
-        """OpenStation.tla:119."""
+        """OpenStation.tla:121."""
         return (
             self.heard(frozenset(chain.from_iterable(self.from_peer(p) for p in self.peers)), True)
             | self.heard(
@@ -1312,7 +1323,7 @@ class OpenStation(Station):
         )
 
     def offered(self, x: State, i: Input) -> bool:
-        """OpenStation.tla:140."""
+        """OpenStation.tla:142."""
         return (
             (not i.kind == "expire" or i.timer in self.armed(self.me, x))
             and (
@@ -1626,78 +1637,87 @@ CONDITIONS = (
     Condition("Step", 521, "part", 110, "t \\in Expired(i) \\cup r.again"),
     Condition("Marks", 525, "part", 19, "Bound(st)"),
     Condition("Marks", 526, "part", 52, 'x.type = "Fin"'),
-    Condition("StationTypeInv", 532, "part", 14, "st.phase \\in Phases"),
-    Condition("StationTypeInv", 532, "part", 15, "st.role \\in Roles"),
-    Condition("StationTypeInv", 533, "part", 16, '(st.role = "none") = (st.phase = "STANDALONE")'),
+    Condition("StationTypeInv", 539, "part", 14, "st.phase \\in Phases"),
+    Condition("StationTypeInv", 539, "part", 15, "st.role \\in Roles"),
+    Condition("StationTypeInv", 540, "part", 16, '(st.role = "none") = (st.phase = "STANDALONE")'),
     Condition(
-        "StationTypeInv", 534, "part", 17, '(st.session = NoSession) = (st.phase = "STANDALONE")'
+        "StationTypeInv", 541, "part", 17, '(st.session = NoSession) = (st.phase = "STANDALONE")'
     ),
-    Condition("StationTypeInv", 535, "part", 50, "st.session = <<me, st.number>>"),
-    Condition("StationTypeInv", 535, "part", 115, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 536, "part", 120, 'st.role = "receiver"'),
-    Condition("StationTypeInv", 536, "part", 122, "st.session \\in st.joined"),
-    Condition("StationTypeInv", 536, "part", 123, "st.session[1] # me"),
-    Condition("StationTypeInv", 537, "part", 20, "st.recorded \\cap st.withdrawn = {}"),
-    Condition("StationTypeInv", 538, "part", 58, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
-    Condition("StationTypeInv", 538, "part", 128, "st.recorded # {}"),
-    Condition("StationTypeInv", 539, "part", 61, "st.recorded # {}"),
-    Condition("StationTypeInv", 539, "part", 133, 'st.phase = "CHOOSING"'),
-    Condition("StationTypeInv", 540, "part", 64, 'st.phase = "ADVERTISING"'),
-    Condition("StationTypeInv", 540, "part", 137, "st.withdrawn # {}"),
+    Condition("StationTypeInv", 542, "part", 51, "st.session = <<me, st.number>>"),
+    Condition("StationTypeInv", 542, "part", 119, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 543, "part", 124, 'st.role = "receiver"'),
+    Condition("StationTypeInv", 543, "part", 126, "st.session \\in st.joined"),
+    Condition("StationTypeInv", 543, "part", 127, "st.session[1] # me"),
+    Condition("StationTypeInv", 544, "part", 20, "st.recorded \\cap st.withdrawn = {}"),
+    Condition("StationTypeInv", 545, "part", 59, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
+    Condition("StationTypeInv", 545, "part", 132, "st.recorded # {}"),
+    Condition("StationTypeInv", 546, "part", 62, "st.recorded # {}"),
+    Condition("StationTypeInv", 546, "part", 137, 'st.phase = "CHOOSING"'),
+    Condition("StationTypeInv", 547, "part", 65, 'st.phase = "ADVERTISING"'),
+    Condition("StationTypeInv", 547, "part", 141, "st.withdrawn # {}"),
     Condition(
         "StationTypeInv",
-        541,
+        548,
         "part",
         24,
         '(st.target # Nobody) = (/\\ st.role = "prescriber" /\\ st.phase \\notin {"ADVERTISING", "CHOOSING"})',
     ),
-    Condition("StationTypeInv", 541, "part", 145, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 542, "part", 146, 'st.phase \\notin {"ADVERTISING", "CHOOSING"}'),
-    Condition("StationTypeInv", 543, "part", 25, "st.proposal \\in 0 .. MaxRounds"),
-    Condition("StationTypeInv", 544, "part", 153, "st.deciding"),
-    Condition("StationTypeInv", 544, "part", 155, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 544, "part", 156, 'st.phase = "NEGOTIATING"'),
-    Condition("StationTypeInv", 545, "part", 76, 'st.phase = "ACTUATING"'),
-    Condition("StationTypeInv", 545, "part", 158, "st.heard"),
+    Condition("StationTypeInv", 548, "part", 149, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 549, "part", 150, 'st.phase \\notin {"ADVERTISING", "CHOOSING"}'),
+    Condition("StationTypeInv", 550, "part", 25, "st.proposal \\in 0 .. MaxRounds"),
+    Condition("StationTypeInv", 551, "part", 264, "Bound(st)"),
     Condition(
         "StationTypeInv",
-        546,
+        552,
         "part",
-        28,
-        '(st.phase = "INTENDING") = (\\E e \\in st.outbox : e.type = "Intention")',
+        74,
+        'st = [ Initial EXCEPT !.number = st.number, !.joined = st.joined, !.outbox = {e \\in st.outbox : e.type \\in {"Fin", "Cancel"}}, !.quarantine = st.quarantine, !.backoff = st.backoff ]',
     ),
-    Condition("StationTypeInv", 546, "part", 269, 'e.type = "Intention"'),
+    Condition("StationTypeInv", 554, "part", 451, 'e.type \\in {"Fin", "Cancel"}'),
+    Condition("StationTypeInv", 557, "part", 162, "st.deciding"),
+    Condition("StationTypeInv", 557, "part", 164, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 557, "part", 165, 'st.phase = "NEGOTIATING"'),
+    Condition("StationTypeInv", 558, "part", 80, 'st.phase = "ACTUATING"'),
+    Condition("StationTypeInv", 558, "part", 167, "st.heard"),
     Condition(
         "StationTypeInv",
-        547,
+        559,
         "part",
         29,
+        '(st.phase = "INTENDING") = (\\E e \\in st.outbox : e.type = "Intention")',
+    ),
+    Condition("StationTypeInv", 559, "part", 287, 'e.type = "Intention"'),
+    Condition(
+        "StationTypeInv",
+        560,
+        "part",
+        30,
         '(st.phase = "PRESCRIBING") = (\\E e \\in st.outbox : e.type = "Prescription")',
     ),
-    Condition("StationTypeInv", 547, "part", 274, 'e.type = "Prescription"'),
-    Condition("StationTypeInv", 548, "part", 30, "\\A e \\in st.outbox : e.seq # 0"),
-    Condition("StationTypeInv", 548, "part", 173, "e.seq # 0"),
-    Condition("StationTypeInv", 549, "part", 31, "Cardinality(st.outbox) <= OutboxLimit"),
-    Condition("StationTypeInv", 550, "part", 90, 'st.role # "receiver"'),
-    Condition("StationTypeInv", 550, "part", 180, "st.quarantine"),
-    Condition("StationTypeInv", 551, "part", 33, "Cardinality(st.joined) <= MemoryLimit"),
-    Condition("Improper", 73, "part", 155, 'm.type # "Advertisement"'),
-    Condition("Timers", 116, "part", 97, 'x.type # "Advertisement"'),
-    Condition("Offered", 141, "part", 22, "i.timer \\in Armed(Me, x)"),
-    Condition("Offered", 141, "part", 33, 'i.kind = "expire"'),
-    Condition("Offered", 142, "part", 60, 'i.kind = "expire"'),
-    Condition("Offered", 142, "part", 61, 'i.timer[1] = "forget"'),
-    Condition("Offered", 143, "part", 25, "\\A e \\in x.outbox : e.session[1] # i.timer[2]"),
-    Condition("Offered", 143, "part", 63, "e.session[1] # i.timer[2]"),
-    Condition("Offered", 144, "part", 66, 'i.kind = "receive"'),
-    Condition("Offered", 144, "part", 67, 'i.message.type = "Prescription"'),
-    Condition("Offered", 145, "part", 68, "i.message.proposal = Beyond"),
-    Condition("Offered", 146, "part", 44, "x.session # i.message.session"),
-    Condition("Offered", 146, "part", 45, 'x.phase \\in {"NEGOTIATING", "ACTUATING"}'),
-    Condition("Offered", 147, "part", 76, 'i.kind = "command"'),
-    Condition("Offered", 147, "part", 77, 'i.name = "request"'),
-    Condition("Offered", 148, "part", 49, "Bound(x)"),
-    Condition("Offered", 148, "part", 50, "x.number + 1 \\in OwnSessions"),
+    Condition("StationTypeInv", 560, "part", 292, 'e.type = "Prescription"'),
+    Condition("StationTypeInv", 561, "part", 31, "\\A e \\in st.outbox : e.seq # 0"),
+    Condition("StationTypeInv", 561, "part", 182, "e.seq # 0"),
+    Condition("StationTypeInv", 562, "part", 32, "Cardinality(st.outbox) <= OutboxLimit"),
+    Condition("StationTypeInv", 563, "part", 94, 'st.role # "receiver"'),
+    Condition("StationTypeInv", 563, "part", 189, "st.quarantine"),
+    Condition("StationTypeInv", 564, "part", 34, "Cardinality(st.joined) <= MemoryLimit"),
+    Condition("Improper", 75, "part", 155, 'm.type # "Advertisement"'),
+    Condition("Timers", 118, "part", 97, 'x.type # "Advertisement"'),
+    Condition("Offered", 143, "part", 22, "i.timer \\in Armed(Me, x)"),
+    Condition("Offered", 143, "part", 33, 'i.kind = "expire"'),
+    Condition("Offered", 144, "part", 60, 'i.kind = "expire"'),
+    Condition("Offered", 144, "part", 61, 'i.timer[1] = "forget"'),
+    Condition("Offered", 145, "part", 25, "\\A e \\in x.outbox : e.session[1] # i.timer[2]"),
+    Condition("Offered", 145, "part", 63, "e.session[1] # i.timer[2]"),
+    Condition("Offered", 146, "part", 66, 'i.kind = "receive"'),
+    Condition("Offered", 146, "part", 67, 'i.message.type = "Prescription"'),
+    Condition("Offered", 147, "part", 68, "i.message.proposal = Beyond"),
+    Condition("Offered", 148, "part", 44, "x.session # i.message.session"),
+    Condition("Offered", 148, "part", 45, 'x.phase \\in {"NEGOTIATING", "ACTUATING"}'),
+    Condition("Offered", 149, "part", 76, 'i.kind = "command"'),
+    Condition("Offered", 149, "part", 77, 'i.name = "request"'),
+    Condition("Offered", 150, "part", 49, "Bound(x)"),
+    Condition("Offered", 150, "part", 50, "x.number + 1 \\in OwnSessions"),
 )
 
 

@@ -71,5 +71,7 @@ def _step(before: TraceState, after: TraceState) -> Step:
 
 
 def _of(stations: Any, who: Any) -> Any:
-    """The station ``who`` of the variable st, a sequence or a function of ids."""
+    """The station ``who`` of the variable st: a sequence, a function of ids, or the only one."""
+    if isinstance(stations, Mapping) and "phase" in stations:
+        return stations
     return stations[who] if isinstance(stations, Mapping) else stations[who - 1]

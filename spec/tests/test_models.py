@@ -54,8 +54,10 @@ def checked(cfg: str) -> set[str]:
     return set(models.checked_in(MODELS / f"{cfg}.cfg"))
 
 
-SAFETY = {name for id_, name in models.PROPERTIES.items() if id_.startswith(("S-", "TypeInv"))}
-TIME = {name for id_, name in models.PROPERTIES.items() if id_.startswith("T-")}
+SAFETY = {models.PROPERTIES[id_] for id_ in (*models.SAFETY, "TypeInv")}
+APART = {"TogetherInv"}
+"""Properties of time that have a module of their own."""
+TIME = {name for id_, name in models.PROPERTIES.items() if id_.startswith("T-")} - APART
 
 
 def test_models_that_hold_check_everything() -> None:
@@ -98,6 +100,23 @@ def test_what_a_module_extends_and_what_it_reads() -> None:
     assert models.extended("A", texts) == {"A", "B", "C"}
     assert models.extended("A", texts, instances=True) == {"A", "B", "C", "D"}
     assert models.extended("F", texts) == {"F"}
+
+
+def test_the_models_of_one_station_are_those_that_extend_open_station() -> None:
+    texts = {path.stem: path.read_text() for path in TLA.glob("*.tla")}
+    alone = {name for name in texts if "OpenStation" in models.extended(name, texts)}
+    assert alone == set(models.ALONE)
+    assert {m.cfg for m in models.load() if m.alone} == {
+        *("probe_station", "station_properties", "finishes_silently", "always_aborts")
+    }
+
+
+def test_a_model_with_too_little_memory_is_an_error(folder: Path) -> None:
+    """With it no session is opened, and everything holds (MEM-1)."""
+    cfg = folder / "one_by_two.cfg"
+    cfg.write_text(cfg.read_text().replace("OutboxLimit = 12", "OutboxLimit = 3"))
+    verdict = models.check(model("one_by_two"), models_dir=folder)
+    assert verdict.outcome == "error" and "ssumption" in str(verdict.error)
 
 
 def test_must_fail_models_are_quick() -> None:

@@ -162,7 +162,9 @@ def test_members_conjuncts_and_history(folder: Path) -> None:
     assert ("conjunct", "/\\ x # 1", "") in late
     assert ("member", "/\\ x \\in st.d \\ {4}", "/\\ x \\in st.d") in late
     assert kinds(folder, "Do") == [("assignment", "/\\ st' = x", "/\\ st' = st")]
-    assert kinds(folder, "Told") == []
+    told = """<<"fallback", "timeout">>""", """<<"fallback", "closed" >>"""
+    [(kind, before, after)] = kinds(folder, "Told")
+    assert kind == "constant" and before.replace(*told) == after
     assert ("number", "j >= s \\/ j = s", "j > s \\/ j = s") in kinds(folder, "Over")
 
 

@@ -32,6 +32,12 @@ def test_every_step_of_a_station_names_its_input_rule_and_line() -> None:
     assert f"station {last.station}: " in last.text and f"[{last.rule}: OnAck" in last.text
 
 
+def test_the_only_station_of_a_model_is_found() -> None:
+    assert [step.station for step in found("finishes_silently")] == [1, 1]
+    last = found("finishes_silently")[-1]
+    assert last.rule == "ACT-3" and last.changes["phase"][1] == "STANDALONE"
+
+
 def test_a_liveness_counterexample_goes_on_for_ever() -> None:
     result = checked("no_give_up").result
     assert result is not None and result.loop == len(result.trace)

@@ -84,6 +84,8 @@ OneLess(e)      == BoundOf(e) - 1
 
 HazardInv == hazard <= Claimed(env)
 
+THEOREM TSpec => []HazardInv
+
 \* Printed once when a fault class has reached its bound (a register of TLC;
 \* one worker only).
 REACHED == 7
@@ -103,12 +105,16 @@ ShortWindow == 1
 \* Must-fail models look at one fault class.
 Restarts     == {e \in Faults : e.name = "restart"}
 PlainAborts  == {e \in PlainFaults : e.name = "abort, Cancels lost"}
+MarkedAborts == {e \in Faults : e.name = "abort, Cancels lost"}
 SilentCut    == {e \in SilentFaults : e.name = "forward cut"}
 
 \* ACT-4 taken away: the prescriber counts its lease from the Acceptance.
 LeaseFromAcceptance(s, r) ==
   IF r.rule = "NEG-6" /\ r.st.phase = "ACTUATING" /\ st[s].phase # "ACTUATING"
   THEN {Timer("lease")} ELSE {}
+
+\* CAMs without a mark are sent too, and must count for nobody (ACT-5).
+AlwaysSends(s) == TRUE
 
 \* A timer taken away is never due.
 NeverHold(s, t)   == IF t[1] = "hold" THEN 1000 ELSE DurationOf(s, t)

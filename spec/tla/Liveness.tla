@@ -126,7 +126,7 @@ Resent(s) ==
     Become(s, i, r, WithAll(net, {Plain(m) : m \in r.out}))
 
 Obey(s, names) ==
-  \E c \in {x \in Commands(s) : x.name \in names} : Take(s, c)
+  \E c \in Obeyed(s, names) : Take(s, c)
 
 FallSilent == /\ ~silent /\ silent' = TRUE
               /\ last' = Event([kind |-> "silence"])
@@ -210,4 +210,11 @@ GivenUpProp ==
 Fulfilled == INSTANCE Coordination WITH
   Drivers <- Stations, Nothing <- NoSession, doing <- Driving
 FulfilledProp == Fulfilled!Spec
+
+(***************************************************************************)
+(* What is claimed.                                                        *)
+(***************************************************************************)
+THEOREM Missing = {} /\ ~Patient => (LSpec => EndsProp /\ GivenUpProp /\ FulfilledProp)
+THEOREM Patient => (PatientSpec => CompletesProp)
+THEOREM "lease" \in Missing => (SilentSpec => SilenceProp)
 ==============================================================================

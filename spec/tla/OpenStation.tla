@@ -19,6 +19,8 @@ CONSTANTS
   OwnSessions,  \* numbers of own sessions
   PeerSessions  \* numbers of sessions of each peer
 
+ASSUME LimitsSuffice
+
 VARIABLE st
 
 Me       == 1

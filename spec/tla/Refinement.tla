@@ -35,4 +35,6 @@ Promise == INSTANCE Coordination WITH
 
 \* R-1: System refines Coordination, safety (liveness: R-2 in Liveness.tla).
 PromiseProp == Promise!Safe
+
+THEOREM Spec => PromiseProp
 ==============================================================================

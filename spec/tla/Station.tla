@@ -525,6 +525,13 @@ Step(me, st, i) ==
 Marks(st) == (IF Bound(st) THEN {st.session} ELSE {})
              \cup {e.session : e \in {x \in st.outbox : x.type = "Fin"}}
 
+\* MEM-1, assumed wherever there is a model: a station with less memory opens
+\* and joins no session, and everything holds.  (A log may tell of such a
+\* station.)
+LimitsSuffice ==
+  /\ {MaxRounds, MaxParticipants, MemoryLimit} \subseteq Nat \ {0}
+  /\ OutboxLimit \in Nat /\ OutboxLimit >= Reserve
+
 (***************************************************************************)
 (* Type invariant, and what the fields have to do with each other.         *)
 (***************************************************************************)
@@ -541,6 +548,12 @@ StationTypeInv(me, st) ==
   /\ (st.target # Nobody) = (/\ st.role = "prescriber"
                              /\ st.phase \notin {"ADVERTISING", "CHOOSING"})
   /\ st.proposal \in 0 .. MaxRounds
+  /\ ~Bound(st) =>  \* as new, but for what outlives a session
+       st = [ Initial EXCEPT !.number = st.number, !.joined = st.joined,
+                             !.outbox = {e \in st.outbox :
+                                           e.type \in {"Fin", "Cancel"}},
+                             !.quarantine = st.quarantine,
+                             !.backoff = st.backoff ]
   /\ st.deciding => st.role = "prescriber" /\ st.phase = "NEGOTIATING"
   /\ st.heard => st.phase = "ACTUATING"
   /\ (st.phase = "INTENDING") = (\E e \in st.outbox : e.type = "Intention")

@@ -42,6 +42,9 @@ CONSTANTS
   Forgetting,    \* whether quarantine and forget may expire
   Reduced        \* see above; `received` is kept only if FALSE
 
+ASSUME LimitsSuffice
+ASSUME Prescribers \cup Receivers \cup Restarters \subseteq Stations
+
 VARIABLES
   st,        \* st[s]: station s
   net,       \* the radio
@@ -51,6 +54,10 @@ VARIABLES
              \* and the VIEW hides it; action properties look at last'.
 
 vars == <<st, net, excused, received, last>>
+
+\* What TLC takes for a state.  It hides nothing that a property reads: an
+\* invariant reads no `last`, and an action property reads last' only, which TLC
+\* checks on every step, whether the state after it is new or not.
 view == <<st, net, excused, received>>
 
 Init ==
@@ -71,23 +78,21 @@ Cmd(name, session, proposal, target) ==
   [ kind |-> "command", name |-> name, session |-> session,
     proposal |-> proposal, target |-> target ]
 
+\* An application may ask for anything at any time; what is out of place is
+\* refused, and a refused command is no step.
 Commands(s) ==
   LET x == st[s] IN
-  UNION
-  { If(~Bound(x) /\ s \in Prescribers /\ x.number < MaxSessions,
-       {Cmd("request", NoSession, 0, Nobody)}),
-    If(x.phase = "CHOOSING",
-       {Cmd("prescribe", x.session, 1, p) : p \in x.recorded}
-       \cup {Cmd("proceed", x.session, 0, Nobody)}),
-    If(x.deciding,
-       {Cmd("prescribe", x.session, NextProposal(x.proposal), p) :
-          p \in {q \in Stations : NextTarget(x, q)}}),
-    If(x.phase = "NEGOTIATING" /\ x.role = "receiver",
-       {Cmd("accept", x.session, x.proposal, Nobody),
-        Cmd("refuse", x.session, x.proposal, Nobody)}),
-    If(x.phase = "ACTUATING" /\ x.role = "prescriber",
-       {Cmd("complete", x.session, 0, Nobody)}),
-    If(Bound(x), {Cmd("abort", x.session, 0, Nobody)}) }
+  If(s \in Prescribers /\ x.number < MaxSessions,
+     {Cmd("request", NoSession, 0, Nobody)})
+  \cup If(Bound(x),
+     {Cmd("prescribe", x.session, NextProposal(x.proposal), p) : p \in Stations}
+     \cup {Cmd(name, x.session, x.proposal, Nobody) : name \in {"accept", "refuse"}}
+     \cup {Cmd(name, x.session, 0, Nobody) : name \in {"proceed", "complete", "abort"}})
+
+\* Those of these names that do something: where a refused one would be a step,
+\* it is left out.
+Obeyed(s, names) ==
+  {c \in Commands(s) : c.name \in names /\ Decide(s, st[s], c).st # st[s]}
 
 \* T-4
 LeaseOutlived(s) ==
@@ -179,10 +184,13 @@ Dead(x, m) ==
 Living(x, ms) == IF Reduced THEN {m \in ms : ~Dead(x, m)} ELSE ms
 
 \* Reduced, all that is answered without a change is in the net already: such
-\* an input does nothing.  (view' # view says the same, later.)
+\* an input does nothing.  (view' # view in Do says the same, later.)
 Idle(s, r) ==
   Reduced /\ r.st = st[s] /\ Living(st, Heeded(r.out)) \subseteq net
 
+\* view' # view is a guard: an input that does nothing is no step.  Without it
+\* nothing but `last` would change, and each refused command and each copy of a
+\* message would be one more step of stuttering.
 Do(s, i) ==
   \E r \in {x \in {Decide(s, st[s], i)} : ~Idle(s, x)} :
   \E x \in {[st EXCEPT ![s] = GivenUp(r.st)]} :
@@ -290,4 +298,11 @@ NoCrossEffectProp ==
       /\ Bound(st[s])
       /\ last'.input.message.session # st[s].session
       => Own(st'[s]) = Own(st[s]) ]_vars
-==============================================================================
+
+(***************************************************************************)
+(* What is claimed.  TLC checks it for the models in spec/models.          *)
+(***************************************************************************)
+THEOREM Spec => [](TypeInv /\ AcceptedInv /\ AgreementInv /\ NoHazardInv)
+THEOREM Spec => OneSessionProp /\ CommitmentProp /\ NoCrossEffectProp
+THEOREM ~Reduced => (Spec => AckedProp)
+=============================================================================

@@ -144,6 +144,9 @@ Copies(s, ms, counts) ==
 
 Cam(s) == [type |-> "CAM", src |-> s, dst |-> Broadcast, marks |-> Marks(st[s])]
 
+\* A CAM without a mark counts for nobody, so it is left out.
+SendsCam(s) == env.marks => Marks(st[s]) # {}
+
 \* What a copy is to its addressee.
 InputOf(c) ==
   IF c.message.type = "CAM"
@@ -218,8 +221,7 @@ Duplicate(c) ==
 
 Obey(s) ==
   /\ Due(s) = {}
-  /\ \E c \in Commands(s) :
-       /\ c.name \in env.commands
+  /\ \E c \in Obeyed(s, env.commands) :
        /\ c.name = "abort" => s \in env.aborters
        /\ TDo(s, c, {})
 
@@ -252,8 +254,7 @@ Tick ==
   /\ next' = [s \in Stations |-> IF next[s] = 1 THEN CamInterval ELSE next[s] - 1]
   /\ air' = {[c EXCEPT !.left = @ - 1] : c \in {x \in air : x.left > 0}}
             \cup UNION { Copies(s, {Cam(s)}, <<>>) :
-                           s \in {x \in Stations : /\ next[x] = 1
-                                                   /\ env.marks => Marks(st[x]) # {}} }
+                           s \in {x \in Stations : next[x] = 1 /\ SendsCam(x)} }
   /\ age' = [s \in Stations |-> IF Bound(st[s]) THEN age[s] + 1 ELSE 0]
   /\ hazard' = IF HazardNow THEN hazard + 1 ELSE 0
   /\ last' = Event("tick")
@@ -317,4 +318,10 @@ OrdersInv ==
 
 \* S-5 at the end of an instant: at its beginning both leases may be due.
 SettledHazardInv == Settled => NoHazardInv
+
+TSpec == TInit /\ [][TNext]_tvars
+
+THEOREM TSpec => [](TypeInv /\ AcceptedInv /\ AgreementInv /\ SettledHazardInv)
+THEOREM TSpec => [](DurationInv /\ SendingsInv /\ LeaseInv /\ OrdersInv)
+THEOREM TSpec => OneSessionProp /\ CommitmentProp
 ==============================================================================

@@ -91,12 +91,15 @@ def behaviours(say: Callable[[str], None]) -> dict[str, bytes]:
 
 
 def counterexamples(folder: Path, say: Callable[[str], None]) -> dict[str, bytes]:
-    """The logs of every counterexample in ``folder``, by file; with TLC.
+    """The logs of every counterexample in ``folder`` of several stations, by file; with TLC.
 
     Raises automcm_spec.tlc.TlcError, automcm_traces.itf.ItfError.
     """
     files = {}
+    alone = {m.cfg for m in models.load() if m.alone}
     for path in sorted(folder.glob("*.itf.json")):
+        if path.name.removesuffix(".itf.json") in alone:
+            continue
         found = behaviour(path)
         say(f"corpus: {found.model}")
         for station, text in found.logs().items():

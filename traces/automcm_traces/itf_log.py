@@ -106,6 +106,8 @@ def _behaviour(value: Json, models_dir: Path) -> Behaviour:
     if not states:
         raise itf.ItfError("'states' is empty")
     model = listed[found[1]]
+    if model.alone:
+        raise itf.ItfError(f"{model.cfg} is a model of one station: it has no logs")
     moves, ticks = [], 0
     for index, (one, two) in enumerate(pairwise(states), 1):
         try:

@@ -120,6 +120,15 @@ def test_a_broken_itf_is_named_with_its_place(change: Any, place: str, tmp_path:
     assert answer.output.count("\n") == 1
 
 
+def test_a_counterexample_of_one_station_has_no_logs(tmp_path: Path) -> None:
+    """What it receives, nobody has sent."""
+    source = COUNTEREXAMPLES / "finishes_silently.itf.json"
+    answer = run.invoke(app, ["trace", "itf", str(source), "--out", str(tmp_path)])
+    assert answer.exit_code == 3 and "a model of one station" in answer.output
+    assert not list(tmp_path.iterdir())
+    assert not (CORPUS / "counterexamples" / "finishes_silently").exists()
+
+
 def test_a_file_that_is_not_there_is_3(tmp_path: Path) -> None:
     for name in ("none.itf.json", "none.ndjson"):
         answer = run.invoke(app, ["trace", "itf", str(tmp_path / name)])

@@ -1,0 +1,93 @@
+-------------------------- MODULE StationProperties --------------------------
+(***************************************************************************)
+(* What one station owes its application and its peers, whatever happens   *)
+(* to it: every input of OpenStation in every state.                       *)
+(***************************************************************************)
+EXTENDS OpenStation
+
+VARIABLE last  \* history: the input and what Step said; no guard reads it
+
+\* last is no part of the state.
+station == st
+
+SInit ==
+  /\ st = Initial
+  /\ last = [ station |-> Me, input |-> [kind |-> "start"], rule |-> "none",
+              out |-> {}, told |-> Nothing ]
+  /\ TLCSet(ALPHABET, TLCEval(Alphabet))
+
+SNext ==
+  \E i \in TLCGet(ALPHABET) :
+    /\ Offered(st, i)
+    /\ \E r \in {Step(Me, st, i)} :
+         /\ st' = r.st
+         /\ last' = [ station |-> Me, input |-> i, rule |-> r.rule,
+                      out |-> r.out, told |-> r.told ]
+
+\* Why a station leaves: the reason that its Cancel carries and, if nobody
+\* here wanted it, its application is told.
+Reason(i) ==
+  CASE i.kind = "command" /\ i.name = "abort"         -> "abort"
+    [] i.kind = "command" /\ i.name = "proceed"       -> "not_needed"
+    [] i.kind = "command" /\ i.name = "prescribe"     -> "not_selected"
+    [] i.kind = "receive" /\ i.message.type = "Acceptance" -> "no_agreement"
+    [] i.kind = "receive" /\ i.message.type = "Cancel" -> i.message.reason
+    [] i.kind = "expire" /\ i.timer[1] = "cam"        -> "cam_loss"
+    [] i.kind = "expire" /\ i.timer[1] = "lease"      -> "lease_expired"
+    [] i.kind = "expire" /\ i.timer[1] = "decide"     -> "abort"
+    [] i.kind = "expire"                              -> "timeout"
+    [] OTHER                                          -> "none"
+
+Enters(phase, x, y) == x.phase # phase /\ y.phase = phase
+
+\* What the application is told when x becomes y by i: it is a matter of the
+\* phases and the cause alone.
+Owed(x, y, i) ==
+  LET left == Bound(x) /\ ~Bound(y) IN
+  CASE x.phase = "ADVERTISING" /\ y.phase = "CHOOSING" -> <<"choose">>
+    [] y.role = "receiver" /\ Enters("NEGOTIATING", x, y) -> <<"verify">>
+    [] y.deciding /\ ~x.deciding                       -> <<"propose">>
+    [] y.role = "prescriber" /\ Enters("ACTUATING", x, y) -> <<"accepted">>
+    [] x.phase = "NEGOTIATING" /\ i.kind = "expire" /\ y.phase = "WAITING" ->
+         <<"undecided">>
+    [] left /\ i.kind \in {"command", "restart"}       -> Nothing
+    [] left /\ x.phase \in {"ADVERTISING", "CHOOSING"} /\ y.backoff # x.backoff ->
+         <<"no_participants">>
+    [] left /\ i.kind = "receive" /\ i.message.type = "Fin" -> <<"finished">>
+    [] left                                            -> <<"fallback", Reason(i)>>
+    [] OTHER                                           -> Nothing
+
+(***************************************************************************)
+(* S-9: the application is told what has come about, and why.  (A command  *)
+(* that changes nothing is refused; a message that breaks the protocol is  *)
+(* reported.)                                                              *)
+(***************************************************************************)
+ToldProp ==
+  [][ LET i == last'.input IN
+      IF st' # st THEN last'.told = Owed(st, st', i)
+      ELSE last'.told \in CASE i.kind = "command" -> {<<"refused">>}
+                        [] i.kind = "receive" -> {Nothing, <<"discarded">>}
+                        [] OTHER              -> {Nothing} ]_<<st, last>>
+
+(***************************************************************************)
+(* S-10: a reliable Cancel names the reason for which it is sent.          *)
+(***************************************************************************)
+ReasonProp ==
+  [][ \A m \in last'.out :
+        m.type = "Cancel" /\ m.seq # 0 /\ Entry(m) \notin st.outbox =>
+          m.reason = Reason(last'.input) ]_<<st, last>>
+
+SSpec == SInit /\ [][SNext]_<<st, last>>
+
+THEOREM SSpec => []TypeInv /\ ToldProp /\ ReasonProp
+
+\* A receiver that gets its Fin does not say so.
+FinishesSilently(me, x, m) ==
+  IF In(x, m.session) /\ x.role = "receiver" /\ m.src = Peer(x)
+  THEN Effect(Leave(x), {Ack(me, m)}, Nothing, "ACT-3")
+  ELSE Effect(x, AckCopy(me, m), Nothing, "END-3")
+
+\* Whoever leaves says that it aborted.
+AlwaysAborts(me, x, why, rule) ==
+  LeaveWith(x, Cancels(me, x, {Peer(x)}, "abort"), <<"fallback", why>>, rule)
+==============================================================================
