@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from automcm_spec import tlc
+from automcm_spec import scratch, tlc
 from automcm_spec.paths import TLA
 from automcm_spec.tlc import Location
 
@@ -111,11 +111,17 @@ def export(module: str, tla: Path = TLA) -> bytes:
     java, jar = tlc.tools()
     command = [str(java), "-XX:TieredStopAtLevel=1", "-XX:+UseSerialGC", "-XX:-UsePerfData"]
     command += ["-Dfile.encoding=UTF-8", "-Duser.language=en", *tlc.quick_start()]
-    command += ["-cp", str(jar), "tla2sany.xml.XMLExporter", "-o", f"{module}.tla"]
+    program = ["-cp", str(jar), "tla2sany.xml.XMLExporter", "-o", f"{module}.tla"]
     try:
-        done = subprocess.run(
-            command, cwd=tla, stdin=subprocess.DEVNULL, capture_output=True, timeout=120
-        )
+        # It unpacks the standard modules there, and takes them away at its end.
+        with scratch.folder("sany") as place:
+            done = subprocess.run(
+                [*command, f"-Djava.io.tmpdir={place}", *program],
+                cwd=tla,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=120,
+            )
     except OSError as error:
         raise tlc.TlcError("java", f"SANY could not be started: {error}") from error
     except subprocess.TimeoutExpired:

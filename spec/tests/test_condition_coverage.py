@@ -8,12 +8,20 @@ from automcm_spec.condition_coverage import ConditionCoverage, annotated, lackin
 from automcm_spec.conditions import recording
 from automcm_spec.paths import TLA
 from automcm_spec.reachable import steps
-from automcm_spec.rules import RULES, place
+from automcm_spec.rules import RULES, operators
 from automcm_spec.station import CONDITIONS, Command, OpenStation, State, Station
 
 STATION = Station(max_rounds=3, max_participants=4, outbox_limit=6, memory_limit=2)
 REQUEST = Command("command", "request", (0, 0), 0, 0)
-BACKOFF_LINE, _ = place("OnRequest", "st.backoff")
+
+
+def place(operator: str, text: str) -> int:
+    """The line of Station.tla where an operator has this text first."""
+    first, body = operators(TLA)[operator]
+    return first + body[: body.index(text)].count("\n")
+
+
+BACKOFF_LINE = place("OnRequest", "st.backoff")
 BACKOFF = STATION.initial._replace(backoff=True)
 
 
@@ -61,7 +69,7 @@ def test_the_text_has_a_mark_at_each_line_with_a_condition() -> None:
     at = lines.index(f' part  {n + 1}   ELSE IF ~Room(st) THEN Refuse(st, "MEM-1")')
     assert lines[at + 1].split() == ["true:", "Room(st)"]  # not what is negated
     assert f'  met  {n + 5}               {{Advertisement(me, s)}}, Nothing, "ADV-1")' in lines
-    refused, _ = place("OnPrescribe", 'Refuse(st, "PRE-2")')
+    refused = place("OnPrescribe", 'Refuse(st, "PRE-2")')
     assert f'never  {refused}     ELSE Refuse(st, "PRE-2")' in lines
     text = (TLA / "Station.tla").read_text().splitlines()
     for line in lines:
@@ -79,7 +87,7 @@ def test_what_only_the_invariant_and_the_models_ask_does_not_count() -> None:
 
 
 def test_a_let_that_stands_in_several_places_is_one_condition() -> None:
-    line, _ = place("OnCancel", "acks ==")
+    line = place("OnCancel", "acks ==")
     acks = [c for c in CONDITIONS if (c.operator, c.line) == ("OnCancel", line)]
     assert len(acks) > 1 and len({reached().first[c] for c in acks}) == 1
 
@@ -113,5 +121,5 @@ def test_all_but_one_can_be_taken_both_ways() -> None:
         recorded = recording(station, coverage.meet)
         for st in {st for st, _, _ in steps(station, recorded)}:
             recorded.marks(st)
-    line, _ = place("AnswerClosed", "e.type")
+    line = place("AnswerClosed", "e.type")
     assert lacking(coverage) == [f'true  AnswerClosed:{line} e.type \\in {{"Fin", "Cancel"}}']

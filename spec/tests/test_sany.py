@@ -77,3 +77,23 @@ def test_names_are_replaced_below_everything() -> None:
     some = sany.Node("$SubsetOf", at, "", (sany.Node("=", at, "", (x, y)),), (("z", x),))
     put = some.put({"x": y})
     assert not put.uses("x") and [name for name, _ in put.bounds] == ["z"] and some.uses("x")
+
+
+def test_two_at_once_do_not_take_each_other_the_standard_modules_away(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """SANY unpacks them into Java's temporary folder, and deletes them at its end: of sixty runs,
+    three at a time in one folder, four failed."""
+    folders: list[str] = []
+    run = subprocess.run
+
+    def seen(command: list[str], **how: Any) -> Any:
+        told = [word for word in command if word.startswith("-Djava.io.tmpdir=")]
+        folders.append(told[-1].partition("=")[2])
+        assert Path(folders[-1]).is_dir()
+        return run(command, **how)
+
+    monkeypatch.setattr(subprocess, "run", seen)
+    for _ in range(2):
+        assert sany.export("OpenStation").startswith(b"<?xml")
+    assert len(set(folders)) == 2 and not any(Path(folder).exists() for folder in folders)
