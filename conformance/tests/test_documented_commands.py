@@ -154,7 +154,6 @@ TABLE: dict[str, Way] = {
     ),
     "automcm spec check one_by_three": Run(),
     "automcm spec check one_by_two": Parsed("a mistake is to be made before"),
-    "automcm spec check one_by_two promise_kept": GUIDE,
     "automcm spec check one_by_two two_by_one probe_system promise_kept": GUIDE,
     "automcm spec check rejoin --json -": CHECK,
     "automcm spec check retarget": CHECK,
