@@ -17,7 +17,7 @@ from automcm_traces.alphabet import SOMEBODY, alphabet
 from automcm_traces.inputs import timer_of
 from automcm_traces.step import Diverges, Why
 from automcm_traces.timers import short
-from automcm_traces.track import NUMBERED, PHASES, ROLES, Track
+from automcm_traces.track import NOTHING_TOLD, NUMBERED, PHASES, ROLES, Track
 
 Json = Any
 Words = tuple[str, ...]
@@ -25,8 +25,6 @@ Words = tuple[str, ...]
 "verify")``, ``("arm", "hold")``, ``("phase", "WAITING")``; or ``("without", …)``."""
 MOST = 8
 """Inputs that are named."""
-NOTHING_TOLD = ("nothing",)
-"""Of Station.tla."""
 KINDS = ("expire", "command", "receive", "cam", "restart")
 """Of inputs, in the order in which they are named."""
 

@@ -37,11 +37,19 @@ from automcm_traces.timers import (
     timer_key,
     timer_name,
 )
-from automcm_traces.track import ROUNDS, CannotTell, Limits, Track, difference, expected, lift, off
+from automcm_traces.track import (
+    NOTHING_TOLD,
+    ROUNDS,
+    CannotTell,
+    Limits,
+    Track,
+    difference,
+    expected,
+    lift,
+    off,
+)
 
 Json = Any
-NOTHING_TOLD = ("nothing",)
-"""Of Station.tla."""
 NOTHING = "nothing more"
 """What a step wants that has all that it calls for."""
 REMEMBERED = 20_000

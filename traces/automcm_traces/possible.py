@@ -20,7 +20,7 @@ from typing import Any
 
 from automcm_spec.station import Command, Expire, Input, Outcome
 from automcm_spec.station import Receive as Received
-from automcm_traces.engine import NOTHING, NOTHING_TOLD, Engine
+from automcm_traces.engine import NOTHING, Engine
 from automcm_traces.inputs import Asked
 from automcm_traces.log import (
     ApplicationIndication,
@@ -34,7 +34,7 @@ from automcm_traces.log import (
 from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges, Late, Supposition
 from automcm_traces.timers import named, short, timer_key
-from automcm_traces.track import NUMBERED, CannotTell, Track
+from automcm_traces.track import NOTHING_TOLD, NUMBERED, CannotTell, Track
 from automcm_traces.unseen import Answer, answers
 
 Json = Any

@@ -68,7 +68,7 @@ class Limits(NamedTuple):
 
 DEFAULT_LIMITS = Limits()
 _STATION = Station(ROUNDS, *DEFAULT_LIMITS)
-INITIAL = _STATION.initial
+INITIAL, NOTHING_TOLD = _STATION.initial, _STATION.nothing
 PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
 
 
