@@ -43,8 +43,8 @@ def models_page(loaded: Sequence[models.Model]) -> str:
         "",
         "`make pages` writes the page that the name of a model leads to: its counterexample, step",
         "by step, with the states, the messages and the lines of Station.tla. A model of one",
-        "station has no page: nobody has sent what the station receives. `automcm spec check`",
-        "shows its steps.",
+        "station, or with a liar, has no page: nobody has sent what is received.",
+        "`automcm spec check` shows its steps.",
         "",
         "| model | breaks | steps | story |",
         "|---|---|---:|---|",
@@ -52,13 +52,13 @@ def models_page(loaded: Sequence[models.Model]) -> str:
     for m in loaded:
         if m.expect == "violates":
             steps_taken = (m.length or 1) - 1
-            page = f"`{m.cfg}`" if m.alone else f"[`{m.cfg}`](counterexamples/{m.cfg}.html)"
+            page = f"`{m.cfg}`" if m.unsent else f"[`{m.cfg}`](counterexamples/{m.cfg}.html)"
             lines.append(f"| {page} | {m.property} | {steps_taken} | {m.why} |")
     return "\n".join(lines) + "\n"
 
 
 def checks(model: models.Model) -> str:
-    """The properties a model checks; S-1 to S-7 together as S."""
+    """The properties a model checks; S-1 to S-8 together as S."""
     checked = _ids(model)
     ids = [id_ for id_ in models.PROPERTIES if id_ in checked and id_ != "TypeInv"]
     safety = [id_ for id_ in ids if id_ in models.SAFETY]
@@ -118,14 +118,14 @@ def check(
 
 
 def counterexample(verdict: models.Verdict) -> str:
-    """A model's counterexample as ITF; each step with its input, rule and line."""
+    """A model's counterexample as ITF; each step with its action, input, rule and line."""
     values = [
         {name: value for name, value in state.values.items() if name != "last"}
         for state in verdict.trace
     ]
     states = [itf.ItfState(values[0], {"index": 0})]
     for step, value in zip(steps_.steps(verdict.trace), values[1:], strict=True):
-        meta: dict[str, Any] = {"index": step.index, "input": step.input}
+        meta: dict[str, Any] = {"index": step.index, "action": step.action, "input": step.input}
         if step.station is not None:
             meta |= {"rule": step.rule, "station": step.station}
             meta["location"] = {"module": "Station", "line": step.line}
@@ -198,7 +198,8 @@ def not_covered(verdicts: Sequence[models.Verdict]) -> str:
 
 
 def steps(trace: Sequence[tlc.TraceState], loop: int | None = None) -> list[str]:
-    """Each step: the station, its input, the rule and line that decided, the fields changed."""
+    """Each step: the action, the station, its input, the rule and line that decided, the fields
+    changed."""
     lines = [f"{step.index:3}. {step.text}" for step in steps_.steps(trace)]
     if loop == len(trace):
         lines.append("     and so it stays for ever")

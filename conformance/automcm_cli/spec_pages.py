@@ -14,7 +14,7 @@ from automcm_traces.page import html
 def write(
     loaded: Iterable[models.Model], folder: Path, say: Callable[[str], None] = lambda text: None
 ) -> list[Path]:
-    """A page for each must-fail model of several stations, in ``folder``; docs/models.md links to
+    """A page for each must-fail model that can have one, in ``folder``; docs/models.md links to
     them.
 
     Raises what ``trace_html.page_of`` raises, and OSError.
@@ -22,7 +22,7 @@ def write(
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for model in loaded:
-        if model.expect == "violates" and not model.alone:
+        if model.expect == "violates" and not model.unsent:
             say(model.cfg)
             source = COUNTEREXAMPLES / f"{model.cfg}.itf.json"
             path = folder / f"{model.cfg}.html"

@@ -48,7 +48,7 @@ def natural(parameters: Mapping[str, int]) -> dict[str, int]:
         "answer": p["t_decide"] + giveup,
         "cam": p["t_cam_loss"],
         "giveup": giveup,
-        "quarantine": giveup + 2 * giveup,
+        "quarantine": max(giveup + 2 * giveup, p["t_cam_loss"] + p["t_resend"] // 2),
         "life": 2 * giveup,
         "backoff": p["backoff_min"] if known else UNKNOWN,
     }

@@ -10,7 +10,7 @@ HELLO = {
     "name": "echo",
     "version": "1",
     "issues": "none: it is no station",
-    "features": ["prescriber", "receiver", "restart", "durations", "cam"],
+    "features": ["prescriber", "receiver", "restart", "durations", "cam", "clock_drift"],
     "scenarios": ["lane_change"],
     "fixed": {},
 }

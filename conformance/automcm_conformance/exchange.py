@@ -30,6 +30,7 @@ from automcm_conformance.wire import (
     timer_key,
 )
 from automcm_spec.oracle import Answer, Oracle, canonical
+from automcm_traces.timers import lease_lasts
 
 Json = Any
 
@@ -323,7 +324,8 @@ class Exchange:
     def _duration(self, timer: Json) -> int:
         name = timer[0]
         if name == "lease":
-            return self._lease_ms
+            role = self.oracle.states[self.state][1]
+            return lease_lasts(self.parameters.get("clock_drift", 0), role, self._lease_ms)
         if name in self.overrides:
             return self.overrides[name]
         if name == "forget":  # ADV-8

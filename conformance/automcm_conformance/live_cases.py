@@ -48,6 +48,8 @@ _INTENTION = "Intention", s.Y, s.THEIRS
 _ACCEPTANCE = "Acceptance", s.Y, s.THEIRS, 1, True
 _OTHER = s.received("Advertisement", s.NEXT)
 _ACTUATING = [*s.COMMITTED, s.ACCEPTANCE_ACKED]
+_FREE = ["expire", ["forget", s.Y]], ["expire", ["quarantine"]]
+"""It has broken its commitment off, so the next case begins when it joins again (ACT-6)."""
 _LATER = ["wait", 400], s.HEARD_THEM
 _HEARD = s.ACCEPTANCE_ACKED, ["wait", 200], s.HEARD_THEM, ["wait", 200]
 _ENDED = _resent("Cancel", s.Y, s.THEIRS), s.received("Ack", s.THEIRS, of=["Cancel", 1])
@@ -93,13 +95,13 @@ CASES = (
         "cam loss",
         ("ACT-2", "REL-1", "END-6"),
         "t_cam_loss after the last CAM it sends a Cancel (cam_loss) until the Ack",
-        [*_ACTUATING, s.HEARD_THEM, *_LATER, ["expire", ["cam"]], *_ENDED],
+        [*_ACTUATING, s.HEARD_THEM, *_LATER, ["expire", ["cam"]], *_ENDED, *_FREE],
     ),
     Case(
         "lease",
         ("ACT-4", "REL-1", "END-6"),
         "when the lease is over it sends a Cancel (lease_expired) until the Ack",
-        [*_ACTUATING, *_LATER, *_LATER, *_LATER, ["expire", ["lease"]], *_ENDED],
+        [*_ACTUATING, *_LATER, *_LATER, *_LATER, ["expire", ["lease"]], *_ENDED, *_FREE],
         lease_ms=1_900,
     ),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -52,11 +52,13 @@ class Survey:
     warnings: list[str] = field(default_factory=list)
     """What the reader had to overlook."""
 
-    def parameters(self, fixed: Mapping[str, int]) -> tuple[dict[str, int], list[str]]:
+    def parameters(
+        self, fixed: Mapping[str, int], features: Collection[str]
+    ) -> tuple[dict[str, int], list[str]]:
         """Those to replay with, and in words where they are not those of the log.
 
-        The header goes first, then timers, then the defaults; what is ``fixed`` stays.  Raises
-        CannotTell if a station cannot be given them.
+        The header goes first, then timers, then the defaults; what is ``fixed`` stays, and
+        ``clock_drift`` needs the feature.  Raises CannotTell if a station cannot be given them.
         """
         told = self.header.parameters.model_dump(exclude_none=True)
         found = {n: told.get(n, self.armed.get(n, ms)) for n, ms in DEFAULTS.items()}
@@ -73,6 +75,11 @@ class Survey:
             for n in others
             if n in out and others[n] != out[n]
         ]
+        drift = told.get("clock_drift", 0)
+        if drift and "clock_drift" in features:
+            out["clock_drift"] = drift
+        elif drift:
+            notes.append(f"clock_drift is {drift} in the log and 0 in the station")
         return out, notes
 
 

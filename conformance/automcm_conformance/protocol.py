@@ -25,7 +25,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 Json = Any
 PROTOCOL: Final = 1
 
-Feature = Literal["prescriber", "receiver", "restart", "durations", "cam"]
+Feature = Literal["prescriber", "receiver", "restart", "durations", "cam", "clock_drift"]
 Phase = Literal[
     "STANDALONE",
     "ADVERTISING",
@@ -225,7 +225,7 @@ class Hello(_Line):
 
 
 class Parameters(_Line):
-    """All of them, always: ``t_`` and ``backoff_`` in milliseconds, the others counts."""
+    """``t_`` and ``backoff_`` in milliseconds, the others counts; only ``clock_drift`` may lack."""
 
     t_timeout: Natural
     t_resend: Natural
@@ -238,6 +238,8 @@ class Parameters(_Line):
     max_participants: Natural
     outbox_limit: Natural
     memory_limit: Natural
+    clock_drift: Annotated[int | None, Field(ge=1, le=99), BeforeValidator(_present)] = None
+    """Percent, with the feature of that name; absent: 0."""
 
 
 class Reset(_Line):

@@ -109,12 +109,12 @@ def write_log(
     if any(step.pairs and not step.deeds for step in steps):
         raise ValueError("timers were not kept")
     reset = from_json(steps[0].line)
-    limits = {n: reset["parameters"][n] for n in LIMITS}
+    known = {n: ms for n, ms in reset["parameters"].items() if n in (*LIMITS, "clock_drift")}
     count = itertools.count(1)
     about = {"run": case, "station": reset["station"], "implementation": name, "version": version}
     with (
         files.writing(path) as file,
-        LogWriter(file, **about, parameters=limits, complete=COMPLETE) as log,
+        LogWriter(file, **about, parameters=known, complete=COMPLETE) as log,
     ):
         for step in steps:
             if not step.pairs and b'"advance"' not in step.line:

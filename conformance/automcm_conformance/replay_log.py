@@ -164,7 +164,8 @@ class _Run:
     ) -> None:
         self._found, self._process, self._hello = found, process, hello
         self._result, self._well_formed = result, well_formed
-        self._parameters, notes = found.parameters({str(n): v for n, v in hello.fixed.items()})
+        fixed = {str(n): v for n, v in hello.fixed.items()}
+        self._parameters, notes = found.parameters(fixed, hello.features)
         result.notes += notes
         self._names = Names(found.header.station, found.numbers)
         late_ms = self._parameters["t_resend"] // 2

@@ -81,6 +81,7 @@ CHANGES_ITS_MIND = Play(
     (Rule("lose", ("Cancel",), src=R, dst=P),),
     {P: ("choose", "fallback no_agreement"), Q: DONE[P], R: DONE[R]},
 )
+# Both wait until neither is in quarantine any more, and the first request comes too early.
 RESTARTS = Play(
     {
         P: Application(
@@ -88,13 +89,14 @@ RESTARTS = Play(
                 REQUEST,
                 When("ACTUATING", 500, "restart", times=1),
                 When("restart", 10, "request"),
+                When("restart", 9_000, "request"),
                 COMPLETE,
             )
         ),
         R: RECEIVER,
     },
     story={
-        P: ("choose", "accepted", "choose", "accepted"),
+        P: ("choose", "accepted", "refused", "choose", "accepted"),
         R: ("verify", "fallback cam_loss", "verify", "finished"),
     },
 )
@@ -104,6 +106,22 @@ ABORTS = Play(
         R: Application((When("ACTUATING", 500, "abort"),), joins=True),
     },
     story={P: ("choose", "accepted", "fallback abort"), R: ("verify",)},
+)
+# It breaks off unheard, and is asked by another one while the first still acts on its word (ACT-6).
+LETS_DOWN = Play(
+    {
+        P: Application((REQUEST,)),
+        Q: Application((When("start", 1_500, "request"),)),
+        R: Application(
+            (When("ACTUATING", 300, "abort"), When("ACTUATING", 400, "request")), joins=True
+        ),
+    },
+    (Rule("lose", ("Cancel",)),),
+    {
+        P: ("choose", "accepted", "fallback cam_loss"),
+        Q: ("no_participants",),
+        R: ("verify", "refused"),
+    },
 )
 THREE = Play(
     {P: Application((REQUEST, COMPLETE), target=3003)} | dict.fromkeys((R, 3003, 4004), RECEIVER),
@@ -147,7 +165,7 @@ NAMES: dict[str, tuple[Play, ...]] = {
     ),
     "scenario two prescribers": (IN_STEP, CHANGES_ITS_MIND),
     "scenario prescriber restarts": (RESTARTS,),
-    "scenario receiver aborts": (ABORTS,),
+    "scenario receiver aborts": (ABORTS, LETS_DOWN),
     "scenario three receivers": (THREE, UNHEARD),
     "scenario refused twice": (TWICE_REFUSED,),
     "scenario Fin lost": (_fin_lost(LEASE_MS, "cam_loss"), _fin_lost(3_000, "lease_expired")),

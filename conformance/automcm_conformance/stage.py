@@ -1,9 +1,9 @@
 """Several stations, their applications and a radio, in virtual time: one play, and its outcome.
 
 Every step of every station is followed on the oracle (followed.py).  That leaves three things to
-look at: hazards between the stations (S-4, S-5), sessions that do not end (L-1), and whether the
-play went where it must.  S-1, S-2 and S-3 are about one station, so a step that breaks them is not
-allowed.
+look at: hazards between the stations (S-4, S-5, S-8), sessions that do not end (L-1), and whether
+the play went where it must.  S-1, S-2 and S-3 are about one station, so a step that breaks them is
+not allowed.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Outcome:
     reason: str = ""
     """Why it is not PASS, in one line."""
     rule: str = ""
-    """A rule, or the property that is broken: S-4, S-5, L-1."""
+    """A rule, or the property that is broken: S-4, S-5, S-8, L-1."""
     what: str = ""
     allowed: list[str] = field(default_factory=list)
     came: list[str] = field(default_factory=list)
@@ -104,7 +104,7 @@ class Outcome:
 
 
 def hazard(tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int]]]) -> str:
-    """S-4 or S-5, and what is broken of it at this moment; empty if nothing is.
+    """S-4, S-5 or S-8, and what is broken of it at this moment; empty if nothing is.
 
     ``excused``: for each station the sessions in which it aborted, lost CAMs or restarted.
     """
@@ -119,6 +119,9 @@ def hazard(tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int
             if not agreed and t.session not in excused[t.target]:
                 return f"S-5: {me} acts, and its target {t.target} is not committed to that"
         for other, o in acting.items():
+            words = {o.target, other} if o.role == "prescriber" and other != me else set()
+            if t.role == "prescriber" and t.target in words:
+                return f"S-8: {me} and {other} act, both on what {t.target} has agreed to"
             pair = {t.session[0], tracks[t.session[0]].target} if t.session else set()
             if o.session == t.session and other != me and pair != {me, other}:
                 return f"S-4: {me} and {other} act in one session, and are no pair in it"

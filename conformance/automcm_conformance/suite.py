@@ -110,7 +110,9 @@ class Runner:
         link: Link | None = None,
     ) -> Exchange:
         """A fresh station, with the limits of the graph if none are given, over the adapter or
-        another ``link``."""
+        another ``link``.  What it has no feature for is left out of ``parameters``."""
+        if "clock_drift" not in self.features:
+            parameters = {name: n for name, n in parameters.items() if name != "clock_drift"}
         limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
         given = fitting({**parameters, **limits}, self.fixed)
         scenario = self.adapter.hello.scenarios[0]

@@ -21,7 +21,7 @@ Json = Any
 AUTOMCM = Path(sys.executable).parent / "automcm"
 CASES = (
     "AMCM/RCV/ADV/BV-01",
-    "AMCM/STA/ADV/BV-01",  # with restarts
+    "AMCM/PRE/END/BV-11",  # with a restart
     "AMCM/RCV/NEG/TI-04",  # these two with the timers that the parameters make
     "AMCM/PRE/NEG/TI-02",
 )
@@ -29,7 +29,7 @@ MUTANT, ITS_CASE = "lease_runs_while_deciding", "AMCM/PRE/NEG/BV-03"
 """A timer runs on that should have been stopped (NEG-7): the station's own log says so at once,
 before anything is sent too much."""
 STATIONS = (1001, 2002)
-RESTART = SOURCE.parents[2] / "traces/corpus/behaviours/restarts/032-1001.ndjson"
+RESTART = SOURCE.parents[2] / "traces/corpus/behaviours/restarts/005-1001.ndjson"
 """Of the corpus: a station restarts while its timers run."""
 
 

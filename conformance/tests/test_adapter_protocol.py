@@ -48,6 +48,13 @@ TOLD: list[dict[str, Any]] = [
     {"name": "discarded"},
 ]
 CAM = {"type": "CAM", "generation_ms": 1100}
+DRIFTING: dict[str, Any] = {
+    "cmd": "reset",
+    "now": 1000,
+    "station": 4711,
+    "seed": 1,
+    "parameters": dict.fromkeys((*PARAMETERS, "clock_drift"), 9),
+}
 COMMANDS: list[dict[str, Any]] = [
     {"cmd": "hello", "protocol": 1},
     {
@@ -57,6 +64,7 @@ COMMANDS: list[dict[str, Any]] = [
         "seed": 1,
         "parameters": dict.fromkeys(PARAMETERS, 9),
     },
+    DRIFTING,
     {"cmd": "receive", "now": 1, "message": {}},
     {"cmd": "receive", "now": 1, "message": {"type": "Advertisement"}, "planned": PATH},
     {"cmd": "advance", "now": 1},
@@ -84,6 +92,10 @@ COMMANDS: list[dict[str, Any]] = [
     ),
 ]
 NO_COMMANDS: list[dict[str, Any]] = [
+    *(
+        {**DRIFTING, "parameters": {**DRIFTING["parameters"], "clock_drift": drift}}
+        for drift in (0, 100, None)
+    ),
     {"cmd": "dance"},
     {"cmd": "stop", "now": 1},
     {"cmd": "advance", "now": -1},
@@ -146,6 +158,7 @@ NO_HELLOS: list[tuple[Any, str]] = [
     ({**HELLO, "scenarios": []}, "scenarios is empty"),
     ({**HELLO, "name": ""}, "name is empty"),
     ({**HELLO, "version": 1}, "version: an integer stands where a text is needed"),
+    ({**HELLO, "fixed": {"clock_drift": 1}}, 'fixed: unknown name "clock_drift"'),
     ({**HELLO, "fixed": {"t_send": 1}}, 'fixed: unknown name "t_send": did you mean "t_resend"?'),
 ]
 NOT_JSON: list[tuple[bytes, str]] = [

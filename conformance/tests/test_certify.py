@@ -72,8 +72,8 @@ SCRIPTS = {
     ),
     "guard": (
         "advertising",
-        'st.bound, refuse),\n    Row("END-7"',
-        'False, refuse),\n    Row("END-7"',
+        'st.bound, refuse),\n    Row("ACT-6"',
+        'False, refuse),\n    Row("ACT-6"',
     ),
     "timer": (
         "parameters",

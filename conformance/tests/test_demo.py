@@ -227,15 +227,19 @@ def test_a_station_id_that_is_on_the_air_is_refused() -> None:
 
 
 def test_end_8_the_number_file_makes_the_next_start_a_restart(tmp_path: Path) -> None:
-    kept = tmp_path / "number"
-    args = ["station", "--id", "9", "--listen", "0", "--number-file", str(kept)]
+    kept, idle = tmp_path / "number", tmp_path / "idle"
+    args = ["station", "--id", "9", "--listen", "0", "--for", "300"]
     with running("link", "relay", "--port", "0") as relay:
         args += ["--via", f"127.0.0.1:{report(relay)['port']}"]
-        quiet = automcm(*args, "--for", "1", "--log", str(tmp_path / "first"))
-        assert (quiet.returncode, kept.read_text()) == (0, "0\n")  # it has run, whatever it did
-        assert not restarts(tmp_path / "first")
-        automcm(*args, "--request-after", "1", "--for", "300")
-        again = automcm(*args, "--log", str(tmp_path / "again"), "--for", "1")
+
+        def started(number: Path, log: str, *more: str) -> Any:
+            return automcm(*args, "--number-file", str(number), "--log", str(tmp_path / log), *more)
+
+        assert started(idle, "idle log").returncode == 0
+        assert idle.read_text() == "0\n", "it has run, whatever it did"
+        started(kept, "first", "--request-after", "1")
+        again = started(kept, "again")
+    assert not restarts(tmp_path / "idle log") and not restarts(tmp_path / "first")
     assert kept.read_text() == "1\n" and restarts(tmp_path / "again")
     assert json.loads(again.stdout.splitlines()[0])["session_number"] == 1
 

@@ -182,7 +182,7 @@ def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
 ) -> None:
     found = explored(code, tmp_path, 60)
     (case,) = found.cases
-    assert (case.verdict, case.rules, found.acts[case.id]) == ("FAIL", ["ADV-1"], 2)
+    assert (case.verdict, case.rules, found.acts[case.id]) == ("FAIL", ["ADV-1"], 3)
     replays(found, tmp_path, code)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from automcm_conformance import purposes, scenarios
 from automcm_conformance.protocol import HelloAnswer
-from automcm_conformance.scenarios import BOTH, COMPLETE, DONE, NAMES, RECEIVER, REQUEST, P, R
+from automcm_conformance.scenarios import BOTH, COMPLETE, DONE, NAMES, RECEIVER, REQUEST, P, Q, R
 from automcm_conformance.stage import Application, Outcome, Play, When, hazard
 from automcm_spec.rules import RULES
 from automcm_traces.explain import explain_files
@@ -212,6 +212,18 @@ RULES["restart"] = Row("END-8", always, lambda *_: Outcome(State(quarantine=True
         "END-2",
         "first('receive Cancel', 'END-3', lambda me, st, i: st.phase == 'ACTUATING')",
     ),
+    "it is free as soon as it has broken off": Mutant(
+        "receiver aborts",
+        "END-8",
+        """
+from dataclasses import replace
+abort = RULES["command abort"][2].then
+def free(me, st, i):
+    left = abort(me, st, i)
+    return left._replace(state=replace(left.state, quarantine=False))
+first("command abort", "END-1", lambda me, st, i: st.bound, free)
+""",
+    ),
     "only one is released": Mutant(
         "three receivers",
         "PRE-2",
@@ -389,3 +401,15 @@ def test_hazards() -> None:
     tracks = {P: acting(P, "prescriber", phase="STANDALONE"), R: acting(R, "receiver")}
     third = acting(3003, "receiver")
     assert hazard({**tracks, 3003: third}, {**nobody, 3003: set()}).startswith("S-4: 2002 and 3003")
+
+
+def test_two_that_act_on_one_word_are_a_hazard() -> None:
+    excused = {P: set[Any](), Q: set[Any](), R: {(P, 1), (Q, 1)}}
+    one = acting(P, "prescriber")
+    for other in (R, 3003):
+        theirs = one.state._replace(session=(Q, 1), target=other)
+        both = {P: one, Q: Track(Q, state=theirs), R: acting(R, "receiver", 1, "STANDALONE")}
+        found = hazard(both, {**excused, 3003: {(Q, 1)}})
+        assert found == ("S-8: 1001 and 1002 act, both on what 2002 has agreed to" * (other == R))
+    own = {P: one, R: Track(R, state=one.state._replace(session=(R, 1), target=3003))}
+    assert hazard(own, {**excused, 3003: {(R, 1)}}).startswith("S-8: 1001 and 2002 act, both on")

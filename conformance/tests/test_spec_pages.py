@@ -12,12 +12,12 @@ from automcm_cli import generated, spec_pages
 from automcm_cli.main import app
 from automcm_spec import models
 
-MUST_FAIL = [m for m in models.load() if m.expect == "violates" and not m.alone]
-ALONE = [m for m in models.load() if m.expect == "violates" and m.alone]
+MUST_FAIL = [m for m in models.load() if m.expect == "violates" and not m.unsent]
+UNSENT = [m for m in models.load() if m.expect == "violates" and m.unsent]
 HOLD = [model for model in models.load() if model.expect == "holds"]
 
 
-def test_docs_models_links_to_a_page_for_each_model_of_several_stations_that_must_fail() -> None:
+def test_docs_models_links_to_a_page_for_each_model_that_must_fail_and_can_have_one() -> None:
     links = re.findall(r"\(counterexamples/(\w+)\.html\)", generated.MODELS_PAGE.read_text())
     assert links == [model.cfg for model in MUST_FAIL]
     assert all((generated.COUNTEREXAMPLES / f"{cfg}.itf.json").exists() for cfg in links)
@@ -25,7 +25,7 @@ def test_docs_models_links_to_a_page_for_each_model_of_several_stations_that_mus
 
 def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
     wanted = [model for model in MUST_FAIL if model.cfg == "bare_ack"]
-    [page] = spec_pages.write([*wanted, *HOLD, *ALONE], tmp_path / "new")
+    [page] = spec_pages.write([*wanted, *HOLD, *UNSENT], tmp_path / "new")
     assert page == tmp_path / "new" / "bare_ack.html"
     assert "<title>bare_ack, as TLC found it" in page.read_text()
 

@@ -192,6 +192,24 @@ station_.Station.receive = receive
         "",
         "deadline",
     ),
+    "a prescriber's lease that runs the full time": (
+        "AMCM/PRE/ACT/TI-05",
+        LASTS.format(name="lease", ms="self.state.lease_ms"),
+        "",
+        "deadline",
+    ),
+    "a prescriber's lease without the millisecond for rounding": (
+        "AMCM/PRE/ACT/TI-05",
+        LASTS.format(name="lease", ms="ms + (ms < self.state.lease_ms)"),
+        "",
+        "deadline",
+    ),
+    "a receiver's lease that is shorter as well": (
+        "AMCM/RCV/ACT/TI-04",
+        LASTS.format(name="lease", ms="self.parameters.lease('prescriber', self.state.lease_ms)"),
+        "",
+        "deadline",
+    ),
     "a session after another, what was heard in quarantine": (
         "AMCM/STA/END/BV-16",
         "",

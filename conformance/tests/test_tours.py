@@ -65,7 +65,7 @@ def test_tours_drive_each_pair_and_come_to_an_end(tight: Oracle) -> None:
 
 
 def test_tours_that_are_planned_before_any_is_done(tight: Oracle) -> None:
-    tours = Tours.over(tight, every(tight), lambda s, i: True)
+    tours = Tours.over(tight, every(tight), lambda s, i: True, lambda s, i: False)
     seen: set[tuple[int, int]] = set()
     for _ in range(5):
         tour = tours.next()

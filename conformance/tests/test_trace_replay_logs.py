@@ -11,6 +11,7 @@ from replay_stage import REFERENCE, Json, edited, inputs, records, replay, verdi
 from replay_stage import logs as logs
 from wrong_station import station
 
+from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_conformance.log_compare import Compared
@@ -35,7 +36,10 @@ def answer(command):
 """
     code, result = replay(logs / "2002.ndjson", station(bare), tmp_path)
     assert (code, result["verdict"]) == (0, "allowed"), result
-    assert result["notes"] == ["t_decide is 500 in the log and fixed at 400 in the station"]
+    assert result["notes"] == [
+        "t_decide is 500 in the log and fixed at 400 in the station",
+        "clock_drift is 1 in the log and 0 in the station",
+    ]
 
 
 def test_what_the_header_tells_is_not_said_to_be_fixed_in_the_station(
@@ -146,8 +150,6 @@ def test_parameters_come_from_the_header_then_from_timers(logs: Path, tmp_path: 
 
     folder = tmp_path / "slow"
     folder.mkdir()
-    from automcm.parameters import Parameters
-
     simulation = Simulation(seed=5, logs=folder)
     for each in (1001, 2002):
         slow = Parameters(t_resend=150, t_timeout=900, t_decide=700)
@@ -159,6 +161,19 @@ def test_parameters_come_from_the_header_then_from_timers(logs: Path, tmp_path: 
     assert (code, result["same"]) == (0, True), result
     told = records(Path(result["log"]))[0]["parameters"]
     assert (told["t_resend"], told["t_decide"], told["t_giveup"]) == (150, 700, 1050)
+
+
+def test_act_4_the_margin_of_the_log_is_that_of_the_replay(tmp_path: Path) -> None:
+    """The Fin comes after the lease, so the log holds its end."""
+    simulation = Simulation(seed=5, logs=tmp_path)
+    for each in (1001, 2002):
+        simulation.add(each, Straight(lease_ms=2000, maneuver_ms=9000), Parameters(clock_drift=9))
+    simulation.request(1001, at=500)
+    simulation.run(until=12_000)
+    log = tmp_path / "1001.ndjson"
+    assert '"reason":"lease_expired"' in log.read_text()
+    code, result = replay(log, REFERENCE, tmp_path / "again")
+    assert (code, result["same"], result["notes"]) == (0, True, []), result
 
 
 def test_what_cannot_be_given(tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ def advertise_again(me: Me, st: State, i: Expiry) -> Outcome:
 
 REQUEST = (
     Row("ADV-1", lambda me, st, i: st.bound, refuse),
+    Row("ACT-6", lambda me, st, i: st.quarantine, refuse),
     Row("END-7", lambda me, st, i: st.backoff, refuse),
     Row("MEM-1", lambda me, st, i: not room(me, st), refuse),
     Row("ADV-1", always, open_session),

@@ -21,7 +21,7 @@ HELLO = {
     "name": "automcm reference",
     "version": version("automcm"),
     "issues": "see the README",
-    "features": ["prescriber", "receiver", "restart", "durations", "cam"],
+    "features": ["prescriber", "receiver", "restart", "durations", "cam", "clock_drift"],
     "scenarios": ["lane_change", "merge", "speed_advice"],
     "fixed": {},
 }
@@ -71,7 +71,7 @@ class Kit:
         self._started.durations = {**self._started.durations, **durations}
 
     def _reset(self, command: dict[str, Json]) -> dict[str, Json]:
-        parameters = Parameters(**command["parameters"])
+        parameters = Parameters(**({"clock_drift": 0} | command["parameters"]))
         self._station = Station(
             command["station"], parameters, plan=lambda _: self._planned, seed=command["seed"]
         )

@@ -131,9 +131,14 @@ def leave(st: State) -> State:
 
 
 def leave_with(st: State, messages: Iterable[Reliable], told: Indication | None = None) -> Outcome:
-    """Leave, and send ``messages`` reliably."""
+    """Leave by its own decision, and send ``messages`` reliably.
+
+    ACT-6: a receiver that breaks its commitment off so is quarantined.
+    """
     sent = tuple(messages)
-    return Outcome(replace(post(leave(st), *sent), seq=0), sent, told)
+    breaks_off = (st.phase, st.role) == ("ACTUATING", "receiver")
+    left = replace(post(leave(st), *sent), seq=0, quarantine=st.quarantine or breaks_off)
+    return Outcome(left, sent, told)
 
 
 def own(st: State) -> Session:

@@ -19,8 +19,10 @@ class ParameterError(ValueError):
 class Parameters:
     """What a station is configured with.  Defaults: Table I of the paper where it has them.
 
-    Raises ParameterError for a negative duration, a limit below 1, or a ``t_cam_loss`` that a
-    legal CAM interval (1 s) alone would exceed.
+    ``clock_drift``: how many percent the clocks of two stations may differ; 0: they run alike.
+
+    Raises ParameterError for a negative duration, a limit below 1, a ``clock_drift`` of 100 or
+    more, or a ``t_cam_loss`` that a legal CAM interval (1 s) alone would exceed.
     """
 
     t_timeout: int = 2000
@@ -34,6 +36,7 @@ class Parameters:
     max_participants: int = 32
     outbox_limit: int = 64
     memory_limit: int = 64
+    clock_drift: int = 1
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -53,6 +56,8 @@ class Parameters:
             raise ParameterError(
                 "outbox_limit: must exceed max_participants and max_rounds (MEM-1)"
             )
+        if self.clock_drift > 99:
+            raise ParameterError("clock_drift: must be below 100 percent")
         if self.backoff_max < self.backoff_min:
             raise ParameterError("backoff_max: below backoff_min")
 
@@ -76,11 +81,21 @@ class Parameters:
         """After so long no copy of a message is under way any more, ms."""
         return 2 * self.t_giveup
 
+    def lease(self, role: str, lease_ms: int) -> int:
+        """How long the lease timer lasts, ms, with the lease of a Prescription (ACT-4).
+
+        The prescriber's is shorter by what its clock may lose meanwhile, and 1 ms for rounding.
+        """
+        if role != "prescriber" or self.clock_drift == 0:
+            return lease_ms
+        lost = -(-lease_ms * self.clock_drift // 100)
+        return max(1, lease_ms - lost - 1)
+
     def duration(self, timer: Timer) -> int:
         """How long the timer lasts, in ms.
 
-        Not for ``lease`` (in its Prescription), ``backoff`` (random) and ``forget`` (counts
-        from joining as well); the station knows those.
+        Not for ``lease`` (above), ``backoff`` (random) and ``forget`` (counts from joining as
+        well); the station knows those.
         """
         match timer.name:
             case "advertise":
@@ -98,7 +113,8 @@ class Parameters:
             case "cam":
                 return self.t_cam_loss
             case "quarantine":
-                return self.t_advertise + self.t_life
+                acts_on = self.t_cam_loss + self.t_resend // 2  # ACT-6
+                return max(self.t_advertise + self.t_life, acts_on)
         raise ValueError(f"no fixed duration: {timer.name}")
 
     def as_dict(self) -> dict[str, int]:

@@ -175,7 +175,7 @@ class Station:
     def _duration(self, timer: Timer, now: int) -> int:
         p = self.parameters
         if timer.name == "lease":
-            return self.state.lease_ms
+            return p.lease(self.state.role, self.state.lease_ms)
         if timer.name in self.durations:
             return self.durations[timer.name]
         match timer.name:

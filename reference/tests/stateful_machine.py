@@ -386,7 +386,11 @@ class Coordination(RuleBasedStateMachine):
     def session(self, s: int, upto: str, lease: int, refusals: int, lost: str, slow: bool) -> None:
         """A station opens a session, and it goes on up to a phase of its."""
         stations = self.at_rest()
-        s = stations[s % len(stations)]
+        self._session(stations[s % len(stations)], upto, lease, refusals, lost, slow)
+
+    def _session(
+        self, s: int, upto: str, lease: int, refusals: int = 0, lost: str = "", slow: bool = False
+    ) -> None:
         self.world.command(s, Request(scenario="lane_change"))
         for _ in range(16):
             for go_on in (
@@ -435,19 +439,27 @@ class Coordination(RuleBasedStateMachine):
     def committed(self) -> list[int]:
         return self.world.at("receiver", "ACTUATING")
 
-    @precondition(committed)
-    @step(s=STATION, restart=st.booleans())
-    def let_go(self, s: int, restart: bool) -> None:
-        """A committed receiver aborts, or restarts, and nobody hears of it."""
+    @step(s=STATION, restart=st.booleans(), rival=st.booleans())
+    def let_go(self, s: int, restart: bool, rival: bool) -> None:
+        """A committed receiver (of a new session if there is none) aborts, or restarts, and nobody
+        hears of it; another station may want it then."""
+        stations = self.at_rest()
+        if stations and not self.committed():
+            self._session(stations[s % len(stations)], "ACTUATING", LEASES[0])
         stations = self.committed()
+        if not stations:
+            return
         s = stations[s % len(stations)]
         if restart:
             self.world.restart(s)
-            return
-        session = self.world.state(s).session
-        assert session is not None
-        self.world.command(s, Abort(session=session))
-        self.world.flight = [c for c in self.world.flight if c.what != "Cancel"]
+        else:
+            session = self.world.state(s).session
+            assert session is not None
+            self.world.command(s, Abort(session=session))
+            self.world.flight = [c for c in self.world.flight if c.what != "Cancel"]
+        rivals = [t for t in self.at_rest() if t != s]
+        if rival and rivals:
+            self._session(rivals[0], "ACTUATING", LEASES[0])
 
     session_again = session
     go_on_again = go_on

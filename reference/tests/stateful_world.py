@@ -332,7 +332,7 @@ class World:
     # -- properties of the whole
 
     def look(self) -> None:
-        """S-3, S-4, S-5, T-1, T-2 when an instant is over."""
+        """S-3, S-4, S-5, S-8, T-1, T-2 when an instant is over."""
         acting = [
             (s, x)
             for s, x in ((s, self.stations[s].state) for s in self.ids)
@@ -342,6 +342,7 @@ class World:
         for s, x in acting:
             assert x.session is not None
             self._agreement(s, x, acting)
+            self._exclusive(s, x, acting)
             if x.role == "prescriber":
                 said = (x.target, s, x.session, x.proposal) in self.accepted
                 self._fail_unless(
@@ -391,6 +392,17 @@ class World:
                     "S-4",
                     (y.role, y.target, y.proposal) == ("prescriber", s, x.proposal),
                     lambda s=s, x=x, t=t, y=y: f"{s} is {_shown(x)}, {t} is {_shown(y)}",
+                )
+
+    def _exclusive(self, s: int, x: State, acting: list[tuple[int, State]]) -> None:
+        for t, y in acting:
+            if t != s and x.role == y.role == "prescriber":
+                self._fail_unless(
+                    "S-8",
+                    x.target not in (t, y.target),
+                    lambda s=s, x=x, t=t, y=y: (
+                        f"{s} acts on the word of {x.target}, {t} on that of {y.target}"
+                    ),
                 )
 
     def _longest(self, s: int) -> int:

@@ -96,6 +96,7 @@ def test_remote_falls_back_by_itself() -> None:
             world.bridge._port = port
             await world.bridge.open()
             await asyncio.wait_for(it.connected.wait(), PATIENCE)
+            await holds(lambda: not world.bridged.state.quarantine)  # ACT-6: it broke its word
             it.command(LANE_CHANGE)
             await holds(lambda: world.bridged.state.bound)
             assert len(mine.told) == 3  # the bridge's "alone" is no news

@@ -155,7 +155,10 @@ def test_every_ablation_names_what_there_is() -> None:
 
 
 def test_an_ablation_changes_rows_of_its_own_rule() -> None:
-    elsewhere = {"lease from the Acceptance": {"NEG-6"}}
+    elsewhere = {
+        "lease from the Acceptance": {"NEG-6"},
+        "free after breaking off": {"END-1", "ACT-2", "ACT-4"},
+    }
     for ablation in ABLATIONS:
         with ablation.made() as made:
             rows = {

@@ -57,6 +57,28 @@ def test_as_dict_holds_the_derived_ones_too() -> None:
     }
 
 
+OWN_LEASES = [
+    *((1, 20_000, 19_799), (1, 100, 98), (1, 101, 98), (7, 900, 836), (0, 20_000, 20_000)),
+    *((1, 1, 1), (99, 10, 1)),  # too short to act on, but no timer lasts less than 1 ms
+]
+
+
+@pytest.mark.parametrize(("drift", "lease_ms", "own_ms"), OWN_LEASES)
+def test_act_4_the_prescribers_lease_is_shorter_by_the_drift_and_1_ms(
+    drift: int, lease_ms: int, own_ms: int
+) -> None:
+    p = Parameters(clock_drift=drift)
+    assert p.lease("prescriber", lease_ms) == own_ms
+    assert p.lease("receiver", lease_ms) == lease_ms
+
+
+@pytest.mark.parametrize("drift", [1, 3, 10, 50])
+def test_act_4_a_clock_slow_by_the_drift_still_ends_first(drift: int) -> None:
+    for lease_ms in range(200, 30_000, 7):
+        own_ms = Parameters(clock_drift=drift).lease("prescriber", lease_ms)
+        assert own_ms * (100 + drift) <= (lease_ms - 1) * 100
+
+
 NAMES = [name for name in Parameters().as_dict() if name not in ("t_giveup", "t_advertise")]
 NAMES = [name for name in NAMES if name not in ("t_hold", "t_life")]
 
@@ -81,6 +103,7 @@ def test_a_parameter_is_an_integer_and_not_negative(name: str, value: Any) -> No
         ("outbox_limit", {"outbox_limit": 32}),
         ("outbox_limit", {"max_participants": 64}),
         ("backoff_max", {"backoff_min": 2001}),
+        ("clock_drift", {"clock_drift": 100}),
     ],
 )
 def test_a_parameter_that_cannot_work_is_refused_by_name(name: str, given: dict[str, int]) -> None:
@@ -95,6 +118,8 @@ def test_a_parameter_that_cannot_work_is_refused_by_name(name: str, given: dict[
         {"t_cam_loss": 1001, "t_cam": 1000},
         {"max_participants": 1, "outbox_limit": 2, "memory_limit": 1, "max_rounds": 1},
         {"backoff_min": 0, "backoff_max": 0},
+        {"clock_drift": 0},
+        {"clock_drift": 99},
     ],
 )
 def test_the_bounds_themselves_are_allowed(given: dict[str, int]) -> None:

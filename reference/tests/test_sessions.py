@@ -91,4 +91,17 @@ def test_end_1_leaving_ends_the_acceptance_but_not_the_cancel() -> None:
     assert [m.type for m in b.state.outbox] == ["Acceptance"]
     b.command(Abort(session=(A, 1)), 2350)
     assert [m.type for m in b.state.outbox] == ["Cancel"]
-    assert {timer.name for timer in b.timers} == {"giveup", "resend", "forget"}
+    assert {timer.name for timer in b.timers} == {"giveup", "resend", "forget", "quarantine"}
+
+
+def test_act_6_a_receiver_that_breaks_off_joins_and_requests_nothing_for_a_while() -> None:
+    a, b, c = station(A), station(B), station(C)
+    prescribed(a, b)
+    b.command(Accept(session=(A, 1), proposal=1, selected=DRIVEN), 2300)
+    b.command(Abort(session=(A, 1)), 2350)
+    assert not sent(b.receive(advertised(c), 2360))
+    b.command(Request(scenario="lane_change"), 2370)
+    assert b.state.phase == "STANDALONE"
+    b.advance(2350 + 6300)
+    b.command(Request(scenario="lane_change"), 2350 + 6301)
+    assert b.state.phase == "ADVERTISING"

@@ -251,7 +251,7 @@ def test_order_advertise_before_resend() -> None:
 
 def test_order_lease_before_giveup_before_resend() -> None:
     s = Stage().walk("prescriber", "CHOOSING")
-    s.do(2150, "prescribe", OWN, lease_ms=2100)
+    s.do(2150, "prescribe", OWN, lease_ms=2123)  # 2100 for the prescriber (ACT-4)
     (_, other) = s.state.outbox
     s.run(4249)
     due = [t.name for t, d in s.station.timers.items() if d == 4250]
@@ -294,6 +294,9 @@ def test_an_earlier_deadline_goes_first_whatever_the_order_says() -> None:
 
 # -- lease
 
+OWN_LEASE = 20_000 - 200 - 1
+"""The prescriber's: shorter by 1 percent and 1 ms (ACT-4)."""
+
 
 def test_t_4_the_prescribers_lease_ends_before_the_receivers() -> None:
     """The prescriber counts from its first sending, the receiver from its acceptance."""
@@ -301,7 +304,7 @@ def test_t_4_the_prescribers_lease_ends_before_the_receivers() -> None:
     (offer,) = sent(r.hear(0, advertisement(OWN)))
     assert offer == intention()
     (proposal,) = sent(p.do(2150, "prescribe", OWN), "Prescription")
-    assert p.deadline("lease") == 2150 + 20_000
+    assert p.deadline("lease") == 2150 + OWN_LEASE
     p.run(2350)
     r.run(2310)
     r.hear(2310, proposal)
@@ -309,15 +312,15 @@ def test_t_4_the_prescribers_lease_ends_before_the_receivers() -> None:
     (answer,) = sent(r.do(2400, "accept", OWN))
     assert r.deadline("lease") == 2400 + 20_000
     p.hear(2420, answer)
-    assert p.deadline("lease") == 2150 + 20_000
+    assert p.deadline("lease") == 2150 + OWN_LEASE
     assert p.deadline("lease") < r.deadline("lease")  # type: ignore[operator]
 
 
 def test_neg_6_accepted_tells_the_lease_left() -> None:
     s = Stage().walk("prescriber", "NEGOTIATING")
     (accepted,) = told(s.hear(2420, yes()))
-    assert accepted.lease_left_ms == 2150 + 20_000 - 2420
-    assert accepted.as_dict()["lease_left_ms"] == 19_730
+    assert accepted.lease_left_ms == 2150 + OWN_LEASE - 2420
+    assert accepted.as_dict()["lease_left_ms"] == 19_529
 
 
 def test_act_4_a_new_proposal_arms_the_lease_anew() -> None:
@@ -325,12 +328,17 @@ def test_act_4_a_new_proposal_arms_the_lease_anew() -> None:
     s.hear(2300, no())
     assert s.deadline("lease") is None
     s.do(2400, "prescribe", OWN, proposal=2, lease_ms=5000)
-    assert s.deadline("lease") == 7400
+    assert s.deadline("lease") == 7349
     (accepted,) = told(s.hear(2500, yes(2)))
-    assert (s.deadline("lease"), accepted.lease_left_ms) == (7400, 4900)
+    assert (s.deadline("lease"), accepted.lease_left_ms) == (7349, 4849)
 
 
-@pytest.mark.parametrize(("role", "end"), [("prescriber", 22_150), ("receiver", 20_030)])
+def test_act_4_with_clocks_that_run_alike_the_leases_last_as_long() -> None:
+    s = Stage(clock_drift=0).walk("prescriber", "NEGOTIATING")
+    assert s.deadline("lease") == 2150 + 20_000
+
+
+@pytest.mark.parametrize(("role", "end"), [("prescriber", 2150 + OWN_LEASE), ("receiver", 20_030)])
 def test_act_4_lease_ends_whatever_cams_are_heard(role: str, end: int) -> None:
     s = Stage().walk(role, "ACTUATING")
     peer, session = (TARGET, OWN) if role == "prescriber" else (PRESCRIBER, THEIRS)

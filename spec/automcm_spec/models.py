@@ -25,6 +25,7 @@ PROPERTIES = {
     "S-5": "NoHazardInv",
     "S-6": "AckedProp",
     "S-7": "NoCrossEffectProp",
+    "S-8": "ExclusiveInv",
     "S-9": "ToldProp",
     "S-10": "ReasonProp",
     "L-1": "EndsProp",
@@ -38,15 +39,21 @@ PROPERTIES = {
     "T-3": "SendingsInv",
     "T-4": "LeaseInv",
     "T-5": "OrdersInv",
+    "T-6": "OneWordInv",
     "T-7": "TogetherInv",
+    "T-8": "CamLossInv",
+    "T-9": "LeftInv",
     "TypeInv": "TypeInv",
 }
 
 #: The properties of System, which each model of it checks; together they are called S.
-SAFETY = tuple(f"S-{n}" for n in range(1, 8))
+SAFETY = tuple(f"S-{n}" for n in range(1, 9))
 
 #: The modules of one station to which anything may happen.
 ALONE = ("OpenStation", "ProbeStation", "StationProperties")
+
+#: The modules of stations that are lied to by one that takes no step.
+LIED_TO = ("Liar", "TimedLiar")
 
 #: The id of a property by its name in the modules, or by that of its version with time.
 PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
@@ -94,11 +101,11 @@ class Model(BaseModel):
     length: int | None = None
 
     @builtins.property
-    def alone(self) -> bool:
-        """Is it of one station?  Then its counterexample has no logs and no page: nobody has sent
-        what the station receives.
+    def unsent(self) -> bool:
+        """Does a station receive what nobody has sent, since it is alone or lied to?  Then its
+        counterexample has no logs and no page.
         """
-        return self.module in ALONE
+        return self.module in (*ALONE, *LIED_TO)
 
     @model_validator(mode="after")
     def _fields_fit(self) -> "Model":
@@ -115,7 +122,7 @@ class Model(BaseModel):
         for name in barred:
             if getattr(self, name) is not None:
                 raise ValueError(f"a model that {self.expect} has no {name}")
-        if self.expect == "violates" and PROPERTIES.get(self.property or "") != self.breaks:
+        if self.expect == "violates" and PROPERTY_IDS.get(self.breaks or "") != self.property:
             raise ValueError(f"the property {self.property} is not {self.breaks}")
         return self
 

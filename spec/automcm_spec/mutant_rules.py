@@ -31,7 +31,7 @@ NOT_MUTATED: dict[str, str] = {
     "System.Init": "the start; its parts are mutated in Station.Initial",
     "System.vars": "the subscript of the actions",
     "System.view": "what TLC takes for a state",
-    "System.Spec": "no model uses it",
+    "System.Spec": "Init and Next put together",
     "System.Excuses": "defines a history variable, which belongs to S-5",
     "System.Received": "defines a history variable, which belongs to S-6",
 }

@@ -37,6 +37,7 @@ RULES: dict[str, str] = {
     "ACT-3": "Fin ends the session",
     "ACT-4": "the lease ends the session",
     "ACT-5": "only a newer CAM marked with the session counts as heard",
+    "ACT-6": "a receiver that breaks a commitment off joins and requests nothing for a while",
     "END-1": "either application may abort; leaving ends what is being sent but Fin and Cancel",
     "END-2": "a Cancel from the peer ends the session; one before the choice withdraws",
     "END-3": "any copy of Fin and Cancel is acked, in any phase",

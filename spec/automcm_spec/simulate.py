@@ -24,8 +24,7 @@ CONFIG = """CONSTANTS
   MaxSessions = 2
   Forgetting = FALSE
   Reduced = FALSE
-INIT Init
-NEXT {next}
+SPECIFICATION {spec}
 CHECK_DEADLOCK FALSE
 INVARIANTS TypeInv AcceptedInv AgreementInv NoHazardInv
 """
@@ -88,7 +87,7 @@ def behaviours(
     """
     with scratch.folder("simulate") as folder:
         cfg = folder / "Simulated.cfg"
-        cfg.write_text(CONFIG.format(next="LivelyNext" if lively else "Next"))
+        cfg.write_text(CONFIG.format(spec="LivelySpec" if lively else "AnySpec"))
         prefix = folder / "trace"
         extra = ["-simulate", f"file={prefix},num={number}", "-depth", str(depth)]
         tlc.run("Simulation", cfg, tla_dir=tla, extra=[*extra, "-seed", str(seed)])

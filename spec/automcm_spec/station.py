@@ -107,7 +107,7 @@ class Effect(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Station.tla:520."""
+    """Station.tla:528."""
 
     st: State
     out: frozenset[Message]
@@ -389,42 +389,52 @@ class Station:
             outbox=frozenset({e for e in st.outbox if e.type in {"Fin", "Cancel"}}),
         )
 
+    def break_off(self, st: State) -> State:
+        """Station.tla:165."""
+        if st.phase == "ACTUATING" and st.role == "receiver":
+            return self.leave(st)._replace(quarantine=True)
+        return self.leave(st)
+
     def leave_with(
         self, st: State, ms: frozenset[Message], told: tuple[str, ...], rule: str
     ) -> Effect:
-        """Station.tla:164."""
-        return self.effect(self.post(self.leave(st), ms), ms, told, rule)
+        """Station.tla:169."""
+        return self.effect(self.post(self.break_off(st), ms), ms, told, rule)
 
     def cancels(self, me: int, st: State, to: frozenset[int], why: str) -> frozenset[Message]:
-        """Station.tla:166."""
+        """Station.tla:171."""
         return frozenset({self.cancel(me, p, st.session, why) for p in to})
 
     def cancel_peer(self, me: int, st: State, why: str, rule: str) -> Effect:
-        """Station.tla:169."""
+        """Station.tla:174."""
         return self.leave_with(
             st, self.cancels(me, st, frozenset({self.peer(st)}), why), ("fallback", why), rule
         )
 
     def others(self, st: State) -> frozenset[int]:
-        """Station.tla:173."""
+        """Station.tla:178."""
         if st.phase in {"ADVERTISING", "CHOOSING"}:
             return st.recorded
         return frozenset({self.peer(st)})
 
     def same_session(self, s: Session, t: Session) -> bool:
-        """Station.tla:180."""
+        """Station.tla:185."""
         return s == t
 
+    def of_peer(self, st: State, src: int) -> bool:
+        """Station.tla:186."""
+        return src == self.peer(st)
+
     def same_proposal(self, k: int, l_: int) -> bool:
-        """Station.tla:181."""
+        """Station.tla:187."""
         return k == l_
 
     def older_or_same(self, k: int, l_: int) -> bool:
-        """Station.tla:182."""
+        """Station.tla:188."""
         return k <= l_
 
     def ack_matches(self, e: Entry, m: Message) -> bool:
-        """Station.tla:183."""
+        """Station.tla:189."""
         return (
             e.to == m.src
             and e.session == m.session
@@ -433,60 +443,66 @@ class Station:
         )
 
     def newer_than_joined(self, st: State, s: Session) -> bool:
-        """Station.tla:188."""
+        """Station.tla:194."""
         return not any(j[0] == s[0] and j[1] >= s[1] for j in st.joined)
 
     def quarantined(self, st: State) -> bool:
-        """Station.tla:190."""
+        """Station.tla:196."""
         return st.quarantine
 
+    def may_request(self, st: State) -> bool:
+        """Station.tla:197."""
+        return not st.quarantine
+
     def next_target(self, st: State, p: int) -> bool:
-        """Station.tla:191."""
+        """Station.tla:198."""
         return p == st.target
 
     def marked(self, st: State, marks: frozenset[Session]) -> bool:
-        """Station.tla:192."""
+        """Station.tla:199."""
         return st.session in marks
 
     def next_proposal(self, k: int) -> int:
-        """Station.tla:193."""
+        """Station.tla:200."""
         return k + 1
 
     def round_left(self, st: State) -> bool:
-        """Station.tla:194."""
+        """Station.tla:201."""
         return st.proposal < self.max_rounds
 
     def ack_copy(self, me: int, m: Message) -> frozenset[Message]:
-        """Station.tla:195."""
+        """Station.tla:202."""
         return frozenset({self.ack(me, m)})
 
     @cached_property
     def reserve(self) -> int:
-        """Station.tla:199."""
+        """Station.tla:206."""
         return 1 + (
             self.max_rounds if self.max_rounds > self.max_participants else self.max_participants
         )
 
     def room(self, st: State) -> bool:
-        """Station.tla:201."""
+        """Station.tla:208."""
         return len(st.outbox) + self.reserve <= self.outbox_limit
 
     def room_to_record(self, st: State) -> bool:
-        """Station.tla:202."""
+        """Station.tla:209."""
         return len(st.recorded | st.withdrawn) < self.max_participants
 
     def room_to_remember(self, st: State, p: int) -> bool:
-        """Station.tla:204."""
+        """Station.tla:211."""
         return any(j[0] == p for j in st.joined) or len(st.joined) < self.memory_limit
 
     def in_(self, st: State, s: Session) -> bool:
-        """Station.tla:208."""
+        """Station.tla:215."""
         return self.bound(st) and self.same_session(st.session, s)
 
     def on_request(self, me: int, st: State) -> Effect:
-        """Station.tla:213."""
+        """Station.tla:220."""
         if self.bound(st):
             return self.refuse(st, "ADV-1")
+        if not self.may_request(st):
+            return self.refuse(st, "ACT-6")
         if st.backoff:
             return self.refuse(st, "END-7")
         if not self.room(st):
@@ -500,13 +516,13 @@ class Station:
         )
 
     def on_resend_advertisement(self, me: int, st: State) -> Effect:
-        """Station.tla:222."""
+        """Station.tla:230."""
         return self.effect(
             st, frozenset({self.advertisement(me, st.session)}), self.nothing, "ADV-2"
         )
 
     def on_advertisement(self, me: int, st: State, m: Message, concerned: bool) -> Effect:
-        """Station.tla:225."""
+        """Station.tla:233."""
         if self.bound(st):
             return self.ignore(st, "ADV-4")
         if self.quarantined(st):
@@ -527,7 +543,7 @@ class Station:
         return self.effect(self.post(j, frozenset({i})), frozenset({i}), self.nothing, "ADV-3")
 
     def answer_closed(self, me: int, st: State, m: Message, rule: str) -> Effect:
-        """Station.tla:240."""
+        """Station.tla:248."""
         mine = frozenset(
             {
                 e
@@ -545,7 +561,7 @@ class Station:
         )
 
     def on_intention(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:246."""
+        """Station.tla:254."""
         if not self.in_(st, m.session):
             return self.answer_closed(me, st, m, "ADV-5")
         if st.phase == "ADVERTISING":
@@ -565,23 +581,23 @@ class Station:
         return self.answer_closed(me, st, m, "ADV-5")
 
     def on_hold(self, me: int, st: State) -> Effect:
-        """Station.tla:258."""
+        """Station.tla:266."""
         return self.effect(self.leave(st), EMPTY, ("fallback", "timeout"), "ADV-7")
 
     def on_forget(self, st: State, p: int) -> Effect:
-        """Station.tla:261."""
+        """Station.tla:269."""
         return self.ignore(
             st._replace(joined=frozenset({j for j in st.joined if j[0] != p})), "ADV-8"
         )
 
     def no_participants(self, st: State, out: frozenset[Message]) -> Effect:
-        """Station.tla:267."""
+        """Station.tla:275."""
         return self.effect(
             self.leave(st)._replace(backoff=True), out, ("no_participants",), "PRE-1"
         )
 
     def on_advertise_end(self, me: int, st: State) -> Effect:
-        """Station.tla:271."""
+        """Station.tla:279."""
         if not st.recorded:
             return self.no_participants(st, EMPTY)
         return self.effect(
@@ -589,7 +605,7 @@ class Station:
         )
 
     def prescribe(self, me: int, st: State, to: int, k: int, rule: str) -> Effect:
-        """Station.tla:277."""
+        """Station.tla:285."""
         ms = frozenset({self.prescription(me, to, st.session, k)}) | self.cancels(
             me, st, st.recorded - frozenset({to}), "not_selected"
         )
@@ -606,7 +622,7 @@ class Station:
         )
 
     def on_prescribe(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:285."""
+        """Station.tla:293."""
         if not (st.phase == "CHOOSING" or st.deciding):
             return self.refuse(st, "CMD-1")
         if c.session != st.session or c.proposal != self.next_proposal(st.proposal):
@@ -620,7 +636,7 @@ class Station:
         return self.refuse(st, "NEG-7")
 
     def on_proceed(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:296."""
+        """Station.tla:304."""
         if st.phase != "CHOOSING":
             return self.refuse(st, "CMD-1")
         if c.session != st.session:
@@ -630,13 +646,13 @@ class Station:
         )
 
     def on_foreign_prescription(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:305."""
+        """Station.tla:313."""
         if self.bound(st):
             return self.answer(st, self.refusal_answer(me, m, "busy"), "NEG-4")
         return self.answer(st, self.refusal_answer(me, m, "unknown_session"), "NEG-5")
 
     def on_prescription(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:309."""
+        """Station.tla:317."""
         if not self.in_(st, m.session):
             return self.on_foreign_prescription(me, st, m)
         if self.older_or_same(m.proposal, st.proposal):
@@ -655,7 +671,7 @@ class Station:
         return self.discard(st, "END-5")
 
     def on_accept(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:319."""
+        """Station.tla:327."""
         if not (st.phase == "NEGOTIATING" and st.role == "receiver"):
             return self.refuse(st, "CMD-1")
         if c.session != st.session or c.proposal != st.proposal:
@@ -669,14 +685,14 @@ class Station:
         )
 
     def refuse_proposal(self, me: int, st: State, why: str, told: tuple[str]) -> Effect:
-        """Station.tla:328."""
+        """Station.tla:336."""
         m = self.refusal(me, st.session, st.proposal, why)
         return self.effect(
             self.post(st._replace(phase="WAITING"), frozenset({m})), frozenset({m}), told, "NEG-3"
         )
 
     def on_refuse(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:332."""
+        """Station.tla:340."""
         if not (st.phase == "NEGOTIATING" and st.role == "receiver"):
             return self.refuse(st, "CMD-1")
         if c.session != st.session or c.proposal != st.proposal:
@@ -684,20 +700,20 @@ class Station:
         return self.refuse_proposal(me, st, "unsafe", self.nothing)
 
     def awaits_answer(self, st: State) -> bool:
-        """Station.tla:340."""
+        """Station.tla:348."""
         return st.phase == "PRESCRIBING" or (st.phase == "NEGOTIATING" and (not st.deciding))
 
     def ack_if_reliable(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:345."""
+        """Station.tla:353."""
         return self.effect(st, self.ack_copy(me, m) if m.seq != 0 else EMPTY, self.nothing, "NEG-6")
 
     def on_acceptance(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:348."""
+        """Station.tla:356."""
         if not self.in_(st, m.session):
             if m.accepted:
                 return self.answer_closed(me, st, m, "NEG-6")
             return self.ack_if_reliable(me, st, m)
-        if m.src != st.target or m.proposal > st.proposal:
+        if not self.of_peer(st, m.src) or m.proposal > st.proposal:
             return self.discard(st, "END-5")
         if not (self.awaits_answer(st) and self.same_proposal(m.proposal, st.proposal)):
             return self.ack_if_reliable(me, st, m)
@@ -717,10 +733,10 @@ class Station:
         return r._replace(out=r.out | acks)
 
     def on_cam(self, me: int, st: State, i: Cam) -> Effect:
-        """Station.tla:373."""
+        """Station.tla:381."""
         if (
             st.phase == "ACTUATING"
-            and i.src == self.peer(st)
+            and self.of_peer(st, i.src)
             and self.marked(st, i.marks)
             and (i.newer or not st.heard)
         ):
@@ -730,11 +746,11 @@ class Station:
         return self.ignore(st, "ACT-5")
 
     def on_cam_loss(self, me: int, st: State) -> Effect:
-        """Station.tla:380."""
+        """Station.tla:388."""
         return self.cancel_peer(me, st, "cam_loss", "ACT-2")
 
     def on_complete(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:382."""
+        """Station.tla:390."""
         if not (st.phase == "ACTUATING" and st.role == "prescriber"):
             return self.refuse(st, "CMD-1")
         if c.session != st.session:
@@ -744,13 +760,13 @@ class Station:
         )
 
     def on_fin(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:388."""
-        if self.in_(st, m.session) and st.role == "receiver" and (m.src == self.peer(st)):
+        """Station.tla:396."""
+        if self.in_(st, m.session) and st.role == "receiver" and self.of_peer(st, m.src):
             return self.effect(self.leave(st), frozenset({self.ack(me, m)}), ("finished",), "ACT-3")
         return self.effect(st, self.ack_copy(me, m), self.nothing, "END-3")
 
     def on_abort(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:396."""
+        """Station.tla:404."""
         if not self.bound(st):
             return self.refuse(st, "CMD-1")
         if c.session != st.session:
@@ -760,7 +776,7 @@ class Station:
         )
 
     def on_cancel(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:401."""
+        """Station.tla:409."""
         if not self.in_(st, m.session):
             return self.effect(
                 st, self.ack_copy(me, m) if m.seq != 0 else EMPTY, self.nothing, "END-3"
@@ -789,14 +805,14 @@ class Station:
             return self.effect(
                 st._replace(recorded=st.recorded - frozenset({m.src})), acks, self.nothing, "END-2"
             )
-        if st.phase != "CHOOSING" and m.src == self.peer(st):
+        if st.phase != "CHOOSING" and self.of_peer(st, m.src):
             acks = frozenset({self.ack(me, m)}) if m.seq != 0 else EMPTY
             return self.effect(self.leave(st), acks, ("fallback", m.reason), "END-2")
         acks = frozenset({self.ack(me, m)}) if m.seq != 0 else EMPTY
         return self.effect(st, acks, self.nothing, "END-3")
 
     def on_ack(self, me: int, st: State, m: Message) -> Effect:
-        """Station.tla:418."""
+        """Station.tla:426."""
         acked = frozenset({e for e in st.outbox if self.ack_matches(e, m)})
         if not acked:
             return self.ignore(st, "END-6")
@@ -814,13 +830,13 @@ class Station:
         return self.ignore(rest, "END-6")
 
     def on_restart(self, me: int, st: State) -> Effect:
-        """Station.tla:431."""
+        """Station.tla:439."""
         return self.ignore(
             self.initial._replace(number=st.number, quarantine=True), "END-8"
         )._replace(again=frozenset({self.timer("quarantine")}))
 
     def breaks_protocol(self, me: int, m: Message) -> bool:
-        """Station.tla:436."""
+        """Station.tla:444."""
         return (
             m.src == me
             or (m.dst == self.broadcast) != (m.type == "Advertisement")
@@ -830,7 +846,7 @@ class Station:
         )
 
     def on_message(self, me: int, st: State, m: Message, concerned: bool) -> Effect:
-        """Station.tla:443."""
+        """Station.tla:451."""
         if m.dst not in {me, self.broadcast}:
             return self.ignore(st, "MSG-1")
         if self.breaks_protocol(me, m):
@@ -849,10 +865,10 @@ class Station:
             return self.on_cancel(me, st, m)
         if m.type == "Ack":
             return self.on_ack(me, st, m)
-        raise NoArm("Station.tla:446")
+        raise NoArm("Station.tla:454")
 
     def on_command(self, me: int, st: State, c: Command) -> Effect:
-        """Station.tla:454."""
+        """Station.tla:462."""
         if c.name == "request":
             return self.on_request(me, st)
         if c.name == "prescribe":
@@ -867,10 +883,10 @@ class Station:
             return self.on_complete(me, st, c)
         if c.name == "abort":
             return self.on_abort(me, st, c)
-        raise NoArm("Station.tla:455")
+        raise NoArm("Station.tla:463")
 
     def on_decide(self, me: int, st: State) -> Effect:
-        """Station.tla:466."""
+        """Station.tla:474."""
         if st.role == "receiver":
             return self.refuse_proposal(me, st, "undecided", ("undecided",))
         return self.leave_with(
@@ -878,13 +894,13 @@ class Station:
         )
 
     def on_resend(self, me: int, st: State, e: Entry) -> Effect:
-        """Station.tla:472."""
+        """Station.tla:480."""
         if e.type == "Advertisement":
             return self.on_resend_advertisement(me, st)
         return self.effect(st, frozenset({self.copy(me, e)}), self.nothing, "REL-1")
 
     def give_up_entry(self, me: int, st: State, e: Entry) -> Effect:
-        """Station.tla:476."""
+        """Station.tla:484."""
         if e.type == "Intention":
             return self.ignore(self.drop(st, e)._replace(phase="WAITING"), "ADV-6")
         if e.type == "Prescription":
@@ -894,11 +910,11 @@ class Station:
         return self.ignore(self.drop(st, e), "REL-1")
 
     def on_give_up(self, me: int, st: State, e: Entry) -> Effect:
-        """Station.tla:483."""
+        """Station.tla:491."""
         return self.give_up_entry(me, st, e)
 
     def on_expiry(self, me: int, st: State, t: Timer) -> Effect:
-        """Station.tla:485."""
+        """Station.tla:493."""
         if t[0] == "advertise":
             return self.on_advertise_end(me, st)
         if t[0] == "resend":
@@ -921,10 +937,10 @@ class Station:
             return self.ignore(st._replace(backoff=False), "END-7")
         if t[0] == "forget":
             return self.on_forget(st, t[1])
-        raise NoArm("Station.tla:486")
+        raise NoArm("Station.tla:494")
 
     def decide(self, me: int, st: State, i: Input) -> Effect:
-        """Station.tla:507."""
+        """Station.tla:515."""
         if i.kind == "receive":
             return self.on_message(me, st, i.message, i.concerned)
         if i.kind == "cam":
@@ -935,16 +951,16 @@ class Station:
             return self.on_expiry(me, st, i.timer)
         if i.kind == "restart":
             return self.on_restart(me, st)
-        raise NoArm("Station.tla:508")
+        raise NoArm("Station.tla:516")
 
     def expired(self, i: Input) -> frozenset[Timer]:
-        """Station.tla:514."""
+        """Station.tla:522."""
         if i.kind == "expire":
             return frozenset({i.timer})
         return EMPTY
 
     def step(self, me: int, st: State, i: Input) -> Outcome:
-        """Station.tla:516."""
+        """Station.tla:524."""
         r = self.decide(me, st, i)
         before = self.armed(me, st)
         after = self.armed(me, r.st)
@@ -958,13 +974,13 @@ class Station:
         )
 
     def marks(self, st: State) -> frozenset[Session]:
-        """Station.tla:525."""
+        """Station.tla:533."""
         return (frozenset({st.session}) if self.bound(st) else EMPTY) | frozenset(
             {e.session for e in (x for x in st.outbox if x.type == "Fin")}
         )
 
     def station_type_inv(self, me: int, st: State) -> bool:
-        """Station.tla:538."""
+        """Station.tla:546."""
         return (
             st.phase in self.phases
             and st.role in self.roles
@@ -1372,335 +1388,341 @@ CONDITIONS = (
     Condition("Armed", 135, "part", 30, "st.backoff"),
     Condition("Armed", 136, "part", 90, "x # st.session"),
     Condition("Leave", 161, "part", 52, 'e.type \\in {"Fin", "Cancel"}'),
-    Condition("Others", 173, "part", 9, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
-    Condition("SameSession", 180, "part", 9, "s = t"),
-    Condition("SameProposal", 181, "part", 9, "k = l"),
-    Condition("OlderOrSame", 182, "part", 9, "k <= l"),
-    Condition("AckMatches", 184, "part", 14, "e.to = m.src"),
-    Condition("AckMatches", 185, "part", 15, "e.session = m.session"),
-    Condition("AckMatches", 186, "part", 16, "m.of[2] # 0"),
-    Condition("AckMatches", 187, "part", 17, "m.of = <<e.type, e.seq>>"),
+    Condition("BreakOff", 165, "part", 15, 'st.phase = "ACTUATING"'),
+    Condition("BreakOff", 165, "part", 16, 'st.role = "receiver"'),
+    Condition("Others", 178, "part", 9, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
+    Condition("SameSession", 185, "part", 9, "s = t"),
+    Condition("OfPeer", 186, "part", 9, "src = Peer(st)"),
+    Condition("SameProposal", 187, "part", 9, "k = l"),
+    Condition("OlderOrSame", 188, "part", 9, "k <= l"),
+    Condition("AckMatches", 190, "part", 14, "e.to = m.src"),
+    Condition("AckMatches", 191, "part", 15, "e.session = m.session"),
+    Condition("AckMatches", 192, "part", 16, "m.of[2] # 0"),
+    Condition("AckMatches", 193, "part", 17, "m.of = <<e.type, e.seq>>"),
     Condition(
-        "NewerThanJoined", 189, "part", 14, "\\E j \\in st.joined : j[1] = s[1] /\\ j[2] >= s[2]"
+        "NewerThanJoined", 195, "part", 14, "\\E j \\in st.joined : j[1] = s[1] /\\ j[2] >= s[2]"
     ),
-    Condition("NewerThanJoined", 189, "part", 23, "j[1] = s[1]"),
-    Condition("NewerThanJoined", 189, "part", 24, "j[2] >= s[2]"),
-    Condition("Quarantined", 190, "part", 8, "st.quarantine"),
-    Condition("NextTarget", 191, "part", 9, "p = st.target"),
-    Condition("Marked", 192, "part", 9, "st.session \\in marks"),
-    Condition("RoundLeft", 194, "part", 8, "st.proposal < MaxRounds"),
-    Condition("Reserve", 199, "part", 14, "MaxRounds > MaxParticipants"),
-    Condition("Room", 201, "part", 8, "Cardinality(st.outbox) + Reserve <= OutboxLimit"),
+    Condition("NewerThanJoined", 195, "part", 23, "j[1] = s[1]"),
+    Condition("NewerThanJoined", 195, "part", 24, "j[2] >= s[2]"),
+    Condition("Quarantined", 196, "part", 8, "st.quarantine"),
+    Condition("MayRequest", 197, "part", 12, "st.quarantine"),
+    Condition("NextTarget", 198, "part", 9, "p = st.target"),
+    Condition("Marked", 199, "part", 9, "st.session \\in marks"),
+    Condition("RoundLeft", 201, "part", 8, "st.proposal < MaxRounds"),
+    Condition("Reserve", 206, "part", 14, "MaxRounds > MaxParticipants"),
+    Condition("Room", 208, "part", 8, "Cardinality(st.outbox) + Reserve <= OutboxLimit"),
     Condition(
         "RoomToRecord",
-        203,
+        210,
         "part",
         8,
         "Cardinality(st.recorded \\cup st.withdrawn) < MaxParticipants",
     ),
-    Condition("RoomToRemember", 205, "part", 14, "\\E j \\in st.joined : j[1] = p"),
-    Condition("RoomToRemember", 205, "part", 24, "j[1] = p"),
-    Condition("RoomToRemember", 206, "part", 15, "Cardinality(st.joined) < MemoryLimit"),
-    Condition("In", 208, "part", 14, "Bound(st)"),
-    Condition("In", 208, "part", 15, "SameSession(st.session, s)"),
-    Condition("OnRequest", 214, "guard", 13, "Bound(st)"),
-    Condition("OnRequest", 214, "rule", 50, "ADV-1"),
-    Condition("OnRequest", 215, "guard", 15, "st.backoff"),
-    Condition("OnRequest", 215, "rule", 54, "END-7"),
-    Condition("OnRequest", 216, "guard", 32, "Room(st)"),
-    Condition("OnRequest", 216, "rule", 59, "MEM-1"),
-    Condition("OnRequest", 220, "rule", 42, "ADV-1"),
-    Condition("OnResendAdvertisement", 223, "rule", 17, "ADV-2"),
-    Condition("OnAdvertisement", 226, "guard", 18, "Bound(st)"),
-    Condition("OnAdvertisement", 226, "rule", 77, "ADV-4"),
-    Condition("OnAdvertisement", 227, "guard", 20, "Quarantined(st)"),
-    Condition("OnAdvertisement", 227, "rule", 83, "END-8"),
-    Condition("OnAdvertisement", 228, "guard", 45, "NewerThanJoined(st, m.session)"),
-    Condition("OnAdvertisement", 228, "rule", 89, "ADV-8"),
-    Condition("OnAdvertisement", 229, "guard", 48, "concerned"),
-    Condition("OnAdvertisement", 229, "rule", 93, "ADV-3"),
-    Condition("OnAdvertisement", 230, "guard", 95, "Room(st)"),
-    Condition("OnAdvertisement", 230, "guard", 96, "RoomToRemember(st, m.src)"),
-    Condition("OnAdvertisement", 230, "rule", 99, "MEM-1"),
-    Condition("OnAdvertisement", 234, "part", 200, "x[1] # m.src"),
-    Condition("OnAdvertisement", 236, "rule", 67, "ADV-3"),
-    Condition("AnswerClosed", 241, "part", 60, "e.to = m.src"),
-    Condition("AnswerClosed", 241, "part", 61, "e.session = m.session"),
-    Condition("AnswerClosed", 242, "part", 62, 'e.type \\in {"Fin", "Cancel"}'),
-    Condition("AnswerClosed", 243, "guard", 38, "mine # {}"),
-    Condition("OnIntention", 248, "guard", 32, "In(st, m.session)"),
-    Condition("OnIntention", 248, "rule", 68, "ADV-5"),
-    Condition("OnIntention", 249, "guard", 16, 'st.phase = "ADVERTISING"'),
-    Condition("OnIntention", 250, "guard", 39, "p \\in st.recorded"),
-    Condition("OnIntention", 250, "rule", 121, "ADV-5"),
-    Condition("OnIntention", 251, "guard", 41, "p \\in st.withdrawn"),
-    Condition("OnIntention", 251, "rule", 129, "ADV-5"),
-    Condition("OnIntention", 252, "guard", 83, "RoomToRecord(st)"),
-    Condition("OnIntention", 252, "rule", 134, "MEM-1"),
-    Condition("OnIntention", 253, "rule", 88, "ADV-5"),
-    Condition("OnIntention", 254, "guard", 24, "p \\in st.recorded \\cup {st.target}"),
-    Condition("OnIntention", 255, "rule", 97, "ADV-5"),
-    Condition("OnIntention", 256, "rule", 57, "ADV-5"),
-    Condition("OnHold", 259, "rule", 17, "ADV-7"),
-    Condition("OnForget", 262, "rule", 15, "ADV-8"),
-    Condition("OnForget", 262, "part", 35, "j[1] # p"),
-    Condition("NoParticipants", 269, "rule", 17, "PRE-1"),
-    Condition("OnAdvertiseEnd", 272, "guard", 10, "st.recorded = {}"),
-    Condition("OnAdvertiseEnd", 274, "rule", 23, "PRE-1"),
-    Condition("OnPrescribe", 286, "guard", 52, 'st.phase = "CHOOSING"'),
-    Condition("OnPrescribe", 286, "guard", 53, "st.deciding"),
-    Condition("OnPrescribe", 286, "rule", 56, "CMD-1"),
-    Condition("OnPrescribe", 287, "guard", 32, "c.session # st.session"),
-    Condition("OnPrescribe", 287, "guard", 33, "c.proposal # NextProposal(st.proposal)"),
-    Condition("OnPrescribe", 288, "rule", 65, "PRE-5"),
-    Condition("OnPrescribe", 289, "guard", 18, 'st.phase = "CHOOSING"'),
-    Condition("OnPrescribe", 290, "guard", 38, "c.target \\in st.recorded"),
-    Condition("OnPrescribe", 290, "rule", 118, "PRE-2"),
-    Condition("OnPrescribe", 291, "rule", 74, "PRE-2"),
-    Condition("OnPrescribe", 292, "guard", 21, "NextTarget(st, c.target)"),
-    Condition("OnPrescribe", 293, "rule", 85, "NEG-7"),
-    Condition("OnPrescribe", 294, "rule", 47, "NEG-7"),
-    Condition("OnProceed", 297, "guard", 12, 'st.phase # "CHOOSING"'),
-    Condition("OnProceed", 297, "rule", 41, "CMD-1"),
-    Condition("OnProceed", 298, "guard", 14, "c.session # st.session"),
-    Condition("OnProceed", 298, "rule", 48, "PRE-5"),
-    Condition("OnProceed", 300, "rule", 33, "PRE-3"),
-    Condition("OnForeignPrescription", 306, "guard", 11, "Bound(st)"),
-    Condition("OnForeignPrescription", 306, "rule", 34, "NEG-4"),
-    Condition("OnForeignPrescription", 307, "rule", 24, "NEG-5"),
-    Condition("OnPrescription", 310, "guard", 25, "In(st, m.session)"),
-    Condition("OnPrescription", 311, "guard", 15, "OlderOrSame(m.proposal, st.proposal)"),
-    Condition("OnPrescription", 312, "rule", 58, "NEG-1"),
-    Condition("OnPrescription", 313, "guard", 17, 'st.phase \\in {"INTENDING", "WAITING"}'),
-    Condition("OnPrescription", 315, "part", 141, 'e.type # "Intention"'),
-    Condition("OnPrescription", 316, "rule", 67, "NEG-1"),
-    Condition("OnPrescription", 317, "rule", 37, "END-5"),
-    Condition("OnAccept", 320, "guard", 45, 'st.phase = "NEGOTIATING"'),
-    Condition("OnAccept", 320, "guard", 46, 'st.role = "receiver"'),
-    Condition("OnAccept", 321, "rule", 49, "CMD-1"),
-    Condition("OnAccept", 322, "guard", 28, "c.session # st.session"),
-    Condition("OnAccept", 322, "guard", 29, "c.proposal # st.proposal"),
-    Condition("OnAccept", 323, "rule", 58, "PRE-5"),
-    Condition("OnAccept", 326, "rule", 40, "NEG-2"),
-    Condition("RefuseProposal", 330, "rule", 30, "NEG-3"),
-    Condition("OnRefuse", 333, "guard", 37, 'st.phase = "NEGOTIATING"'),
-    Condition("OnRefuse", 333, "guard", 38, 'st.role = "receiver"'),
-    Condition("OnRefuse", 334, "rule", 41, "CMD-1"),
-    Condition("OnRefuse", 335, "guard", 25, "c.session # st.session"),
-    Condition("OnRefuse", 335, "guard", 26, "c.proposal # st.proposal"),
-    Condition("OnRefuse", 336, "rule", 50, "PRE-5"),
-    Condition("AwaitsAnswer", 341, "part", 12, 'st.phase = "PRESCRIBING"'),
-    Condition("AwaitsAnswer", 342, "part", 19, 'st.phase = "NEGOTIATING"'),
-    Condition("AwaitsAnswer", 342, "part", 27, "st.deciding"),
-    Condition("AckIfReliable", 346, "rule", 19, "NEG-6"),
-    Condition("AckIfReliable", 346, "guard", 26, "m.seq # 0"),
-    Condition("OnAcceptance", 349, "guard", 45, "In(st, m.session)"),
-    Condition("OnAcceptance", 350, "guard", 46, "m.accepted"),
-    Condition("OnAcceptance", 350, "rule", 171, "NEG-6"),
-    Condition("OnAcceptance", 352, "guard", 50, "m.src # st.target"),
-    Condition("OnAcceptance", 352, "guard", 51, "m.proposal > st.proposal"),
-    Condition("OnAcceptance", 353, "rule", 107, "END-5"),
-    Condition("OnAcceptance", 354, "guard", 109, "AwaitsAnswer(st)"),
-    Condition("OnAcceptance", 354, "guard", 110, "SameProposal(m.proposal, st.proposal)"),
-    Condition("OnAcceptance", 356, "guard", 72, "m.seq # 0"),
-    Condition("OnAcceptance", 356, "guard", 117, "m.seq # 0"),
-    Condition("OnAcceptance", 356, "guard", 134, "m.seq # 0"),
-    Condition("OnAcceptance", 358, "part", 336, 'e.type # "Prescription"'),
-    Condition("OnAcceptance", 358, "part", 345, 'e.type # "Prescription"'),
-    Condition("OnAcceptance", 358, "part", 353, 'e.type # "Prescription"'),
-    Condition("OnAcceptance", 360, "guard", 25, "m.accepted"),
-    Condition("OnAcceptance", 362, "rule", 127, "NEG-6"),
-    Condition("OnAcceptance", 363, "guard", 64, 'm.reason \\notin {"busy", "unknown_session"}'),
-    Condition("OnAcceptance", 364, "guard", 65, "RoundLeft(st)"),
-    Condition("OnAcceptance", 366, "rule", 144, "NEG-7"),
-    Condition("OnAcceptance", 367, "rule", 83, "NEG-7"),
-    Condition("OnCam", 374, "guard", 19, 'st.phase = "ACTUATING"'),
-    Condition("OnCam", 374, "guard", 20, "i.src = Peer(st)"),
-    Condition("OnCam", 375, "guard", 21, "Marked(st, i.marks)"),
-    Condition("OnCam", 375, "guard", 40, "i.newer"),
-    Condition("OnCam", 375, "guard", 61, "st.heard"),
-    Condition("OnCam", 376, "rule", 78, "ACT-5"),
-    Condition("OnCam", 378, "rule", 26, "ACT-5"),
-    Condition("OnCamLoss", 380, "rule", 17, "ACT-2"),
-    Condition("OnComplete", 383, "guard", 37, 'st.phase = "ACTUATING"'),
-    Condition("OnComplete", 383, "guard", 38, 'st.role = "prescriber"'),
-    Condition("OnComplete", 384, "rule", 41, "CMD-1"),
-    Condition("OnComplete", 385, "guard", 14, "c.session # st.session"),
-    Condition("OnComplete", 385, "rule", 48, "PRE-5"),
-    Condition("OnComplete", 386, "rule", 32, "ACT-3"),
-    Condition("OnFin", 389, "guard", 19, "In(st, m.session)"),
-    Condition("OnFin", 389, "guard", 20, 'st.role = "receiver"'),
-    Condition("OnFin", 389, "guard", 21, "m.src = Peer(st)"),
-    Condition("OnFin", 390, "rule", 44, "ACT-3"),
-    Condition("OnFin", 391, "rule", 27, "END-3"),
-    Condition("OnAbort", 397, "guard", 22, "Bound(st)"),
-    Condition("OnAbort", 397, "rule", 40, "CMD-1"),
-    Condition("OnAbort", 398, "guard", 14, "c.session # st.session"),
-    Condition("OnAbort", 398, "rule", 47, "PRE-5"),
-    Condition("OnAbort", 399, "rule", 32, "END-1"),
-    Condition("OnCancel", 402, "guard", 63, "m.seq # 0"),
-    Condition("OnCancel", 402, "guard", 91, "m.seq # 0"),
-    Condition("OnCancel", 402, "guard", 112, "m.seq # 0"),
-    Condition("OnCancel", 402, "guard", 127, "m.seq # 0"),
-    Condition("OnCancel", 402, "guard", 168, "m.seq # 0"),
-    Condition("OnCancel", 402, "guard", 201, "m.seq # 0"),
-    Condition("OnCancel", 403, "guard", 36, "In(st, m.session)"),
-    Condition("OnCancel", 404, "rule", 81, "END-3"),
-    Condition("OnCancel", 404, "guard", 155, "m.seq # 0"),
-    Condition("OnCancel", 405, "guard", 17, 'st.phase = "ADVERTISING"'),
-    Condition("OnCancel", 406, "guard", 85, "m.src \\in st.withdrawn"),
-    Condition("OnCancel", 406, "guard", 165, "m.src \\notin st.recorded"),
-    Condition("OnCancel", 406, "guard", 265, "RoomToRecord(st)"),
-    Condition("OnCancel", 407, "rule", 175, "END-3"),
-    Condition("OnCancel", 410, "rule", 98, "END-2"),
-    Condition("OnCancel", 411, "guard", 48, 'st.phase = "CHOOSING"'),
-    Condition("OnCancel", 411, "guard", 49, "m.src \\in st.recorded"),
-    Condition("OnCancel", 412, "guard", 50, "st.recorded = {m.src}"),
-    Condition("OnCancel", 413, "rule", 119, "END-2"),
-    Condition("OnCancel", 414, "guard", 57, 'st.phase # "CHOOSING"'),
-    Condition("OnCancel", 414, "guard", 58, "m.src = Peer(st)"),
-    Condition("OnCancel", 415, "rule", 134, "END-2"),
-    Condition("OnCancel", 416, "rule", 70, "END-3"),
-    Condition("OnAck", 419, "part", 115, "AckMatches(e, m)"),
-    Condition("OnAck", 422, "guard", 19, "acked = {}"),
-    Condition("OnAck", 422, "rule", 81, "END-6"),
-    Condition("OnAck", 423, "guard", 23, '"Intention" \\in types'),
-    Condition("OnAck", 424, "rule", 91, "ADV-6"),
-    Condition("OnAck", 425, "guard", 26, '"Prescription" \\in types'),
-    Condition("OnAck", 426, "rule", 98, "PRE-4"),
-    Condition("OnAck", 427, "guard", 29, '"Acceptance" \\in types'),
-    Condition("OnAck", 427, "rule", 105, "NEG-9"),
-    Condition("OnAck", 428, "rule", 71, "END-6"),
-    Condition("OnRestart", 432, "rule", 22, "END-8"),
-    Condition("BreaksProtocol", 437, "part", 14, "m.src = me"),
+    Condition("RoomToRemember", 212, "part", 14, "\\E j \\in st.joined : j[1] = p"),
+    Condition("RoomToRemember", 212, "part", 24, "j[1] = p"),
+    Condition("RoomToRemember", 213, "part", 15, "Cardinality(st.joined) < MemoryLimit"),
+    Condition("In", 215, "part", 14, "Bound(st)"),
+    Condition("In", 215, "part", 15, "SameSession(st.session, s)"),
+    Condition("OnRequest", 221, "guard", 14, "Bound(st)"),
+    Condition("OnRequest", 221, "rule", 56, "ADV-1"),
+    Condition("OnRequest", 222, "guard", 32, "MayRequest(st)"),
+    Condition("OnRequest", 222, "rule", 61, "ACT-6"),
+    Condition("OnRequest", 223, "guard", 18, "st.backoff"),
+    Condition("OnRequest", 223, "rule", 65, "END-7"),
+    Condition("OnRequest", 224, "guard", 38, "Room(st)"),
+    Condition("OnRequest", 224, "rule", 70, "MEM-1"),
+    Condition("OnRequest", 228, "rule", 48, "ADV-1"),
+    Condition("OnResendAdvertisement", 231, "rule", 17, "ADV-2"),
+    Condition("OnAdvertisement", 234, "guard", 18, "Bound(st)"),
+    Condition("OnAdvertisement", 234, "rule", 77, "ADV-4"),
+    Condition("OnAdvertisement", 235, "guard", 20, "Quarantined(st)"),
+    Condition("OnAdvertisement", 235, "rule", 83, "END-8"),
+    Condition("OnAdvertisement", 236, "guard", 45, "NewerThanJoined(st, m.session)"),
+    Condition("OnAdvertisement", 236, "rule", 89, "ADV-8"),
+    Condition("OnAdvertisement", 237, "guard", 48, "concerned"),
+    Condition("OnAdvertisement", 237, "rule", 93, "ADV-3"),
+    Condition("OnAdvertisement", 238, "guard", 95, "Room(st)"),
+    Condition("OnAdvertisement", 238, "guard", 96, "RoomToRemember(st, m.src)"),
+    Condition("OnAdvertisement", 238, "rule", 99, "MEM-1"),
+    Condition("OnAdvertisement", 242, "part", 200, "x[1] # m.src"),
+    Condition("OnAdvertisement", 244, "rule", 67, "ADV-3"),
+    Condition("AnswerClosed", 249, "part", 60, "e.to = m.src"),
+    Condition("AnswerClosed", 249, "part", 61, "e.session = m.session"),
+    Condition("AnswerClosed", 250, "part", 62, 'e.type \\in {"Fin", "Cancel"}'),
+    Condition("AnswerClosed", 251, "guard", 38, "mine # {}"),
+    Condition("OnIntention", 256, "guard", 32, "In(st, m.session)"),
+    Condition("OnIntention", 256, "rule", 68, "ADV-5"),
+    Condition("OnIntention", 257, "guard", 16, 'st.phase = "ADVERTISING"'),
+    Condition("OnIntention", 258, "guard", 39, "p \\in st.recorded"),
+    Condition("OnIntention", 258, "rule", 121, "ADV-5"),
+    Condition("OnIntention", 259, "guard", 41, "p \\in st.withdrawn"),
+    Condition("OnIntention", 259, "rule", 129, "ADV-5"),
+    Condition("OnIntention", 260, "guard", 83, "RoomToRecord(st)"),
+    Condition("OnIntention", 260, "rule", 134, "MEM-1"),
+    Condition("OnIntention", 261, "rule", 88, "ADV-5"),
+    Condition("OnIntention", 262, "guard", 24, "p \\in st.recorded \\cup {st.target}"),
+    Condition("OnIntention", 263, "rule", 97, "ADV-5"),
+    Condition("OnIntention", 264, "rule", 57, "ADV-5"),
+    Condition("OnHold", 267, "rule", 17, "ADV-7"),
+    Condition("OnForget", 270, "rule", 15, "ADV-8"),
+    Condition("OnForget", 270, "part", 35, "j[1] # p"),
+    Condition("NoParticipants", 277, "rule", 17, "PRE-1"),
+    Condition("OnAdvertiseEnd", 280, "guard", 10, "st.recorded = {}"),
+    Condition("OnAdvertiseEnd", 282, "rule", 23, "PRE-1"),
+    Condition("OnPrescribe", 294, "guard", 52, 'st.phase = "CHOOSING"'),
+    Condition("OnPrescribe", 294, "guard", 53, "st.deciding"),
+    Condition("OnPrescribe", 294, "rule", 56, "CMD-1"),
+    Condition("OnPrescribe", 295, "guard", 32, "c.session # st.session"),
+    Condition("OnPrescribe", 295, "guard", 33, "c.proposal # NextProposal(st.proposal)"),
+    Condition("OnPrescribe", 296, "rule", 65, "PRE-5"),
+    Condition("OnPrescribe", 297, "guard", 18, 'st.phase = "CHOOSING"'),
+    Condition("OnPrescribe", 298, "guard", 38, "c.target \\in st.recorded"),
+    Condition("OnPrescribe", 298, "rule", 118, "PRE-2"),
+    Condition("OnPrescribe", 299, "rule", 74, "PRE-2"),
+    Condition("OnPrescribe", 300, "guard", 21, "NextTarget(st, c.target)"),
+    Condition("OnPrescribe", 301, "rule", 85, "NEG-7"),
+    Condition("OnPrescribe", 302, "rule", 47, "NEG-7"),
+    Condition("OnProceed", 305, "guard", 12, 'st.phase # "CHOOSING"'),
+    Condition("OnProceed", 305, "rule", 41, "CMD-1"),
+    Condition("OnProceed", 306, "guard", 14, "c.session # st.session"),
+    Condition("OnProceed", 306, "rule", 48, "PRE-5"),
+    Condition("OnProceed", 308, "rule", 33, "PRE-3"),
+    Condition("OnForeignPrescription", 314, "guard", 11, "Bound(st)"),
+    Condition("OnForeignPrescription", 314, "rule", 34, "NEG-4"),
+    Condition("OnForeignPrescription", 315, "rule", 24, "NEG-5"),
+    Condition("OnPrescription", 318, "guard", 25, "In(st, m.session)"),
+    Condition("OnPrescription", 319, "guard", 15, "OlderOrSame(m.proposal, st.proposal)"),
+    Condition("OnPrescription", 320, "rule", 58, "NEG-1"),
+    Condition("OnPrescription", 321, "guard", 17, 'st.phase \\in {"INTENDING", "WAITING"}'),
+    Condition("OnPrescription", 323, "part", 141, 'e.type # "Intention"'),
+    Condition("OnPrescription", 324, "rule", 67, "NEG-1"),
+    Condition("OnPrescription", 325, "rule", 37, "END-5"),
+    Condition("OnAccept", 328, "guard", 45, 'st.phase = "NEGOTIATING"'),
+    Condition("OnAccept", 328, "guard", 46, 'st.role = "receiver"'),
+    Condition("OnAccept", 329, "rule", 49, "CMD-1"),
+    Condition("OnAccept", 330, "guard", 28, "c.session # st.session"),
+    Condition("OnAccept", 330, "guard", 29, "c.proposal # st.proposal"),
+    Condition("OnAccept", 331, "rule", 58, "PRE-5"),
+    Condition("OnAccept", 334, "rule", 40, "NEG-2"),
+    Condition("RefuseProposal", 338, "rule", 30, "NEG-3"),
+    Condition("OnRefuse", 341, "guard", 37, 'st.phase = "NEGOTIATING"'),
+    Condition("OnRefuse", 341, "guard", 38, 'st.role = "receiver"'),
+    Condition("OnRefuse", 342, "rule", 41, "CMD-1"),
+    Condition("OnRefuse", 343, "guard", 25, "c.session # st.session"),
+    Condition("OnRefuse", 343, "guard", 26, "c.proposal # st.proposal"),
+    Condition("OnRefuse", 344, "rule", 50, "PRE-5"),
+    Condition("AwaitsAnswer", 349, "part", 12, 'st.phase = "PRESCRIBING"'),
+    Condition("AwaitsAnswer", 350, "part", 19, 'st.phase = "NEGOTIATING"'),
+    Condition("AwaitsAnswer", 350, "part", 27, "st.deciding"),
+    Condition("AckIfReliable", 354, "rule", 19, "NEG-6"),
+    Condition("AckIfReliable", 354, "guard", 26, "m.seq # 0"),
+    Condition("OnAcceptance", 357, "guard", 45, "In(st, m.session)"),
+    Condition("OnAcceptance", 358, "guard", 46, "m.accepted"),
+    Condition("OnAcceptance", 358, "rule", 170, "NEG-6"),
+    Condition("OnAcceptance", 360, "guard", 51, "m.proposal > st.proposal"),
+    Condition("OnAcceptance", 360, "guard", 100, "OfPeer(st, m.src)"),
+    Condition("OnAcceptance", 361, "rule", 106, "END-5"),
+    Condition("OnAcceptance", 362, "guard", 108, "AwaitsAnswer(st)"),
+    Condition("OnAcceptance", 362, "guard", 109, "SameProposal(m.proposal, st.proposal)"),
+    Condition("OnAcceptance", 364, "guard", 72, "m.seq # 0"),
+    Condition("OnAcceptance", 364, "guard", 116, "m.seq # 0"),
+    Condition("OnAcceptance", 364, "guard", 133, "m.seq # 0"),
+    Condition("OnAcceptance", 366, "part", 339, 'e.type # "Prescription"'),
+    Condition("OnAcceptance", 366, "part", 348, 'e.type # "Prescription"'),
+    Condition("OnAcceptance", 366, "part", 356, 'e.type # "Prescription"'),
+    Condition("OnAcceptance", 368, "guard", 25, "m.accepted"),
+    Condition("OnAcceptance", 370, "rule", 126, "NEG-6"),
+    Condition("OnAcceptance", 371, "guard", 64, 'm.reason \\notin {"busy", "unknown_session"}'),
+    Condition("OnAcceptance", 372, "guard", 65, "RoundLeft(st)"),
+    Condition("OnAcceptance", 374, "rule", 143, "NEG-7"),
+    Condition("OnAcceptance", 375, "rule", 83, "NEG-7"),
+    Condition("OnCam", 382, "guard", 19, 'st.phase = "ACTUATING"'),
+    Condition("OnCam", 382, "guard", 20, "OfPeer(st, i.src)"),
+    Condition("OnCam", 383, "guard", 21, "Marked(st, i.marks)"),
+    Condition("OnCam", 383, "guard", 40, "i.newer"),
+    Condition("OnCam", 383, "guard", 62, "st.heard"),
+    Condition("OnCam", 384, "rule", 77, "ACT-5"),
+    Condition("OnCam", 386, "rule", 26, "ACT-5"),
+    Condition("OnCamLoss", 388, "rule", 17, "ACT-2"),
+    Condition("OnComplete", 391, "guard", 37, 'st.phase = "ACTUATING"'),
+    Condition("OnComplete", 391, "guard", 38, 'st.role = "prescriber"'),
+    Condition("OnComplete", 392, "rule", 41, "CMD-1"),
+    Condition("OnComplete", 393, "guard", 14, "c.session # st.session"),
+    Condition("OnComplete", 393, "rule", 48, "PRE-5"),
+    Condition("OnComplete", 394, "rule", 32, "ACT-3"),
+    Condition("OnFin", 397, "guard", 19, "In(st, m.session)"),
+    Condition("OnFin", 397, "guard", 20, 'st.role = "receiver"'),
+    Condition("OnFin", 397, "guard", 21, "OfPeer(st, m.src)"),
+    Condition("OnFin", 398, "rule", 44, "ACT-3"),
+    Condition("OnFin", 399, "rule", 27, "END-3"),
+    Condition("OnAbort", 405, "guard", 22, "Bound(st)"),
+    Condition("OnAbort", 405, "rule", 40, "CMD-1"),
+    Condition("OnAbort", 406, "guard", 14, "c.session # st.session"),
+    Condition("OnAbort", 406, "rule", 47, "PRE-5"),
+    Condition("OnAbort", 407, "rule", 32, "END-1"),
+    Condition("OnCancel", 410, "guard", 63, "m.seq # 0"),
+    Condition("OnCancel", 410, "guard", 91, "m.seq # 0"),
+    Condition("OnCancel", 410, "guard", 112, "m.seq # 0"),
+    Condition("OnCancel", 410, "guard", 127, "m.seq # 0"),
+    Condition("OnCancel", 410, "guard", 168, "m.seq # 0"),
+    Condition("OnCancel", 410, "guard", 201, "m.seq # 0"),
+    Condition("OnCancel", 411, "guard", 36, "In(st, m.session)"),
+    Condition("OnCancel", 412, "rule", 81, "END-3"),
+    Condition("OnCancel", 412, "guard", 155, "m.seq # 0"),
+    Condition("OnCancel", 413, "guard", 17, 'st.phase = "ADVERTISING"'),
+    Condition("OnCancel", 414, "guard", 85, "m.src \\in st.withdrawn"),
+    Condition("OnCancel", 414, "guard", 165, "m.src \\notin st.recorded"),
+    Condition("OnCancel", 414, "guard", 266, "RoomToRecord(st)"),
+    Condition("OnCancel", 415, "rule", 175, "END-3"),
+    Condition("OnCancel", 418, "rule", 98, "END-2"),
+    Condition("OnCancel", 419, "guard", 48, 'st.phase = "CHOOSING"'),
+    Condition("OnCancel", 419, "guard", 49, "m.src \\in st.recorded"),
+    Condition("OnCancel", 420, "guard", 50, "st.recorded = {m.src}"),
+    Condition("OnCancel", 421, "rule", 119, "END-2"),
+    Condition("OnCancel", 422, "guard", 57, 'st.phase # "CHOOSING"'),
+    Condition("OnCancel", 422, "guard", 58, "OfPeer(st, m.src)"),
+    Condition("OnCancel", 423, "rule", 134, "END-2"),
+    Condition("OnCancel", 424, "rule", 70, "END-3"),
+    Condition("OnAck", 427, "part", 115, "AckMatches(e, m)"),
+    Condition("OnAck", 430, "guard", 19, "acked = {}"),
+    Condition("OnAck", 430, "rule", 81, "END-6"),
+    Condition("OnAck", 431, "guard", 23, '"Intention" \\in types'),
+    Condition("OnAck", 432, "rule", 91, "ADV-6"),
+    Condition("OnAck", 433, "guard", 26, '"Prescription" \\in types'),
+    Condition("OnAck", 434, "rule", 98, "PRE-4"),
+    Condition("OnAck", 435, "guard", 29, '"Acceptance" \\in types'),
+    Condition("OnAck", 435, "rule", 105, "NEG-9"),
+    Condition("OnAck", 436, "rule", 71, "END-6"),
+    Condition("OnRestart", 440, "rule", 22, "END-8"),
+    Condition("BreaksProtocol", 445, "part", 14, "m.src = me"),
     Condition(
-        "BreaksProtocol", 438, "part", 15, '(m.dst = Broadcast) # (m.type = "Advertisement")'
+        "BreaksProtocol", 446, "part", 15, '(m.dst = Broadcast) # (m.type = "Advertisement")'
     ),
-    Condition("BreaksProtocol", 439, "part", 28, 'm.type \\in {"Advertisement", "Prescription"}'),
-    Condition("BreaksProtocol", 439, "part", 29, "m.src # m.session[1]"),
-    Condition("BreaksProtocol", 440, "part", 31, 'm.type \\in {"Intention", "Acceptance"}'),
-    Condition("BreaksProtocol", 440, "part", 32, "m.session[1] # me"),
-    Condition("BreaksProtocol", 441, "part", 34, 'm.type = "Cancel"'),
-    Condition("BreaksProtocol", 441, "part", 35, 'm.reason = "closed"'),
-    Condition("BreaksProtocol", 441, "part", 36, "m.src # m.session[1]"),
-    Condition("OnMessage", 444, "guard", 20, "m.dst \\notin {me, Broadcast}"),
-    Condition("OnMessage", 444, "rule", 92, "MSG-1"),
-    Condition("OnMessage", 445, "guard", 22, "BreaksProtocol(me, m)"),
-    Condition("OnMessage", 445, "rule", 99, "END-5"),
-    Condition("OnMessage", 446, "case", 24, 'm.type = "Advertisement"'),
-    Condition("OnMessage", 447, "case", 26, 'm.type = "Intention"'),
-    Condition("OnMessage", 448, "case", 28, 'm.type = "Prescription"'),
-    Condition("OnMessage", 449, "case", 30, 'm.type = "Acceptance"'),
-    Condition("OnMessage", 450, "case", 32, 'm.type = "Fin"'),
-    Condition("OnMessage", 451, "case", 34, 'm.type = "Cancel"'),
-    Condition("OnMessage", 452, "case", 36, 'm.type = "Ack"'),
-    Condition("OnCommand", 455, "case", 17, 'c.name = "request"'),
-    Condition("OnCommand", 456, "case", 19, 'c.name = "prescribe"'),
-    Condition("OnCommand", 457, "case", 21, 'c.name = "proceed"'),
-    Condition("OnCommand", 458, "case", 23, 'c.name = "accept"'),
-    Condition("OnCommand", 459, "case", 25, 'c.name = "refuse"'),
-    Condition("OnCommand", 460, "case", 27, 'c.name = "complete"'),
-    Condition("OnCommand", 461, "case", 29, 'c.name = "abort"'),
-    Condition("OnDecide", 467, "guard", 10, 'st.role = "receiver"'),
-    Condition("OnDecide", 470, "rule", 24, "PRE-5"),
-    Condition("OnResend", 473, "guard", 11, 'e.type = "Advertisement"'),
-    Condition("OnResend", 474, "rule", 26, "REL-1"),
-    Condition("GiveUpEntry", 477, "case", 13, 'e.type = "Intention"'),
-    Condition("GiveUpEntry", 478, "rule", 46, "ADV-6"),
-    Condition("GiveUpEntry", 479, "case", 15, 'e.type = "Prescription"'),
-    Condition("GiveUpEntry", 479, "rule", 53, "PRE-4"),
-    Condition("GiveUpEntry", 480, "case", 17, 'e.type = "Acceptance"'),
-    Condition("GiveUpEntry", 480, "rule", 58, "NEG-9"),
-    Condition("GiveUpEntry", 481, "rule", 38, "REL-1"),
-    Condition("OnExpiry", 486, "case", 21, 't[1] = "advertise"'),
-    Condition("OnExpiry", 487, "case", 23, 't[1] = "resend"'),
-    Condition("OnExpiry", 488, "case", 25, 't[1] = "giveup"'),
-    Condition("OnExpiry", 489, "case", 27, 't[1] = "decide"'),
-    Condition("OnExpiry", 490, "case", 29, 't[1] = "hold"'),
-    Condition("OnExpiry", 491, "case", 31, 't[1] = "answer"'),
-    Condition("OnExpiry", 491, "rule", 136, "NEG-8"),
-    Condition("OnExpiry", 492, "case", 33, 't[1] = "cam"'),
-    Condition("OnExpiry", 493, "case", 35, 't[1] = "lease"'),
-    Condition("OnExpiry", 493, "rule", 150, "ACT-4"),
-    Condition("OnExpiry", 494, "case", 37, 't[1] = "quarantine"'),
-    Condition("OnExpiry", 494, "rule", 156, "END-8"),
-    Condition("OnExpiry", 495, "case", 39, 't[1] = "backoff"'),
-    Condition("OnExpiry", 495, "rule", 162, "END-7"),
-    Condition("OnExpiry", 496, "case", 41, 't[1] = "forget"'),
-    Condition("Decide", 508, "case", 15, 'i.kind = "receive"'),
-    Condition("Decide", 509, "case", 17, 'i.kind = "cam"'),
-    Condition("Decide", 510, "case", 19, 'i.kind = "command"'),
-    Condition("Decide", 511, "case", 21, 'i.kind = "expire"'),
-    Condition("Decide", 512, "case", 23, 'i.kind = "restart"'),
-    Condition("Expired", 514, "part", 9, 'i.kind = "expire"'),
-    Condition("Step", 521, "part", 109, "t \\notin before"),
-    Condition("Step", 521, "part", 110, "t \\in Expired(i) \\cup r.again"),
-    Condition("Marks", 525, "part", 19, "Bound(st)"),
-    Condition("Marks", 526, "part", 52, 'x.type = "Fin"'),
-    Condition("StationTypeInv", 539, "part", 14, "st.phase \\in Phases"),
-    Condition("StationTypeInv", 539, "part", 15, "st.role \\in Roles"),
-    Condition("StationTypeInv", 540, "part", 16, '(st.role = "none") = (st.phase = "STANDALONE")'),
+    Condition("BreaksProtocol", 447, "part", 28, 'm.type \\in {"Advertisement", "Prescription"}'),
+    Condition("BreaksProtocol", 447, "part", 29, "m.src # m.session[1]"),
+    Condition("BreaksProtocol", 448, "part", 31, 'm.type \\in {"Intention", "Acceptance"}'),
+    Condition("BreaksProtocol", 448, "part", 32, "m.session[1] # me"),
+    Condition("BreaksProtocol", 449, "part", 34, 'm.type = "Cancel"'),
+    Condition("BreaksProtocol", 449, "part", 35, 'm.reason = "closed"'),
+    Condition("BreaksProtocol", 449, "part", 36, "m.src # m.session[1]"),
+    Condition("OnMessage", 452, "guard", 20, "m.dst \\notin {me, Broadcast}"),
+    Condition("OnMessage", 452, "rule", 92, "MSG-1"),
+    Condition("OnMessage", 453, "guard", 22, "BreaksProtocol(me, m)"),
+    Condition("OnMessage", 453, "rule", 99, "END-5"),
+    Condition("OnMessage", 454, "case", 24, 'm.type = "Advertisement"'),
+    Condition("OnMessage", 455, "case", 26, 'm.type = "Intention"'),
+    Condition("OnMessage", 456, "case", 28, 'm.type = "Prescription"'),
+    Condition("OnMessage", 457, "case", 30, 'm.type = "Acceptance"'),
+    Condition("OnMessage", 458, "case", 32, 'm.type = "Fin"'),
+    Condition("OnMessage", 459, "case", 34, 'm.type = "Cancel"'),
+    Condition("OnMessage", 460, "case", 36, 'm.type = "Ack"'),
+    Condition("OnCommand", 463, "case", 17, 'c.name = "request"'),
+    Condition("OnCommand", 464, "case", 19, 'c.name = "prescribe"'),
+    Condition("OnCommand", 465, "case", 21, 'c.name = "proceed"'),
+    Condition("OnCommand", 466, "case", 23, 'c.name = "accept"'),
+    Condition("OnCommand", 467, "case", 25, 'c.name = "refuse"'),
+    Condition("OnCommand", 468, "case", 27, 'c.name = "complete"'),
+    Condition("OnCommand", 469, "case", 29, 'c.name = "abort"'),
+    Condition("OnDecide", 475, "guard", 10, 'st.role = "receiver"'),
+    Condition("OnDecide", 478, "rule", 24, "PRE-5"),
+    Condition("OnResend", 481, "guard", 11, 'e.type = "Advertisement"'),
+    Condition("OnResend", 482, "rule", 26, "REL-1"),
+    Condition("GiveUpEntry", 485, "case", 13, 'e.type = "Intention"'),
+    Condition("GiveUpEntry", 486, "rule", 46, "ADV-6"),
+    Condition("GiveUpEntry", 487, "case", 15, 'e.type = "Prescription"'),
+    Condition("GiveUpEntry", 487, "rule", 53, "PRE-4"),
+    Condition("GiveUpEntry", 488, "case", 17, 'e.type = "Acceptance"'),
+    Condition("GiveUpEntry", 488, "rule", 58, "NEG-9"),
+    Condition("GiveUpEntry", 489, "rule", 38, "REL-1"),
+    Condition("OnExpiry", 494, "case", 21, 't[1] = "advertise"'),
+    Condition("OnExpiry", 495, "case", 23, 't[1] = "resend"'),
+    Condition("OnExpiry", 496, "case", 25, 't[1] = "giveup"'),
+    Condition("OnExpiry", 497, "case", 27, 't[1] = "decide"'),
+    Condition("OnExpiry", 498, "case", 29, 't[1] = "hold"'),
+    Condition("OnExpiry", 499, "case", 31, 't[1] = "answer"'),
+    Condition("OnExpiry", 499, "rule", 136, "NEG-8"),
+    Condition("OnExpiry", 500, "case", 33, 't[1] = "cam"'),
+    Condition("OnExpiry", 501, "case", 35, 't[1] = "lease"'),
+    Condition("OnExpiry", 501, "rule", 150, "ACT-4"),
+    Condition("OnExpiry", 502, "case", 37, 't[1] = "quarantine"'),
+    Condition("OnExpiry", 502, "rule", 156, "END-8"),
+    Condition("OnExpiry", 503, "case", 39, 't[1] = "backoff"'),
+    Condition("OnExpiry", 503, "rule", 162, "END-7"),
+    Condition("OnExpiry", 504, "case", 41, 't[1] = "forget"'),
+    Condition("Decide", 516, "case", 15, 'i.kind = "receive"'),
+    Condition("Decide", 517, "case", 17, 'i.kind = "cam"'),
+    Condition("Decide", 518, "case", 19, 'i.kind = "command"'),
+    Condition("Decide", 519, "case", 21, 'i.kind = "expire"'),
+    Condition("Decide", 520, "case", 23, 'i.kind = "restart"'),
+    Condition("Expired", 522, "part", 9, 'i.kind = "expire"'),
+    Condition("Step", 529, "part", 109, "t \\notin before"),
+    Condition("Step", 529, "part", 110, "t \\in Expired(i) \\cup r.again"),
+    Condition("Marks", 533, "part", 19, "Bound(st)"),
+    Condition("Marks", 534, "part", 52, 'x.type = "Fin"'),
+    Condition("StationTypeInv", 547, "part", 14, "st.phase \\in Phases"),
+    Condition("StationTypeInv", 547, "part", 15, "st.role \\in Roles"),
+    Condition("StationTypeInv", 548, "part", 16, '(st.role = "none") = (st.phase = "STANDALONE")'),
     Condition(
-        "StationTypeInv", 541, "part", 17, '(st.session = NoSession) = (st.phase = "STANDALONE")'
+        "StationTypeInv", 549, "part", 17, '(st.session = NoSession) = (st.phase = "STANDALONE")'
     ),
-    Condition("StationTypeInv", 542, "part", 51, "st.session = <<me, st.number>>"),
-    Condition("StationTypeInv", 542, "part", 119, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 543, "part", 124, 'st.role = "receiver"'),
-    Condition("StationTypeInv", 543, "part", 126, "st.session \\in st.joined"),
-    Condition("StationTypeInv", 543, "part", 127, "st.session[1] # me"),
-    Condition("StationTypeInv", 544, "part", 20, "st.recorded \\cap st.withdrawn = {}"),
-    Condition("StationTypeInv", 545, "part", 59, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
-    Condition("StationTypeInv", 545, "part", 132, "st.recorded # {}"),
-    Condition("StationTypeInv", 546, "part", 62, "st.recorded # {}"),
-    Condition("StationTypeInv", 546, "part", 137, 'st.phase = "CHOOSING"'),
-    Condition("StationTypeInv", 547, "part", 65, 'st.phase = "ADVERTISING"'),
-    Condition("StationTypeInv", 547, "part", 141, "st.withdrawn # {}"),
+    Condition("StationTypeInv", 550, "part", 51, "st.session = <<me, st.number>>"),
+    Condition("StationTypeInv", 550, "part", 119, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 551, "part", 124, 'st.role = "receiver"'),
+    Condition("StationTypeInv", 551, "part", 126, "st.session \\in st.joined"),
+    Condition("StationTypeInv", 551, "part", 127, "st.session[1] # me"),
+    Condition("StationTypeInv", 552, "part", 20, "st.recorded \\cap st.withdrawn = {}"),
+    Condition("StationTypeInv", 553, "part", 59, 'st.phase \\in {"ADVERTISING", "CHOOSING"}'),
+    Condition("StationTypeInv", 553, "part", 132, "st.recorded # {}"),
+    Condition("StationTypeInv", 554, "part", 62, "st.recorded # {}"),
+    Condition("StationTypeInv", 554, "part", 137, 'st.phase = "CHOOSING"'),
+    Condition("StationTypeInv", 555, "part", 65, 'st.phase = "ADVERTISING"'),
+    Condition("StationTypeInv", 555, "part", 141, "st.withdrawn # {}"),
     Condition(
         "StationTypeInv",
-        548,
+        556,
         "part",
         24,
         '(st.target # Nobody) = (/\\ st.role = "prescriber" /\\ st.phase \\notin {"ADVERTISING", "CHOOSING"})',
     ),
-    Condition("StationTypeInv", 548, "part", 149, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 549, "part", 150, 'st.phase \\notin {"ADVERTISING", "CHOOSING"}'),
-    Condition("StationTypeInv", 550, "part", 25, "st.proposal \\in 0 .. MaxRounds"),
-    Condition("StationTypeInv", 551, "part", 264, "Bound(st)"),
-    Condition(
-        "StationTypeInv",
-        552,
-        "part",
-        74,
-        'st = [ Initial EXCEPT !.number = st.number, !.joined = st.joined, !.outbox = {e \\in st.outbox : e.type \\in {"Fin", "Cancel"}}, !.quarantine = st.quarantine, !.backoff = st.backoff ]',
-    ),
-    Condition("StationTypeInv", 554, "part", 451, 'e.type \\in {"Fin", "Cancel"}'),
-    Condition("StationTypeInv", 557, "part", 162, "st.deciding"),
-    Condition("StationTypeInv", 557, "part", 164, 'st.role = "prescriber"'),
-    Condition("StationTypeInv", 557, "part", 165, 'st.phase = "NEGOTIATING"'),
-    Condition("StationTypeInv", 558, "part", 80, 'st.phase = "ACTUATING"'),
-    Condition("StationTypeInv", 558, "part", 167, "st.heard"),
-    Condition(
-        "StationTypeInv",
-        559,
-        "part",
-        29,
-        '(st.phase = "INTENDING") = (\\E e \\in st.outbox : e.type = "Intention")',
-    ),
-    Condition("StationTypeInv", 559, "part", 287, 'e.type = "Intention"'),
+    Condition("StationTypeInv", 556, "part", 149, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 557, "part", 150, 'st.phase \\notin {"ADVERTISING", "CHOOSING"}'),
+    Condition("StationTypeInv", 558, "part", 25, "st.proposal \\in 0 .. MaxRounds"),
+    Condition("StationTypeInv", 559, "part", 264, "Bound(st)"),
     Condition(
         "StationTypeInv",
         560,
         "part",
+        74,
+        'st = [ Initial EXCEPT !.number = st.number, !.joined = st.joined, !.outbox = {e \\in st.outbox : e.type \\in {"Fin", "Cancel"}}, !.quarantine = st.quarantine, !.backoff = st.backoff ]',
+    ),
+    Condition("StationTypeInv", 562, "part", 451, 'e.type \\in {"Fin", "Cancel"}'),
+    Condition("StationTypeInv", 565, "part", 162, "st.deciding"),
+    Condition("StationTypeInv", 565, "part", 164, 'st.role = "prescriber"'),
+    Condition("StationTypeInv", 565, "part", 165, 'st.phase = "NEGOTIATING"'),
+    Condition("StationTypeInv", 566, "part", 80, 'st.phase = "ACTUATING"'),
+    Condition("StationTypeInv", 566, "part", 167, "st.heard"),
+    Condition(
+        "StationTypeInv",
+        567,
+        "part",
+        29,
+        '(st.phase = "INTENDING") = (\\E e \\in st.outbox : e.type = "Intention")',
+    ),
+    Condition("StationTypeInv", 567, "part", 287, 'e.type = "Intention"'),
+    Condition(
+        "StationTypeInv",
+        568,
+        "part",
         30,
         '(st.phase = "PRESCRIBING") = (\\E e \\in st.outbox : e.type = "Prescription")',
     ),
-    Condition("StationTypeInv", 560, "part", 292, 'e.type = "Prescription"'),
-    Condition("StationTypeInv", 561, "part", 31, "\\A e \\in st.outbox : e.seq # 0"),
-    Condition("StationTypeInv", 561, "part", 182, "e.seq # 0"),
-    Condition("StationTypeInv", 562, "part", 32, "Cardinality(st.outbox) <= OutboxLimit"),
-    Condition("StationTypeInv", 563, "part", 94, 'st.role # "receiver"'),
-    Condition("StationTypeInv", 563, "part", 189, "st.quarantine"),
-    Condition("StationTypeInv", 564, "part", 34, "Cardinality(st.joined) <= MemoryLimit"),
+    Condition("StationTypeInv", 568, "part", 292, 'e.type = "Prescription"'),
+    Condition("StationTypeInv", 569, "part", 31, "\\A e \\in st.outbox : e.seq # 0"),
+    Condition("StationTypeInv", 569, "part", 182, "e.seq # 0"),
+    Condition("StationTypeInv", 570, "part", 32, "Cardinality(st.outbox) <= OutboxLimit"),
+    Condition("StationTypeInv", 571, "part", 94, 'st.role # "receiver"'),
+    Condition("StationTypeInv", 571, "part", 189, "st.quarantine"),
+    Condition("StationTypeInv", 572, "part", 34, "Cardinality(st.joined) <= MemoryLimit"),
     Condition("Improper", 75, "part", 155, 'm.type # "Advertisement"'),
     Condition("Timers", 118, "part", 97, 'x.type # "Advertisement"'),
     Condition("Offered", 143, "part", 22, "i.timer \\in Armed(Me, x)"),

@@ -1,4 +1,4 @@
-"""The steps of a counterexample: who took which input, by which rule, and what changed."""
+"""The steps of a counterexample: the action, who took which input, the rule, and what changed."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ Json = Any
 #: What happens in a model that is no step of a station.
 EVENTS = {
     "tick": "a tick passes",
+    "slow tick": "a tick passes, and a slow clock does not count it",
     "cut": "the radio is cut",
     "silence": "no CAM is heard from here on",
     "lose": "a message is lost",
@@ -27,12 +28,14 @@ EVENTS = {
 class Step:
     """One step.
 
-    index counts from 1. station is its id, or None for an event of the radio or of time. input is
-    in the form of the oracle, with the model's ids. line is that of Station.tla where the rule
-    decided, 0 for an event. changes maps the changed fields of the station to before and after.
+    index counts from 1. action is that of the model's next-state relation, as TLC names it. station
+    is its id, or None for an event of the radio or of time. input is in the form of the oracle,
+    with the model's ids. line is that of Station.tla where the rule decided, 0 for an event.
+    changes maps the changed fields of the station to before and after.
     """
 
     index: int
+    action: str
     station: int | str | None
     input: Json
     rule: str | None
@@ -44,30 +47,33 @@ class Step:
         """The step in one line, and what it changed in another."""
         if self.station is None:
             what = EVENTS[self.input[0]]
-            return f"{what}: {canonical(self.input[1])}" if self.input[1:] else what
+            about = f": {canonical(self.input[1])}" if self.input[1:] else ""
+            return f"{self.action}: {what}{about}"
         by = f"[{self.rule}: {handler(self.input)}, Station.tla:{self.line}]"
         fields = [f"{n} {canonical(a)} → {canonical(b)}" for n, (a, b) in self.changes.items()]
         changed = ", ".join(fields) or "nothing changes"
-        return f"station {self.station}: {canonical(self.input)}  {by}\n     {changed}"
+        who = f"{self.action} at station {self.station}"
+        return f"{who}: {canonical(self.input)}  {by}\n     {changed}"
 
 
 def steps(trace: Sequence[TraceState]) -> list[Step]:
-    """The steps of a trace of any model: its variable ``last`` names each."""
+    """The steps of a trace of any model: its variable ``last`` has the arguments of each, which TLC
+    does not print."""
     return [_step(before, after) for before, after in pairwise(trace)]
 
 
 def _step(before: TraceState, after: TraceState) -> Step:
     last: Any = after.values["last"]
     given, who, rule = last["input"], last["station"], last["rule"]
-    number = after.index - 1
+    number, action = after.index - 1, after.action
     if given["kind"] in EVENTS:
         about = [simulate.message(given["message"])] if "message" in given else []
-        return Step(number, None, [given["kind"], *about], None, 0, {})
+        return Step(number, action, None, [given["kind"], *about], None, 0, {})
     value = simulate.input_(given)
     old = simulate.state(_of(before.values["st"], who))
     new = simulate.state(_of(after.values["st"], who))
     changes = {n: (a, b) for n, a, b in zip(STATE_FIELDS, old, new, strict=True) if a != b}
-    return Step(number, who, value, rule, line(rule, value), changes)
+    return Step(number, action, who, value, rule, line(rule, value), changes)
 
 
 def _of(stations: Any, who: Any) -> Any:

@@ -7,7 +7,7 @@ import re
 import shutil
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,16 +18,17 @@ from automcm_spec.rules import RULES
 Ended = Literal["time", "number", "violation"]
 
 MODULE = """---- MODULE Walk ----
-EXTENDS {extends}, TLC
+EXTENDS {module}, Simulation, TLC
 VARIABLE walked
 WalkInit == Init /\\ walked = 0
 Told == PrintT(<<"walk", walked, last.rule>>)
 WalkNext ==
   \\E s \\in Stations : /\\ Told /\\ walked < {depth} /\\ walked' = walked + 1
                       /\\ \\E i \\in Inputs(s) : {guard}Do(s, i)
+WalkSpec == WalkInit /\\ [][WalkNext]_<<vars, walked>>
 ====
 """
-"""The Next of System, which first says how the state it is asked about was reached.
+"""The AnyNext of Simulation.tla, which first says how the state it is asked about was reached.
 
 TLC chooses the station first; only the state a walk is in is asked for its successors, at most
 once per station.  (An invariant would also see the successors that are not chosen.)
@@ -141,8 +142,7 @@ def run(
         for path in tla.glob("*.tla"):
             shutil.copy(path, place)
         guard = r"~Early(s, i) /\ " if lively else ""
-        extends = f"{model.module}, Simulation" if lively else model.module
-        text = MODULE.format(extends=extends, depth=depth, guard=guard)
+        text = MODULE.format(module=model.module, depth=depth, guard=guard)
         (place / "Walk.tla").write_text(text, encoding="utf-8")
         (place / "Walk.cfg").write_text(_config(model), encoding="utf-8")
         extra = ["-simulate", *([] if number is None else [f"num={number}"])]
@@ -165,10 +165,11 @@ def run(
         ended: Ended = "time" if result is None else "number"
         return Walks(model, seed, depth, *count.counts(), ended)
     name = result.property or model.breaks or "a property"
-    count.end([str(_rule(state)) for state in result.trace[1:]])
+    trace = tuple(_named(state) for state in result.trace)
+    count.end([_last(state)["rule"] for state in trace[1:]])
     counts = count.counts()
     found = models.PROPERTY_IDS.get(name, name)
-    return Walks(model, seed, depth, *counts, "violation", found, result.trace)
+    return Walks(model, seed, depth, *counts, "violation", found, trace)
 
 
 class _Count:
@@ -201,15 +202,21 @@ class _Count:
         return self._behaviours, self._rules.total(), dict(self._rules)
 
 
-def _rule(state: tlc.TraceState) -> Any:
-    last: Any = state.values["last"]
-    return last["rule"]
+def _last(state: tlc.TraceState) -> Any:
+    return state.values["last"]
+
+
+def _named(state: tlc.TraceState) -> tlc.TraceState:
+    """The state with the action of System that led to it: it has the name of the kind of input.
+
+    TLC has only seen WalkNext.
+    """
+    return replace(state, action=str(_last(state)["input"]["kind"]).capitalize())
 
 
 def _config(model: Walked) -> str:
     text = model.cfg.read_text(encoding="utf-8")
-    for keyword, name in (("INIT", "Init"), ("NEXT", "Next")):
-        text, found = re.subn(rf"^{keyword} {name}$", f"{keyword} Walk{name}", text, flags=re.M)
-        if found != 1:
-            raise WalkError(f"{model.name}: its cfg does not say {keyword} {name}, as System does")
+    text, found = re.subn(r"^SPECIFICATION Spec$", "SPECIFICATION WalkSpec", text, flags=re.M)
+    if found != 1:
+        raise WalkError(f"{model.name}: its cfg does not say SPECIFICATION Spec, as System does")
     return text

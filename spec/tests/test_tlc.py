@@ -137,8 +137,8 @@ def spec_copy(tmp_path: Path, old: str, new: str) -> Path:
 
 
 def test_a_parse_error(tmp_path: Path, scratch: Path) -> None:
-    folder = spec_copy(tmp_path, "\nInputs(s) ==", "\nInputs(s) = =")
-    line = 1 + (folder / "System.tla").read_text().splitlines().index("Inputs(s) = =")
+    folder = spec_copy(tmp_path, "\nExpiries(s) ==", "\nExpiries(s) = =")
+    line = 1 + (folder / "System.tla").read_text().splitlines().index("Expiries(s) = =")
     error = fails("Ablations", MODELS / "bare_ack.cfg", folder, scratch)
     assert (error.kind, error.module) == ("parse", "System")
     assert error.line is not None
@@ -147,8 +147,8 @@ def test_a_parse_error(tmp_path: Path, scratch: Path) -> None:
 
 
 def test_an_unknown_operator(tmp_path: Path, scratch: Path) -> None:
-    folder = spec_copy(tmp_path, "\nInputs(s) ==", "\nInputs(s) == Nowhere(s) \\cup")
-    line = (folder / "System.tla").read_text().splitlines().index("Inputs(s) == Nowhere(s) \\cup")
+    folder = spec_copy(tmp_path, "\nExpiries(s) ==", "\nExpiries(s) == Nowhere(s) \\cup")
+    line = (folder / "System.tla").read_text().splitlines().index("Expiries(s) == Nowhere(s) \\cup")
     error = fails("System", MODELS / "unreduced.cfg", folder, scratch)
     assert (error.kind, error.module, error.line) == ("parse", "System", line + 1)
     assert str(error).count("Unknown operator: `Nowhere'") == 1

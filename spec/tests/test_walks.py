@@ -55,7 +55,7 @@ def test_a_violated_property_is_reported_with_its_steps() -> None:
     )
     assert result.exit_code == 0, result.output
     assert "S-6 is violated; as expected" in result.output
-    assert "  1. station 1: " in result.output
+    assert "  1. Command at station 1: " in result.output
     assert "[END-6: OnAck" in result.output or "[ADV-6: OnAck" in result.output
 
 

@@ -20,6 +20,7 @@ Faults ==
   { Fault("both cut",                   TRUE,  TRUE,  BOTH, FALSE, FALSE, FALSE, FALSE),
     Fault("forward cut",                TRUE,  TRUE,  {"forward"}, FALSE, FALSE, FALSE, FALSE),
     Fault("forward cut, backward lossy", TRUE, FALSE, {"forward"}, FALSE, FALSE, FALSE, FALSE),
+    Fault("forward cut, one copy passes", TRUE, FALSE, {"forward"}, FALSE, TRUE, FALSE, FALSE),
     Fault("backward cut",               TRUE,  TRUE,  {"backward"}, FALSE, FALSE, FALSE, FALSE),
     Fault("backward cut, forward lossy", FALSE, TRUE, {"backward"}, FALSE, FALSE, FALSE, FALSE),
     Fault("abort",                      TRUE,  TRUE,  {}, FALSE, FALSE, TRUE,  FALSE),
@@ -50,6 +51,11 @@ Worst == { [ Fault("anything", FALSE, FALSE, {}, FALSE, FALSE, TRUE, FALSE)
                       !.aborters = Stations, !.restarters = Restarters,
                       !.commands = {"request", "prescribe", "proceed", "accept",
                                     "refuse", "complete", "abort"} ] }
+
+\* Every CAM is heard, and only Cancels are lost: T-8 has its say.
+AllHeard == { [ Fault("all heard", TRUE, TRUE, {}, TRUE, FALSE, TRUE, TRUE)
+                  EXCEPT !.aborters = Stations, !.restarters = Stations,
+                         !.commands = @ \cup {"complete"}] }
 
 (***************************************************************************)
 (* T-2: the hazard lasts at most BoundOf(e) ticks, and in each fault       *)
@@ -90,6 +96,7 @@ THEOREM TSpec => []HazardInv
 \* one worker only).
 REACHED == 7
 EInit   == TLCSet(REACHED, {}) /\ TInit
+ESpec   == EInit /\ [][TNext]_tvars
 TightInv ==
   hazard > 0 /\ hazard = Claimed(env) /\ Label(env) \notin TLCGet(REACHED) =>
     /\ PrintT(ToString(<<"REACHED", Label(env)>>))
@@ -112,6 +119,14 @@ SilentCut    == {e \in SilentFaults : e.name = "forward cut"}
 LeaseFromAcceptance(s, r) ==
   IF r.rule = "NEG-6" /\ r.st.phase = "ACTUATING" /\ st[s].phase # "ACTUATING"
   THEN {Timer("lease")} ELSE {}
+
+\* ACT-6 is about receivers that break off and are not heard.
+LeavesUnheard ==
+  {e \in Faults : e.name \in {"abort, Cancels lost", "abort, lossy",
+                              "forward cut, backward lossy", "restart, lossy"}}
+
+\* A quarantine that is over while a prescriber may still act.
+TooShort == ActsOnTime - 1
 
 \* CAMs without a mark are sent too, and must count for nobody (ACT-5).
 AlwaysSends(s) == TRUE

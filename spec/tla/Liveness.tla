@@ -29,8 +29,9 @@
 (*    up" (Patient) that is: one of its N copies gets through.             *)
 (*  - FairDriver: an application that is asked answers, and ends its       *)
 (*    maneuver.                                                            *)
-(* All of it is weak fairness.  Nothing is assumed of requests, refusals   *)
-(* and aborts, and nothing of the radio for L-1, L-3 and L-4.              *)
+(* All of it is weak fairness.  Nothing is assumed of requests and aborts, *)
+(* of a refusal only (for L-2) that it is not the answer to the last       *)
+(* proposal, and nothing of the radio for L-1, L-3 and L-4.                *)
 (***************************************************************************)
 EXTENDS Refinement
 
@@ -84,19 +85,24 @@ Take(s, i) ==
 Input(s, m) ==
   [kind |-> "receive", message |-> m, concerned |-> s \in Receivers]
 
-Deliver(s, m) ==
+Hear(s, m) ==
   \E r \in {Decide(s, st[s], Input(s, m))} :
     Become(s, Input(s, m), r, WithAll(net \ {m}, {Plain(k) : k \in r.out}))
 
-Duplicate(s, m) ==
+Deliver(s) == \E m \in MessagesTo(net, s) : Hear(s, m)
+
+Duplicate(s) ==
+  \E m \in MessagesTo(net, s) :
   \E r \in {Decide(s, st[s], Input(s, m))} :
     Become(s, Input(s, m), r, WithSome(net, {Plain(k) : k \in r.out}))
 
 \* What is in the air may still be lost as long as nothing is owed.
-Lose(m) == /\ ~Patient
-           /\ net' = net \ {m}
-           /\ last' = Event([kind |-> "lose", message |-> m])
-           /\ UNCHANGED <<st, unused, silent, asked, agreed, fallback>>
+Lose ==
+  /\ ~Patient
+  /\ \E m \in net :
+       /\ net' = net \ {m}
+       /\ last' = Event([kind |-> "lose", message |-> m])
+  /\ UNCHANGED <<st, unused, silent, asked, agreed, fallback>>
 
 \* The peer's CAMs do not name the session (any more): none counts (ACT-5).
 Unheard(s) == st[s].session \notin Marks(st[Peer(st[s])])
@@ -119,14 +125,18 @@ Fire(s, names) ==
     Take(s, [kind |-> "expire", timer |-> t])
 
 \* Sent again, and this copy is not lost.
-Resent(s) ==
-  \E t \in {x \in Armed(s, st[s]) : x[1] = "resend" /\ MayFire(s, x)} :
+Resent(s, k) ==
+  \E t \in {x \in Armed(s, st[s]) :
+               x[1] = "resend" /\ x[2].seq = k /\ MayFire(s, x)} :
   \E i \in {[kind |-> "expire", timer |-> t]} :
   \E r \in {Decide(s, st[s], i)} :
     Become(s, i, r, WithAll(net, {Plain(m) : m \in r.out}))
 
+\* The assumption of L-2 on verdicts: the last proposal is accepted.
+MayObey(c) == Patient /\ c.name = "refuse" => c.proposal < MaxRounds
+
 Obey(s, names) ==
-  \E c \in Obeyed(s, names) : Take(s, c)
+  \E c \in {x \in Obeyed(s, names) : MayObey(x)} : Take(s, c)
 
 FallSilent == /\ ~silent /\ silent' = TRUE
               /\ last' = Event([kind |-> "silence"])
@@ -139,15 +149,16 @@ Ending == {"advertise", "decide", "hold", "answer", "lease", "giveup"}
 EndingOf(s) == Ending \ (If(s \notin Receivers, {"hold"})
                          \cup If(s \notin Prescribers, {"advertise", "answer"}))
 Asked  == {"prescribe", "accept", "complete"}
-Free   == IF Patient THEN Asked \cup {"request"}
+Free   == IF Patient THEN Asked \cup {"request", "refuse"}
           ELSE Asked \cup {"request", "proceed", "refuse", "abort"}
 
 LNext ==
   \/ \E s \in Stations :
-       \/ \E m \in MessagesTo(net, s) : Deliver(s, m) \/ Duplicate(s, m)
+       \/ Deliver(s)
+       \/ Duplicate(s)
        \/ Fire(s, Ending \cup {"cam", "resend", "backoff"})
        \/ Obey(s, Free)
-  \/ \E m \in net : Lose(m)
+  \/ Lose
 
 (***************************************************************************)
 (* Fairness                                                                *)
@@ -158,11 +169,24 @@ FairSilence == \A s \in Stations : WF_lvars(silent /\ Fire(s, {"cam"}))
 FairMarks  ==
   \A s \in Stations :
     WF_lvars(st[s].phase = "ACTUATING" /\ Unheard(s) /\ Fire(s, {"cam"}))
+\* What arrives at a station in the end: a message of each type, and of each
+\* proposal.
+Kinds ==
+  ({"Prescription", "Acceptance", "Ack"} \X (1 .. MaxRounds))
+  \cup ((Types \ {"Prescription", "Acceptance", "Ack"}) \X {1})
+KindsTo(s) ==
+  {k \in Kinds :
+     /\ s \notin Receivers =>
+          k[1] \notin {"Advertisement", "Prescription", "Fin"}
+     /\ s \notin Prescribers => k[1] \notin {"Intention", "Acceptance"}}
+Kind(m) ==
+  <<m.type, IF m.type = "Ack" THEN m.of[2]
+            ELSE IF m.proposal = 0 THEN 1 ELSE m.proposal>>
 FairRadio ==
   \A s \in Stations :
-    /\ WF_lvars(Resent(s))
-    /\ \A y \in Types :
-         WF_lvars(\E m \in MessagesTo(net, s) : m.type = y /\ Deliver(s, m))
+    /\ \A k \in 1 .. MaxRounds : WF_lvars(Resent(s, k))
+    /\ \A y \in KindsTo(s) :
+         WF_lvars(\E m \in MessagesTo(net, s) : Kind(m) = y /\ Hear(s, m))
 FairDriver  == \A s \in Stations : WF_lvars(Obey(s, Asked))
 
 LSpec      == LInit /\ [][LNext]_lvars /\ FairTimers

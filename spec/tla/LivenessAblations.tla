@@ -19,6 +19,10 @@ AlwaysClosed(me, x, m, rule) == Effect(x, {Closed(me, m)}, Nothing, rule)
 AnotherRound(x)     == TRUE
 Circular(k)         == (k % MaxRounds) + 1
 NotNext(k, l)       == k # Circular(l)
+\* A receiver takes one proposal in a session: after a refusal every other
+\* is a copy to it.
+OneProposal(k, l) == l # 0
+
 \* For this nobody needs to accept, abort or proceed alone.
 OnlyRefusing        == {"request", "prescribe", "refuse"}
 ==============================================================================

@@ -23,7 +23,7 @@ CONSTANTS
   Copies,   \* of a message in the net: 1 or 2
   Seconds   \* after these TLC ends, finished or not (0: never)
 
-ASSUME Copies \in 1 .. 2 /\ ~Reduced /\ ~Forgetting
+ASSUME Copies \in 1 .. 2 /\ ~Reduced /\ ~Forgetting /\ Restarters = {}
 
 VARIABLES
   twice,     \* the messages of net with a second copy in it
@@ -67,7 +67,15 @@ Lose ==
     /\ last' = [station |-> Nobody, input |-> [kind |-> "lose"], rule |-> "none"]
     /\ UNCHANGED <<st, excused, received, accepted>>
 
-NaiveNext == Lose \/ \E s \in Stations : \E i \in Inputs(s) : NaiveDo(s, i)
+NaiveExpire(s)  == \E i \in Expiries(s)   : NaiveDo(s, i)
+NaiveReceive(s) == \E i \in Receptions(s) : NaiveDo(s, i)
+NaiveCommand(s) == \E i \in Commands(s)   : NaiveDo(s, i)
+
+NaiveNext ==
+  \/ Lose
+  \/ \E s \in Stations : NaiveExpire(s) \/ NaiveReceive(s) \/ NaiveCommand(s)
+
+NaiveSpec == NaiveInit /\ [][NaiveNext]_<<vars, twice, accepted>>
 
 \* S-3, with the history instead of the net.
 NaiveAcceptedInv ==

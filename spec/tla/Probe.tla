@@ -3,7 +3,8 @@
 (* What the models reach, lest a property hold for want of anything        *)
 (* happening.  What is printed comes from the step that was taken (last'   *)
 (* and what it left), never from a guard: without the step it is gone.     *)
-(* Each thing is printed once.                                             *)
+(* Each thing is printed once.  The steps are those of System; an action   *)
+(* constraint that is always true prints.                                  *)
 (***************************************************************************)
 EXTENDS System, TLC, Sequences
 
@@ -26,5 +27,7 @@ Note(things) ==
     /\ TLCSet(REACHED, TLCGet(REACHED) \cup new)
     /\ \A x \in new : PrintT(ToString(<<"REACHED", x>>))
 
-PNext == Next /\ Note(Reached)
+Noted == Note(Reached)
+
+PSpec == PInit /\ [][Next]_vars
 ==============================================================================

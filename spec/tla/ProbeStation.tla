@@ -3,7 +3,8 @@
 (* As Probe, for one station to which anything may happen (OpenStation):   *)
 (* every input in every state, also those that change nothing, so every    *)
 (* rule, refusal and indication.  What is printed comes from what Step     *)
-(* answered.                                                               *)
+(* answered.  PNext is one action: it looks at all inputs of a state at    *)
+(* once, as that of OpenStation does, and no counterexample comes of it.   *)
 (***************************************************************************)
 EXTENDS OpenStation
 
@@ -38,4 +39,6 @@ PNext ==
                     j \in {k \in 1 .. Len(inputs) : Offered(st, inputs[k])}})} :
     /\ Note(UNION {Reached(r) : r \in results})
     /\ \E r \in results : st' = r.st
+
+PSpec == PInit /\ [][PNext]_st
 ==============================================================================

@@ -55,7 +55,7 @@ Initial ==
     number     |-> 0,          \* of its last own session
     joined     |-> {},         \* newest session joined, per prescriber
     outbox     |-> {},         \* reliable messages still being sent
-    quarantine |-> FALSE,      \* after a restart (END-8)
+    quarantine |-> FALSE,      \* joins, requests nothing (END-8, ACT-6)
     backoff    |-> FALSE ]     \* after a session without participants (END-7)
 
 Bound(st) == st.phase # "STANDALONE"
@@ -160,8 +160,13 @@ Leave(st) ==
               !.proposal = 0, !.deciding = FALSE, !.heard = FALSE,
               !.outbox = {e \in @ : e.type \in {"Fin", "Cancel"}} ]
 
-\* Leave, and send ms reliably.
-LeaveWith(st, ms, told, rule) == Effect(Post(Leave(st), ms), ms, told, rule)
+\* ACT-6: a receiver that ends its commitment itself (abort, CAM loss, lease)
+\* is quarantined: its prescriber may go on acting on its word.
+BreakOff(st) == IF st.phase = "ACTUATING" /\ st.role = "receiver"
+                THEN [Leave(st) EXCEPT !.quarantine = TRUE] ELSE Leave(st)
+
+\* Leave by its own decision, and send ms reliably.
+LeaveWith(st, ms, told, rule) == Effect(Post(BreakOff(st), ms), ms, told, rule)
 
 Cancels(me, st, to, why) == {Cancel(me, p, st.session, why) : p \in to}
 
@@ -178,6 +183,7 @@ Others(st) == IF st.phase \in {"ADVERTISING", "CHOOSING"}
 (* model can take one away (Ablations.tla) and see what breaks.            *)
 (***************************************************************************)
 SameSession(s, t)  == s = t                                    \* END-4
+OfPeer(st, src)    == src = Peer(st)                           \* END-2, ACT-3
 SameProposal(k, l) == k = l                                    \* NEG-6
 OlderOrSame(k, l)  == k <= l                                   \* NEG-1
 AckMatches(e, m)   ==                                          \* END-6
@@ -188,6 +194,7 @@ AckMatches(e, m)   ==                                          \* END-6
 NewerThanJoined(st, s) ==                                      \* ADV-8
   ~ \E j \in st.joined : j[1] = s[1] /\ j[2] >= s[2]
 Quarantined(st) == st.quarantine                               \* END-8
+MayRequest(st) == ~st.quarantine                               \* ACT-6
 NextTarget(st, p) == p = st.target                             \* NEG-7
 Marked(st, marks) == st.session \in marks                      \* ACT-5
 NextProposal(k) == k + 1                                       \* NEG-7
@@ -212,6 +219,7 @@ In(st, s) == Bound(st) /\ SameSession(st.session, s)
 (***************************************************************************)
 OnRequest(me, st) ==                                           \* ADV-1
   IF Bound(st) THEN Refuse(st, "ADV-1")
+  ELSE IF ~MayRequest(st) THEN Refuse(st, "ACT-6")
   ELSE IF st.backoff THEN Refuse(st, "END-7")
   ELSE IF ~Room(st) THEN Refuse(st, "MEM-1")
   ELSE LET s == <<me, st.number + 1>> IN
@@ -349,7 +357,7 @@ OnAcceptance(me, st, m) ==                                     \* NEG-6, NEG-7
   IF ~In(st, m.session) THEN
     IF m.accepted THEN AnswerClosed(me, st, m, "NEG-6")
     ELSE AckIfReliable(me, st, m)
-  ELSE IF m.src # st.target \/ m.proposal > st.proposal
+  ELSE IF ~OfPeer(st, m.src) \/ m.proposal > st.proposal
     THEN Discard(st, "END-5")
   ELSE IF ~(AwaitsAnswer(st) /\ SameProposal(m.proposal, st.proposal))
     THEN AckIfReliable(me, st, m)
@@ -371,7 +379,7 @@ OnAcceptance(me, st, m) ==                                     \* NEG-6, NEG-7
 (* Actuating                                                               *)
 (***************************************************************************)
 OnCam(me, st, i) ==                                            \* ACT-5
-  IF /\ st.phase = "ACTUATING" /\ i.src = Peer(st)
+  IF /\ st.phase = "ACTUATING" /\ OfPeer(st, i.src)
      /\ Marked(st, i.marks) /\ (i.newer \/ ~st.heard)
   THEN [Ignore([st EXCEPT !.heard = TRUE], "ACT-5")
           EXCEPT !.again = {Timer("cam")}]
@@ -386,7 +394,7 @@ OnComplete(me, st, c) ==                                       \* ACT-3
   ELSE LeaveWith(st, {Fin(me, st.target, st.session)}, Nothing, "ACT-3")
 
 OnFin(me, st, m) ==
-  IF In(st, m.session) /\ st.role = "receiver" /\ m.src = Peer(st)
+  IF In(st, m.session) /\ st.role = "receiver" /\ OfPeer(st, m.src)
   THEN Effect(Leave(st), {Ack(me, m)}, <<"finished">>, "ACT-3")
   ELSE Effect(st, AckCopy(me, m), Nothing, "END-3")
 
@@ -411,7 +419,7 @@ OnCancel(me, st, m) ==                                         \* END-2, END-3
   ELSE IF st.phase = "CHOOSING" /\ m.src \in st.recorded THEN
     IF st.recorded = {m.src} THEN NoParticipants(st, acks)
     ELSE Effect([st EXCEPT !.recorded = @ \ {m.src}], acks, Nothing, "END-2")
-  ELSE IF st.phase # "CHOOSING" /\ m.src = Peer(st)
+  ELSE IF st.phase # "CHOOSING" /\ OfPeer(st, m.src)
   THEN Effect(Leave(st), acks, <<"fallback", m.reason>>, "END-2")
   ELSE Effect(st, acks, Nothing, "END-3")
 

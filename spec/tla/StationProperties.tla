@@ -10,19 +10,30 @@ VARIABLE last  \* history: the input and what Step said; no guard reads it
 \* last is no part of the state.
 station == st
 
+Kinds == {"restart", "expire", "receive", "cam", "command"}
+
 SInit ==
   /\ st = Initial
   /\ last = [ station |-> Me, input |-> [kind |-> "start"], rule |-> "none",
               out |-> {}, told |-> Nothing ]
-  /\ TLCSet(ALPHABET, TLCEval(Alphabet))
+  /\ TLCSet(ALPHABET, TLCEval([k \in Kinds |-> {i \in Alphabet : i.kind = k}]))
 
-SNext ==
-  \E i \in TLCGet(ALPHABET) :
-    /\ Offered(st, i)
-    /\ \E r \in {Step(Me, st, i)} :
-         /\ st' = r.st
-         /\ last' = [ station |-> Me, input |-> i, rule |-> r.rule,
-                      out |-> r.out, told |-> r.told ]
+Inputs(kind) == TLCGet(ALPHABET)[kind]
+
+Take(i) ==
+  /\ Offered(st, i)
+  /\ \E r \in {Step(Me, st, i)} :
+       /\ st' = r.st
+       /\ last' = [ station |-> Me, input |-> i, rule |-> r.rule,
+                    out |-> r.out, told |-> r.told ]
+
+Restart == \E i \in Inputs("restart") : Take(i)
+Expire  == \E i \in Inputs("expire")  : Take(i)
+Receive == \E i \in Inputs("receive") : Take(i)
+HearCam == \E i \in Inputs("cam")     : Take(i)
+Command == \E i \in Inputs("command") : Take(i)
+
+SNext == Restart \/ Expire \/ Receive \/ HearCam \/ Command
 
 \* Why a station leaves: the reason that its Cancel carries and, if nobody
 \* here wanted it, its application is told.

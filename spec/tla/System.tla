@@ -10,7 +10,9 @@
 (*    Advertisements it may have heard before are no longer being sent and *)
 (*    no copy of them is left (t_advertise + t_life: END-8, ADV-8).  For   *)
 (*    simplicity nobody at all advertises then, and all such copies die;   *)
-(*    this leaves out that a newer session is open at that moment.         *)
+(*    this leaves out that a newer session is open at that moment;         *)
+(*  - nor does a quarantine end while a prescriber acts, or still may, on  *)
+(*    what the station agreed to before (ACT-6).                           *)
 (*                                                                         *)
 (* Reduced = TRUE leaves out behaviours that others simulate.  The net     *)
 (* never shrinks and more messages in it never disable anything, so a      *)
@@ -70,7 +72,7 @@ Init ==
 (***************************************************************************)
 (* Inputs of station s                                                     *)
 (***************************************************************************)
-Receive(s) ==
+Receptions(s) ==
   { [kind |-> "receive", message |-> m, concerned |-> s \in Receivers] :
       m \in MessagesTo(net, s) }
 
@@ -107,11 +109,20 @@ Advertised(p) == {m \in net : /\ m.type = "Advertisement"
 Advertises(p) == \E q \in Stations : /\ p \in {q, Nobody}
                                      /\ st[q].phase = "ADVERTISING"
 
+\* A prescriber acts on the word of s, or still may: the Acceptance is in the
+\* net (ACT-6).
+Relied(s) ==
+  \E p \in Stations :
+    /\ st[p].role = "prescriber" /\ st[p].target = s
+    /\ \/ st[p].phase = "ACTUATING"
+       \/ /\ AwaitsAnswer(st[p])
+          /\ Acceptance(s, st[p].session, st[p].proposal) \in net
+
 MayExpire(s, t) ==
   CASE t[1] = "lease"      -> LeaseOutlived(s)
     [] t[1] = "forget"     -> /\ Forgetting /\ ~Advertises(t[2])
                               /\ \A e \in st[s].outbox : e.session[1] # t[2]
-    [] t[1] = "quarantine" -> Forgetting /\ ~Advertises(Nobody)
+    [] t[1] = "quarantine" -> Forgetting /\ ~Advertises(Nobody) /\ ~Relied(s)
     [] OTHER               -> TRUE
 
 \* What has died out when the timer expires.
@@ -124,10 +135,6 @@ Dies(i) ==
 Expiries(s) ==
   { [kind |-> "expire", timer |-> t] :
       t \in {x \in Armed(s, st[s]) : MayExpire(s, x)} }
-
-Inputs(s) ==
-  Receive(s) \cup Commands(s) \cup Expiries(s)
-  \cup If(s \in Restarters, {[kind |-> "restart"]})
 
 (***************************************************************************)
 (* Steps                                                                   *)
@@ -203,7 +210,15 @@ Do(s, i) ==
     /\ last' = [station |-> s, input |-> i, rule |-> r.rule]
     /\ view' # view
 
-Next == \E s \in Stations : \E i \in Inputs(s) : Do(s, i)
+\* An action for each kind of input, so that TLC names it in a counterexample
+\* and counts each one in its coverage; last' has the input itself.
+Restart(s) == s \in Restarters /\ Do(s, [kind |-> "restart"])
+Expire(s)  == \E i \in Expiries(s)   : Do(s, i)
+Receive(s) == \E i \in Receptions(s) : Do(s, i)
+Command(s) == \E i \in Commands(s)   : Do(s, i)
+
+Next ==
+  \E s \in Stations : Restart(s) \/ Expire(s) \/ Receive(s) \/ Command(s)
 
 Spec == Init /\ [][Next]_vars
 
@@ -276,6 +291,16 @@ NoHazardInv ==
       /\ Acts(t, "receiver")
       /\ st[t].session = st[s].session
       /\ st[t].proposal = st[s].proposal
+
+(***************************************************************************)
+(* S-8: while a prescriber acts on the word of a receiver, nobody else     *)
+(* does, and the receiver is not the prescriber of a maneuver itself,      *)
+(* whatever the radio and the receiver do.                                 *)
+(***************************************************************************)
+ExclusiveInv ==
+  \A s, t \in Stations :
+    s # t /\ Acts(s, "prescriber") /\ Acts(t, "prescriber") =>
+      st[s].target \notin {t, st[t].target}
 
 (***************************************************************************)
 (* S-6: an outbox entry that ends by an Ack had been received.             *)

@@ -7,7 +7,8 @@
 (*                                                                         *)
 (* Time passes only when nothing is due: a due timer fires at its instant, *)
 (* before messages and commands of the same instant, and in the order of   *)
-(* the table in docs/protocol.md.  All clocks run alike.                   *)
+(* the table in docs/protocol.md.  All clocks run alike; Drift.tla lets    *)
+(* one of them be slow.                                                    *)
 (*                                                                         *)
 (* What may go wrong is an Environment (Environments.tla), chosen at the   *)
 (* start: whether the radio is perfect (every copy arrives within Delay)   *)
@@ -32,15 +33,26 @@ CONSTANTS
   Prompt,        \* an application answers at once, not within t_decide
   Environments   \* what may go wrong; see Environments.tla
 
-ASSUME CamLoss > CamInterval + Delay /\ Lease >= CamLoss
+ASSUME Lease >= CamLoss
 ASSUME CamInterval > Delay
 ASSUME 2 * Delay < ResendTime
+
+Max(a, b) == IF a > b THEN a ELSE b
+Min(a, b) == IF a < b THEN a ELSE b
 
 GiveUpTime    == Sendings * ResendTime
 AdvertiseTime == GiveUpTime
 AnswerTime    == Deciding + GiveUpTime
 HoldTime      == AdvertiseTime + Deciding + 2 * GiveUpTime
 LifeTime      == 2 * GiveUpTime
+\* Longer than an Advertisement can be heard (END-8), and than a prescriber
+\* acts on the word of a receiver that has gone (ACT-6: CamLoss + Delay).
+ActsOnTime     == CamLoss + Delay
+QuarantineTime == Max(AdvertiseTime + LifeTime, ActsOnTime)
+
+\* By how much a prescriber's lease is shorter than that of its target
+\* (ACT-4): not at all, as clocks run alike here.
+LeaseMargin == 0
 
 VARIABLES
   env,     \* the Environment
@@ -69,9 +81,6 @@ TInit ==
   /\ been = {}
   /\ hazard = 0
 
-Max(a, b) == IF a > b THEN a ELSE b
-Min(a, b) == IF a < b THEN a ELSE b
-
 (***************************************************************************)
 (* Timers                                                                  *)
 (***************************************************************************)
@@ -83,8 +92,9 @@ DurationOf(s, t) ==
     [] t[1] = "hold"                   -> HoldTime
     [] t[1] = "answer"                 -> AnswerTime
     [] t[1] = "cam"                    -> CamLoss
-    [] t[1] = "lease"                  -> Lease
-    [] t[1] = "quarantine"             -> AdvertiseTime + LifeTime
+    [] t[1] = "lease"                  ->
+         IF s \in Prescribers THEN Lease - LeaseMargin ELSE Lease
+    [] t[1] = "quarantine"             -> QuarantineTime
     [] t[1] = "forget"                 ->
          Max(LifeTime, AdvertiseTime + LifeTime - age[s])
 
@@ -190,6 +200,7 @@ Goes == TRUE
 TDo(s, i, taken) ==
   \E r \in {Effected(s, i)} :
   \E counts \in {Sends(s, i, r)} :
+    /\ Goes
     /\ st' = [st EXCEPT ![s] = r.st]
     /\ clock' = [clock EXCEPT ![s] = Clock(s, i, r)]
     /\ sends' = [sends EXCEPT ![s] = counts]
@@ -208,16 +219,18 @@ FireDue(s) ==
   \E t \in {x \in Due(s) : \A y \in Due(s) : Order(x) <= Order(y)} :
     TDo(s, [kind |-> "expire", timer |-> t], {})
 
-Deliver(c) ==
+\* A copy arrives; what is taken out of the air is that copy, or nothing.
+Arrives(c, taken) ==
   /\ Due(c.to) = {}
   /\ ~Useless(c)
-  /\ TDo(c.to, InputOf(c), {c})
+  /\ TDo(c.to, InputOf(c), taken)
 
-Duplicate(c) ==
-  /\ env.duplicates /\ c.message.type # "CAM"
-  /\ Due(c.to) = {}
-  /\ ~Useless(c)
-  /\ TDo(c.to, InputOf(c), {})
+CamsInAir     == {c \in air : c.message.type = "CAM"}
+MessagesInAir == air \ CamsInAir
+
+HearCam   == \E c \in CamsInAir : Arrives(c, {c})
+Deliver   == \E c \in MessagesInAir : Arrives(c, {c})
+Duplicate == env.duplicates /\ \E c \in MessagesInAir : Arrives(c, {})
 
 Obey(s) ==
   /\ Due(s) = {}
@@ -225,13 +238,14 @@ Obey(s) ==
        /\ c.name = "abort" => s \in env.aborters
        /\ TDo(s, c, {})
 
-Restart(s) ==
+TRestart(s) ==
   /\ s \in env.restarters
   /\ TDo(s, [kind |-> "restart"], {})
 
 Event(name) == [station |-> Nobody, input |-> [kind |-> name], rule |-> "none"]
 
 CutOff ==
+  /\ Goes
   /\ env.cut # {} /\ ~cut /\ cut' = TRUE
   /\ air' = {c \in air : Direction(c.message.src) \notin env.cut}
   /\ last' = Event("cut")
@@ -245,27 +259,32 @@ Asked(s) ==
   \/ x.phase = "NEGOTIATING" /\ x.role = "receiver"
   \/ s \in Prescribers /\ ~Bound(x) /\ x.number < MaxSessions /\ ~x.backoff
 
-Tick ==
+\* Time passes; at the stations `slow` the clock stands still.
+Pass(slow) ==
   /\ Settled
   /\ Prompt => \A s \in Stations : ~Asked(s)
   /\ \A c \in air : c.sure /\ c.left = 0 => Useless(c)
-  /\ clock' = [s \in Stations |->
-                 [t \in DOMAIN clock[s] |-> clock[s][t] - 1]]
-  /\ next' = [s \in Stations |-> IF next[s] = 1 THEN CamInterval ELSE next[s] - 1]
+  /\ clock' = [s \in Stations |-> IF s \in slow THEN clock[s]
+                 ELSE [t \in DOMAIN clock[s] |-> clock[s][t] - 1]]
+  /\ next' = [s \in Stations |-> IF s \in slow THEN next[s]
+                ELSE IF next[s] = 1 THEN CamInterval ELSE next[s] - 1]
   /\ air' = {[c EXCEPT !.left = @ - 1] : c \in {x \in air : x.left > 0}}
             \cup UNION { Copies(s, {Cam(s)}, <<>>) :
-                           s \in {x \in Stations : next[x] = 1 /\ SendsCam(x)} }
+                           s \in {x \in Stations \ slow :
+                                    next[x] = 1 /\ SendsCam(x)} }
   /\ age' = [s \in Stations |-> IF Bound(st[s]) THEN age[s] + 1 ELSE 0]
   /\ hazard' = IF HazardNow THEN hazard + 1 ELSE 0
-  /\ last' = Event("tick")
+  /\ last' = Event(IF slow = {} THEN "tick" ELSE "slow tick")
   /\ UNCHANGED <<st, net, excused, received, env, cut, sends, been>>
 
+Tick == Goes /\ Pass({})
+
+\* An action for each kind of input, and for what is none of a station.
 TNext ==
-  /\ Goes
-  /\ \/ \E s \in Stations : FireDue(s) \/ Obey(s) \/ Restart(s)
-     \/ \E c \in air : Deliver(c) \/ Duplicate(c)
-     \/ CutOff
-     \/ Tick
+  \/ \E s \in Stations : FireDue(s) \/ Obey(s) \/ TRestart(s)
+  \/ HearCam \/ Deliver \/ Duplicate
+  \/ CutOff
+  \/ Tick
 
 (***************************************************************************)
 (* T-1: a session lasts at most so many ticks.  A receiver's last verdict  *)
@@ -302,11 +321,19 @@ LeaseInv ==
 (* T-5: the orders that the untimed models assume.  When a session is      *)
 (* forgotten, or a quarantine ends, nobody advertises a session that the   *)
 (* station has been in, and no copy of its Advertisement is left; and      *)
-(* nothing to its prescriber is left in the outbox.                        *)
+(* nothing to its prescriber is left in the outbox.  Nor does a prescriber *)
+(* act, or may still act, on the word of a station whose quarantine ends.  *)
 (***************************************************************************)
 Advertising(x) ==
   \/ \E p \in Stations : st[p].phase = "ADVERTISING" /\ st[p].session = x
   \/ \E c \in air : c.message.type = "Advertisement" /\ c.message.session = x
+
+RelyOn(s) ==
+  \E p \in Stations :
+    /\ st[p].role = "prescriber" /\ st[p].target = s
+    /\ \/ st[p].phase = "ACTUATING" /\ Due(p) = {}
+       \/ /\ AwaitsAnswer(st[p])
+          /\ \E c \in air : c.message = Acceptance(s, st[p].session, st[p].proposal)
 
 OrdersInv ==
   \A s \in Stations : \A t \in Due(s) :
@@ -314,7 +341,27 @@ OrdersInv ==
          /\ \A x \in st[s].joined : x[1] = t[2] => ~Advertising(x)
          /\ \A e \in st[s].outbox : e.session[1] # t[2]
     /\ t[1] = "quarantine" =>
-         \A x \in been : x[2] = s => ~Advertising(x[1])
+         /\ \A x \in been : x[2] = s => ~Advertising(x[1])
+         /\ ~RelyOn(s)
+
+(***************************************************************************)
+(* T-6: S-8 with real durations, where a receiver that has broken off is   *)
+(* kept out by its quarantine alone.                                       *)
+(***************************************************************************)
+OneWordInv == ExclusiveInv
+
+(***************************************************************************)
+(* T-8: no CAM loss without a cause.  Where no CAM of the peer is lost, the *)
+(* cam timer is due only when the peer has ceased to name the session.  It *)
+(* holds iff CamLoss > CamInterval + Delay, which is not assumed.          *)
+(***************************************************************************)
+Heard(s) == /\ env.perfect[Direction(Peer(st[s]))]
+            /\ Direction(Peer(st[s])) \notin env.cut
+
+CamLossInv ==
+  \A s \in Stations :
+    Timer("cam") \in Due(s) /\ Heard(s) =>
+      st[s].session \notin Marks(st[Peer(st[s])])
 
 \* S-5 at the end of an instant: at its beginning both leases may be due.
 SettledHazardInv == Settled => NoHazardInv
@@ -323,5 +370,6 @@ TSpec == TInit /\ [][TNext]_tvars
 
 THEOREM TSpec => [](TypeInv /\ AcceptedInv /\ AgreementInv /\ SettledHazardInv)
 THEOREM TSpec => [](DurationInv /\ SendingsInv /\ LeaseInv /\ OrdersInv)
+THEOREM CamLoss > CamInterval + Delay => (TSpec => []CamLossInv)
 THEOREM TSpec => OneSessionProp /\ CommitmentProp
 ==============================================================================

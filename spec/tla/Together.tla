@@ -4,7 +4,8 @@
 (* station that leaves a session tells everybody whom that concerns, by a  *)
 (* Fin, a Cancel, or Cancel(closed) as an answer to an Intention that came *)
 (* too late: so nobody stays in a session whose other side has left it for *)
-(* longer than a copy takes there and back.                                *)
+(* longer than a copy takes there and back.  Where it is not perfect, a    *)
+(* receiver that was left still does not stay for long (T-9).              *)
 (***************************************************************************)
 EXTENDS Environments
 
@@ -27,12 +28,28 @@ Alone(s) ==
 
 TogetherInit == EInit /\ apart = [s \in Stations |-> 0]
 
+Count ==
+  apart' = [s \in Stations |->
+              IF ~Alone(s)' THEN 0
+              ELSE IF last'.input.kind = "tick" THEN apart[s] + 1
+              ELSE apart[s]]
+
+\* The actions of TNext, counted.  (TLC takes a conjunction for one action: of
+\* TNext /\ Count it would name none.)
+CountFireDue(s)  == FireDue(s)  /\ Count
+CountObey(s)     == Obey(s)     /\ Count
+CountTRestart(s) == TRestart(s) /\ Count
+CountHearCam     == HearCam     /\ Count
+CountDeliver     == Deliver     /\ Count
+CountDuplicate   == Duplicate   /\ Count
+CountCutOff      == CutOff      /\ Count
+CountTick        == Tick        /\ Count
+
 TogetherNext ==
-  /\ TNext
-  /\ apart' = [s \in Stations |->
-                 IF ~Alone(s)' THEN 0
-                 ELSE IF last'.input.kind = "tick" THEN apart[s] + 1
-                 ELSE apart[s]]
+  \/ \E s \in Stations : CountFireDue(s) \/ CountObey(s) \/ CountTRestart(s)
+  \/ CountHearCam \/ CountDeliver \/ CountDuplicate
+  \/ CountCutOff
+  \/ CountTick
 
 (***************************************************************************)
 (* T-7: within twice the delay.                                            *)
@@ -41,7 +58,52 @@ TogetherInv == \A s \in Stations : apart[s] <= 2 * Delay
 
 TogetherSpec == TogetherInit /\ [][TogetherNext]_<<tvars, apart>>
 
+(***************************************************************************)
+(* T-9: a receiver that its prescriber has left does not stay for long,    *)
+(* whatever is lost.                                                       *)
+(*   acting  The last CAM with the mark may have been sent as the          *)
+(*           prescriber left, or as it gave up its Fin.  Or the receiver   *)
+(*           accepts only then: the last Prescription, too, is sent before *)
+(*           the prescriber leaves.                                        *)
+(*   waiting The hold timer runs from the give-up of the Intention, or     *)
+(*           from the refusal of the last Prescription.                    *)
+(***************************************************************************)
+Verdict == IF Prompt THEN 0 ELSE Deciding
+
+ActsOn(e) ==
+  Max(Delay + Verdict + CamLoss,
+      IF "complete" \in e.commands
+      THEN Min(Lease, GiveUpTime + Delay + CamLoss) ELSE 0)
+WaitsOn == Max(GiveUpTime, Delay + Verdict) + HoldTime
+
+MayActOn(e) == ActsOn(e)
+MayWaitOn   == WaitsOn
+
+LeftInv ==
+  \A s \in Stations :
+    st[s].role = "receiver" =>
+      apart[s] <= IF st[s].phase = "ACTUATING" THEN MayActOn(env) ELSE MayWaitOn
+
 THEOREM TogetherSpec => []TogetherInv
+THEOREM TogetherSpec => []LeftInv
+
+\* The prescriber finishes, aborts or restarts, and what may be lost may be lost.
+Leaving ==
+  { [Fault("finishes", FALSE, TRUE, {}, FALSE, FALSE, FALSE, FALSE)
+       EXCEPT !.commands = {"request", "prescribe", "accept", "complete"}],
+    [Fault("aborts", FALSE, TRUE, {}, FALSE, FALSE, FALSE, FALSE)
+       EXCEPT !.aborters = Prescribers],
+    [Fault("restarts", FALSE, FALSE, {}, FALSE, FALSE, FALSE, FALSE)
+       EXCEPT !.restarters = Prescribers] }
+
+\* When the receivers have left there is nothing more to see.
+ReceiverGoes == \E s \in Receivers : Bound(st[s]) \/ st[s].joined = {}
+
+\* Must-fail models: one tick less.
+Finishing == {e \in Leaving : e.name = "finishes"}
+Aborting  == {e \in Leaving : e.name = "aborts"}
+ActsOnOneLess(e) == ActsOn(e) - 1
+WaitsOnOneLess   == WaitsOn - 1
 
 \* A prescriber releases nobody whom it has not chosen.
 KeepsTheOthers(me, x, to, why) ==

@@ -29,7 +29,7 @@ VARIABLES
   box,    \* the messages behind the entries of the outbox
   armed,  \* timers and their deadlines
   count,  \* seq of the last new message in the session
-  lease,  \* lease_ms of the current Prescription, or Untold
+  lease,  \* how long the lease timer of the current Prescription lasts, or Untold
   heard   \* generation time of the last CAM that counted
 
 vars == <<log, at, st, step, box, armed, count, lease, heard>>

@@ -11,13 +11,14 @@ CONSTANTS
   Given,    \* names of commands
   Expiring  \* names of timers
 
-FewInputs(s) ==
-  { i \in Inputs(s) :
-      CASE i.kind = "command" -> i.name \in Given
-        [] i.kind = "expire"  -> i.timer[1] \in Expiring
-        [] OTHER              -> TRUE }
+FewCommand(s) == \E i \in {c \in Commands(s) : c.name \in Given} : Do(s, i)
+FewExpire(s)  ==
+  \E i \in {x \in Expiries(s) : x.timer[1] \in Expiring} : Do(s, i)
 
-FewNext == \E s \in Stations : \E i \in FewInputs(s) : Do(s, i)
+FewNext ==
+  \E s \in Stations : Restart(s) \/ FewExpire(s) \/ Receive(s) \/ FewCommand(s)
+
+FewSpec == Init /\ [][FewNext]_vars
 
 \* An Ack counts in whatever session its message was.
 AckOfAnySession(e, m) ==

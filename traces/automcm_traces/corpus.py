@@ -91,14 +91,14 @@ def behaviours(say: Callable[[str], None]) -> dict[str, bytes]:
 
 
 def counterexamples(folder: Path, say: Callable[[str], None]) -> dict[str, bytes]:
-    """The logs of every counterexample in ``folder`` of several stations, by file; with TLC.
+    """The logs of every counterexample in ``folder`` that can have any, by file; with TLC.
 
     Raises automcm_spec.tlc.TlcError, automcm_traces.itf.ItfError.
     """
     files = {}
-    alone = {m.cfg for m in models.load() if m.alone}
+    unsent = {m.cfg for m in models.load() if m.unsent}
     for path in sorted(folder.glob("*.itf.json")):
-        if path.name.removesuffix(".itf.json") in alone:
+        if path.name.removesuffix(".itf.json") in unsent:
             continue
         found = behaviour(path)
         say(f"corpus: {found.model}")

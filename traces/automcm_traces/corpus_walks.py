@@ -32,7 +32,7 @@ from automcm_traces.story_steps import Move, happenings_of_all, plain
 
 Json = Any
 MODULE = """---- MODULE Graph ----
-EXTENDS {module}, TLC
+EXTENDS {module}, Simulation, TLC
 VARIABLE place
 GInit == Init /\\ place = 0 /\\ TLCSet(9, 0)
 Node == /\\ PrintT(ToString(<<"node", place>>))
@@ -43,6 +43,7 @@ GNext == \\E s \\in Stations : \\E i \\in Inputs(s) :
   /\\ TLCSet(9, TLCGet(9) + 1) /\\ place' = TLCGet(9)
   /\\ PrintT(ToString(<<"step", place, s, i>>)) 
   /\\ \\E v \\in {{view'}} : v = v /\\ PrintT(ToString(<<v>>))
+GSpec == GInit /\\ [][GNext]_<<vars, place>>
 ====
 """
 """``place`` numbers the states, and the VIEW hides it.  Node is an invariant, so TLC looks at it
@@ -141,9 +142,9 @@ class Graph:
             node.idle = [key for key in node.idle if key not in node.steps]
 
     def _run(self, tla: Path) -> None:
-        text = re.sub(r"^INIT \w+$", "INIT GInit", self.cfg, flags=re.M)
-        text = re.sub(r"^NEXT \w+$", "NEXT GNext", text, flags=re.M)
-        text = re.sub(r"^(PROPERTIES|PROPERTY|INVARIANTS?) .*\n", "", text, flags=re.M)
+        text = re.sub(r"^SPECIFICATION \w+$", "SPECIFICATION GSpec", self.cfg, flags=re.M)
+        rest = r"^(PROPERTIES|PROPERTY|INVARIANTS?|ACTION_CONSTRAINT) .*\n"
+        text = re.sub(rest, "", text, flags=re.M)
         with scratch.folder("graph") as place:
             for path in tla.glob("*.tla"):
                 shutil.copy(path, place)

@@ -30,6 +30,7 @@ from automcm_traces.step import Deadline, Diverges, Late, Step, Supposition
 from automcm_traces.timers import (
     TIMER_RULES,
     durations,
+    lease_lasts,
     longest_delay,
     match,
     named,
@@ -103,6 +104,7 @@ class Engine:
         header = log.header if isinstance(log, Log) else log
         p = header.parameters
         self._durations = durations(p)
+        self._clock_drift = p.clock_drift or 0
         self.promised = frozenset(header.complete)
         self._late_ms = longest_delay(p) if late_ms is None else late_ms
         told = (p.max_participants, p.outbox_limit, p.memory_limit)
@@ -474,7 +476,7 @@ class Engine:
             return self._durations.get(timer["name"])
         for e, m in step.sent:
             if e.type == "Prescription":
-                return int(m["lease_ms"])
+                return lease_lasts(self._clock_drift, "prescriber", int(m["lease_ms"]))
         return self.track.lease_ms or None
 
     def _missed(self, at: int, t_ms: int) -> None:

@@ -26,6 +26,7 @@ from automcm_traces.track import Track
 Json = Any
 TICK_MS = 100
 """A tick of a timed model."""
+TICKS = (["tick"], ["slow tick"])
 
 
 @dataclass(frozen=True)
@@ -106,12 +107,14 @@ def _behaviour(value: Json, models_dir: Path) -> Behaviour:
     if not states:
         raise itf.ItfError("'states' is empty")
     model = listed[found[1]]
-    if model.alone:
-        raise itf.ItfError(f"{model.cfg} is a model of one station: it has no logs")
+    if model.unsent:
+        raise itf.ItfError(
+            f"{model.cfg} has no logs: in {model.module} a station receives what nobody has sent"
+        )
     moves, ticks = [], 0
     for index, (one, two) in enumerate(pairwise(states), 1):
         try:
-            ticks += two.meta["input"] == ["tick"]
+            ticks += two.meta["input"] in TICKS
             moves.append(_move(one, two, ticks))
         except (KeyError, TypeError, IndexError, ValueError) as error:
             raise itf.ItfError(f"state {index}: not a step of a station: {error!r}") from None
@@ -125,11 +128,14 @@ def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
     if "clock" not in two.values:
         return Move(station, value, before, after, _net(one), _net(two))
     at_ms = ticks * TICK_MS
+    behind = {n: ticks * TICK_MS for n, ticks in _lost(two).items()}
     if not station:
-        cams = _cams(one) if value == ["tick"] else ()
-        return Move(0, value, before, after, at_ms=at_ms, cams=cams)
+        slow = {n for n, ticks in _lost(two).items() if ticks != _lost(one)[n]}
+        cams = tuple(s for s in _cams(one) if s not in slow) if value in TICKS else ()
+        return Move(0, value, before, after, at_ms=at_ms, cams=cams, behind_ms=behind)
     left, was = _clock(two, station), _clock(one, station)
-    deadlines = {text: at_ms + ticks * TICK_MS for text, ticks in left.items()}
+    now = at_ms - behind.get(station, 0)
+    deadlines = {text: now + ticks * TICK_MS for text, ticks in left.items()}
     anew = tuple(json.loads(t) for t in sorted(left) if t in was and left[t] > was[t])
     return Move(
         station,
@@ -137,9 +143,16 @@ def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
         before,
         after,
         at_ms=at_ms,
+        behind_ms=behind,
         deadlines=deadlines,
         also_armed=anew,
     )
+
+
+def _lost(at: itf.ItfState) -> dict[int, int]:
+    """By station: the ticks that its clock has lost (Drift.tla)."""
+    lost: Any = at.values.get("lost", ())
+    return dict(enumerate(lost, 1))
 
 
 def _clock(at: itf.ItfState, station: int) -> dict[str, int]:

@@ -104,6 +104,7 @@ JsonArray = Strict(False)
 StationId = Annotated[int, Field(ge=1, le=2**32 - 1)]
 Natural = Annotated[int, Field(ge=0)]
 Positive = Annotated[int, Field(ge=1)]
+Percent = Annotated[int, Field(ge=0, le=99)]
 Name = Annotated[str, Field(min_length=1)]
 Transmission = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,9}:[0-9]{1,19}$")]
 Message = Annotated[
@@ -148,7 +149,8 @@ class Spec(Part):
 
 
 class Parameters(Part):
-    """Parameters of the station, those it tells: ``t_`` in milliseconds, the others counts."""
+    """Parameters of the station, those it tells: ``t_`` in milliseconds, ``clock_drift`` in percent
+    (0 if it is not told), the others counts."""
 
     t_timeout: Natural | None = None
     t_resend: Natural | None = None
@@ -158,6 +160,7 @@ class Parameters(Part):
     t_hold: Natural | None = None
     t_life: Natural | None = None
     t_cam_loss: Natural | None = None
+    clock_drift: Percent | None = None
     max_rounds: Positive | None = None
     max_participants: Positive | None = None
     outbox_limit: Positive | None = None

@@ -12,7 +12,7 @@ from automcm_traces.explain import NEEDED
 from automcm_traces.log import Event, Parameters, Restart, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.step import Diverges, Step
-from automcm_traces.timers import timer_key
+from automcm_traces.timers import lease_lasts, timer_key
 from automcm_traces.track import CannotTell, Track
 
 Json = Any
@@ -117,7 +117,8 @@ def _states(log: Log, events: Iterable[tuple[int, Event]], found: Followed) -> d
         found.rules.append(step.rule)
         found.places.append((handler(step.input), line(step.rule, step.input)))
         found.states.append(changed)
-        leases[step.at] = track.lease_ms
+        drift = log.header.parameters.clock_drift or 0
+        leases[step.at] = lease_lasts(drift, track.role, track.lease_ms) if track.lease_ms else 0
         last = now
 
     try:

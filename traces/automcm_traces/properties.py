@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations, groupby, pairwise
+from itertools import chain, combinations, groupby, pairwise, product
 from typing import Any, Literal
 
 from automcm_traces import durations
@@ -33,6 +33,7 @@ NAMES = {
     "S-5": "no hazard without excuse",
     "S-6": "what was acknowledged was received",
     "S-7": "no effect across sessions",
+    "S-8": "nobody else acts on a receiver's word",
     "T-1": "a session ends in time",
     "T-2": "a hazard ends in time",
     "T-3": "a message is sent at most N times",
@@ -162,6 +163,7 @@ def _report(world: World) -> SystemReport:
         _judged("S-5", no_hazard, partly),
         _judged("S-6", acknowledged(world), partly),
         _judged("S-7", no_cross_effect(lines), partly),
+        _judged("S-8", exclusive(world), partly),
         _judged("T-1", durations.durations(world), partly),
         _judged("T-2", bounds, partly),
         _judged("T-3", (f for log in world.merged.logs for f in durations.sendings(log)), []),
@@ -301,6 +303,19 @@ def agreement(world: World) -> Iterator[Finding]:
         where = world.timelines[a.station].where(a.start)
         text = f"{where}: acts in {a.session} with proposal {a.start.proposal}, and so does station"
         text = f"{text} {b.station} as {b.start.role} with proposal {b.start.proposal}"
+        yield apart, text if apart is False else f"{text}; the clocks do not tell whether at once"
+
+
+def exclusive(world: World) -> Iterator[Finding]:
+    """S-8: no two prescribers act on the word of one receiver, nor does it act as a prescriber."""
+    acts = [list(line.spells("ACTUATING", "prescriber")) for line in world.timelines.values()]
+    for a, b in chain.from_iterable(product(*pair) for pair in combinations(acts, 2)):
+        if a.start.target not in (b.start.target, b.station) and b.start.target != a.station:
+            continue
+        where = world.timelines[a.station].where(a.start)
+        text = f"{where}: acts on the word of station {a.start.target}, and station {b.station}"
+        text = f"{text} acts on that of station {b.start.target}"
+        apart = world.apart(a, b)
         yield apart, text if apart is False else f"{text}; the clocks do not tell whether at once"
 
 

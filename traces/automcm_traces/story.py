@@ -55,7 +55,8 @@ class Happening:
     """One step of a station: the state before it, the input and what followed.
 
     ``at_ms`` and ``deadlines`` (by the canonical text of a timer, on the same clock) are those of
-    a timed model.  ``cams`` are stations that send a CAM before the step.
+    a timed model; ``behind_ms`` is how far the clock of a station is behind.  ``cams`` are stations
+    that send a CAM before the step.
     """
 
     station: int
@@ -63,6 +64,7 @@ class Happening:
     input: Json
     effects: Effects
     at_ms: int | None = None
+    behind_ms: Mapping[int, int] = field(default_factory=dict)
     deadlines: Mapping[str, int] | None = None
     cams: tuple[int, ...] = ()
 
@@ -343,7 +345,7 @@ def _times(
             if n in waits and lease_ms is None:
                 key, lease = waits[n]
                 ahead += lengths[key] - (base[n] - base[lease.armed])
-            own.append(t_ms + ahead)
+            own.append(t_ms + ahead - story[n].behind_ms.get(s, 0))
         times[s] = own
     return lengths, times
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -37,6 +37,7 @@ class Move:
     net_before: frozenset[str] = frozenset()
     net_after: frozenset[str] = frozenset()
     at_ms: int | None = None
+    behind_ms: Mapping[int, int] = field(default_factory=dict)
     deadlines: dict[str, int] | None = None
     cams: tuple[int, ...] = ()
     also_armed: tuple[Json, ...] = ()
@@ -89,12 +90,13 @@ def _main(move: Move) -> Question:
 def _tell(told: _Told, effects: dict[str, Effects]) -> list[Happening]:
     move = told.move
     if not move.station:
-        return [Happening(0, [], move.input, NOTHING, move.at_ms, None, move.cams)]
+        return [Happening(0, [], move.input, NOTHING, move.at_ms, move.behind_ms, cams=move.cams)]
     s = move.station
     main = effects[_main(move).key]
     more = [timer for timer in move.also_armed if timer not in main.arm]
     main = replace(main, arm=main.arm + more) if more else main
-    out = [Happening(s, move.before[s], move.input, main, move.at_ms, move.deadlines, move.cams)]
+    when = move.at_ms, move.behind_ms, move.deadlines, move.cams
+    out = [Happening(s, move.before[s], move.input, main, *when)]
     for q in told.chain:
         out.append(Happening(s, q.state, q.input, effects[q.key]))
     reached = out[-1].effects.after

@@ -37,8 +37,16 @@ def durations(p: Parameters) -> dict[str, int | None]:
         "hold": p.t_hold,
         "answer": _sum(p.t_decide, p.t_giveup),
         "cam": p.t_cam_loss,
-        "quarantine": _sum(p.t_advertise, p.t_life),
+        "quarantine": _quarantine(p),
     }
+
+
+def lease_lasts(clock_drift: int, role: str, lease_ms: int) -> int:
+    """How long the lease timer lasts, ms (ACT-4): the prescriber's is shorter by what its clock may
+    lose meanwhile, ``clock_drift`` percent, and 1 ms for rounding."""
+    if role != "prescriber" or clock_drift == 0:
+        return lease_ms
+    return max(1, lease_ms - -(-lease_ms * clock_drift // 100) - 1)
 
 
 def longest_delay(p: Parameters) -> int:
@@ -46,6 +54,14 @@ def longest_delay(p: Parameters) -> int:
     may be as late, unless told otherwise.
     """
     return (p.t_resend or 100) // 2
+
+
+def _quarantine(p: Parameters) -> int | None:
+    """Longer than an Advertisement is heard, and than a prescriber acts on the word of a receiver
+    that has gone (END-8, ACT-6)."""
+    heard = _sum(p.t_advertise, p.t_life)
+    acted_on = None if p.t_resend is None else _sum(p.t_cam_loss, p.t_resend // 2)
+    return None if heard is None or acted_on is None else max(heard, acted_on)
 
 
 def _sum(a: int | None, b: int | None) -> int | None:

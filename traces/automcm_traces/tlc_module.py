@@ -24,7 +24,7 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
-from automcm_traces.timers import durations, longest_delay
+from automcm_traces.timers import durations, lease_lasts, longest_delay
 from automcm_traces.track import PHASES, ROLES
 
 Json = Any
@@ -176,7 +176,7 @@ class Translation:
         return (
             f'Commanded({at},"{name}",{self._session(c.get("session"))},'
             f"{self._small(c.get('proposal', 0))},{self.station(c.get('target', 0))},"
-            f"{self._content(c)},{_clamped(c.get('lease_ms'))},{opens})"
+            f"{self._content(c)},{self._own_lease(c)},{opens})"
         )
 
     def _opened(self, n: int) -> int:
@@ -209,9 +209,19 @@ class Translation:
             f"{self._small(m.get('seq'))},{self._small(m.get('proposal', 0))},"
             f'{_bool(m.get("accepted") is True)},"{self._reason(m.get("reason", "none"))}",'
             f'<<"{self._safe(of.get("type", "none"), NAMED)}",{self._small(of.get("seq", 0))}>>,'
-            f"{body},{self._content(m)},{_clamped(m.get('lease_ms'))},"
+            f"{body},{self._content(m)},{self._lease(m)},"
             f"{_bool(_is_good(m))})"
         )
+
+    def _lease(self, m: dict[str, Json]) -> int:
+        """How long the lease timer lasts with a Prescription that is sent or received."""
+        return self._own_lease(m) if m.get("src") == self._me else _clamped(m.get("lease_ms"))
+
+    def _own_lease(self, given: dict[str, Json]) -> int:
+        """The same with one of its own."""
+        told: Json = given.get("lease_ms")
+        drift = self._log.header.parameters.clock_drift or 0
+        return _clamped(lease_lasts(drift, "prescriber", int(told)) if _is_int(told) else told)
 
     def _timer(self, timer: Timer) -> int:
         named = timer.model_dump(exclude_none=True)

@@ -93,11 +93,11 @@ def test_a_log_that_lacks_something_leaves_a_condition_one_way(
     simulation.add(3003, Straight(concerned_by_all=False))
     simulation.request(1001, at=500)
     simulation.run(until=10_000)
-    where = "OnCam", "i.src = Peer(st)"
+    where = "OnCam", "OfPeer(st, i.src)"
     assert conditions(covered)[where][1] == 0 < conditions(covered)[where][0]
     assert conditions(measure([tmp_path / "1001.ndjson"]))[where][1] > 0
-    where = next(c.line for c in CONDITIONS if c[0] == "OnCam" and c.text == "i.src = Peer(st)")
-    line = f"true  OnCam:{where} i.src = Peer(st)"
+    where = next(c.line for c in CONDITIONS if c[0] == "OnCam" and c.text == "OfPeer(st, i.src)")
+    line = f"true  OnCam:{where} OfPeer(st, i.src)"
     assert f"  {line}" in text(covered)
     assert f"  {line}" not in text(measure([tmp_path / "1001.ndjson"]))
 

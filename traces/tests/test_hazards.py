@@ -51,7 +51,7 @@ def test_a_run_without_faults_has_no_hazard(tmp_path: Path) -> None:
     report = judge(Run(tmp_path).logs())
     assert report.verdict == "allowed" and not report.hazards
     assert {j.outcome for j in report.properties} == {"holds"}
-    assert all(j.checked for j in report.properties if j.property not in ("T-2", "S-7"))
+    assert all(j.checked for j in report.properties if j.property not in ("T-2", "S-7", "S-8"))
     assert "ALLOWED" in report.text() and "told finished" in report.text()
 
 

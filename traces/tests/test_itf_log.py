@@ -12,10 +12,12 @@ from typer.testing import CliRunner
 from automcm_cli.main import app
 from automcm_traces import itf
 from automcm_traces.explain import explain
-from automcm_traces.itf_log import behaviour, from_log
+from automcm_traces.itf_log import TICK_MS, behaviour, from_log
+from automcm_traces.log import TimerArm
 from automcm_traces.reader import read
-from automcm_traces.story import StoryError
-from automcm_traces.story_steps import Move, happenings
+from automcm_traces.story import Happening, StoryError
+from automcm_traces.story import _times as story_times
+from automcm_traces.story_steps import NOTHING, Move, happenings
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -53,6 +55,40 @@ def test_each_station_of_a_counterexample_is_found_again_in_the_itf_of_its_log(m
         rest = iter([itf.FrozenMap(dict(state.values)) for state in again])
         changes = [w for w, before in zip(wanted, [None, *wanted], strict=False) if w != before]
         assert all(any(w == state for state in rest) for w in changes), path
+
+
+def test_s_5_the_logs_of_clocks_that_drift_are_on_each_stations_own_clock(tmp_path: Path) -> None:
+    """The prescriber's clock has lost a tick: its lease ends at the same time on its own clock."""
+    logs = behaviour(COUNTEREXAMPLES / "drift_no_margin.itf.json").logs()
+    for station, text in logs.items():
+        (tmp_path / f"{station}.ndjson").write_bytes(text)
+    paths = [tmp_path / "1001.ndjson", tmp_path / "2002.ndjson"]
+    assert [explain(read(path)).verdict for path in paths] == ["allowed", "allowed"]
+    armed = [
+        event.deadline - event.t_ms
+        for path in paths
+        for _, event in read(path).events
+        if isinstance(event, TimerArm) and event.timer.name == "lease"
+    ]
+    assert armed == [600, 600]
+
+
+def test_a_slow_station_counts_its_deadlines_and_its_steps_on_its_own_clock(tmp_path: Path) -> None:
+    """As if the prescriber did something after the tick that its clock has lost."""
+    value = json.loads((COUNTEREXAMPLES / "drift_no_margin.itf.json").read_text())
+    value["states"][-1]["#meta"] |= {"station": 1}
+    path = tmp_path / "drift.itf.json"
+    path.write_text(json.dumps(value))
+    slow, last = behaviour(path).moves[-2:]
+    assert slow.behind_ms == last.behind_ms == {1: TICK_MS, 2: 0} and slow.cams == (2,)
+    assert last.at_ms is not None and last.deadlines is not None
+    now = last.at_ms - TICK_MS
+    assert last.deadlines['["lease"]'] == now + TICK_MS
+    happened = [
+        Happening(0, [], move.input, NOTHING, move.at_ms, move.behind_ms) for move in (slow, last)
+    ]
+    _, times = story_times(happened, [1, 2], 600)
+    assert times == {1: [now, now], 2: [last.at_ms, last.at_ms]}
 
 
 def test_the_itf_of_a_log_says_by_what_each_state_was_reached() -> None:
@@ -124,7 +160,7 @@ def test_a_counterexample_of_one_station_has_no_logs(tmp_path: Path) -> None:
     """What it receives, nobody has sent."""
     source = COUNTEREXAMPLES / "finishes_silently.itf.json"
     answer = run.invoke(app, ["trace", "itf", str(source), "--out", str(tmp_path)])
-    assert answer.exit_code == 3 and "a model of one station" in answer.output
+    assert answer.exit_code == 3 and "receives what nobody has sent" in answer.output
     assert not list(tmp_path.iterdir())
     assert not (CORPUS / "counterexamples" / "finishes_silently").exists()
 

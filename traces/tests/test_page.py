@@ -16,6 +16,7 @@ import pytest
 from merged_runs import killed, records, rewritten
 
 from automcm.links.simulated import Channel
+from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_traces import page_run
@@ -565,3 +566,19 @@ def test_a_log_without_events_is_a_page_all_the_same() -> None:
     assert (
         data["rows"]["kinds"] == "" and data["runs"][0]["verdicts"][0]["verdict"] == "cannot_tell"
     )
+
+
+def test_act_4_a_prescribers_lease_is_due_with_its_margin(tmp_path: Path) -> None:
+    simulation = Simulation(seed=1, logs=tmp_path)
+    for station in (1001, 2002):
+        simulation.add(station, Straight(), Parameters(t_cam=500))
+    simulation.request(1001, at=500)
+    simulation.run(6000)
+    wanted = {}
+    for station in (1001, 2002):
+        log = read(tmp_path / f"{station}.ndjson")
+        for bar in follow(log).bars:
+            event = log.events[bar.armed][1]
+            if isinstance(event, TimerArm) and event.timer.name == "lease":
+                wanted[station] = (bar.logged_ms, bar.spec_ms)
+    assert wanted == {1001: (19_799, 19_799), 2002: (20_000, 20_000)}

@@ -20,6 +20,7 @@ from automcm_traces.properties import (
     acknowledged,
     agreement,
     commitment,
+    exclusive,
     no_cross_effect,
     one_session,
 )
@@ -145,12 +146,12 @@ ALL = {
     "S-5": lambda b: ((h.excused, h.fault) for h in b.hazards()),
     "S-6": acknowledged,
     "S-7": lambda b: no_cross_effect(b.lines),
+    "S-8": exclusive,
 }
 UNTIMED = {
     "no_busy_refusal": "S-1",
     "busy_overwrites_commitment": "S-2",
     "no_proposal_number": "S-3",
-    "rejoin": "S-4",
     "memory_dropped": "S-4",
     "no_quarantine": "S-4",
     "no_session_number": "S-5",
@@ -160,6 +161,8 @@ UNTIMED = {
     "bare_ack": "S-6",
     "ack_from_anybody": "S-6",
     "no_session_number_crosses": "S-7",
+    "no_break_off": "S-8",
+    "own_word_first": "S-8",
 }
 
 

@@ -26,7 +26,7 @@ static json hello(const json& line) {
             {"name", name},
             {"version", version},
             {"issues", "the issues of the AutoMCM project"},
-            {"features", {"prescriber", "receiver", "restart", "durations", "cam"}},
+            {"features", {"prescriber", "receiver", "restart", "durations", "cam", "clock_drift"}},
             {"scenarios", {"lane_change", "merge"}},
             {"fixed", json::object()}};
 }
@@ -44,6 +44,7 @@ static Parameters parameters_of(const json& given) {
     p.max_participants = integer(given, "max_participants", 1);
     p.outbox_limit = integer(given, "outbox_limit", 0);
     p.memory_limit = integer(given, "memory_limit", 0);
+    p.clock_drift = given.contains("clock_drift") ? integer(given, "clock_drift", 1, 99) : 0;
     return p;
 }
 

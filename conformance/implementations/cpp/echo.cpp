@@ -15,7 +15,8 @@ int main() {
                                    {"name", "echo"},
                                    {"version", "0.1.0"},
                                    {"issues", "the issues of the AutoMCM project"},
-                                   {"features", {"prescriber", "receiver", "restart", "durations", "cam"}},
+                                   {"features", {"prescriber", "receiver", "restart", "durations", "cam",
+                                                 "clock_drift"}},
                                    {"scenarios", {"lane_change", "merge"}},
                                    {"fixed", json::object()}}.dump();
     const json nothing{{"messages", json::array()}, {"indications", json::array()}, {"deadline", nullptr}};

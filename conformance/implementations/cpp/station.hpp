@@ -26,12 +26,19 @@ struct Parameters {
     Time t_timeout = 2000, t_resend = 100, t_decide = 500, t_cam_loss = 1500, t_cam = 100;
     Time backoff_min = 500, backoff_max = 2000;
     Int max_rounds = 3, max_participants = 32, outbox_limit = 64, memory_limit = 64;
+    Int clock_drift = 1;                  // percent; 0: all clocks run alike
 
     // What follows from them (section 3).
     Time t_giveup() const { return (1 + t_timeout / t_resend) * t_resend; }
     Time t_advertise() const { return t_giveup(); }
     Time t_hold() const { return t_advertise() + t_decide + 2 * t_giveup(); }
     Time t_life() const { return 2 * t_giveup(); }
+
+    // How long a prescriber's lease lasts: its clock may be slower than its target's (ACT-4).
+    Time own_lease(Time lease_ms) const {
+        if (clock_drift == 0) return lease_ms;
+        return std::max<Time>(1, lease_ms - (lease_ms * clock_drift + 99) / 100 - 1);
+    }
 };
 
 enum class Phase {
@@ -120,7 +127,7 @@ public:
         outbox_.clear();
         joined_.clear();
         timers_.clear();
-        arm(Timer::quarantine, p_.t_advertise() + p_.t_life());
+        enter_quarantine();
         return take_output();
     }
 
@@ -280,7 +287,7 @@ private:
             case Timer::lease: fall_back("lease_expired"); break;                   // ACT-4
             case Timer::giveup: on_giveup(of); break;
             case Timer::resend: send_again(of); break;
-            case Timer::quarantine: break;       // that it is not armed is all that counts (END-8)
+            case Timer::quarantine: break;       // that it is not armed is all that counts (END-8, ACT-6)
             case Timer::forget: joined_.erase(of); break;                           // ADV-8
             case Timer::backoff: break;                                             // END-7
         }
@@ -447,8 +454,15 @@ private:
         own_ = Own{};
     }
 
+    // END-8, ACT-6: it joins and requests nothing while somebody may act on its word.
+    void enter_quarantine() {
+        const Time acts_on = p_.t_cam_loss + p_.t_resend / 2;
+        arm(Timer::quarantine, std::max(p_.t_advertise() + p_.t_life(), acts_on));
+    }
+
     // A Cancel to the peer, before the choice to every recorded station (END-1); then out.
     void cancel_and_leave(const char* reason) {
+        if (is_receiver() && phase_ == Phase::actuating) enter_quarantine();        // ACT-6
         if (own_.peer != 0) post("Cancel", own_.peer, {{"reason", reason}});
         for (const auto& [station, planned] : own_.recorded) post("Cancel", station, {{"reason", reason}});
         leave();
@@ -710,6 +724,7 @@ private:
 
     const char* request(const json& command) {                                      // ADV-1
         if (bound()) return "ADV-1: already in a session";
+        if (armed(Timer::quarantine)) return "ACT-6: in quarantine";
         if (armed(Timer::backoff)) return "END-7: backing off";
         if (!room()) return "MEM-1: the outbox is full";
         own_.session = {id_, ++last_number_};
@@ -734,7 +749,7 @@ private:
         post("Prescription", target,
              {{"proposal", own_.proposal}, {"prescribed", command["prescribed"]},
               {"hold_ms", command["hold_ms"]}, {"lease_ms", command["lease_ms"]}});
-        arm(Timer::lease, command["lease_ms"]);                                     // ACT-4
+        arm(Timer::lease, p_.own_lease(command["lease_ms"]));                       // ACT-4
         own_.recorded.erase(target);
         for (const auto& [station, planned] : own_.recorded) {
             post("Cancel", station, {{"reason", "not_selected"}});

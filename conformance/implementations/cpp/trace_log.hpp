@@ -132,7 +132,8 @@ private:
     Record told_parameters() const {
         const Parameters& p = parameters_;
         Record told{{"max_rounds", p.max_rounds}, {"max_participants", p.max_participants},
-                    {"outbox_limit", p.outbox_limit}, {"memory_limit", p.memory_limit}};
+                    {"outbox_limit", p.outbox_limit}, {"memory_limit", p.memory_limit},
+                    {"clock_drift", p.clock_drift}};
         if (constant_) {
             told.update({{"t_timeout", p.t_timeout}, {"t_resend", p.t_resend},
                          {"t_giveup", p.t_giveup()}, {"t_advertise", p.t_advertise()},

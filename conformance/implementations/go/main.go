@@ -51,7 +51,7 @@ type errorAnswer struct {
 
 var hello = helloAnswer{
 	Protocol: 1, Name: "station in Go", Version: "1.0.0", Issues: "see the README",
-	Features:  []string{"prescriber", "receiver", "restart", "durations", "cam"},
+	Features:  []string{"prescriber", "receiver", "restart", "durations", "cam", "clock_drift"},
 	Scenarios: []string{"lane_change"},
 	Fixed:     map[string]int64{},
 }
@@ -86,7 +86,8 @@ func (a *adapter) handle(text []byte) (any, error) {
 		if l.Now == nil || l.Parameters == nil {
 			return nil, errors.New("reset lacks now or parameters")
 		}
-		if p := l.Parameters; p.Resend < 1 || p.CAM < 1 || p.BackoffMax < p.BackoffMin {
+		if p := l.Parameters; p.Resend < 1 || p.CAM < 1 || p.BackoffMax < p.BackoffMin ||
+			p.ClockDrift < 0 || p.ClockDrift > 99 {
 			return nil, errors.New("parameters that no station can keep")
 		}
 		a.station = NewStation(l.Station, *l.Now, l.Seed, *l.Parameters)

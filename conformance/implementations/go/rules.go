@@ -294,7 +294,7 @@ func (s *Station) expire(d due) {
 		d.entry.resend = s.now + s.lasts(timerResend)
 	case timerForget: // ADV-8
 		delete(s.memory, d.prescriber)
-	case timerQuarantine, timerBackoff: // END-8, END-7: only over
+	case timerQuarantine, timerBackoff: // END-8, ACT-6, END-7: only over
 	}
 }
 
@@ -376,6 +376,8 @@ func (s *Station) request(c *Command) {
 	switch {
 	case s.phase != Standalone:
 		s.refuse("ADV-1")
+	case s.armed(timerQuarantine):
+		s.refuse("ACT-6")
 	case s.armed(timerBackoff):
 		s.refuse("END-7")
 	case !s.room():
@@ -410,7 +412,7 @@ func (s *Station) prescribe(c *Command) {
 		Type: "Prescription", Proposal: c.Proposal, Prescribed: c.Prescribed,
 		HoldMS: &c.HoldMS, LeaseMS: c.LeaseMS,
 	}, s.peer)
-	s.deadlines[timerLease] = s.now + c.LeaseMS // ACT-4: from the first sending
+	s.deadlines[timerLease] = s.now + s.p.ownLease(c.LeaseMS) // ACT-4: from the first sending
 	if first {
 		delete(s.recorded, s.peer)
 		for _, station := range s.recordedStations() {

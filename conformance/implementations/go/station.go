@@ -19,11 +19,20 @@ type Parameters struct {
 	MaxParticipants int   `json:"max_participants"`
 	OutboxLimit     int   `json:"outbox_limit"`
 	MemoryLimit     int   `json:"memory_limit"`
+	ClockDrift      int64 `json:"clock_drift"` // percent
 }
 
 func (p *Parameters) giveup() int64    { return (1 + p.Timeout/p.Resend) * p.Resend }
 func (p *Parameters) advertise() int64 { return p.giveup() }
 func (p *Parameters) life() int64      { return 2 * p.giveup() }
+
+// ownLease is how long a prescriber's lease lasts: its clock may be slower than its target's (ACT-4).
+func (p *Parameters) ownLease(leaseMS int64) int64 {
+	if p.ClockDrift == 0 {
+		return leaseMS
+	}
+	return max(1, leaseMS-(leaseMS*p.ClockDrift+99)/100-1)
+}
 
 // Phase is one of section 4.
 type Phase string
@@ -240,8 +249,8 @@ func (s *Station) lasts(t Timer) int64 {
 		return p.CAMLoss
 	case timerGiveup:
 		return p.giveup()
-	case timerQuarantine: // END-8
-		return p.advertise() + p.life()
+	case timerQuarantine: // END-8, ACT-6
+		return max(p.advertise()+p.life(), p.CAMLoss+p.Resend/2)
 	case timerBackoff: // END-7
 		return p.BackoffMin + s.random.Int64N(p.BackoffMax-p.BackoffMin+1)
 	}
@@ -342,6 +351,9 @@ func (s *Station) ack(m *Message) {
 // cancel posts a Cancel to the peer, or in ADVERTISING and CHOOSING to every
 // recorded station (END-1).
 func (s *Station) cancel(reason string) {
+	if s.phase == Actuating && !s.prescribes() {
+		s.arm(timerQuarantine) // ACT-6: it breaks its commitment off
+	}
 	if s.peer != 0 {
 		s.post(&Message{Type: "Cancel", Reason: reason}, s.peer)
 		return

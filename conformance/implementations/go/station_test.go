@@ -161,7 +161,8 @@ func TestNotJoinedAfterARestart(t *testing.T) { // END-8
 	advertisement := object(t, `{"v":1,"type":"Advertisement","src":20,"session":[20,5],"seq":1,"scenario":"","details":{}}`)
 	hear := func() { s.Receive(advertisement, object(t, `{"t0":0,"points":[[0,0,0]]}`)) }
 	step(t, s, hear, "STANDALONE")
-	s.AdvanceTo(1400 + 400 + 800)
+	step(t, s, command(s, Command{Name: "request"}), "refused STANDALONE") // ACT-6
+	s.AdvanceTo(1400 + 1500 + 50)
 	step(t, s, hear, "Intention INTENDING")
 	step(t, s, command(s, Command{Name: "abort", Session: Session{20, 5}}), "Cancel(abort) STANDALONE")
 	step(t, s, hear, "STANDALONE") // ADV-8: not twice

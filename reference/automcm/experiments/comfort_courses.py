@@ -160,7 +160,7 @@ class Run:
 
         self.drive: driving.Drive = setting.four.on(
             Simulation(seed=setting.four.seed),
-            Parameters(t_cam_loss=setting.t_cam_loss_ms if cams else NEVER_MS),
+            Parameters(t_cam_loss=setting.t_cam_loss_ms if cams else NEVER_MS, clock_drift=0),
             make,
         )
         self._dead: set[int] = set()

@@ -144,6 +144,7 @@ def _model(report: Values) -> list[str]:
         "| t_cam_loss | 1500 ms | *assumed* (docs/protocol.md, section 3) |",
         f"| delay of a copy | 2 to {settings['delay_ms']} ms, evenly | *assumed* |",
         "| loss | 0 to 60 % of all copies; one in ten is doubled | *assumed* |",
+        "| clocks | run alike, so a lease has no margin (ACT-4, `clock_drift` 0) | *assumed* |",
         "| a fault begins | evenly from the request to 12.5 s later; on the road from the"
         " agreement to the end of the lane change | *assumed* |",
         "| a cut or crash lasts | 0.5 to 6 s | *assumed* |",
