@@ -33,8 +33,8 @@ def test_the_same_seed_gives_the_same_behaviours(behaviours: list[Behaviour]) ->
 
 
 def test_a_missing_rule_shows(behaviours: list[Behaviour]) -> None:
-    with without("ADV-3") as rows:
-        answers = [replay(b, lambda: Reference(simulate.CONSTANTS, rows)) for b in behaviours]
+    rows = without("ADV-3")
+    answers = [replay(b, lambda: Reference(simulate.CONSTANTS, rows)) for b in behaviours]
     found = [answer for answer in answers if answer]
     assert found and "spec" in found[0] and "code" in found[0]
 

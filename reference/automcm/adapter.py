@@ -13,12 +13,11 @@ seq.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
-from automcm import outcome
 from automcm.interface import COMMAND, Indication
 from automcm.messages import (
     Acceptance,
@@ -32,10 +31,9 @@ from automcm.messages import (
     MessageId,
     Prescription,
     Reliable,
-    Session,
     Trajectory,
 )
-from automcm.outcome import Expiry, Heard, Input, Restart, Row
+from automcm.outcome import Expiry, Heard, Input, Me, Restart, Row, Rules
 from automcm.parameters import Parameters
 from automcm.rules import RULES
 from automcm.state import EntryKey, State, Timer, armed, key
@@ -276,9 +274,7 @@ def _entry_of(st: State, wanted: EntryKey) -> Json:
 class Reference:
     """A station that the kit puts into a state, gives an input and reads the answer of."""
 
-    def __init__(
-        self, constants: dict[str, Json], rules: dict[str, tuple[Row, ...]] = RULES
-    ) -> None:
+    def __init__(self, constants: dict[str, Json], rules: Rules = RULES) -> None:
         self._parameters = Parameters(
             max_rounds=constants["MaxRounds"],
             max_participants=constants["MaxParticipants"],
@@ -408,23 +404,22 @@ class Reference:
         raise LookupError(f"not armed: {value}")
 
 
-def _loose(st: State, session: Session) -> bool:
-    return st.session is not None and st.session[0] == session[0]
-
-
-@contextmanager
-def without(rule: str) -> Iterator[dict[str, tuple[Row, ...]]]:
+def without(rule: str) -> Rules:
     """The rules with one taken away: its rows go, and what stands below them decides.
 
     END-4 is no row but the guard of many: without it any session of the same prescriber counts.
     """
-    kept = {name: tuple(row for row in rows if row.rule != rule) for name, rows in RULES.items()}
-    if rule != "END-4":
-        yield kept
-        return
-    strict = outcome.in_session
-    outcome.in_session = _loose
-    try:
-        yield kept
-    finally:
-        outcome.in_session = strict
+    if rule == "END-4":
+        return {kind: tuple(map(_loose, rows)) for kind, rows in RULES.items()}
+    return {kind: tuple(row for row in rows if row.rule != rule) for kind, rows in RULES.items()}
+
+
+def _loose(row: Row) -> Row:
+    """The row; to its guard the session of a message is the own one if the prescriber is."""
+
+    def when(me: Me, st: State, i: Input) -> bool:
+        if isinstance(i, Heard) and st.session and st.session[0] == i.message.session[0]:
+            st = replace(st, session=i.message.session)
+        return row.when(me, st, i)
+
+    return row._replace(when=when)

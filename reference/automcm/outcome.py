@@ -76,6 +76,12 @@ class Row(NamedTuple):
     rule: str
     when: Callable[[Me, State, Any], bool]
     then: Callable[[Me, State, Any], Outcome]
+    declared: bool = True
+    """phases.py declares how it changes the phase.  Only an ablation is exempt."""
+
+
+Rules = dict[str, tuple[Row, ...]]
+"""The rows for each kind of input: what a station runs on."""
 
 
 def always(me: Me, st: State, i: Any) -> bool:
@@ -197,14 +203,9 @@ def refusal(me: Me, m: Prescription, reason: Any) -> Acceptance:
     )
 
 
-def in_session(st: State, session: Session) -> bool:
-    """END-4: only a message of the session it is bound to is of that session."""
-    return st.session == session
-
-
 def foreign(me: Me, st: State, i: Heard) -> bool:
-    """Is it of another session than the own one?"""
-    return not in_session(st, i.message.session)
+    """END-4: is it of another session than the own one?"""
+    return i.message.session != st.session
 
 
 def room(me: Me, st: State) -> bool:

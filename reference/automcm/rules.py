@@ -31,6 +31,7 @@ from automcm.outcome import (
     Outcome,
     Restart,
     Row,
+    Rules,
     always,
     cancel_peer,
     cancels,
@@ -129,7 +130,7 @@ COMMANDS: dict[str, tuple[Row, ...]] = {
 
 RESTART = (Row("END-8", always, restart),)
 
-RULES: dict[str, tuple[Row, ...]] = {
+RULES: Rules = {
     **{f"receive {name}": rows for name, rows in MESSAGES.items()},
     **{f"command {name}": rows for name, rows in COMMANDS.items()},
     **{f"expire {name}": rows for name, rows in TIMERS.items()},
@@ -153,18 +154,16 @@ def kind(i: Input) -> str:
     return "receive CAM" if isinstance(i, Cam) else f"command {i.name}"
 
 
-def decide(
-    me: Me, st: State, i: Input, rules: dict[str, tuple[Row, ...]] = RULES
-) -> tuple[str, Outcome]:
+def decide(me: Me, st: State, i: Input, rules: Rules = RULES) -> tuple[str, Outcome]:
     """The rule of the first row that applies, and its outcome.  No row: no rule, no change.
 
     Raises KeyError if the row changes the phase and phases.py does not declare its rule for that.
     """
-    for rule, when, then in rules[kind(i)]:
+    for rule, when, then, declared in rules[kind(i)]:
         if when(me, st, i):
             outcome = then(me, st, i)
             to = outcome.state
-            if to is not st and to.phase != st.phase:
+            if to is not st and to.phase != st.phase and declared:
                 require(st.role if st.bound else to.role, st.phase, to.phase, rule)
             return rule, outcome
     return "", Outcome(st)

@@ -12,6 +12,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from functools import partial
 from logging import getLogger
+from operator import attrgetter
 
 from automcm import logging
 from automcm.application import Advertised, Application, Choice, Drive, Proposal
@@ -25,10 +26,11 @@ from automcm.messages import (
     Cam,
     Message,
     MessageError,
+    Session,
     Trajectory,
     to_dict,
 )
-from automcm.outcome import Heard, Row
+from automcm.outcome import Heard, Rules
 from automcm.parameters import Parameters
 from automcm.rules import RULES
 from automcm.state import State
@@ -60,8 +62,8 @@ class McService:
 
     ``number`` is the last session number used before, and ``keep_number`` is called with each
     new one before it goes on the air (END-8); a service that comes back calls ``restart``.
-    ``seed`` feeds the back-off (END-7) and the offset of the first CAM.  ``rules`` other than the
-    protocol's are for experiments that take one away.
+    ``seed`` feeds the back-off (END-7) and the offset of the first CAM.  ``rules`` and
+    ``marks`` (of a CAM, ACT-5) other than the protocol's are for experiments that take one away.
 
     An exception in the application, an observer or ``keep_number`` passes through to whoever
     called (the event loop, the simulation), but only after everything else that was to be done:
@@ -80,7 +82,8 @@ class McService:
         keep_number: Callable[[int], None] = lambda number: None,
         seed: int = 0,
         codec: Codec = JSON,
-        rules: dict[str, tuple[Row, ...]] = RULES,
+        rules: Rules = RULES,
+        marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks"),
         log: LogWriter | None = None,
         observers: tuple[Observer, ...] = (),
     ) -> None:
@@ -98,6 +101,7 @@ class McService:
         """The last CAM of each of the ``NEIGHBOURS`` stations heard last."""
         self._link, self._clock, self._codec, self._log = link, clock, codec, log
         self._keep_number, self._observers = keep_number, observers
+        self._marks = marks
         self._number = number
         self._time = 0
         self._sent = 0
@@ -350,7 +354,7 @@ class McService:
             y_mm=at.y_mm,
             heading_mrad=at.heading_mrad,
             speed_mm_s=at.speed_mm_s,
-            marks=self.state.marks,
+            marks=self._marks(self.state),
         )
         errors: list[Exception] = []
         tx = self._send(cam, errors)

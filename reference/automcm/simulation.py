@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -11,9 +12,7 @@ from automcm.clock import VirtualClock
 from automcm.codec import JSON, Codec
 from automcm.interface import Command
 from automcm.links.simulated import Channel, Radio
-from automcm.outcome import Row
 from automcm.parameters import Parameters
-from automcm.rules import RULES
 from automcm.service import McService, Observer
 from automcm.straight import LANE_CHANGE
 from automcm_traces.writer import LogWriter
@@ -22,7 +21,7 @@ from automcm_traces.writer import LogWriter
 class Simulation:
     """Services, their applications and the radio between them; each may write a log.
 
-    ``rules``: what all its stations run on, for experiments that take one away.
+    ``service`` makes each, for experiments that take a rule away.
     """
 
     def __init__(
@@ -31,12 +30,12 @@ class Simulation:
         seed: int = 0,
         channel: Channel | None = None,
         logs: Path | None = None,
-        rules: dict[str, tuple[Row, ...]] = RULES,
+        service: Callable[..., McService] = McService,
     ) -> None:
         self.clock = VirtualClock()
         self.radio = Radio(self.clock, channel, seed)
         self.services: dict[int, McService] = {}
-        self._seed, self._logs, self._rules = seed, logs, rules
+        self._seed, self._logs, self._service = seed, logs, service
         self._stack = ExitStack()
         if logs is not None:
             logs.mkdir(parents=True, exist_ok=True)
@@ -66,7 +65,7 @@ class Simulation:
                     complete=logging.COMPLETE,
                 )
             )
-        service = McService(
+        service = self._service(
             station_id,
             application,
             link,
@@ -74,7 +73,6 @@ class Simulation:
             parameters=parameters,
             seed=self._seed * 1000 + station_id,
             codec=codec,
-            rules=self._rules,
             log=log,
             observers=observers,
         )

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from automcm.interface import Command, Indication
 from automcm.messages import Advertisement, Cam, Message, MessageError, Trajectory, decode
-from automcm.outcome import Expiry, Heard, Input, Me, Outcome, Restart, Row
+from automcm.outcome import Expiry, Heard, Input, Me, Outcome, Restart, Rules
 from automcm.parameters import Parameters
 from automcm.rules import RULES, decide
 from automcm.state import State, Timer, armed
@@ -63,7 +63,7 @@ class Station:
         plan: Plan = unconcerned,
         number: int = 0,
         seed: int = 0,
-        rules: dict[str, tuple[Row, ...]] = RULES,
+        rules: Rules = RULES,
         decode: Decode = decode,
     ) -> None:
         self.parameters = p = parameters or Parameters()

@@ -108,7 +108,7 @@ class World:
                 rows[met] += 1
                 return row.then(me, st, i)
 
-            return Row(row.rule, row.when, then)
+            return row._replace(then=then)
 
         return {
             name: tuple(counted(name, n, row) for n, row in enumerate(rows))

@@ -1,30 +1,29 @@
 """The running station without one mechanism of the protocol, to see what the mechanism is for.
 
 docs/protocol.md lists the mechanisms and docs/models.md has a counterexample for each.  An
-ablation changes rows of the rule tables, a parameter, or what a row asks; the station, the
-service and phases.py stay as they are, but that phases.py, which would stop some, looks away.
+ablation hands a service other rows, another parameter or other marks; the station and the
+service stay as they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import attrgetter
 from typing import Any
 
-from automcm import adapter, ending
-from automcm import rules as tables
+from automcm.adapter import without
 from automcm.advertising import answer_closed
-from automcm.messages import Ack, Intention, Session, Trajectory
-from automcm.outcome import Heard, Me, Outcome, Row, ack, ignore, leave, leave_with, tell
+from automcm.messages import Ack, Intention, MessageId, Reliable, Session, Trajectory
+from automcm.outcome import Heard, Me, Outcome, Row, Rules, ack, ignore, leave, leave_with, tell
 from automcm.parameters import Parameters
 from automcm.rules import RULES
+from automcm.service import McService
 from automcm.state import State, Timer
 
-Rules = dict[str, tuple[Row, ...]]
 Then = Callable[[Me, State, Any], Outcome]
 When = Callable[[Me, State, Any], bool]
-Change = Callable[[], AbstractContextManager[Rules]]
 PARAMETERS = Parameters(clock_drift=0)
 """Clocks run alike here, and a margin would hide a lease that is counted wrongly (ACT-4)."""
 
@@ -39,41 +38,25 @@ class Ablation:
     breaks: str
     model: str
     text: str
-    change: Change
+    rules: Rules = field(default_factory=lambda: RULES)
     parameters: Parameters = PARAMETERS
+    marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks")
+    """What a CAM names."""
     unseen: str = ""
     """Why random faults may not show it."""
 
-    @contextmanager
-    def made(self) -> Iterator[Rules]:
-        """The rules to run stations on, for as long as the context lasts."""
-        with replaced(tables, "require", lambda *way: None), self.change() as rules:
-            yield rules
-
-
-@contextmanager
-def replaced(of: object, name: str, by: object) -> Iterator[Rules]:
-    """All rules, with something that they use replaced for the time being."""
-    kept = getattr(of, name)
-    setattr(of, name, by)
-    try:
-        yield RULES
-    finally:
-        setattr(of, name, kept)
-
-
-@contextmanager
-def as_it_is() -> Iterator[Rules]:
-    """All rules."""
-    yield RULES
+    @property
+    def service(self) -> Callable[..., McService]:
+        """A service without the mechanism."""
+        return partial(McService, rules=self.rules, marks=self.marks)
 
 
 def changed(
     kind: str, n: int, *, when: When | None = None, then: Then | None = None, rules: Rules = RULES
 ) -> Rules:
-    """The rules with another row ``n`` for inputs of this kind."""
+    """The rules with another row ``n`` for inputs of this kind; phases.py need not allow it."""
     rows = list(rules[kind])
-    rows[n] = Row(rows[n].rule, when or rows[n].when, then or rows[n].then)
+    rows[n] = Row(rows[n].rule, when or rows[n].when, then or rows[n].then, declared=False)
     return {**rules, kind: tuple(rows)}
 
 
@@ -82,25 +65,12 @@ def never(me: Me, st: State, i: Any) -> bool:
     return False
 
 
-def _row(kind: str, n: int, *, when: When | None = None, then: Then | None = None) -> Change:
-    @contextmanager
-    def change() -> Iterator[Rules]:
-        yield changed(kind, n, when=when, then=then)
-
-    return change
-
-
-def _ignored(rows: Sequence[tuple[str, int]]) -> Change:
+def _ignored(*rows: tuple[str, int]) -> Rules:
     """These rows do nothing."""
-
-    @contextmanager
-    def change() -> Iterator[Rules]:
-        rules = RULES
-        for kind, n in rows:
-            rules = changed(kind, n, then=ignore, rules=rules)
-        yield rules
-
-    return change
+    rules = RULES
+    for kind, n in rows:
+        rules = changed(kind, n, then=ignore, rules=rules)
+    return rules
 
 
 # -- what decides instead
@@ -133,12 +103,11 @@ def free_at_once(kind: str, n: int) -> Then:
     return then
 
 
-@contextmanager
-def _no_break_off() -> Iterator[Rules]:
+def _no_break_off() -> Rules:
     rules = RULES
     for row in (("command abort", 2), ("expire cam", 0), ("expire lease", 0)):
         rules = changed(*row, then=free_at_once(*row), rules=rules)
-    yield rules
+    return rules
 
 
 def abandon(me: Me, st: State, i: Any) -> Outcome:
@@ -175,16 +144,33 @@ def intend_again(me: Me, st: State, i: Heard) -> Outcome:
     return Outcome(st, (intention,))
 
 
-@contextmanager
-def _no_busy_refusal() -> Iterator[Rules]:
+def _no_busy_refusal() -> Rules:
     rules = changed("receive Prescription", 3, then=take_over)
-    yield changed("receive Advertisement", 2, then=intend_again, rules=rules)
+    return changed("receive Advertisement", 2, then=intend_again, rules=rules)
 
 
-def acked_by_any(st: State, i: Heard) -> Any:
+def ack_misread(entry: Callable[[State, Ack], Reliable | None]) -> Rules:
+    """Against END-6: an Ack is taken for one of the entry that ``entry`` gives for it."""
+
+    def misread(st: State, i: Heard) -> Heard:
+        assert isinstance(i.message, Ack)
+        named = entry(st, i.message)
+        if named is None:
+            return i
+        of = MessageId(type=named.type, seq=named.seq)
+        return Heard(i.message.model_copy(update={"src": named.dst, "of": of}))
+
+    def changed(row: Row) -> Row:
+        return row._replace(
+            when=lambda me, st, i: row.when(me, st, misread(st, i)),
+            then=lambda me, st, i: row.then(me, st, misread(st, i)),
+        )
+
+    return {**RULES, "receive Ack": tuple(map(changed, RULES["receive Ack"]))}
+
+
+def acked_by_any(st: State, m: Ack) -> Reliable | None:
     """END-6 without type and seq: any Ack from that station in that session."""
-    m = i.message
-    assert isinstance(m, Ack)
     return next((e for e in st.outbox if (e.dst, e.session) == (m.src, m.session)), None)
 
 
@@ -198,17 +184,17 @@ def always_closed(me: Me, st: State, i: Any) -> Outcome:
     return answer_closed(me, replace(st, outbox=()), i)._replace(state=st)
 
 
-@contextmanager
-def _closed() -> Iterator[Rules]:
+def _closed() -> Rules:
     rules = changed("receive Intention", 2, then=always_closed)
-    yield changed("receive Acceptance", 2, then=always_closed, rules=rules)
+    return changed("receive Acceptance", 2, then=always_closed, rules=rules)
 
 
-@contextmanager
-def _no_proposal_number() -> Iterator[Rules]:
+def _no_proposal_number() -> Rules:
     """NEG-6 and END-5 do not look at the proposal of an Acceptance."""
     rules = changed("receive Acceptance", 4, when=lambda me, st, i: i.message.src != st.target)
-    yield changed("receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer, rules=rules)
+    return changed(
+        "receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer, rules=rules
+    )
 
 
 COPIES = (
@@ -221,7 +207,7 @@ COPIES = (
 )
 """The rows that ack and do nothing else."""
 
-WHOLE = Ablation("whole protocol", "", "", "", "nothing is taken away", as_it_is)
+WHOLE = Ablation("whole protocol", "", "", "", "nothing is taken away")
 ABLATIONS = (
     Ablation(
         "no CAM-loss fallback",
@@ -229,7 +215,7 @@ ABLATIONS = (
         "L-3",
         "no_cam_loss_fallback",
         "a station goes on although it hears no CAM",
-        _ignored([("expire cam", 0)]),
+        _ignored(("expire cam", 0)),
     ),
     Ablation(
         "silent CAM-loss fallback",
@@ -237,7 +223,7 @@ ABLATIONS = (
         "T-2",
         "silent_cam_loss",
         "a station that hears no CAM leaves without a Cancel",
-        _row("expire cam", 0, then=silent),
+        changed("expire cam", 0, then=silent),
         unseen="hazards stay within B; the fault classes above show what it costs",
     ),
     Ablation(
@@ -246,7 +232,7 @@ ABLATIONS = (
         "T-2",
         "plain_cams",
         "a CAM counts without the mark of the session",
-        _row("receive CAM", 0, when=any_cam),
+        changed("receive CAM", 0, when=any_cam),
     ),
     Ablation(
         "mark dropped with the Fin",
@@ -254,7 +240,7 @@ ABLATIONS = (
         "L-2",
         "mark_dropped_early",
         "a finished prescriber no longer names the session",
-        lambda: replaced(State, "marks", property(bound_session)),
+        marks=bound_session,
         unseen="shows only where all copies of a Fin are lost for t_cam_loss while CAMs pass",
     ),
     Ablation(
@@ -263,7 +249,7 @@ ABLATIONS = (
         "L-1",
         "no_lease",
         "nothing ends when its lease does",
-        _ignored([("expire lease", 0)]),
+        _ignored(("expire lease", 0)),
         unseen="shows only with a prescriber that never ends its maneuver",
     ),
     Ablation(
@@ -272,7 +258,7 @@ ABLATIONS = (
         "T-4",
         "lease_from_acceptance",
         "the prescriber counts its lease from hearing the Acceptance",
-        _row("receive Acceptance", 6, then=lease_anew),
+        changed("receive Acceptance", 6, then=lease_anew),
         unseen="shows only where a lease ends before the maneuver",
     ),
     Ablation(
@@ -281,7 +267,7 @@ ABLATIONS = (
         "S-1",
         "no_busy_refusal",
         "a receiver answers a second Advertisement (ADV-4), and the last instruction counts",
-        _no_busy_refusal,
+        _no_busy_refusal(),
         unseen="shows only where a second prescriber asks a committed target",
     ),
     Ablation(
@@ -290,7 +276,7 @@ ABLATIONS = (
         "S-5",
         "abandoned_acceptance",
         "a receiver whose Acceptance is not acknowledged in time lets go",
-        _row("expire giveup", 2, then=abandon),
+        changed("expire giveup", 2, then=abandon),
         unseen="shows only where every Ack of an Acceptance is lost while CAMs pass",
     ),
     Ablation(
@@ -299,8 +285,7 @@ ABLATIONS = (
         "L-2",
         "no_retransmission",
         "t_timeout is 0: every message is sent once",
-        as_it_is,
-        replace(PARAMETERS, t_timeout=0),
+        parameters=replace(PARAMETERS, t_timeout=0),
     ),
     Ablation(
         "copies are not acked",
@@ -308,7 +293,7 @@ ABLATIONS = (
         "L-2",
         "no_re_ack",
         "a message that changes nothing is not acknowledged",
-        _ignored(COPIES),
+        _ignored(*COPIES),
         unseen="an Acceptance ends a Prescription as well; other give-ups change no phase",
     ),
     Ablation(
@@ -317,7 +302,7 @@ ABLATIONS = (
         "S-3",
         "no_proposal_number",
         "an Acceptance counts whatever proposal it names",
-        _no_proposal_number,
+        _no_proposal_number(),
         unseen="shows only where a refusal is still being sent when the next proposal is out",
     ),
     Ablation(
@@ -326,7 +311,7 @@ ABLATIONS = (
         "S-5",
         "no_session_number",
         "any session of the same prescriber counts as the own one",
-        lambda: adapter.without("END-4"),
+        without("END-4"),
         unseen="needs a message of the last session that is still sent in the next",
     ),
     Ablation(
@@ -335,7 +320,7 @@ ABLATIONS = (
         "S-6",
         "bare_ack",
         "an Ack is taken for the oldest message sent to that station in that session",
-        lambda: replaced(ending, "entry_acked", acked_by_any),
+        ack_misread(acked_by_any),
         unseen="needs an Acceptance beside a refusal that is not acknowledged yet",
     ),
     Ablation(
@@ -344,7 +329,7 @@ ABLATIONS = (
         "S-6",
         "rejoin",
         "a receiver that has left a session may join it again",
-        _row("receive Advertisement", 4, when=never),
+        changed("receive Advertisement", 4, when=never),
         unseen="needs a receiver that joins twice in the window, and an old copy between",
     ),
     Ablation(
@@ -353,7 +338,7 @@ ABLATIONS = (
         "S-4",
         "no_quarantine",
         "a station that has restarted joins at once",
-        _row("receive Advertisement", 3, when=never),
+        changed("receive Advertisement", 3, when=never),
         unseen="needs a restart within the window, and a copy from before that arrives late",
     ),
     Ablation(
@@ -362,7 +347,7 @@ ABLATIONS = (
         "S-8",
         "no_break_off",
         "a receiver that ends its commitment itself joins and requests at once",
-        _no_break_off,
+        _no_break_off(),
         unseen="needs another prescriber that asks for it while the first still acts",
     ),
     Ablation(
@@ -371,7 +356,7 @@ ABLATIONS = (
         "L-2",
         "closed_despite_fin",
         "a late copy is answered with Cancel(closed) although a Fin is being sent",
-        _closed,
+        _closed(),
         unseen="needs a copy of an Acceptance that is sent again when the Fin has been lost",
     ),
     Ablation(
@@ -380,7 +365,7 @@ ABLATIONS = (
         "L-1",
         "no_hold",
         "a receiver waits for ever",
-        _ignored([("expire hold", 0)]),
+        _ignored(("expire hold", 0)),
         unseen="shows only where every Cancel to a waiting receiver is lost",
     ),
 )

@@ -7,7 +7,7 @@ that session.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,9 +16,8 @@ from automcm.codec import JSON, Codec
 from automcm.interface import Abort, Complete
 from automcm.links.simulated import Channel
 from automcm.messages import Session
-from automcm.outcome import Expiry, Restart, Row
+from automcm.outcome import Expiry, Restart
 from automcm.parameters import Parameters
-from automcm.rules import RULES
 from automcm.service import McService, Observer
 from automcm.simulation import Simulation
 from automcm.state import State
@@ -81,9 +80,9 @@ class Watched(Simulation):
         seed: int = 0,
         channel: Channel | None = None,
         logs: Path | None = None,
-        rules: dict[str, tuple[Row, ...]] = RULES,
+        service: Callable[..., McService] = McService,
     ) -> None:
-        super().__init__(seed=seed, channel=channel, logs=logs, rules=rules)
+        super().__init__(seed=seed, channel=channel, logs=logs, service=service)
         self.hazards: list[Hazard] = []
         """Those that are over, in the order in which they ended."""
         self.agreed: set[Session] = set()

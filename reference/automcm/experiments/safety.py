@@ -180,9 +180,8 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Outcome:
     ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     plan = planned(values, random.Random(seed))
     channel = Channel(loss=plan.loss, duplicate=0.1, delay_ms=(2, values["delay_ms"]))
-    with ablation.made() as rules:
-        watched = Watched(seed=seed, channel=channel, logs=logs, rules=rules)
-        return simulated(watched, plan, ablation.parameters)
+    watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
+    return simulated(watched, plan, ablation.parameters)
 
 
 def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:

@@ -109,12 +109,11 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
         until_s=UNTIL_S,
     )
     ablation = BY_NAME.get(name, WHOLE)
-    with ablation.made() as rules:
-        watched = Watched(seed=seed, channel=channel, logs=logs, rules=rules)
-        made = setting.on(watched, ablation.parameters)
-        _informed(made, watched)
-        inject(faults, watched, ROLES)
-        made.run(UNTIL_S)
+    watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
+    made = setting.on(watched, ablation.parameters)
+    _informed(made, watched)
+    inject(faults, watched, ROLES)
+    made.run(UNTIL_S)
     return _driven(made, watched)
 
 
