@@ -35,8 +35,8 @@ print(found[0].rule if found else "no difference")
 CODE = {
     "the busy refusal is gone": (
         "negotiating.py",
-        'Row("NEG-4", foreign,',
-        'Row("NEG-4", lambda me, st, i: False,',
+        "foreign(me, st, i) and st.bound",
+        "False",
         "NEG-4",
     ),
     "a session may be joined again": (

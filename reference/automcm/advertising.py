@@ -123,11 +123,12 @@ def record(me: Me, st: State, i: Heard) -> Outcome:
 
 INTENTION = (
     Row("ADV-5", foreign, answer_closed),
-    Row("ADV-5", lambda me, st, i: i.message.src in (*st.recorded, st.target), acked),
-    Row("ADV-5", lambda me, st, i: st.phase != "ADVERTISING", answer_closed),
+    Row("ADV-5", lambda me, st, i: i.message.src in st.recorded, acked),
     Row("ADV-5", lambda me, st, i: i.message.src in st.withdrawn, answer_closed),
-    Row("MEM-1", lambda me, st, i: full(me, st), ignore),
-    Row("ADV-5", always, record),
+    Row("MEM-1", lambda me, st, i: st.phase == "ADVERTISING" and full(me, st), ignore),
+    Row("ADV-5", lambda me, st, i: st.phase == "ADVERTISING", record),
+    Row("ADV-5", lambda me, st, i: i.message.src == st.target, acked),
+    Row("ADV-5", always, answer_closed),
 )
 
 

@@ -39,7 +39,7 @@ from automcm.outcome import (
     tell,
 )
 from automcm.prescribing import no_participants
-from automcm.state import NOBODY, EntryKey, State, Timer, key
+from automcm.state import EntryKey, State, Timer, key
 
 
 def abort(me: Me, st: State, i: Abort) -> Outcome:
@@ -54,19 +54,16 @@ ABORT = (
 )
 
 
-def withdraws(me: Me, st: State, i: Heard) -> bool:
-    """END-2: in ADVERTISING any station, in CHOOSING a recorded one."""
+def withdrawn_or_full(me: Me, st: State, i: Heard) -> bool:
+    """END-3: in ADVERTISING, has it withdrawn before, or is there no room to note it (MEM-1)?"""
     p = i.message.src
-    if foreign(me, st, i) or st.phase not in ("ADVERTISING", "CHOOSING"):
-        return False
-    if p in st.recorded:
-        return True
-    return st.phase == "ADVERTISING" and p not in st.withdrawn and not full(me, st)
+    noted = p in st.withdrawn or (p not in st.recorded and full(me, st))
+    return st.phase == "ADVERTISING" and noted
 
 
 def last_withdraws(me: Me, st: State, i: Heard) -> bool:
     """PRE-1: does the only station left to choose from withdraw?"""
-    return st.phase == "CHOOSING" and withdraws(me, st, i) and len(st.recorded) == 1
+    return st.recorded.keys() == {i.message.src}
 
 
 def withdraw(me: Me, st: State, i: Heard) -> Outcome:
@@ -82,12 +79,6 @@ def last_withdrawn(me: Me, st: State, i: Heard) -> Outcome:
     return no_participants(me, st, i)._replace(messages=acked(me, st, i).messages)
 
 
-def from_peer(me: Me, st: State, i: Heard) -> bool:
-    """END-2: is it of the own session, from the peer?"""
-    m = i.message
-    return not foreign(me, st, i) and st.peer != NOBODY and m.src == st.peer
-
-
 def cancelled(me: Me, st: State, i: Heard) -> Outcome:
     """END-2: ack and leave, and tell the reason."""
     assert isinstance(i.message, Cancel)
@@ -96,9 +87,12 @@ def cancelled(me: Me, st: State, i: Heard) -> Outcome:
 
 
 CANCEL = (
+    Row("END-3", foreign, acked),
+    Row("END-3", withdrawn_or_full, acked),
+    Row("END-2", lambda me, st, i: st.phase == "ADVERTISING", withdraw),
     Row("PRE-1", last_withdraws, last_withdrawn),
-    Row("END-2", withdraws, withdraw),
-    Row("END-2", from_peer, cancelled),
+    Row("END-2", lambda me, st, i: i.message.src in st.recorded, withdraw),
+    Row("END-2", lambda me, st, i: i.message.src == st.peer, cancelled),
     Row("END-3", always, acked),
 )
 
@@ -139,11 +133,11 @@ def ack_ends(event: str | None) -> Callable[[Me, State, Heard], Outcome]:
 
 
 ACK = (
+    Row("END-6", lambda me, st, i: entry_acked(st, i) is None, ignore),
     Row("ADV-6", acks("Intention"), ack_ends("wait")),
     Row("PRE-4", acks("Prescription"), ack_ends("acknowledged")),
     Row("NEG-9", acks("Acceptance"), ack_ends(None)),
     Row("END-6", acks("Fin", "Cancel"), ack_ends(None)),
-    Row("END-6", always, ignore),
 )
 
 

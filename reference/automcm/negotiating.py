@@ -47,14 +47,18 @@ def instructed(me: Me, st: State, i: Heard) -> Outcome:
 
 PRESCRIPTION = (
     Row(
+        "NEG-4",
+        lambda me, st, i: foreign(me, st, i) and st.bound,
+        lambda me, st, i: Outcome(st, (refusal(me, i.message, "busy"),)),
+    ),
+    Row(
         "NEG-5",
-        lambda me, st, i: foreign(me, st, i) and not st.bound,
+        foreign,
         lambda me, st, i: Outcome(st, (refusal(me, i.message, "unknown_session"),)),
     ),
-    Row("NEG-4", foreign, lambda me, st, i: Outcome(st, (refusal(me, i.message, "busy"),))),
     Row("NEG-1", lambda me, st, i: i.message.proposal <= st.proposal, acked),
-    Row("END-5", lambda me, st, i: st.phase not in ("INTENDING", "WAITING"), discard),
-    Row("NEG-1", always, instructed),
+    Row("NEG-1", lambda me, st, i: st.phase in ("INTENDING", "WAITING"), instructed),
+    Row("END-5", always, discard),
 )
 
 

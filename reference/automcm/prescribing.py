@@ -32,12 +32,16 @@ def no_participants(me: Me, st: State, i: Any) -> Outcome:
 
 
 def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
-    """PRE-1: the application chooses from the Intentions, if there are any."""
-    if not st.recorded:
-        return no_participants(me, st, i)
+    """PRE-1: the application chooses from the Intentions."""
     intentions = tuple(st.recorded[p] for p in sorted(st.recorded))
     chosen = moved(st, "choose", withdrawn=frozenset(), advertisement=None)
     return Outcome(chosen, told=tell("choose", st, intentions=intentions))
+
+
+WINDOW_ENDS = (
+    Row("PRE-1", lambda me, st, i: not st.recorded, no_participants),
+    Row("PRE-1", always, window_closes),
+)
 
 
 def prescribe(me: Me, st: State, i: Prescribe) -> Outcome:
@@ -74,10 +78,10 @@ def stale_choice(me: Me, st: State, i: Prescribe) -> bool:
 PRESCRIBE = (
     Row("CMD-1", lambda me, st, i: not (st.phase == "CHOOSING" or st.deciding), refuse),
     Row("PRE-5", stale_choice, refuse),
-    Row("PRE-2", lambda me, st, i: not st.deciding and i.target not in st.recorded, refuse),
-    Row("NEG-7", lambda me, st, i: st.deciding and i.target != st.target, refuse),
-    Row("PRE-2", lambda me, st, i: not st.deciding, prescribe),
-    Row("NEG-7", lambda me, st, i: st.deciding, prescribe),
+    Row("PRE-2", lambda me, st, i: not st.deciding and i.target in st.recorded, prescribe),
+    Row("PRE-2", lambda me, st, i: not st.deciding, refuse),
+    Row("NEG-7", lambda me, st, i: i.target == st.target, prescribe),
+    Row("NEG-7", always, refuse),
 )
 
 

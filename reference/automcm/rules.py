@@ -41,7 +41,7 @@ from automcm.outcome import (
     tell,
 )
 from automcm.phases import require
-from automcm.prescribing import PRESCRIBE, PROCEED, window_closes
+from automcm.prescribing import PRESCRIBE, PROCEED, WINDOW_ENDS
 from automcm.state import State, Timer, key
 
 
@@ -84,7 +84,7 @@ def give_up(event: str | None) -> Callable[[Me, State, Expiry], Outcome]:
 
 
 TIMERS: dict[str, tuple[Row, ...]] = {
-    "advertise": (Row("PRE-1", always, window_closes),),
+    "advertise": WINDOW_ENDS,
     "resend": (
         Row("ADV-2", gives_up("Advertisement"), advertise_again),
         Row("REL-1", always, send_again),

@@ -41,7 +41,7 @@ def give_up_and_leave(me: Me, st: State, i: Any) -> Outcome:
 
 def instruct_all(me: Me, st: State, i: Any) -> Outcome:
     """The Prescription goes to every recorded station."""
-    (outcome,) = [row.then(me, st, i) for row in RULES["command prescribe"][4:5]]
+    (outcome,) = [row.then(me, st, i) for row in RULES["command prescribe"][2:3]]
     (proposal,) = [m for m in outcome.messages if isinstance(m, Prescription)]
     sent = tuple(
         proposal.model_copy(update={"dst": m.dst, "seq": m.seq}) if isinstance(m, Cancel) else m
@@ -111,7 +111,7 @@ def _rows(kind: str, n: int, **row: Any) -> Callable[[], Any]:
 
 BUGS: dict[str, Bug] = {
     "no busy refusal: the last instruction counts": Bug(
-        "S-1", _rows("receive Prescription", 3, then=take_over), 3, seed=2
+        "S-1", _rows("receive Prescription", 2, then=take_over), 3, seed=2
     ),
     "a commitment ends with the sending of its Acceptance": Bug(
         "S-2", _rows("expire giveup", 2, then=give_up_and_leave), 1, seed=3
@@ -120,7 +120,7 @@ BUGS: dict[str, Bug] = {
         "S-3", _rows("receive Acceptance", 6, when=lambda me, st, i: True), 1, seed=1
     ),
     "everybody recorded is instructed": Bug(
-        "S-4", _rows("command prescribe", 4, then=instruct_all), 1, seed=2
+        "S-4", _rows("command prescribe", 2, then=instruct_all), 1, seed=2
     ),
     "the prescriber's lease counts from the Acceptance": Bug(
         "S-5", _rows("receive Acceptance", 6, then=lease_anew), 1, seed=1
@@ -149,7 +149,7 @@ BUGS: dict[str, Bug] = {
     ),
     "no quarantine": Bug("oracle END-8", _rows("receive Advertisement", 3, when=never), 1, seed=2),
     "more stations are recorded than there is room for": Bug(
-        "oracle MEM-1", _rows("receive Intention", 6, when=never), 1, seed=1
+        "oracle MEM-1", _rows("receive Intention", 5, when=never), 1, seed=1
     ),
     "a session is joined without room for it": Bug(
         "oracle MEM-1", _rows("receive Advertisement", 6, when=never), 1, seed=7

@@ -23,6 +23,8 @@ from automcm_stage import (
     yes,
 )
 
+from automcm.outcome import Heard
+from automcm.rules import decide
 from automcm.station import Effects
 
 OWN = (ME, 6)
@@ -254,6 +256,19 @@ def test_end_2_a_withdrawn_station_stays_withdrawn() -> None:
     s.hear(10, cancel(src=TARGET, session=OWN))
     only = changes_nothing(s, intention(session=OWN))
     assert answers(only) == [("Cancel", TARGET, OWN, 0, "closed")]
+
+
+def test_end_3_a_second_cancel_while_advertising_is_only_acked() -> None:
+    s = at("prescriber", "ADVERTISING")
+    s.hear(10, cancel(src=TARGET, session=OWN))
+    assert changes_nothing(s, cancel(src=TARGET, session=OWN)).rule == "END-3"
+
+
+def test_adv_5_after_the_window_an_intention_is_closed_although_there_is_no_room() -> None:
+    s = at("prescriber", "CHOOSING")
+    me = s.station.me._replace(max_participants=len(s.state.recorded))
+    rule, outcome = decide(me, s.state, Heard(intention(7, OWN)))
+    assert (rule, [m.type for m in outcome.messages]) == ("ADV-5", ["Cancel"])
 
 
 def test_pre_1_the_last_one_withdraws_while_choosing() -> None:

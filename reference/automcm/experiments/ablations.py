@@ -145,7 +145,7 @@ def intend_again(me: Me, st: State, i: Heard) -> Outcome:
 
 
 def _no_busy_refusal() -> Rules:
-    rules = changed("receive Prescription", 3, then=take_over)
+    rules = changed("receive Prescription", 2, then=take_over)
     return changed("receive Advertisement", 2, then=intend_again, rules=rules)
 
 
@@ -199,11 +199,14 @@ def _no_proposal_number() -> Rules:
 
 COPIES = (
     ("receive Intention", 3),
+    ("receive Intention", 7),
     ("receive Prescription", 4),
     ("receive Acceptance", 3),
     ("receive Acceptance", 5),
     ("receive Fin", 3),
-    ("receive Cancel", 5),
+    ("receive Cancel", 2),
+    ("receive Cancel", 3),
+    ("receive Cancel", 8),
 )
 """The rows that ack and do nothing else."""
 
