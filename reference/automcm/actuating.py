@@ -61,13 +61,13 @@ COMPLETE = (
 )
 
 
-def from_own_prescriber(me: Me, st: State, i: Heard) -> bool:
+def from_own_prescriber(me: Me, st: State, i: Heard[Fin]) -> bool:
     """ACT-3: is it for this receiver, from its prescriber, of its session?"""
     m = i.message
     return not foreign(me, st, i) and st.role == "receiver" and m.src == st.peer
 
 
-def finished(me: Me, st: State, i: Heard) -> Outcome:
+def finished(me: Me, st: State, i: Heard[Fin]) -> Outcome:
     """ACT-3: the receiver acks the Fin and is free."""
     return Outcome(leave(st), (ack(me, i.message),), tell("finished", st))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from automcm.interface import Request
-from automcm.messages import Advertisement, Cancel, Intention
+from automcm.messages import Advertisement, Cancel, Intention, Message
 from automcm.outcome import (
     Expiry,
     Heard,
@@ -67,18 +67,18 @@ REQUEST = (
 )
 
 
-def joined_before(me: Me, st: State, i: Heard) -> bool:
+def joined_before(me: Me, st: State, i: Heard[Advertisement]) -> bool:
     """ADV-8: has it joined this session or a newer one of that prescriber?"""
     return i.message.session[1] <= st.joined.get(i.message.src, 0)
 
 
-def no_room_to_join(me: Me, st: State, i: Heard) -> bool:
+def no_room_to_join(me: Me, st: State, i: Heard[Advertisement]) -> bool:
     """MEM-1: is there no room to join and to remember it?"""
     remembers = i.message.src in st.joined or len(st.joined) < me.memory_limit
     return not (room(me, st) and remembers)
 
 
-def join(me: Me, st: State, i: Heard) -> Outcome:
+def join(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
     """ADV-3: join, send the Intention, remember the session."""
     assert i.planned is not None
     m = i.message
@@ -103,7 +103,7 @@ ADVERTISEMENT = (
 )
 
 
-def answer_closed(me: Me, st: State, i: Heard) -> Outcome:
+def answer_closed(me: Me, st: State, i: Heard[Message]) -> Outcome:
     """The Fin or Cancel still being sent there, else Cancel(closed)."""
     m = i.message
     for entry in st.outbox:
@@ -113,10 +113,9 @@ def answer_closed(me: Me, st: State, i: Heard) -> Outcome:
     return Outcome(st, (closed,))
 
 
-def record(me: Me, st: State, i: Heard) -> Outcome:
+def record(me: Me, st: State, i: Heard[Intention]) -> Outcome:
     """ADV-5: keep the Intention and ack it."""
     m = i.message
-    assert isinstance(m, Intention)
     recorded = MappingProxyType({**st.recorded, m.src: m})
     return Outcome(replace(st, recorded=recorded), (ack(me, m),))
 

@@ -14,6 +14,7 @@ from automcm.messages import (
     Advertisement,
     Cancel,
     Intention,
+    Message,
     Prescription,
     Reliable,
 )
@@ -54,19 +55,19 @@ ABORT = (
 )
 
 
-def withdrawn_or_full(me: Me, st: State, i: Heard) -> bool:
+def withdrawn_or_full(me: Me, st: State, i: Heard[Cancel]) -> bool:
     """END-3: in ADVERTISING, has it withdrawn before, or is there no room to note it (MEM-1)?"""
     p = i.message.src
     noted = p in st.withdrawn or (p not in st.recorded and full(me, st))
     return st.phase == "ADVERTISING" and noted
 
 
-def last_withdraws(me: Me, st: State, i: Heard) -> bool:
+def last_withdraws(me: Me, st: State, i: Heard[Cancel]) -> bool:
     """PRE-1: does the only station left to choose from withdraw?"""
     return st.recorded.keys() == {i.message.src}
 
 
-def withdraw(me: Me, st: State, i: Heard) -> Outcome:
+def withdraw(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
     """END-2: the station is not there to be chosen any more."""
     p = i.message.src
     recorded = MappingProxyType({q: m for q, m in st.recorded.items() if q != p})
@@ -74,14 +75,13 @@ def withdraw(me: Me, st: State, i: Heard) -> Outcome:
     return acked(me, st, i)._replace(state=replace(st, recorded=recorded, withdrawn=withdrawn))
 
 
-def last_withdrawn(me: Me, st: State, i: Heard) -> Outcome:
+def last_withdrawn(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
     """PRE-1: ack, and end as without participants."""
     return no_participants(me, st, i)._replace(messages=acked(me, st, i).messages)
 
 
-def cancelled(me: Me, st: State, i: Heard) -> Outcome:
+def cancelled(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
     """END-2: ack and leave, and tell the reason."""
-    assert isinstance(i.message, Cancel)
     told = tell("fallback", st, reason=i.message.reason)
     return acked(me, st, i)._replace(state=leave(st), told=told)
 
@@ -97,18 +97,17 @@ CANCEL = (
 )
 
 
-def entry_acked(st: State, i: Heard) -> Reliable | None:
+def entry_acked(st: State, i: Heard[Ack]) -> Reliable | None:
     """END-6: the entry this Ack names, sent to the one it comes from."""
     m = i.message
-    assert isinstance(m, Ack)
     named = EntryKey(m.of.type, m.src, m.session, m.of.seq)
     return next((entry for entry in st.outbox if key(entry) == named), None)
 
 
-def acks(*types: str) -> Callable[[Me, State, Heard], bool]:
+def acks(*types: str) -> Callable[[Me, State, Heard[Ack]], bool]:
     """END-6: does it ack an entry of one of these types?"""
 
-    def when(me: Me, st: State, i: Heard) -> bool:
+    def when(me: Me, st: State, i: Heard[Ack]) -> bool:
         entry = entry_acked(st, i)
         return entry is not None and entry.type in types
 
@@ -120,10 +119,10 @@ def drop(st: State, gone: EntryKey) -> tuple[Reliable, ...]:
     return tuple(entry for entry in st.outbox if key(entry) != gone)
 
 
-def ack_ends(event: str | None) -> Callable[[Me, State, Heard], Outcome]:
+def ack_ends(event: str | None) -> Callable[[Me, State, Heard[Ack]], Outcome]:
     """The acked entry leaves the outbox; ``event`` moves the phase."""
 
-    def then(me: Me, st: State, i: Heard) -> Outcome:
+    def then(me: Me, st: State, i: Heard[Ack]) -> Outcome:
         entry = entry_acked(st, i)
         assert entry is not None
         kept = drop(st, key(entry))
@@ -146,12 +145,12 @@ def restart(me: Me, st: State, i: Restart) -> Outcome:
     return Outcome(State(number=st.number, quarantine=True), again=(Timer("quarantine"),))
 
 
-def not_for_me(me: Me, st: State, i: Heard) -> bool:
+def not_for_me(me: Me, st: State, i: Heard[Message]) -> bool:
     """MSG-1: is it addressed to another?"""
     return i.message.dst not in (me.station_id, BROADCAST)
 
 
-def breaks_protocol(me: Me, st: State, i: Heard) -> bool:
+def breaks_protocol(me: Me, st: State, i: Heard[Message]) -> bool:
     """END-5: is there anything in it that no station may send?"""
     m = i.message
     if m.src == me.station_id or (m.dst == BROADCAST) != (m.type == "Advertisement"):

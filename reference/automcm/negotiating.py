@@ -30,10 +30,9 @@ from automcm.outcome import (
 from automcm.state import State
 
 
-def instructed(me: Me, st: State, i: Heard) -> Outcome:
+def instructed(me: Me, st: State, i: Heard[Prescription]) -> Outcome:
     """NEG-1: ack, and ask the application to verify."""
     m = i.message
-    assert isinstance(m, Prescription)
     verifying = moved(
         st,
         "verify",
@@ -103,45 +102,40 @@ REFUSE = (
 )
 
 
-def untaken(me: Me, st: State, i: Heard) -> bool:
+def untaken(me: Me, st: State, i: Heard[Acceptance]) -> bool:
     """NEG-6: is it an answer to another proposal, or to none?"""
     m = i.message
-    assert isinstance(m, Acceptance)
     return not (st.awaits_answer and m.proposal == st.proposal)
 
 
-def not_yet_sent(me: Me, st: State, i: Heard) -> bool:
+def not_yet_sent(me: Me, st: State, i: Heard[Acceptance]) -> bool:
     """END-5: does it answer what was never sent to its sender?"""
     m = i.message
-    assert isinstance(m, Acceptance)
     return m.src != st.target or m.proposal > st.proposal
 
 
-def agreed(me: Me, st: State, i: Heard) -> Outcome:
+def agreed(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-6: ack, and act."""
     m = i.message
-    assert isinstance(m, Acceptance)
     acting = moved(st, "accepted", outbox=without(st, "Prescription"))
     return Outcome(acting, (ack(me, m),), tell("accepted", st, proposal=m.proposal, acceptance=m))
 
 
-def may_propose_again(me: Me, st: State, i: Heard) -> bool:
+def may_propose_again(me: Me, st: State, i: Heard[Acceptance]) -> bool:
     """NEG-7: is there a round left, and a sense in it?"""
     m = i.message
-    assert isinstance(m, Acceptance)
     return m.reason not in ANSWER_REASONS and st.proposal < me.max_rounds
 
 
-def refused(me: Me, st: State, i: Heard) -> Outcome:
+def refused(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-7: ack, and ask the application for another proposal."""
     m = i.message
-    assert isinstance(m, Acceptance)
     deciding = moved(st, "refused", deciding=True, outbox=without(st, "Prescription"))
     told = tell("propose", st, proposal=st.proposal + 1, reason=m.reason)
     return Outcome(deciding, (ack(me, m),), told)
 
 
-def no_agreement(me: Me, st: State, i: Heard) -> Outcome:
+def no_agreement(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-7: ack, and cancel the target."""
     outcome = cancel_peer("no_agreement")(me, st, i)
     return outcome._replace(messages=acked(me, st, i).messages + outcome.messages)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from automcm.interface import Command, Indication
 from automcm.messages import (
@@ -37,11 +37,14 @@ class Me(NamedTuple):
     memory_limit: int
 
 
+M_co = TypeVar("M_co", bound=Message, covariant=True)
+
+
 @dataclass(frozen=True, slots=True)
-class Heard:
+class Heard(Generic[M_co]):
     """A message, and the trajectory the application would intend (None: not concerned)."""
 
-    message: Message
+    message: M_co
     planned: Trajectory | None = None
 
 
@@ -57,7 +60,7 @@ class Restart:
     """The station comes back and remembers no session (END-8)."""
 
 
-Input = Heard | Cam | Command | Expiry | Restart
+Input = Heard[Message] | Cam | Command | Expiry | Restart
 
 
 class Outcome(NamedTuple):
@@ -185,7 +188,7 @@ def ack(me: Me, m: Any) -> Ack:
     )
 
 
-def acked(me: Me, st: State, i: Heard) -> Outcome:
+def acked(me: Me, st: State, i: Heard[Message]) -> Outcome:
     """Nothing changes; a message is acked, an answer (seq 0) is not."""
     return Outcome(st, (ack(me, i.message),) if i.message.seq else ())
 
@@ -203,7 +206,7 @@ def refusal(me: Me, m: Prescription, reason: Any) -> Acceptance:
     )
 
 
-def foreign(me: Me, st: State, i: Heard) -> bool:
+def foreign(me: Me, st: State, i: Heard[Message]) -> bool:
     """END-4: is it of another session than the own one?"""
     return i.message.session != st.session
 

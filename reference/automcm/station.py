@@ -125,7 +125,7 @@ class Station:
         self._now = now
         return [self._step(Restart(), now)]
 
-    def _heard(self, message: Message) -> Heard:
+    def _heard(self, message: Message) -> Heard[Message]:
         plan = None
         if isinstance(message, Advertisement) and message.src != self.station_id:
             plan = self._plan(message)

@@ -15,7 +15,7 @@ from typing import Any
 
 from automcm.adapter import without
 from automcm.advertising import answer_closed
-from automcm.messages import Ack, Intention, MessageId, Reliable, Session, Trajectory
+from automcm.messages import Ack, Advertisement, Intention, MessageId, Reliable, Session, Trajectory
 from automcm.outcome import Heard, Me, Outcome, Row, Rules, ack, ignore, leave, leave_with, tell
 from automcm.parameters import Parameters
 from automcm.rules import RULES
@@ -134,7 +134,7 @@ def take_over(me: Me, st: State, i: Any) -> Outcome:
 STANDING = Trajectory(t0=0, points=((0, 0, 0), (1000, 0, 0)))
 
 
-def intend_again(me: Me, st: State, i: Heard) -> Outcome:
+def intend_again(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
     """Against ADV-4: a bound receiver answers another's Advertisement as well.  What it intends
     is not asked for, so this is for applications that do not look at it."""
     m = i.message
@@ -152,8 +152,7 @@ def _no_busy_refusal() -> Rules:
 def ack_misread(entry: Callable[[State, Ack], Reliable | None]) -> Rules:
     """Against END-6: an Ack is taken for one of the entry that ``entry`` gives for it."""
 
-    def misread(st: State, i: Heard) -> Heard:
-        assert isinstance(i.message, Ack)
+    def misread(st: State, i: Heard[Ack]) -> Heard[Ack]:
         named = entry(st, i.message)
         if named is None:
             return i
