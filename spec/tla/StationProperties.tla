@@ -15,7 +15,7 @@ Kinds == {"restart", "expire", "receive", "cam", "command"}
 SInit ==
   /\ st = Initial
   /\ last = [ station |-> Me, input |-> [kind |-> "start"], rule |-> "none",
-              out |-> {}, told |-> Nothing ]
+              out |-> {}, told |-> Nothing, arm |-> {} ]
   /\ TLCSet(ALPHABET, TLCEval([k \in Kinds |-> {i \in Alphabet : i.kind = k}]))
 
 Inputs(kind) == TLCGet(ALPHABET)[kind]
@@ -25,7 +25,7 @@ Take(i) ==
   /\ \E r \in {Step(Me, st, i)} :
        /\ st' = r.st
        /\ last' = [ station |-> Me, input |-> i, rule |-> r.rule,
-                    out |-> r.out, told |-> r.told ]
+                    out |-> r.out, told |-> r.told, arm |-> r.arm ]
 
 Restart == \E i \in Inputs("restart") : Take(i)
 Expire  == \E i \in Inputs("expire")  : Take(i)
@@ -88,9 +88,62 @@ ReasonProp ==
         m.type = "Cancel" /\ m.seq # 0 /\ Entry(m) \notin st.outbox =>
           m.reason = Reason(last'.input) ]_<<st, last>>
 
+(***************************************************************************)
+(* S-11: a command changes something only if it is about the session that  *)
+(* the station is in, and a verdict only if it is on the proposal that was *)
+(* verified last (PRE-5): nobody drives what his application said of       *)
+(* something else.                                                         *)
+(***************************************************************************)
+WordProp ==
+  [][ LET i == last'.input IN
+      i.kind = "command" /\ i.name # "request" /\ st' # st =>
+        /\ i.session = st.session
+        /\ i.name \in {"accept", "refuse"} => i.proposal = st.proposal
+    ]_<<st, last>>
+
+(***************************************************************************)
+(* S-12: no more stations take part in a session than there is room for,   *)
+(* those that have withdrawn included (MEM-1).                             *)
+(***************************************************************************)
+ParticipantsInv == Cardinality(st.recorded \cup st.withdrawn) <= MaxParticipants
+
+(***************************************************************************)
+(* S-13: what is sent reliably is sent again until it is acknowledged,     *)
+(* given up, or answered (REL-1); or, but for Fin and Cancel, its session  *)
+(* is over (END-1).  A restart forgets it (END-8).                         *)
+(***************************************************************************)
+Reliable(m) == m.seq # 0 /\ m.type # "Advertisement"
+
+Answers(e, i) ==
+  /\ i.kind = "receive"
+  /\ \/ i.message.type = "Ack"
+     \/ i.message.type = "Prescription" /\ e.type = "Intention"
+     \/ i.message.type = "Acceptance" /\ e.type = "Prescription"
+
+KeptProp ==
+  [][ LET i == last'.input IN
+      /\ \A m \in last'.out : Reliable(m) => Entry(m) \in st'.outbox
+      /\ \A e \in st.outbox \ st'.outbox :
+           \/ Answers(e, i)
+           \/ i.kind = "expire" /\ i.timer = <<"giveup", e>>
+           \/ i.kind = "restart"
+           \/ e.type \notin {"Fin", "Cancel"} /\ ~Bound(st')
+    ]_<<st, last>>
+
+(***************************************************************************)
+(* S-14: a timer that has expired and is still needed runs again, or       *)
+(* nothing would be sent a third time (REL-1); and a restart begins the    *)
+(* quarantine anew (END-8).                                                *)
+(***************************************************************************)
+AnewProp ==
+  [][ LET i == last'.input IN
+      /\ i.kind = "expire" /\ i.timer \in Armed(Me, st') => i.timer \in last'.arm
+      /\ i.kind = "restart" => Timer("quarantine") \in last'.arm ]_<<st, last>>
+
 SSpec == SInit /\ [][SNext]_<<st, last>>
 
-THEOREM SSpec => []TypeInv /\ ToldProp /\ ReasonProp
+THEOREM SSpec => [](TypeInv /\ ParticipantsInv)
+THEOREM SSpec => ToldProp /\ ReasonProp /\ WordProp /\ KeptProp /\ AnewProp
 
 \* A receiver that gets its Fin does not say so.
 FinishesSilently(me, x, m) ==
@@ -101,4 +154,20 @@ FinishesSilently(me, x, m) ==
 \* Whoever leaves says that it aborted.
 AlwaysAborts(me, x, why, rule) ==
   LeaveWith(x, Cancels(me, x, {Peer(x)}, "abort"), <<"fallback", why>>, rule)
+
+\* An application's yes is taken for whatever is proposed now.
+AcceptsAnything(me, x, c) ==
+  LET m == Acceptance(me, x.session, x.proposal) IN
+  IF ~(x.phase = "NEGOTIATING" /\ x.role = "receiver") THEN Refuse(x, "CMD-1")
+  ELSE Effect(Post([x EXCEPT !.phase = "ACTUATING"], {m}), {m}, Nothing, "NEG-2")
+
+\* A Cancel is sent once.
+CancelsOnce(x, ms) ==
+  [x EXCEPT !.outbox = @ \cup {Entry(m) : m \in {k \in ms : k.type # "Cancel"}}]
+
+\* A timer that has expired is not armed again.
+NeverExpired(i) == {}
+
+\* Who has withdrawn is not counted.
+CountsTheRecorded(x) == Cardinality(x.recorded) < MaxParticipants
 ==============================================================================
