@@ -13,7 +13,7 @@ _IDLE = "changes nothing at the station: no shortest counterexample has such a s
 
 KINEMATIC = tuple(f"KIN-{n}" for n in range(1, 8))
 PROPERTIES = tuple(id_ for id_ in models.PROPERTIES if id_ != "TypeInv")
-_OF_ONE = ("S-9", "S-10", "S-11", "S-12", "S-13", "S-14")
+_OF_ONE = ("S-9", "S-10", "S-11", "S-12", "S-13", "S-14", "S-15", "S-16")
 _OF_SEVERAL = tuple(id_ for id_ in PROPERTIES if id_ not in _OF_ONE)
 VECTORLESS = "no kernel: vectors are of KIN-1 to KIN-7"
 

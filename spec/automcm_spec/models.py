@@ -32,6 +32,8 @@ PROPERTIES = {
     "S-12": "ParticipantsInv",
     "S-13": "KeptProp",
     "S-14": "AnewProp",
+    "S-15": "RememberedProp",
+    "S-16": "EndedProp",
     "L-1": "EndsProp",
     "L-2": "CompletesProp",
     "L-3": "SilenceProp",

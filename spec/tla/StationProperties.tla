@@ -140,10 +140,36 @@ AnewProp ==
       /\ i.kind = "expire" /\ i.timer \in Armed(Me, st') => i.timer \in last'.arm
       /\ i.kind = "restart" => Timer("quarantine") \in last'.arm ]_<<st, last>>
 
+(***************************************************************************)
+(* S-15: a session that was joined is remembered until its time is over,   *)
+(* the same prescriber's next one is joined, or a restart (ADV-8).         *)
+(***************************************************************************)
+RememberedProp ==
+  [][ LET i == last'.input IN
+      \A j \in st.joined \ st'.joined :
+        \/ \E k \in st'.joined : k[1] = j[1]
+        \/ i.kind = "expire" /\ i.timer = <<"forget", j[1]>>
+        \/ i.kind = "restart" ]_<<st, last>>
+
+(***************************************************************************)
+(* S-16: whoever still is in a session that this station has ended learns  *)
+(* of it as soon as its Intention or its Acceptance arrives (ADV-5, NEG-6).*)
+(***************************************************************************)
+Asks(m) == m.type = "Intention" \/ (m.type = "Acceptance" /\ m.accepted)
+
+EndedProp ==
+  [][ LET i == last'.input IN
+      i.kind = "receive" /\ Asks(i.message) /\ ~In(st, i.message.session)
+      /\ i.message.dst = Me /\ last'.told = Nothing =>
+        \E m \in last'.out :
+          /\ m.type \in {"Fin", "Cancel"}
+          /\ m.dst = i.message.src /\ m.session = i.message.session ]_<<st, last>>
+
 SSpec == SInit /\ [][SNext]_<<st, last>>
 
 THEOREM SSpec => [](TypeInv /\ ParticipantsInv)
 THEOREM SSpec => ToldProp /\ ReasonProp /\ WordProp /\ KeptProp /\ AnewProp
+THEOREM SSpec => RememberedProp /\ EndedProp
 
 \* A receiver that gets its Fin does not say so.
 FinishesSilently(me, x, m) ==
@@ -167,6 +193,12 @@ CancelsOnce(x, ms) ==
 
 \* A timer that has expired is not armed again.
 NeverExpired(i) == {}
+
+\* Whose time is over takes all others along.
+ForgetsAll(x, p) == Ignore([x EXCEPT !.joined = {}], "ADV-8")
+
+\* Who asks about a session that is over gets an Ack.
+OnlyAcks(me, x, m, rule) == Effect(x, {Ack(me, m)}, Nothing, rule)
 
 \* Who has withdrawn is not counted.
 CountsTheRecorded(x) == Cardinality(x.recorded) < MaxParticipants
