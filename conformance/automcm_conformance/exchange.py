@@ -325,7 +325,7 @@ class Exchange:
         name = timer[0]
         if name == "lease":
             role = self.oracle.states[self.state][1]
-            return lease_lasts(self.parameters.get("clock_drift", 0), role, self._lease_ms)
+            return lease_lasts(self.parameters.get("clock_drift"), role, self._lease_ms)
         if name in self.overrides:
             return self.overrides[name]
         if name == "forget":  # ADV-8

@@ -18,11 +18,9 @@ BareAck(e, m) == e.to = m.src /\ e.session = m.session
 
 \* A receiver that breaks its commitment off may request a maneuver at once.
 AlwaysMayRequest(x) == TRUE
+
 \* To look at less: station 2 requests while station 1 acts on its word.
 WhileOneActs == st[2].number = 1 => st[1].phase = "ACTUATING" /\ st[1].target = 2
-
-\* A quarantine ends while a prescriber still acts.
-NobodyRelies(s) == FALSE
 
 \* Answers carry a real seq, so their Acks look like those of messages.
 RealSeq(seq) == seq

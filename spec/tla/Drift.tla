@@ -55,6 +55,7 @@ DriftSpec == DriftInit /\ [][DriftNext]_<<tvars, lost>>
 
 THEOREM DriftSpec => [](AcceptedInv /\ AgreementInv /\ SettledHazardInv)
 THEOREM DriftSpec => [](HazardInv /\ LeaseInv)
+
 \* Who may leave without the prescriber's hearing of it.
 Unheard == {e \in Faults : e.name \in {"abort, lossy", "restart, lossy"}}
 ================================================================================

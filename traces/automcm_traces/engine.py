@@ -104,7 +104,7 @@ class Engine:
         header = log.header if isinstance(log, Log) else log
         p = header.parameters
         self._durations = durations(p)
-        self._clock_drift = p.clock_drift or 0
+        self._clock_drift = p.clock_drift
         self.promised = frozenset(header.complete)
         self._late_ms = longest_delay(p) if late_ms is None else late_ms
         told = (p.max_participants, p.outbox_limit, p.memory_limit)

@@ -117,7 +117,7 @@ def _states(log: Log, events: Iterable[tuple[int, Event]], found: Followed) -> d
         found.rules.append(step.rule)
         found.places.append((handler(step.input), line(step.rule, step.input)))
         found.states.append(changed)
-        drift = log.header.parameters.clock_drift or 0
+        drift = log.header.parameters.clock_drift
         leases[step.at] = lease_lasts(drift, track.role, track.lease_ms) if track.lease_ms else 0
         last = now
 

@@ -41,10 +41,10 @@ def durations(p: Parameters) -> dict[str, int | None]:
     }
 
 
-def lease_lasts(clock_drift: int, role: str, lease_ms: int) -> int:
+def lease_lasts(clock_drift: int | None, role: str, lease_ms: int) -> int:
     """How long the lease timer lasts, ms (ACT-4): the prescriber's is shorter by what its clock may
-    lose meanwhile, ``clock_drift`` percent, and 1 ms for rounding."""
-    if role != "prescriber" or clock_drift == 0:
+    lose meanwhile, ``clock_drift`` percent (none if it is not told), and 1 ms for rounding."""
+    if role != "prescriber" or not clock_drift:
         return lease_ms
     return max(1, lease_ms - -(-lease_ms * clock_drift // 100) - 1)
 

@@ -220,7 +220,7 @@ class Translation:
     def _own_lease(self, given: dict[str, Json]) -> int:
         """The same with one of its own."""
         told: Json = given.get("lease_ms")
-        drift = self._log.header.parameters.clock_drift or 0
+        drift = self._log.header.parameters.clock_drift
         return _clamped(lease_lasts(drift, "prescriber", int(told)) if _is_int(told) else told)
 
     def _timer(self, timer: Timer) -> int:
