@@ -59,9 +59,9 @@ class _Recorder(Adapter):
         super().__init__(command, LIMIT_S)
         self.bulks: list[list[bytes]] = []
 
-    def exchange(self, lines: Sequence[bytes], *, on: bool = False) -> list[bytes]:
+    def send(self, lines: Sequence[bytes], *, on: bool = False) -> None:
         self.bulks.append(list(lines))
-        return super().exchange(lines, on=on)
+        super().send(lines, on=on)
 
 
 def measure(

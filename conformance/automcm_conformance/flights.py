@@ -35,6 +35,9 @@ class Drive:
     planned: int
     started: int = 0
     flights: list[Flight] = field(default_factory=list)
+    """Played, with lines that wait to be sent."""
+    sent: list[Flight] = field(default_factory=list)
+    """Those whose lines the station is answering."""
     attempts: Counter[Pair] = field(default_factory=Counter)
 
     @property

@@ -19,6 +19,15 @@ class Opened(Protocol):
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
         """Send these lines; as many answers.  Raises AdapterError."""
 
+    def send(self, lines: Sequence[bytes]) -> None:
+        """Begin an exchange, which ``answers`` ends.  Raises AdapterError."""
+
+    def pump(self) -> None:
+        """Go on with it as far as that takes no time."""
+
+    def answers(self) -> list[bytes]:
+        """The answers.  Raises AdapterError."""
+
     def stop(self, line: bytes = STOP) -> str | None:
         """Tell it to stop.  Returns a sentence on what was wrong, or None."""
 

@@ -107,6 +107,10 @@ class Process:
         """Its standard output is closed."""
         self._rest = bytearray()
         """What came after the last line feed."""
+        self._asked = 0
+        self._answers: list[bytes] = []
+        """To what was sent last, as far as they have come."""
+        self._unsent = memoryview(b"")
         self._stderr: deque[str] = deque(maxlen=TAIL)
         self._stderr_rest = b""
 
@@ -128,34 +132,49 @@ class Process:
         Lines are written before earlier ones are answered.  Raises AdapterError, which holds the
         answers that came, and ends the process.
         """
-        answers: list[bytes] = []
+        self.send(lines)
+        return self.answers()
+
+    def send(self, lines: Sequence[bytes]) -> None:
+        """Begin an exchange, which ``answers`` ends.  Raises AdapterError."""
         if not self._open:
             raise AdapterError("closed", "the process was ended before", stderr=self.stderr)
         if self._listen(0.0) or self._rest:
-            self._fail("output", "it wrote a line that nobody asked for", answers)
-        unsent = memoryview(b"".join(lines))
+            self._fail("output", "it wrote a line that nobody asked for", [])
+        self._asked, self._answers = len(lines), []
+        self._unsent = self._write(memoryview(b"".join(lines)))
+
+    def pump(self) -> None:
+        """Write and read what can be without waiting, so that the process does not wait for us."""
+        if self._open and len(self._answers) < self._asked:
+            self._unsent = self._write(self._unsent)
+            self._answers += self._listen(0.0)
+
+    def answers(self) -> list[bytes]:
+        """The answers to what was sent.  Raises AdapterError as ``exchange`` does."""
+        answers, asked = self._answers, self._asked
         due = monotonic() + self.limit_s
-        size = 0
-        while len(answers) < len(lines):
-            if self._mute:
-                self._fail_ended(answers, len(lines))
-            unsent = self._write(unsent)
-            found = self._listen(min(due - monotonic(), _LOOK_S))
-            if found:
-                answers += found
-                due = monotonic() + self.limit_s
-                longest = max(map(len, found))
-                size += sum(map(len, found))
-            else:
-                longest = len(self._rest)
-                if monotonic() >= due or self._silent():
-                    self._fail_silent(answers, len(lines))
+        size, found = 0, list(answers)
+        while True:
+            longest = max(map(len, found), default=len(self._rest))
+            size += sum(map(len, found))
             if longest > self.max_line:
                 self._fail("line", f"a line has more than {self.max_line} bytes", answers)
             if size > TOGETHER * self.max_line:
                 self._fail("output", f"{len(answers)} answers have {size} bytes", answers)
-        if len(answers) > len(lines) or self._rest or unsent:
-            self._fail("output", "it answered more than it was asked", answers[: len(lines)])
+            if len(answers) >= asked:
+                break
+            if self._mute:
+                self._fail_ended(answers, asked)
+            self._unsent = self._write(self._unsent)
+            found = self._listen(min(due - monotonic(), _LOOK_S))
+            answers += found
+            if found:
+                due = monotonic() + self.limit_s
+            elif monotonic() >= due or self._silent():
+                self._fail_silent(answers, asked)
+        if len(answers) > asked or self._rest or self._unsent:
+            self._fail("output", "it answered more than it was asked", answers[:asked])
         return answers
 
     def stop(self, line: bytes = STOP) -> str | None:

@@ -184,10 +184,11 @@ class Runner:
         part, tours = drive.part, drive.tours
         while not self.cut_short:
             tour = tours.next()
-            if tour is None and not drive.flights:
+            if tour is None and not drive.flights and not drive.sent:
                 break
             if tour is not None:
                 self._start(drive, tour)
+                self.adapter.pump()
             if tour is None or drive.lines >= BULK:
                 self.say(f"{part.name}: {part.reached.total():,} of {drive.planned:,}")
                 self._land(drive)
@@ -270,17 +271,23 @@ class Runner:
             drive.flights.append(flight)
 
     def _land(self, drive: Drive) -> None:
-        """Write what is waiting in all tours, and judge each."""
-        flights, drive.flights = drive.flights, []
+        """Read the answers to the tours that were sent, send those that wait, and judge the first
+        while the station answers the second."""
+        flights, drive.sent = drive.sent, drive.flights
+        drive.flights = []
         broken: AdapterError | None = None
         try:
-            answers = self.adapter.exchange([line for f in flights for line in f.x.waiting])
+            answers = self.adapter.answers()
         except AdapterError as error:
             answers, broken = error.answers, error
-        drive.tours.planned.clear()
+        if drive.sent:
+            self.adapter.send([line for f in drive.sent for line in f.x.waiting])
+        drive.tours.under_way()
         for flight in flights:
             asked = flight.x.unwritten
             mine, answers = answers[:asked], answers[asked:]
+            if len(mine) < asked and broken is None:
+                break  # the process was renewed meanwhile; it is played again
             try:
                 flight.x.answered(mine, broken if len(mine) < asked else None)
             except (Mismatch, Broken, Unpredicted) as wrong:
@@ -296,7 +303,7 @@ class Runner:
         tours, x = drive.tours, flight.x
         self._credit(drive.part, tours, x.done)
         if error is not None:
-            tours.planned.clear()
+            tours.forget_plans()
         if isinstance(error, Unpredicted):
             self.predict = False
         elif error is not None:

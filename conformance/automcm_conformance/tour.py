@@ -39,6 +39,8 @@ class Tours:
     disturbs: Allowed
     planned: set[Pair] = field(default_factory=set)
     """Pairs of tours that are under way."""
+    _sent: set[Pair] = field(default_factory=set)
+    """Those of them whose tours the station is answering."""
     avoided: set[Pair] = field(default_factory=set)
     _moves: dict[int, list[Answer]] = field(default_factory=dict)
     _parents: dict[int, Pair] | None = None
@@ -122,6 +124,15 @@ class Tours:
         self._moves.pop(pair[0], None)
         self._parents = None
         return self.done(pair)
+
+    def under_way(self) -> None:
+        """The tours that were answered are over; what was planned since is being answered."""
+        self._sent, self.planned = self.planned - self._sent, self.planned - self._sent
+
+    def forget_plans(self) -> None:
+        """No tour is under way."""
+        self.planned.clear()
+        self._sent.clear()
 
     def usable(self, pairs: Iterable[Pair]) -> None:
         """These are avoided no more."""

@@ -49,6 +49,7 @@ class WebSocket:
         self.max_line = max_line
         self.stderr: list[str] = []
         """Nothing: it is not a child of ours."""
+        self._lines: Sequence[bytes] = ()
         self._open = False
         self._closing = ExitStack()
         self._socket = self._connected(address)
@@ -94,6 +95,17 @@ class WebSocket:
                 return answers  # the next exchange finds it closed
             self._fail_closed(error, answers, len(lines))
         return answers
+
+    def send(self, lines: Sequence[bytes]) -> None:
+        """Keep the lines for ``answers``: nothing is written ahead of that."""
+        self._lines = lines
+
+    def pump(self) -> None:
+        """Nothing: ``answers`` does it all."""
+
+    def answers(self) -> list[bytes]:
+        """As ``exchange``, with the lines of ``send``."""
+        return self.exchange(self._lines)
 
     def stop(self, line: bytes = STOP) -> str | None:
         """Tell it to stop, wait until it closes, and end the connection.

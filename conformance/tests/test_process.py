@@ -69,6 +69,18 @@ def test_lines_come_back_in_order_although_both_pipes_are_full() -> None:
         assert child.stop() == "it wrote a line that nobody asked for"  # the echo of stop
 
 
+def test_the_process_goes_on_while_the_kit_does_something_else(tmp_path: Path) -> None:
+    lines = [b"%d %s\n" % (n, b"x" * 2_000) for n in range(2_000)]  # more than the pipes hold
+    done = tmp_path / "done"
+    with start(f"{ECHO}    if line[:5] == '1999 ': open({str(done)!r}, 'w')") as child:
+        child.send(lines)
+        until = time.monotonic() + 30
+        while not done.exists() and time.monotonic() < until:
+            child.pump()
+        assert done.exists()
+        assert child.answers() == [line[:-1] for line in lines]
+
+
 def test_a_line_costs_the_kit_little() -> None:
     answers_at_once = "import os\nwhile d := os.read(0, 1 << 16): os.write(1, d)"
     lines = [LINE] * 500

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 from suite_stage import ACCEPTS, BUSY, IGNORES, LATER, LIMIT, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
-from automcm_conformance import records, suite
+from automcm_conformance import records, suite, tour
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.answers import differences
 from automcm_conformance.exchange import Mismatch
@@ -29,6 +31,34 @@ def test_a_wrong_answer_is_blamed_on_its_case(conform: Suite) -> None:
         said = [line.text for line in failure.exchange if line.who == "kit"]
         inputs = [text for text in said if not text.startswith(("reset", "timers"))]
         assert len(inputs) == 2, "an Advertisement, and a Prescription of another session"
+
+
+def test_no_bulk_changes_what_is_found(conform: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One bulk is judged while the station answers the next, and after a wrong answer that one is
+    played again."""
+    sent: list[int] = []
+    send = Adapter.send
+
+    def counted(self: Adapter, lines: Sequence[bytes], *, on: bool = False) -> None:
+        sent[-1] += len(lines)
+        send(self, lines, on=on)
+
+    monkeypatch.setattr(Adapter, "send", counted)
+    monkeypatch.setattr(tour, "LONGEST", 20)
+    names = (BUSY, ACCEPTS, "AMCM/RCV/ADV/BV-01")
+    for bulk in (1, 40, 100_000):
+        monkeypatch.setattr(suite, "BULK", bulk)
+        sent.append(0)
+        right = conform(station(), *names, states=60, folder=f"right-{bulk}")
+        assert [(c.verdict, c.reached) for c in right.cases] == [
+            ("PASS", case.total) for case in right.cases
+        ]
+        sent.append(0)
+        wrong = conform(station(IGNORES), *names, states=60, folder=f"wrong-{bulk}")
+        assert [c.verdict for c in wrong.cases] == ["PASS", "PASS", "FAIL"]
+        assert [c.reached for c in wrong.cases[:2]] == [c.total for c in right.cases[:2]]
+    pairs = sum(case.total for case in right.cases)
+    assert max(sent[::2]) < 4 * pairs, "no pair is driven twice"
 
 
 def test_a_replay_fails_again_and_passes_on_the_reference(conform: Suite) -> None:
