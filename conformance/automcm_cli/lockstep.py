@@ -16,7 +16,6 @@ import re
 import sys
 from collections import deque
 from collections.abc import Sequence, Set
-from dataclasses import fields, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -78,7 +77,7 @@ def told_apart(
         n, changed = left.popleft()
         here, other = right.at(n), wrong.at(n)
         if changed:
-            other = replace(other, **changed)
+            other = other._replace(**changed)
         for i, value in enumerate(oracle.inputs):
             answer = oracle.answer(n, i)
             same = not changed and kinds is not None and wrong.kinds[i] not in kinds
@@ -100,9 +99,7 @@ def told_apart(
 
 def _changed(right: Any, wrong: Any) -> Changed:
     """The fields in which two states differ; they are of two classes, so by what they print."""
-    found = {}
-    for each in fields(wrong):
-        value = getattr(wrong, each.name)
-        if repr(value) != repr(getattr(right, each.name)):
-            found[each.name] = value
-    return found
+    found = wrong._asdict()
+    return {
+        name: value for name, value in found.items() if repr(value) != repr(getattr(right, name))
+    }

@@ -69,10 +69,13 @@ def show(report: Report, console: Console) -> None:
         table.add_row(name, f"{us:.2f}", f"{core.core_us / us:.2f} times that")
     console.print(table)
     console.print(f"messages a second: {1e6 / core.core_us:,.0f}\n", highlight=False)
-    table = table_of("by type", "messages", "core us", "decoding us", "ratio")
-    for type_, (n, handled, decoded) in core.by_type.items():
-        ratio = f"{handled / decoded:.2f}"
-        table.add_row(type_, str(n), f"{handled:.2f}", f"{decoded:.2f}", ratio)
+    columns = ("decoding us", "core us", "ratio", "rules us", "timers us", "rest us")
+    table = table_of("by type", "messages", *columns)
+    for type_, p in core.by_type.items():
+        rest = p.core_us - p.decide_us - p.timers_us
+        ratio = p.core_us / p.decode_us
+        row = (p.decode_us, p.core_us, ratio, p.decide_us, p.timers_us, rest)
+        table.add_row(type_, str(p.messages), *(f"{figure:.2f}" for figure in row))
     console.print(table)
     table = table_of(
         f"\nPrescription, {POINTS} points",
@@ -115,18 +118,17 @@ def show(report: Report, console: Console) -> None:
 
 def show_kernels(report: KernelReport, console: Console) -> None:
     """Print one row for each kernel, number of points and number of pairs."""
-    table = table_of(
-        "kernel", "points", "pairs", "us a pair", "to floor", "numpy", "python", "shapely", "pycrcc"
-    )
+    from automcm.kernel_bench import PEERS
+
+    table = table_of("kernel", "points", "pairs", "us a pair", "to floor", *PEERS)
     for row in report.rows:
-        ratios = (row.numpy_us, row.python_us, row.shapely_us, row.pycrcc_us)
         table.add_row(
             row.kernel,
             str(row.points),
             f"{row.pairs:,}",
             f"{row.us:.2f}",
-            f"{row.us / row.floor_us:.1f}",
-            *("" if us is None else f"{us / row.us:.2f}" for us in ratios),
+            f"{row.to_floor:.1f}",
+            *(f"{row.ahead[name]:.2f}" if name in row.ahead else "" for name in PEERS),
         )
     console.print(table)
     for name in report.missing:

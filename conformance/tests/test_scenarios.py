@@ -216,11 +216,10 @@ RULES["restart"] = Row("END-8", always, lambda *_: Outcome(State(quarantine=True
         "receiver aborts",
         "END-8",
         """
-from dataclasses import replace
 abort = RULES["command abort"][2].then
 def free(me, st, i):
     left = abort(me, st, i)
-    return left._replace(state=replace(left.state, quarantine=False))
+    return left._replace(state=left.state._replace(quarantine=False))
 first("command abort", "END-1", lambda me, st, i: st.bound, free)
 """,
     ),

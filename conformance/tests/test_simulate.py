@@ -80,6 +80,9 @@ def test_bench_station_has_every_figure_beside_a_baseline() -> None:
     report = json.loads(said)
     core = report["core"]
     assert code == 0 and min(core["core_us"], core["lookup_us"], core["decode_us"]) > 0
+    assert sum(each["messages"] for each in core["by_type"].values()) == core["messages"]
+    assert {"Ack", "CAM", "Cancel", "Fin"} < core["by_type"].keys()
+    assert all(min(each.values()) > 0 for each in core["by_type"].values())
     assert {s["loss"] for s in report["sessions"]} == {0.0, 0.2, 0.6}
     perfect = [s for s in report["sessions"] if s["loss"] == 0]
     assert all(s["agreed"] == s["sessions"] for s in perfect)

@@ -12,22 +12,20 @@ from wrong_station import station
 OTHERWISE = {
     "the number of a session is drawn": """
 import random
-from dataclasses import replace
 def answer(command):
     out = right(command)
     if command["cmd"] == "reset":
-        station._station.state = replace(state(), number=random.randrange(1, 1 << 40))
+        station._station.state = state()._replace(number=random.randrange(1, 1 << 40))
     return out
 """,
     "the number of a session grows from reset to reset": """
-from dataclasses import replace
 last = 0
 def answer(command):
     global last
     last = max(last, station._station.state.number) if station._station else 0
     out = right(command)
     if command["cmd"] == "reset":
-        station._station.state = replace(state(), number=last)
+        station._station.state = state()._replace(number=last)
     return out
 """,
 }

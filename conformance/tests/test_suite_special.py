@@ -63,9 +63,8 @@ WRONG: dict[str, tuple[str, str, str, str]] = {
         "AMCM/PRE/END/BV-13",
         "",
         "def answer(c):\n"
-        "    from dataclasses import replace\n"
         "    if received(c, 'Intention') and len(state().withdrawn) > 1:\n"
-        "        station._station.state = replace(state(), withdrawn=frozenset({10203}))\n"
+        "        station._station.state = state()._replace(withdrawn=frozenset({10203}))\n"
         "    return right(c)",
         "Cancel",
     ),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from automcm.interface import Complete
 from automcm.messages import Cam, Fin
 from automcm.outcome import (
@@ -38,7 +36,7 @@ def counts_as_heard(me: Me, st: State, i: Cam) -> bool:
 
 def heard(me: Me, st: State, i: Cam) -> Outcome:
     """ACT-5: the CAM counts, and the cam timer begins anew."""
-    return Outcome(replace(st, heard_ms=i.generation_ms), again=(Timer("cam"),))
+    return Outcome(st._replace(heard_ms=i.generation_ms), again=(Timer("cam"),))
 
 
 CAM = (Row("ACT-5", counts_as_heard, heard), Row("ACT-5", always, ignore))

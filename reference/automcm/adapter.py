@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -419,7 +418,7 @@ def _loose(row: Row) -> Row:
 
     def when(me: Me, st: State, i: Input) -> bool:
         if isinstance(i, Heard) and st.session and st.session[0] == i.message.session[0]:
-            st = replace(st, session=i.message.session)
+            st = st._replace(session=i.message.session)
         return row.when(me, st, i)
 
     return row._replace(when=when)

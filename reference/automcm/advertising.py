@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import MappingProxyType
 
 from automcm.interface import Request
@@ -40,8 +39,7 @@ def open_session(me: Me, st: State, i: Request) -> Outcome:
         details=i.details,
         planned=i.planned,
     )
-    opened = replace(
-        st,
+    opened = st._replace(
         phase=after("prescriber", st.phase, "open"),
         role="prescriber",
         session=session,
@@ -83,8 +81,7 @@ def join(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
     assert i.planned is not None
     m = i.message
     intention = Intention(src=me.station_id, dst=m.src, session=m.session, seq=1, planned=i.planned)
-    joined = replace(
-        st,
+    joined = st._replace(
         phase=after("receiver", st.phase, "join"),
         role="receiver",
         session=m.session,
@@ -117,7 +114,7 @@ def record(me: Me, st: State, i: Heard[Intention]) -> Outcome:
     """ADV-5: keep the Intention and ack it."""
     m = i.message
     recorded = MappingProxyType({**st.recorded, m.src: m})
-    return Outcome(replace(st, recorded=recorded), (ack(me, m),))
+    return Outcome(st._replace(recorded=recorded), (ack(me, m),))
 
 
 INTENTION = (
@@ -134,7 +131,7 @@ INTENTION = (
 def forget(me: Me, st: State, i: Expiry) -> Outcome:
     """ADV-8: no copy of the Advertisement is left, so the prescriber is forgotten."""
     kept = {p: n for p, n in st.joined.items() if p != i.timer.station}
-    return Outcome(replace(st, joined=MappingProxyType(kept)))
+    return Outcome(st._replace(joined=MappingProxyType(kept)))
 
 
 def hold_ends(me: Me, st: State, i: Expiry) -> Outcome:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import importlib
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from automcm.bench import best_us
 from automcm.trajectory import success
 from automcm.trajectory.collide import (
     closest_approach,
@@ -32,6 +32,7 @@ from automcm.trajectory.verify import Limits, verify
 
 POINTS = (50, 100, 200, 500)
 PAIRS = (1, 256, 4096)
+PEERS = ("numpy", "python", "shapely", "pycrcc")
 THRESHOLD = 4.0
 SPEED = 30 / 3.6
 ZONE = ((-1e4, -2.0), (1e4, -2.0), (1e4, 2.0), (-1e4, 2.0))
@@ -63,12 +64,7 @@ class Row:
     @property
     def ahead(self) -> dict[str, float]:
         """How many times as long each peer takes."""
-        peers = {
-            "numpy": self.numpy_us,
-            "python": self.python_us,
-            "shapely": self.shapely_us,
-            "pycrcc": self.pycrcc_us,
-        }
+        peers = {name: getattr(self, f"{name}_us") for name in PEERS}
         return {name: us / self.us for name, us in peers.items() if us is not None}
 
 
@@ -113,22 +109,6 @@ def _peer(name: str) -> Any:
         return None
 
 
-def _us(call: Call, seconds: float, count: int = 1) -> float:
-    """The best of several, divided by ``count``; at least three calls."""
-    call()
-    began = time.perf_counter()
-    call()
-    once = time.perf_counter() - began
-    loops = max(1, int(min(0.01, seconds / 5) / max(once, 1e-7)))
-    best, end, done = math.inf, time.perf_counter() + seconds, 0
-    while done < 3 or time.perf_counter() < end:
-        began = time.perf_counter()
-        for _ in range(loops):
-            call()
-        best, done = min(best, (time.perf_counter() - began) / loops), done + 1
-    return best / count * 1e6
-
-
 def _copy_us(arrays: Sequence[Floats], seconds: float, count: int = 1) -> float:
     kept = [np.empty_like(each) for each in arrays]
 
@@ -136,7 +116,7 @@ def _copy_us(arrays: Sequence[Floats], seconds: float, count: int = 1) -> float:
         for to, each in zip(kept, arrays, strict=True):
             np.copyto(to, each)
 
-    return _us(copy, seconds, count)
+    return best_us(copy, seconds, count)
 
 
 # -- what they work on
@@ -165,63 +145,53 @@ def traffic(n: int, pairs: int) -> tuple[Floats, Floats, Floats]:
 
 
 def _kernels(n: int, seconds: float) -> list[Row]:
-    plan = road(n)
-    speed = np.full(n, SPEED)
-    points, speeds = plan.xy.tolist(), speed.tolist()
-    hold = 1.0
-    gain = 5.0
+    plan, speed = road(n), np.full(n, SPEED)
+    times, places, speeds = plan.t.tolist(), plan.xy.tolist(), speed.tolist()
+    here, hold, gain = (1.0, 1.0), 1.0, 5.0
     prescribed = prescribe(plan, 1.0, hold=hold, gain=gain)
     rng = np.random.default_rng(0)
     cars = [
         Candidate(i + 1, np.array(xy), np.array([1.0, 0.0]))
         for i, xy in enumerate(rng.uniform(-3, 3, (n, 2)))
     ]
-    losses = np.linspace(0, 1, n)
-    limits = Limits()
-    times, places = plan.t.tolist(), plan.xy.tolist()
+    losses, limits = np.linspace(0, 1, n), Limits()
     path = [plan.t, plan.xy]
-    size = len
 
-    def row(name: str, call: Call, python: Call, read: Sequence[Floats]) -> Row:
-        us, floor = _us(call, seconds), _copy_us(read, seconds / 3)
-        return Row(name, n, 1, us, floor, None, _us(python, seconds), None, None)
+    def row(name: str, read: Sequence[Floats], call: Call, python: Call) -> Row:
+        us, floor = best_us(call, seconds), _copy_us(read, seconds / 3)
+        return Row(name, n, 1, us, floor, None, best_us(python, seconds), None, None)
 
     return [
         row(
             "convert",
-            lambda: convert(plan.xy, speed, (1, 1), 0.0),
-            lambda: _python_convert(points, speeds, (1, 1)),
             [plan.xy, speed],
+            lambda: convert(plan.xy, speed, here, 0.0),
+            lambda: _python_convert(places, speeds, here),
         ),
-        row(
-            "thin",
-            lambda: thin(plan, 10**6, size),
-            lambda: _python_thin(times, places),
-            path,
-        ),
+        row("thin", path, lambda: thin(plan, 10**6, len), lambda: _python_thin(times, places)),
         row(
             "discover",
+            [np.array([each.xy for each in cars])],
             lambda: discover(cars, ZONE),
             lambda: _python_discover(cars),
-            [np.array([each.xy for each in cars])],
         ),
         row(
             "prescribe",
+            path,
             lambda: prescribe(plan, 1.0, hold=hold, gain=gain),
             lambda: _python_prescribe(times, places, 1.0, hold, gain),
-            path,
         ),
         row(
             "verify",
+            [*path, prescribed.t, prescribed.xy],
             lambda: verify(prescribed, plan, 1.5, limits, None, None),
             lambda: _python_follows(prescribed.xy.tolist(), places),
-            [*path, prescribed.t, prescribed.xy],
         ),
         row(
             "success",
+            [losses],
             lambda: success.session(losses, 21),
             lambda: [(1 - (1 - (1 - x) ** 2) ** 21) ** 3 for x in losses.tolist()],
-            [losses],
         ),
     ]
 
@@ -235,15 +205,15 @@ def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
     rows_a, rows_b = ([(t, *xy) for t, xy in zip(each.t.tolist(), each.xy.tolist(), strict=True)]
                       for each in (a, b))  # fmt: skip
     floor = _copy_us([a.t, a.xy, b.t, b.xy], seconds / 3)
-    cheap = _us(lambda: _cheapest(a, b), seconds)
-    python = _us(lambda: _python_approach(rows_a, rows_b), seconds)
-    shapely = _us(_tree(peers["shapely"], [a.xy], [b.xy]), seconds) if peers["shapely"] else None
+    cheap = best_us(lambda: _cheapest(a, b), seconds)
+    python = best_us(lambda: _python_approach(rows_a, rows_b), seconds)
+    shapely, crcc = peers["shapely"], peers["commonroad_dc.pycrcc"]
+    tree = best_us(_tree(shapely, [a.xy], [b.xy]), seconds) if shapely else None
     steps = 0.6 * np.arange(n)
     at = [np.stack([np.interp(steps, e.t, e.xy[:, k]) for k in (0, 1)], axis=1) for e in (a, b)]
-    crcc = peers["commonroad_dc.pycrcc"]
-    circles = _us(_circles(crcc, at[0][None], at[1][None]), seconds) if crcc else None
+    circles = best_us(_circles(crcc, at[0][None], at[1][None]), seconds) if crcc else None
     return [
-        Row(name, n, 1, _us(call, seconds), floor, cheap, python, shapely, circles)
+        Row(name, n, 1, best_us(call, seconds), floor, cheap, python, tree, circles)
         for name, call in (
             ("closest_approach", lambda: closest_approach(a, b)),
             ("collision", lambda: collision(a, b, THRESHOLD)),
@@ -266,17 +236,17 @@ def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[
             _python_approach(one, other)
 
     shapely, crcc = peers["shapely"], peers["commonroad_dc.pycrcc"]
-    tree = _us(_tree(shapely, a, b), seconds, pairs) if shapely else None
-    circles = _us(_circles(crcc, a, b), seconds, pairs) if crcc else None
-    python = _us(loop, seconds, some)
-    aligned = _us(lambda: closest_approach_pairs(t, a, b), seconds, pairs)
-    dense = _us(lambda: _dense(a, b), seconds, pairs)
+    tree = best_us(_tree(shapely, a, b), seconds, pairs) if shapely else None
+    circles = best_us(_circles(crcc, a, b), seconds, pairs) if crcc else None
+    python = best_us(loop, seconds, some)
+    aligned = best_us(lambda: closest_approach_pairs(t, a, b), seconds, pairs)
+    dense = best_us(lambda: _dense(a, b), seconds, pairs)
     rows = [Row("pairs", n, pairs, aligned, floor, dense, python, tree, circles)]
     if pairs <= 256:
         ego = Trajectory(t, a[0])
         others = [Trajectory(t + 0.01 * k, xy) for k, xy in enumerate(b)]
-        cheap = _us(lambda: [_cheapest(ego, each) for each in others[:some]], seconds, some)
-        many = _us(lambda: closest_approach_many(ego, others), seconds, pairs)
+        cheap = best_us(lambda: [_cheapest(ego, each) for each in others[:some]], seconds, some)
+        many = best_us(lambda: closest_approach_many(ego, others), seconds, pairs)
         rows.append(Row("many", n, pairs, many, floor, cheap, python, tree, None))
     return rows
 

@@ -7,7 +7,7 @@ A row is ``(rule, when, then)``.  Rule 1: nothing but a ``then`` changes a State
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from automcm.interface import Command, Indication
@@ -114,12 +114,12 @@ def refuse(me: Me, st: State, i: Any) -> Outcome:
 
 def moved(st: State, event: str, **changes: Any) -> State:
     """``st`` after ``event`` (phases.py), with ``changes``."""
-    return replace(st, phase=after(st.role, st.phase, event), **changes)
+    return st._replace(phase=after(st.role, st.phase, event), **changes)
 
 
 def post(st: State, *messages: Reliable) -> State:
     """``st`` with ``messages`` in the outbox; they were numbered from st.seq + 1 on."""
-    return replace(st, outbox=st.outbox + messages, seq=st.seq + len(messages))
+    return st._replace(outbox=st.outbox + messages, seq=st.seq + len(messages))
 
 
 def without(st: State, *types: str) -> tuple[Reliable, ...]:
@@ -146,7 +146,7 @@ def leave_with(st: State, messages: Iterable[Reliable], told: Indication | None 
     """
     sent = tuple(messages)
     breaks_off = (st.phase, st.role) == ("ACTUATING", "receiver")
-    left = replace(post(leave(st), *sent), seq=0, quarantine=st.quarantine or breaks_off)
+    left = post(leave(st), *sent)._replace(seq=0, quarantine=st.quarantine or breaks_off)
     return Outcome(left, sent, told)
 
 

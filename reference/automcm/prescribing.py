@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from automcm.interface import Prescribe, Proceed
@@ -28,7 +27,7 @@ from automcm.state import NO_INTENTIONS, State
 
 def no_participants(me: Me, st: State, i: Any) -> Outcome:
     """PRE-1; END-7: a back-off before the next session."""
-    return Outcome(replace(leave(st), backoff=True), told=tell("no_participants", st))
+    return Outcome(leave(st)._replace(backoff=True), told=tell("no_participants", st))
 
 
 def window_closes(me: Me, st: State, i: Expiry) -> Outcome:

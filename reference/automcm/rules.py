@@ -9,7 +9,6 @@ the state, and ``state.armed`` says which run.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from automcm.actuating import CAM, COMPLETE, FIN
 from automcm.advertising import (
@@ -78,7 +77,7 @@ def give_up(event: str | None) -> Callable[[Me, State, Expiry], Outcome]:
     def then(me: Me, st: State, i: Expiry) -> Outcome:
         assert i.timer.entry is not None
         kept = drop(st, i.timer.entry)
-        return Outcome(moved(st, event, outbox=kept) if event else replace(st, outbox=kept))
+        return Outcome(moved(st, event, outbox=kept) if event else st._replace(outbox=kept))
 
     return then
 
@@ -103,9 +102,9 @@ TIMERS: dict[str, tuple[Row, ...]] = {
     "answer": (Row("NEG-8", always, cancel_peer("timeout")),),
     "cam": (Row("ACT-2", always, cancel_peer("cam_loss")),),
     "lease": (Row("ACT-4", always, cancel_peer("lease_expired")),),
-    "quarantine": (Row("END-8", always, lambda me, st, i: Outcome(replace(st, quarantine=False))),),
+    "quarantine": (Row("END-8", always, lambda me, st, i: Outcome(st._replace(quarantine=False))),),
     "forget": (Row("ADV-8", always, forget),),
-    "backoff": (Row("END-7", always, lambda me, st, i: Outcome(replace(st, backoff=False))),),
+    "backoff": (Row("END-7", always, lambda me, st, i: Outcome(st._replace(backoff=False))),),
 }
 
 MESSAGES: dict[str, tuple[Row, ...]] = {
@@ -147,11 +146,11 @@ def kind(i: Input) -> str:
     """The key of RULES under which the rows for ``i`` stand."""
     if isinstance(i, Heard):
         return _HEARD[i.message.type]
+    if isinstance(i, Cam):
+        return "receive CAM"
     if isinstance(i, Expiry):
         return _EXPIRED[i.timer.name]
-    if isinstance(i, Restart):
-        return "restart"
-    return "receive CAM" if isinstance(i, Cam) else f"command {i.name}"
+    return "restart" if isinstance(i, Restart) else f"command {i.name}"
 
 
 def decide(me: Me, st: State, i: Input, rules: Rules = RULES) -> tuple[str, Outcome]:

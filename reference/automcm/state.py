@@ -7,7 +7,6 @@ them), the counter behind ``seq``, and the generation time of the last CAM that 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -41,8 +40,7 @@ def key(message: Reliable) -> EntryKey:
     return EntryKey(message.type, message.dst, message.session, message.seq)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class State:
+class State(NamedTuple):
     """One station.  ``State()`` is a station that has just been built."""
 
     phase: Phase = "STANDALONE"
@@ -50,7 +48,7 @@ class State:
     session: Session | None = None
     advertisement: Advertisement | None = None
     """ADVERTISING: what is broadcast again (ADV-2)."""
-    recorded: Mapping[int, Intention] = field(default_factory=lambda: NO_INTENTIONS)
+    recorded: Mapping[int, Intention] = NO_INTENTIONS
     withdrawn: frozenset[int] = frozenset()
     target: int = NOBODY
     proposal: int = 0
@@ -58,7 +56,7 @@ class State:
     heard_ms: int | None = None
     """Generation time of the last CAM that counted in ACTUATING (ACT-5)."""
     number: int = 0
-    joined: Mapping[int, int] = field(default_factory=lambda: _EMPTY)
+    joined: Mapping[int, int] = _EMPTY
     """Newest session number joined, by prescriber (ADV-8)."""
     outbox: tuple[Reliable, ...] = ()
     """Reliable messages still being sent, older before younger."""
@@ -100,28 +98,29 @@ class State:
 def armed(me: int, st: State) -> list[Timer]:
     """The timers that run, in the order in which they fire when due together (section 3)."""
     timers: list[Timer] = []
-    negotiating = st.phase == "NEGOTIATING"
-    if st.phase == "ADVERTISING":
-        assert st.session is not None
-        timers.append(Timer("advertise"))
-        timers.append(Timer("resend", EntryKey("Advertisement", 0, st.session, 1)))
-    if st.phase == "CHOOSING" or (negotiating and (st.role == "receiver" or st.deciding)):
-        timers.append(Timer("decide"))
-    if st.phase == "WAITING":
-        timers.append(Timer("hold"))
-    if negotiating and st.awaits_answer:
-        timers.append(Timer("answer"))
-    if st.phase == "ACTUATING":
-        timers.append(Timer("cam"))
-    if st.phase == "ACTUATING" or st.awaits_answer:
-        timers.append(Timer("lease"))
-    keys = [key(message) for message in st.outbox]
-    timers.extend(Timer("giveup", k) for k in keys)
-    timers.extend(Timer("resend", k) for k in keys)
+    match st.phase:
+        case "ADVERTISING":
+            assert st.session is not None
+            advertisement = EntryKey("Advertisement", 0, st.session, 1)
+            timers = [Timer("advertise"), Timer("resend", advertisement)]
+        case "WAITING":
+            timers = [Timer("hold")]
+        case "PRESCRIBING":
+            timers = [Timer("lease")]
+        case "NEGOTIATING" if st.awaits_answer:
+            timers = [Timer("answer"), Timer("lease")]
+        case "CHOOSING" | "NEGOTIATING":
+            timers = [Timer("decide")]
+        case "ACTUATING":
+            timers = [Timer("cam"), Timer("lease")]
+    if st.outbox:
+        keys = [key(message) for message in st.outbox]
+        timers += [Timer("giveup", k) for k in keys]
+        timers += [Timer("resend", k) for k in keys]
     if st.quarantine:
         timers.append(Timer("quarantine"))
     bound_to = st.session[0] if st.role == "receiver" and st.session else NOBODY
-    timers.extend(Timer("forget", None, p) for p in st.joined if p != bound_to)
+    timers += [Timer("forget", None, p) for p in st.joined if p != bound_to]
     if st.backoff:
         timers.append(Timer("backoff"))
     return timers

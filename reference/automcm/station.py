@@ -160,17 +160,18 @@ class Station:
                 p: self._joined_at.get(p, now) if before.joined.get(p) == number else now
                 for p, number in outcome.state.joined.items()
             }
+        timers = self.timers
         running = armed(self.station_id, outcome.state)
-        stopped = tuple(timer for timer in self.timers if timer not in running)
+        stopped = [timer for timer in timers if timer not in running]
         for timer in stopped:
-            del self.timers[timer]
+            del timers[timer]
         newly = []
         for timer in running:
-            if timer not in self.timers or timer in outcome.again:
-                self.timers.pop(timer, None)
-                self.timers[timer] = deadline = now + self._duration(timer, now)
+            if timer not in timers or timer in outcome.again:
+                timers.pop(timer, None)
+                timers[timer] = deadline = now + self._duration(timer, now)
                 newly.append((timer, deadline))
-        return tuple(newly), stopped
+        return tuple(newly), tuple(stopped)
 
     def _duration(self, timer: Timer, now: int) -> int:
         p = self.parameters
@@ -183,7 +184,7 @@ class Station:
                 return self._random.randint(p.backoff_min, p.backoff_max)
             case "forget":  # ADV-8: t_advertise + t_life after joining, t_life after leaving
                 joined = self._joined_at.get(timer.station, now)
-                return max(joined + p.t_advertise + p.t_life, now + p.t_life) - now
+                return max(joined + p.t_advertise, now) + p.t_life - now
         return p.duration(timer)
 
     def _completed(self, told: Indication, rule: str, now: int) -> Indication:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 from unittest import mock
 
@@ -36,7 +36,7 @@ from automcm.state import State, Timer, armed
 
 
 def give_up_and_leave(me: Me, st: State, i: Any) -> Outcome:
-    return Outcome(leave(st) if st.phase == "ACTUATING" else replace(st, outbox=()))
+    return Outcome(leave(st) if st.phase == "ACTUATING" else st._replace(outbox=()))
 
 
 def instruct_all(me: Me, st: State, i: Any) -> Outcome:
@@ -56,7 +56,7 @@ def acked_by_anybody(st: State, m: Ack) -> Any:
 
 
 def always_closed(me: Me, st: State, i: Any) -> Outcome:
-    return answer_closed(me, replace(st, outbox=()), i)
+    return answer_closed(me, st._replace(outbox=()), i)
 
 
 def other_content(me: Me, st: State, i: Any) -> Outcome:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from stateful_oracle import ALL, IDS, Coverage, Lockstep, Setup, broken
@@ -450,7 +450,7 @@ def _ends_commitment(x: State, i: Any) -> bool:
 
 def _own(x: State, before: State) -> State:
     """The station without what it still sends for other sessions (S-7)."""
-    return replace(x, outbox=tuple(m for m in x.outbox if m.session == before.session))
+    return x._replace(outbox=tuple(m for m in x.outbox if m.session == before.session))
 
 
 def _of(timer: Timer, session: Session | None) -> bool:

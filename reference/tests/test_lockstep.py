@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -105,7 +104,7 @@ def test_a_cam_that_counts_is_remembered_by_its_generation_time() -> None:
     stage.act()
     effects = stage.hear(40, cam(THEIRS[0], 35, THEIRS))
     with pytest.raises(Broken, match="heard at 34, not 35 ms"):
-        stage.took(effects, _replaced(state=replace(stage.state, heard_ms=34)))
+        stage.took(effects, _replaced(state=stage.state._replace(heard_ms=34)))
 
 
 def test_a_cam_that_is_heard_again_is_not_newer() -> None:

@@ -98,7 +98,7 @@ def free_at_once(kind: str, n: int) -> Then:
 
     def then(me: Me, st: State, i: Any) -> Outcome:
         outcome = RULES[kind][n].then(me, st, i)
-        return outcome._replace(state=replace(outcome.state, quarantine=st.quarantine))
+        return outcome._replace(state=outcome.state._replace(quarantine=st.quarantine))
 
     return then
 
@@ -120,8 +120,10 @@ def abandon(me: Me, st: State, i: Any) -> Outcome:
 def take_over(me: Me, st: State, i: Any) -> Outcome:
     """Against NEG-4: the last instruction counts."""
     m = i.message
-    taken = replace(
-        State(number=st.number, joined=st.joined, outbox=st.outbox),
+    taken = State(
+        number=st.number,
+        joined=st.joined,
+        outbox=st.outbox,
         phase="NEGOTIATING",
         role="receiver",
         session=m.session,
@@ -180,7 +182,7 @@ def bound_session(st: State) -> tuple[Session, ...]:
 
 def always_closed(me: Me, st: State, i: Any) -> Outcome:
     """ADV-5 without looking for a Fin or Cancel that is still being sent."""
-    return answer_closed(me, replace(st, outbox=()), i)._replace(state=st)
+    return answer_closed(me, st._replace(outbox=()), i)._replace(state=st)
 
 
 def _closed() -> Rules:
