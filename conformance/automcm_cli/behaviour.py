@@ -16,11 +16,11 @@ from typing import Any, Protocol
 from automcm.adapter import LATER, ME, NOW, Reference
 from automcm.interface import Request
 from automcm.messages import encode
-from automcm.parameters import Parameters
 from automcm.state import State, Timer, armed
 from automcm.station import Effects, Station
 from automcm_spec import files
 from automcm_spec.oracle import Oracle, canonical
+from automcm_spec.parameters import Parameters
 from automcm_spec.rules import kind
 
 Json = Any

@@ -23,7 +23,7 @@ from typing import Any, Literal
 from automcm_cli import cpp, equivalence
 from automcm_cli.equivalence import WALKS, Difference, WalkError
 from automcm_cli.mutated import NO_IMPORT
-from automcm_cli.source_mutants import FOLDER, Generated, Mutant
+from automcm_cli.source_mutants import FOLDER, Generated, Mutant, path_of
 from automcm_conformance import kills as kills_
 from automcm_conformance import purposes
 from automcm_conformance.kills import Kills
@@ -435,4 +435,5 @@ def suite_hash(asked: Asked) -> str:
     for folder in folders:
         for path in sorted(path for path in folder.iterdir() if path.suffix in (".py", ".toml")):
             found.update(path.read_bytes())
+    found.update(path_of("parameters").read_bytes())
     return found.hexdigest()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,6 +14,7 @@ from automcm_cli.conform import COMMAND, Limit
 from automcm_cli.parameters import chosen
 from automcm_cli.station import Remote
 from automcm_conformance.process import LIMIT_S
+from automcm_spec.parameters import DEFAULTS, longest_delay
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -66,8 +66,9 @@ def live(
     from automcm_spec.oracle import OracleError, load
 
     cases = _cases(selectors or [])
-    parameters = asdict(chosen(set_ or []))
-    if jitter > parameters["t_resend"] // 2:
+    known = chosen(set_ or []).known
+    parameters = {name: known[name] for name in DEFAULTS}
+    if jitter > longest_delay(known):
         raise typer.BadParameter("--jitter: at most half of t_resend, or copies are not told apart")
     command: list[str] = ctx.meta.get(COMMAND, [])
     adapter: Adapter | None = None

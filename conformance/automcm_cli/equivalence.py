@@ -18,7 +18,8 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-from automcm_cli.source_mutants import FOLDER, MODULES, Mutant
+from automcm_cli.mutated import full_name
+from automcm_cli.source_mutants import FOLDER, MODULES, Mutant, path_of
 from automcm_conformance.purposes import Owners
 from automcm_spec import children
 from automcm_spec.generate import GRAPHS, spec_hash
@@ -134,7 +135,7 @@ def _present() -> str:
     """Of the reference, the graphs and the walk, as they are now."""
     found = hashlib.sha256(spec_hash().encode())
     walk = [Path(__file__).with_name(name) for name in ("behaviour.py", "forms.py")]
-    for path in [*sorted(FOLDER.glob("*.py")), *walk]:
+    for path in [*sorted(FOLDER.glob("*.py")), path_of("parameters"), *walk]:
         found.update(path.read_bytes())
     return found.hexdigest()[:12]
 
@@ -170,7 +171,7 @@ def _reach() -> tuple[set[str], dict[str, set[tuple[str, str]]]]:
 
     from automcm.rules import RULES
 
-    modules = {name: importlib.import_module(f"automcm.{name}") for name in MODULES}
+    modules = {name: importlib.import_module(full_name(name)) for name in MODULES}
     functions = _functions(modules.values())
     station = [f for f in functions if f.__module__ == "automcm.station"]
     always = {name for _, name in _names(_closure(station, functions))} | {"marks"}

@@ -50,9 +50,9 @@ def counterexample_drift(verdicts: Sequence[models.Verdict]) -> list[str]:
 def four_vehicles(folder: Path) -> None:
     """The logs of the paper's four vehicles: seeded, with loss, so that every byte is fixed."""
     from automcm.links.simulated import Channel
-    from automcm.parameters import Parameters
     from automcm.simulation import Simulation
     from automcm.straight import Straight
+    from automcm_spec.parameters import Parameters
 
     simulation = Simulation(seed=3, channel=Channel(loss=0.2, duplicate=0.05), logs=folder)
     for station in FOUR_VEHICLES:
@@ -64,9 +64,9 @@ def four_vehicles(folder: Path) -> None:
 def pair(folder: Path) -> None:
     """The logs of a prescriber and a receiver that refuses once; the bad logs are edits of them."""
     from automcm.links.simulated import Channel
-    from automcm.parameters import Parameters
     from automcm.simulation import Simulation
     from automcm.straight import Straight
+    from automcm_spec.parameters import Parameters
 
     simulation = Simulation(seed=5, channel=Channel(loss=0.25, duplicate=0.1), logs=folder)
     for station in FOUR_VEHICLES[:2]:
@@ -79,9 +79,9 @@ def pair(folder: Path) -> None:
 def picture() -> str:
     """The paper's four vehicles in a lane change, with a little loss and few repetitions."""
     from automcm.links.simulated import Channel
-    from automcm.parameters import Parameters
     from automcm.scenarios.drive import NAMES, FourVehicles
     from automcm.scenarios.lane_change import Plan
+    from automcm_spec.parameters import Parameters
     from automcm_traces.drawing import drawing
     from automcm_traces.merge import merge
     from automcm_traces.reader import read

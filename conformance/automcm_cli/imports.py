@@ -22,7 +22,7 @@ SYSTEM = {f"automcm_spec.{name}" for name in ("children", "files", "scratch")}
 MAY = {
     "automcm_spec": set[str](),
     "automcm_traces": {"automcm_spec"},
-    "automcm": {"automcm_traces.writer", *SYSTEM},
+    "automcm": {"automcm_spec.parameters", "automcm_traces.writer", *SYSTEM},
     "automcm_conformance": {"automcm_spec", "automcm_traces"},
     "automcm_cli": set(PACKAGES) - {"automcm_cli"},
 }

@@ -21,6 +21,7 @@ from types import ModuleType
 from typing import Any
 
 import automcm
+import automcm_spec
 from automcm_cli import behaviour
 
 Json = Any
@@ -41,6 +42,7 @@ class _Again(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 
     def get_source(self, name: str) -> str:
         text = self._file(name).read_text(encoding="utf-8")
+        text = text.replace("from automcm_spec.parameters import", "from automcm.parameters import")
         return re.sub(r"\b(from|import) automcm(?=[. ])", rf"\1 {RIGHT}", text)
 
     def is_package(self, name: str) -> bool:
@@ -50,6 +52,8 @@ class _Again(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
         rest = name.split(".")[1:]
         if rest == ["behaviour"]:
             return Path(behaviour.__file__)
+        if rest == ["parameters"]:
+            return Path(automcm_spec.__file__).with_name("parameters.py")
         path = Path(automcm.__file__).parent.joinpath(*rest)
         return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 

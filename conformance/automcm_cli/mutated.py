@@ -1,7 +1,7 @@
 """A child process in which one module of the reference is another one.
 
 ``python -m automcm_cli.mutated MODULE FILE`` answers as ``automcm adapter`` does, with the source
-of FILE in the place of ``automcm.MODULE``; FILE may be ``-``, then nothing is replaced.  Behind
+of FILE in the place of MODULE; FILE may be ``-``, then nothing is replaced.  Behind
 that may stand what to do instead (behaviour.py):
 
     write GRAPH VARIANT DIGESTS             writes the digests of a graph
@@ -50,14 +50,20 @@ class _Replaced(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
         return False
 
 
+def full_name(module: str) -> str:
+    """The name to import a module by that the station of the reference is made of."""
+    return f"automcm_spec.{module}" if module == "parameters" else f"automcm.{module}"
+
+
 def replace(module: str, file: str) -> None:
-    """From now on ``automcm.module`` is what stands in the file.  Nothing of the reference may
-    have been imported before."""
+    """From now on this module is what stands in the file.  Nothing of the reference may have been
+    imported before."""
     if file == "-":
         return
-    if any(name.startswith("automcm.") for name in sys.modules):
+    name = full_name(module)
+    if name in sys.modules or any(name.startswith("automcm.") for name in sys.modules):
         raise RuntimeError("the reference has been imported already")
-    sys.meta_path.insert(0, _Replaced(f"automcm.{module}", Path(file)))
+    sys.meta_path.insert(0, _Replaced(name, Path(file)))
 
 
 def limited(cpu_s: int = CPU_S) -> None:

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
-from typing import TYPE_CHECKING
 
 import typer
 
-if TYPE_CHECKING:
-    from automcm.parameters import Parameters
+from automcm_spec.parameters import DEFAULTS, ParameterError, Parameters
 
 
 def chosen(settings: Sequence[str]) -> Parameters:
     """The defaults, changed by ``NAME=VALUE``.  A bad one is a usage error that names it."""
-    from automcm.parameters import ParameterError, Parameters
-
-    names = [field.name for field in fields(Parameters)]
     values: dict[str, int] = {}
     for text in settings:
         name, _, value = text.partition("=")
-        if name not in names:
-            raise typer.BadParameter(f"{name}: no such parameter; there are {', '.join(names)}")
+        if name not in DEFAULTS:
+            raise typer.BadParameter(f"{name}: no such parameter; there are {', '.join(DEFAULTS)}")
         try:
             values[name] = int(value)
         except ValueError:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal, TypeVar, get_args
 
 T = TypeVar("T")
@@ -14,13 +13,16 @@ CLASSES: tuple[Class, ...] = get_args(Class)
 
 TIMER_PLACES = frozenset(
     (
-        *("armed", "next_deadline", "advance", "_due", "_rearm", "_duration", "duration"),
-        *("t_giveup", "t_advertise", "t_hold", "t_life"),
+        *("armed", "next_deadline", "advance", "_first", "_rearm", "_duration", "durations"),
+        *("Parameters", "TIMERS", "rank", "longest_delay", "lease_lasts", "forgotten_at"),
     )
 )
-"""Functions that are about timers alone: whatever is wrong there is a fault of a timer."""
+"""Functions and tables about timers alone: whatever is wrong there is a fault of a timer."""
 UNTOUCHED = frozenset(
-    ("__post_init__", "as_dict", "compiled", "_guard", "refusal", "short", "from_dict", "to_dict")
+    (
+        *("__post_init__", "as_dict", "compiled", "_guard", "refusal", "short", "from_dict"),
+        *("to_dict", "known", "_given", "_derived", "in_header", "derived", "longest_session"),
+    )
 )
 """Not mutated: what checks a configuration or a table of the program, and texts of errors."""
 COSTS = frozenset(("fail_fast", "json_schema_input_type", "discriminator", "mode", "frozen"))
@@ -117,19 +119,6 @@ def edits(node: ast.AST, place: Place) -> Iterator[Edit]:
     """The faults at this node itself."""
     for class_, new in _faults(node, place):
         yield Edit(place.class_of(class_), node, new if isinstance(new, str) else _text(new))
-    if isinstance(node, ast.FunctionDef) and node.name == "armed":
-        yield from _order(node)
-
-
-def _order(node: ast.FunctionDef) -> Iterator[Edit]:
-    """The order of timers is that of the statements: each changes places with the next."""
-    body = [each for each in node.body if isinstance(each, ast.If | ast.Expr)][1:]
-    for one, other in pairwise(body):
-        if one.end_lineno is None or other.lineno != one.end_lineno + 1:
-            continue
-        both = ast.Pass(lineno=one.lineno, col_offset=one.col_offset)
-        both.end_lineno, both.end_col_offset = other.end_lineno, other.end_col_offset
-        yield Edit("timer", both, _indented(other) + "\n    " + _indented(one))
 
 
 def _indented(node: ast.stmt) -> str:
@@ -164,6 +153,11 @@ def _faults(node: ast.AST, place: Place) -> Iterator[tuple[Class, ast.AST | str]
                 ("memory" if place.calls[:1] and place.calls[0] in _STATES else "field"),
                 repr(not value),
             )
+        case ast.Subscript(value, ast.Constant(str(name))) if place.name in TIMER_PLACES:
+            for twin in _twins(name):
+                yield "timer", ast.Subscript(value, ast.Constant(twin))
+        case ast.Constant(int(rank)) if place.calls[:1] == ("TimerRow",):
+            yield "timer", repr(rank + 1.5)  # behind the next
         case ast.Constant(int(number)) if type(number) is int and place.name:
             yield "field", repr(number + 1)
         case ast.Constant(str(word)):
@@ -186,7 +180,7 @@ def _arithmetic(node: ast.BinOp, place: Place) -> Iterator[tuple[Class, ast.AST 
         yield "memory", node.left
         yield "memory", node.right
         return
-    if class_ == "table":
+    if class_ == "table" and place.name not in TIMER_PLACES:
         yield class_, node.right
         return
     yield class_, node.left
@@ -332,6 +326,8 @@ def inner(node: ast.AST, place: Place) -> Iterator[tuple[ast.AST, Place]]:
                 yield value, Place(place.name or named, place.form)
         case ast.Assign([ast.Name(name)], value) if not place.name:
             yield value, Place(name, place.form)
+        case ast.Call(ast.Name("_given")):
+            return  # a default: the kit says all parameters
         case ast.Call():
             calls = (called(node), *place.calls)
             for value in [*([] if called(node) else [node.func]), *node.args]:

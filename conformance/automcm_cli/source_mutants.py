@@ -15,6 +15,7 @@ from itertools import accumulate
 from pathlib import Path
 
 import automcm
+import automcm_spec
 from automcm_cli.source_edits import CLASSES, UNTOUCHED, Class, Edit, Place, edits, inner
 from automcm_spec.rules import RULES
 
@@ -28,7 +29,8 @@ TYPES = frozenset(
         *("Phase", "Role", "Way", "Input", "Plan", "Decode", "Message", "Reliable", "MESSAGE"),
         *("Version", "MessageType", "_MODELS", "Plain", "LIMIT", "Row", "Outcome", "Me"),
         *("Effects", "EntryKey", "Timer", "MACHINES", "NOBODY", "BROADCAST", "_GUARDS"),
-        *("_HEARD", "_EXPIRED"),
+        *("_HEARD", "_EXPIRED", "DEFAULTS", "DERIVED", "UNITS", "LIMITS", "IN_HEADER"),
+        *("TimerRow", "ADVERTISED_RANK", "Known", "Formula", "Unit"),
     )
 )
 """Names at the top of a module that are types or wiring of the program, no behaviour."""
@@ -73,11 +75,17 @@ class Generated:
     broken: int = 0
 
 
-def generate(folder: Path = FOLDER, modules: Sequence[str] = MODULES) -> Generated:
+def path_of(module: str) -> Path:
+    """The file of a module."""
+    folder = Path(automcm_spec.__file__).parent if module == "parameters" else FOLDER
+    return folder / f"{module}.py"
+
+
+def generate(modules: Sequence[str] = MODULES) -> Generated:
     """All mutants of these modules, in the order of their text.  Raises OSError, SyntaxError."""
     found = Generated([])
     for name in modules:
-        _mutants(folder, name, found)
+        _mutants(path_of(name), name, found)
     return found
 
 
@@ -108,8 +116,7 @@ def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _mutants(folder: Path, module: str, found: Generated) -> None:
-    path = folder / f"{module}.py"
+def _mutants(path: Path, module: str, found: Generated) -> None:
     source = path.read_text(encoding="utf-8")
     tree = ast.parse(source)
     same: set[tuple[int, str]] = {(node.lineno, ast.dump(node)) for node in tree.body}
@@ -135,7 +142,7 @@ def _mutants(folder: Path, module: str, found: Generated) -> None:
             Mutant(
                 f"{module}/{place}/{edit.class_}-{numbers[place, edit.class_]}",
                 edit.class_,
-                f"reference/automcm/{module}.py",
+                "/".join(path.parts[-3:]),
                 line,
                 _rule(source, statement, line),
                 *_shown(source[start:end], edit),

@@ -61,9 +61,9 @@ def logs(number: int, folder: Path) -> list[Path]:
 
 def _logs(folder: Path) -> Iterator[Path]:
     from automcm.links.simulated import Channel
-    from automcm.parameters import Parameters
     from automcm.simulation import Simulation
     from automcm.straight import Straight
+    from automcm_spec.parameters import Parameters
 
     seed = 0
     while True:

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from pydantic_core import from_json, to_json
 
 from automcm_conformance.answers import Problem, differences
-from automcm_conformance.clock import UNKNOWN, Running, forgotten_at, natural, rank
+from automcm_conformance.clock import UNKNOWN, Running
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.wire import (
@@ -30,7 +30,7 @@ from automcm_conformance.wire import (
     timer_key,
 )
 from automcm_spec.oracle import Answer, Oracle, canonical
-from automcm_traces.timers import lease_lasts
+from automcm_spec.parameters import derived, durations, forgotten_at, lease_lasts, rank
 
 Json = Any
 
@@ -161,7 +161,8 @@ class Exchange:
         self._waiting: list[Step] = []
         self._first: Running | None = None
         self._lease_ms = LONG_MS
-        self._natural = natural(parameters)
+        self._known = {**parameters, **derived(parameters)}
+        self._lasts = durations(self._known)
         self._reset: dict[str, Json] = {"cmd": "reset", "station": values.ids[ME], "seed": seed}
         self._reset["parameters"] = dict(parameters)
         self._queue(encode(self._reset, self.now))
@@ -325,13 +326,14 @@ class Exchange:
         name = timer[0]
         if name == "lease":
             role = self.oracle.states[self.state][1]
-            return lease_lasts(self.parameters.get("clock_drift"), role, self._lease_ms)
+            return lease_lasts(self.parameters.get("clock_drift", 0), role, self._lease_ms)
         if name in self.overrides:
             return self.overrides[name]
-        if name == "forget":  # ADV-8
+        if name == "forget":
             joined = self._joined_at.get(timer[1], self.now)
-            return forgotten_at(self._natural, joined, self.now) - self.now
-        return self._natural[name]
+            return forgotten_at(self._known, joined, self.now) - self.now
+        lasts = self._lasts[name]
+        return UNKNOWN if lasts is None else lasts
 
     def _settle(self, answer: Answer) -> None:
         """Arm and stop timers as the specification says."""

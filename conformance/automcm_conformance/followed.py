@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any, cast
 
 from automcm_conformance import words
-from automcm_conformance.clock import Running, forgotten_at, natural, rank
+from automcm_conformance.clock import Running
 from automcm_conformance.opened import Opened
 from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.records import COMPLETE, bare
 from automcm_conformance.results import Line
 from automcm_conformance.wire import encode, encode_line
 from automcm_spec.oracle import canonical
+from automcm_spec.parameters import derived, forgotten_at, in_header, rank
 from automcm_spec.rules import RULES
 from automcm_traces.engine import Engine
 from automcm_traces.log import RECORD, Event
@@ -71,14 +72,14 @@ class Followed:
         self._process = process
         self._lines = lines
         self._backoff = parameters["backoff_min"], parameters["backoff_max"]
-        self._natural = natural(parameters)
+        self._known = {**parameters, **derived(parameters)}
         self._log = LogWriter(
             path,
             run=run,
             station=station,
             implementation=hello.name,
             version=hello.version,
-            parameters=_told(parameters, self._natural),
+            parameters=in_header(self._known),
             complete=COMPLETE,
         )
         self._engine = Engine(read(path), late_ms=0)
@@ -232,7 +233,7 @@ class Followed:
         """When a timer expires whose duration is in no parameter: forget (ADV-8), back-off."""
         if timer["name"] == "forget":
             joined = self._joined_at[timer["station"]]
-            return forgotten_at(self._natural, joined, now)
+            return forgotten_at(self._known, joined, now)
         low, high = (now + ms for ms in self._backoff)
         others = min((each.deadline for each in self._timers.values()), default=high + 1)
         if low == high:
@@ -311,13 +312,6 @@ class Followed:
         step = self.last
         guard = RULES[rule] if rule else "" if step is None else step.guard
         return Diverges(self._at, what, rule or (step.rule if step else ""), wanted, guard)
-
-
-def _told(parameters: Mapping[str, int], lasts: Mapping[str, int]) -> dict[str, int]:
-    """The parameters of a log's header."""
-    follow = {f"t_{name}": lasts[name] for name in ("giveup", "advertise", "hold", "life")}
-    left_out = ("t_cam", "backoff_min", "backoff_max")
-    return {n: ms for n, ms in {**parameters, **follow}.items() if n not in left_out}
 
 
 def _quiet(command: dict[str, Json]) -> bool:

@@ -60,7 +60,7 @@ class Survey:
         The header goes first, then timers, then the defaults; what is ``fixed`` stays, and
         ``clock_drift`` needs the feature.  Raises CannotTell if a station cannot be given them.
         """
-        told = self.header.parameters.model_dump(exclude_none=True)
+        told = self.header.known
         found = {n: told.get(n, self.armed.get(n, ms)) for n, ms in DEFAULTS.items()}
         if self.backoffs:
             found["backoff_min"] = min(found["backoff_min"], *self.backoffs)

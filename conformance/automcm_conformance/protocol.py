@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
-from typing import Annotated, Any, Final, Literal, NoReturn, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NoReturn, TypeVar, get_args
 
 from pydantic import (
     AfterValidator,
@@ -19,8 +19,12 @@ from pydantic import (
     Field,
     TypeAdapter,
     ValidationError,
+    create_model,
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
+
+from automcm_spec import parameters
+from automcm_spec.parameters import TIMERS
 
 Json = Any
 PROTOCOL: Final = 1
@@ -39,32 +43,15 @@ Phase = Literal[
 MessageType = Literal[
     "Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack"
 ]
-Timer = Literal[
-    "advertise",
-    "resend",
-    "decide",
-    "hold",
-    "answer",
-    "cam",
-    "giveup",
-    "quarantine",
-    "forget",
-    "backoff",
-]
-"""Those of which ``durations`` can say how long they last."""
-ParameterName = Literal[
-    "t_timeout",
-    "t_resend",
-    "t_decide",
-    "t_cam_loss",
-    "t_cam",
-    "backoff_min",
-    "backoff_max",
-    "max_rounds",
-    "max_participants",
-    "outbox_limit",
-    "memory_limit",
-]
+DEFAULTS: Final = {n: ms for n, ms in parameters.DEFAULTS.items() if n != "clock_drift"}
+"""Of the parameters that ``reset`` always gives; ``clock_drift`` needs the feature."""
+if TYPE_CHECKING:
+    Timer = str
+    ParameterName = str
+else:
+    Timer = Literal[tuple(name for name in TIMERS if name != "lease")]
+    """Those of which ``durations`` can say how long they last."""
+    ParameterName = Literal[tuple(DEFAULTS)]
 
 INDICATIONS: Final[dict[str, tuple[str, ...]]] = {
     "choose": ("session", "stations"),
@@ -80,21 +67,6 @@ INDICATIONS: Final[dict[str, tuple[str, ...]]] = {
 }
 """The fields that are needed and compared, by name."""
 MESSAGE_TYPES: tuple[MessageType, ...] = get_args(MessageType)
-PARAMETERS: tuple[ParameterName, ...] = get_args(ParameterName)
-DEFAULTS: Final[dict[str, int]] = {
-    "t_timeout": 2000,
-    "t_resend": 100,
-    "t_decide": 500,
-    "t_cam_loss": 1500,
-    "t_cam": 100,
-    "backoff_min": 500,
-    "backoff_max": 2000,
-    "max_rounds": 3,
-    "max_participants": 32,
-    "outbox_limit": 64,
-    "memory_limit": 64,
-}
-"""Section 3 of protocol.md."""
 
 
 class ProtocolError(ValueError):
@@ -224,22 +196,22 @@ class Hello(_Line):
     protocol: Version
 
 
-class Parameters(_Line):
-    """``t_`` and ``backoff_`` in milliseconds, the others counts; only ``clock_drift`` may lack."""
-
-    t_timeout: Natural
-    t_resend: Natural
-    t_decide: Natural
-    t_cam_loss: Natural
-    t_cam: Natural
-    backoff_min: Natural
-    backoff_max: Natural
-    max_rounds: Natural
-    max_participants: Natural
-    outbox_limit: Natural
-    memory_limit: Natural
-    clock_drift: Annotated[int | None, Field(ge=1, le=99), BeforeValidator(_present)] = None
-    """Percent, with the feature of that name; absent: 0."""
+_Drift = Annotated[
+    int | None,
+    Field(ge=1, le=99, description="Percent, with the feature of that name; absent: 0."),
+    BeforeValidator(_present),
+]
+if TYPE_CHECKING:
+    Parameters = _Line
+else:
+    Parameters = create_model(
+        "Parameters",
+        __base__=_Line,
+        __doc__="``t_`` and ``backoff_`` in milliseconds, the others counts; only ``clock_drift``"
+        " may lack.",
+        **dict.fromkeys(DEFAULTS, (Natural, ...)),
+        clock_drift=(_Drift, None),
+    )
 
 
 class Reset(_Line):
@@ -458,7 +430,7 @@ def _explained(error: ErrorDetails, value: dict[str, Json], model: type[BaseMode
         return f"the field {_quoted(loc[0])} is missing{null}"
     place = _place(loc)
     if loc[-1] == "[key]":
-        return f"{_place(loc[:-2])}: unknown name {_quoted(found)}{_near(found, PARAMETERS)}"
+        return f"{_place(loc[:-2])}: unknown name {_quoted(found)}{_near(found, DEFAULTS)}"
     if kind.endswith("too_short"):
         return f"{place} is empty"
     if kind in _NEEDED:

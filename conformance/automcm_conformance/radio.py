@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from random import Random
 from typing import Any, Literal
 
-from automcm_conformance.clock import natural
 from automcm_conformance.protocol import MESSAGE_TYPES
 from automcm_spec.oracle import canonical
+from automcm_spec.parameters import derived, longest_delay
 
 Json = Any
 
@@ -44,7 +44,8 @@ class Radio:
         self._rules = rules
         self._random = Random(seed)
         self._resend = parameters["t_resend"]
-        self._life = natural(parameters)["life"]
+        self._life = derived(parameters)["t_life"]
+        self._delay = longest_delay(parameters)
         self._heard: set[tuple[int, str]] = set()
 
     def arrivals(self, m: dict[str, Json], src: int, dst: int, now: int) -> list[int]:
@@ -65,9 +66,7 @@ class Radio:
                 case "late":
                     delays += [self._life - self._resend // 10 for _ in delays]
                 case "jitter":
-                    delays = [
-                        self._random.randint(1, max(1, self._resend // 2 - 1)) for _ in delays
-                    ]
+                    delays = [self._random.randint(1, max(1, self._delay - 1)) for _ in delays]
         return [now + delay for delay in delays]
 
     def _about(self, rule: Rule, m: dict[str, Json], src: int, dst: int, now: int) -> bool:

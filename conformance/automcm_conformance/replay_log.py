@@ -33,6 +33,7 @@ from automcm_conformance.protocol import (
     read_hello,
 )
 from automcm_conformance.results import Line
+from automcm_spec.parameters import longest_delay
 from automcm_traces.explain import explain
 from automcm_traces.log import (
     ApplicationCommand,
@@ -168,7 +169,7 @@ class _Run:
         self._parameters, notes = found.parameters(fixed, hello.features)
         result.notes += notes
         self._names = Names(found.header.station, found.numbers)
-        late_ms = self._parameters["t_resend"] // 2
+        late_ms = longest_delay(self._parameters)
         self._compared = Compared(self._names, late_ms) if found.whole else None
         self._now = found.first_ms
         self._expired_ms = -1

@@ -14,10 +14,12 @@ from automcm_conformance.malformed import named_by_acks
 from automcm_conformance.protocol import DEFAULTS
 from automcm_conformance.wire import ME, STRANGER
 from automcm_conformance.wire import PLAIN as VALUES
+from automcm_spec.parameters import derived
 
 Json = Any
 Script = list[Json]
 USUAL = DEFAULTS | {"backoff_min": 750, "backoff_max": 750}
+GIVEUP_MS = derived(USUAL)["t_giveup"]
 Y, MINE, THEIRS = 2, [1, 1], [2, 1]
 
 
@@ -217,8 +219,8 @@ SAME_INSTANT: list[Script] = [
 
 TIES: list[tuple[Script, int]] = [
     ([*COMMITTED, ACCEPTANCE_ACKED, ["wait", 2000]], USUAL["t_cam_loss"]),
-    ([*PRESCRIBING, PRESCRIPTION_ACKED, ["wait", 3000]], USUAL["t_decide"] + 2100),
-    ([*PRESCRIBING, ["wait", 2500]], 2100),
+    ([*PRESCRIBING, PRESCRIPTION_ACKED, ["wait", 3000]], USUAL["t_decide"] + GIVEUP_MS),
+    ([*PRESCRIBING, ["wait", 2500]], GIVEUP_MS),
 ]
 """Two timers at the same instant, with the lease that makes it so: cam, answer and giveup beside
 lease.  They fire in the order of section 3."""

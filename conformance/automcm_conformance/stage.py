@@ -15,7 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from automcm_conformance.clock import natural
 from automcm_conformance.followed import Followed
 from automcm_conformance.opened import Opened
 from automcm_conformance.process import AdapterError
@@ -23,6 +22,7 @@ from automcm_conformance.protocol import DEFAULTS, HelloAnswer, ProtocolError
 from automcm_conformance.radio import Radio, Rule
 from automcm_conformance.results import Line, Verdict
 from automcm_conformance.wire import HOLD_MS
+from automcm_spec.parameters import derived, durations
 from automcm_spec.rules import handler, line
 from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell, Track
@@ -240,8 +240,9 @@ class Stage:
             )
             self._happened(station, "start")
         self._after(0, self._beat, counts=False)
-        lasts = natural(self._parameters)
-        end = START_MS + 3 * (LEASE_MS + lasts["hold"] + lasts["quarantine"] + lasts["cam"])
+        known = {**self._parameters, **derived(self._parameters)}
+        lasts = sum(durations(known)[name] or 0 for name in ("hold", "quarantine", "cam"))
+        end = START_MS + 3 * (LEASE_MS + lasts)
         while self._calm < CALM:
             due = [s.deadline for s in self._stations.values() if s.deadline is not None]
             self._now = max(self._now, min([self._queue[0][0], *due]))

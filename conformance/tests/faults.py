@@ -33,11 +33,11 @@ from automcm.clock import AsyncioClock
 from automcm.links.udp import BROADCAST_HOST, UdpLink
 from automcm.messages import Cam
 from automcm.outcome import Heard
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.state import State
 from automcm.station import Effects
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.parameters import Parameters
 from automcm_traces.explain import explain_file
 
 HERE = Path(__file__).parent

@@ -32,10 +32,10 @@ from automcm.codec import JSON
 from automcm.links.relay import Relay
 from automcm.links.simulated import Channel
 from automcm.links.udp import UdpLink
-from automcm.parameters import Parameters
 from automcm.process import NumberFile, StationProcess
 from automcm.straight import LANE_CHANGE, Straight
 from automcm_cli.station import carry_out
+from automcm_spec.parameters import Parameters
 from automcm_traces.explain import explain_file
 
 PARAMETERS = Parameters(t_timeout=1000, t_cam=500)

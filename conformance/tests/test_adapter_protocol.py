@@ -13,8 +13,8 @@ from pydantic import ValidationError
 from automcm_conformance import adapter_schema
 from automcm_conformance.protocol import (
     COMMAND,
+    DEFAULTS,
     INDICATIONS,
-    PARAMETERS,
     Phase,
     ProtocolError,
     Refused,
@@ -53,7 +53,7 @@ DRIFTING: dict[str, Any] = {
     "now": 1000,
     "station": 4711,
     "seed": 1,
-    "parameters": dict.fromkeys((*PARAMETERS, "clock_drift"), 9),
+    "parameters": dict.fromkeys((*DEFAULTS, "clock_drift"), 9),
 }
 COMMANDS: list[dict[str, Any]] = [
     {"cmd": "hello", "protocol": 1},
@@ -62,7 +62,7 @@ COMMANDS: list[dict[str, Any]] = [
         "now": 1000,
         "station": 4711,
         "seed": 1,
-        "parameters": dict.fromkeys(PARAMETERS, 9),
+        "parameters": dict.fromkeys(DEFAULTS, 9),
     },
     DRIFTING,
     {"cmd": "receive", "now": 1, "message": {}},

@@ -19,7 +19,7 @@ from automcm_cli.equivalence import Difference
 from automcm_cli.main import app
 from automcm_cli.mutated import NO_IMPORT
 from automcm_cli.source_edits import CLASSES
-from automcm_cli.source_mutants import FOLDER, SHARE, Generated, Mutant, generate, sample
+from automcm_cli.source_mutants import SHARE, Generated, Mutant, generate, path_of, sample
 
 TIGHT = (("tight", 0),)
 
@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def changed(module: str, old: str, new: str) -> Mutant:
     """A mutant made by hand."""
-    source = (FOLDER / f"{module}.py").read_text(encoding="utf-8")
+    source = path_of(module).read_text(encoding="utf-8")
     assert source.count(old) == 1, old
     mutated = source.replace(old, new)
     line = source[: source.index(old)].count("\n") + 1
@@ -77,8 +77,8 @@ SCRIPTS = {
     ),
     "timer": (
         "parameters",
-        "self.t_timeout // self.t_resend + 1",
-        "self.t_timeout // self.t_resend",
+        '(p["t_timeout"] // p["t_resend"] + 1)',
+        '(p["t_timeout"] // p["t_resend"])',
     ),
     "field": ("advertising", "seq=1,\n        scenario", "seq=2,\n        scenario"),
     "memory": ("advertising", "number=st.number + 1,\n", "\n"),

@@ -21,7 +21,6 @@ from typer.testing import CliRunner
 
 from automcm.clock import VirtualClock
 from automcm.links import Receiver
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.straight import Straight
 from automcm_cli import conform_live
@@ -31,6 +30,7 @@ from automcm_conformance.live_cases import CASES, Case, Judged, Session, Twin, t
 from automcm_conformance.protocol import DEFAULTS
 from automcm_spec.generate import ONE_PEER, spec_hash
 from automcm_spec.oracle import Oracle, load
+from automcm_spec.parameters import Parameters
 
 Json = Any
 run = CliRunner()

@@ -205,7 +205,10 @@ station_.Station.receive = receive
     ),
     "a receiver's lease that is shorter as well": (
         "AMCM/RCV/ACT/TI-04",
-        LASTS.format(name="lease", ms="self.parameters.lease('prescriber', self.state.lease_ms)"),
+        LASTS.format(
+            name="lease",
+            ms="station_.lease_lasts(self.parameters.clock_drift, 'prescriber', ms)",
+        ),
         "",
         "deadline",
     ),

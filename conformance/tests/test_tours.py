@@ -14,10 +14,11 @@ from suite_stage import graph
 from automcm_conformance import remainder
 from automcm_conformance.play import offered
 from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
-from automcm_conformance.wire import STEP_MS
+from automcm_conformance.wire import LONG, STEP_MS
 from automcm_spec import oracle as oracle_
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
 from automcm_spec.oracle import Oracle, canonical
+from automcm_spec.parameters import TIMERS
 
 # -- tours, without any station
 
@@ -41,6 +42,10 @@ def pairs(oracle: Oracle, tour: list[int]) -> list[tuple[int, int]]:
         out.append((state, i))
         state = answer.next
     return out
+
+
+def test_each_timer_has_a_duration_that_is_long() -> None:
+    assert LONG.keys() == TIMERS.keys()
 
 
 def test_tours_drive_each_pair_and_come_to_an_end(tight: Oracle) -> None:

@@ -11,11 +11,11 @@ from replay_stage import REFERENCE, Json, edited, inputs, records, replay, verdi
 from replay_stage import logs as logs
 from wrong_station import station
 
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_conformance.log_compare import Compared
 from automcm_conformance.log_names import Names
+from automcm_spec.parameters import Parameters
 
 # -- what a log may hold
 

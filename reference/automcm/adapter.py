@@ -33,10 +33,10 @@ from automcm.messages import (
     Trajectory,
 )
 from automcm.outcome import Expiry, Heard, Input, Me, Restart, Row, Rules
-from automcm.parameters import Parameters
 from automcm.rules import RULES
 from automcm.state import EntryKey, State, Timer, armed, key
 from automcm.station import Effects, Station
+from automcm_spec.parameters import Parameters
 
 Json = Any
 

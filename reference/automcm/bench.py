@@ -31,13 +31,13 @@ from automcm.messages import (
     encode,
 )
 from automcm.outcome import Expiry, Heard, Restart
-from automcm.parameters import Parameters
 from automcm.phases import PrescriberPhases
 from automcm.rules import decide
 from automcm.service import McService, Observer
 from automcm.simulation import Simulation
 from automcm.station import Effects, Station
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 
 LOSSES = (0.0, 0.2, 0.6)
 STATIONS = 1000

@@ -11,8 +11,8 @@ from pydantic_core import from_json, to_json
 
 from automcm.interface import COMMAND, Indication
 from automcm.messages import Cam, MessageError, Trajectory, decode, encode, to_dict
-from automcm.parameters import Parameters
 from automcm.station import Effects, Station
+from automcm_spec.parameters import TIMERS, Parameters
 
 Json = Any
 PROTOCOL = 1
@@ -25,9 +25,6 @@ HELLO = {
     "scenarios": ["lane_change", "merge", "speed_advice"],
     "fixed": {},
 }
-_TIMERS = frozenset(
-    ("advertise", "resend", "decide", "hold", "answer", "cam", "giveup", "quarantine", "forget")
-) | {"backoff"}
 _MORE = ("proposal", "reason", "rule", "detail")
 
 
@@ -66,7 +63,7 @@ class Kit:
 
     def _last(self, durations: dict[str, int]) -> None:
         for name, ms in durations.items():
-            if name not in _TIMERS or type(ms) is not int or ms < 1:
+            if name not in TIMERS or name == "lease" or type(ms) is not int or ms < 1:
                 raise ValueError(f"durations: {name}: {ms}")
         self._started.durations = {**self._started.durations, **durations}
 

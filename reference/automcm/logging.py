@@ -8,18 +8,11 @@ from typing import Any
 
 from automcm.messages import Cam, to_dict
 from automcm.outcome import Expiry, Heard, Restart
-from automcm.parameters import Parameters
 from automcm.state import Timer
 from automcm.station import Effects
 from automcm_traces.writer import LogWriter
 
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
-_NOT_IN_HEADER = frozenset({"t_cam", "backoff_min", "backoff_max"})
-
-
-def parameters(p: Parameters) -> dict[str, int]:
-    """The parameters of a log's header."""
-    return {name: value for name, value in p.as_dict().items() if name not in _NOT_IN_HEADER}
 
 
 def timer(t: Timer) -> dict[str, Any]:

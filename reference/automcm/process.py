@@ -26,11 +26,11 @@ from automcm.links.udp import UdpLink
 from automcm.messages import LIMIT, MessageError
 from automcm.outcome import Expiry, Heard
 from automcm.output import LineOutput, create
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.state import State
 from automcm.station import Effects
 from automcm_spec import files
+from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.writer import LogWriter
 
 Report = Callable[[dict[str, Any]], None]
@@ -198,7 +198,7 @@ class StationProcess:
             station=self.station_id,
             implementation="automcm",
             version="0.1.0",
-            parameters=logging.parameters(self.parameters),
+            parameters=in_header(self.parameters.known),
             complete=logging.COMPLETE,
         )
         output.drain(FINISH_S)

@@ -31,11 +31,11 @@ from automcm.messages import (
     to_dict,
 )
 from automcm.outcome import Heard, Rules
-from automcm.parameters import Parameters
 from automcm.rules import RULES
 from automcm.state import State
 from automcm.station import Effects, Station
 from automcm.statistics import Statistics
+from automcm_spec.parameters import Parameters, longest_delay
 from automcm_traces.writer import LogWriter
 
 NEIGHBOURS = 256
@@ -267,7 +267,7 @@ class McService:
         late = now - max(due, self._awake)  # of one absence the first alarm tells
         self._awake = now
         self.statistics.latest_ms = max(self.statistics.latest_ms, late)
-        if late > self.parameters.t_resend // 2:
+        if late > longest_delay(self.parameters.known):
             self._late_ms = max(self._late_ms, late)
 
     def _on_time(self) -> None:

@@ -12,9 +12,9 @@ from automcm.clock import VirtualClock
 from automcm.codec import JSON, Codec
 from automcm.interface import Command
 from automcm.links.simulated import Channel, Radio
-from automcm.parameters import Parameters
 from automcm.service import McService, Observer
 from automcm.straight import LANE_CHANGE
+from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.writer import LogWriter
 
 
@@ -61,7 +61,7 @@ class Simulation:
                     station=station_id,
                     implementation="automcm",
                     version="0.1.0",
-                    parameters=logging.parameters(parameters),
+                    parameters=in_header(parameters.known),
                     complete=logging.COMPLETE,
                 )
             )

@@ -96,7 +96,7 @@ class State(NamedTuple):
 
 
 def armed(me: int, st: State) -> list[Timer]:
-    """The timers that run, in the order in which they fire when due together (section 3)."""
+    """The timers that run; those of one rank in the order of their messages, the oldest first."""
     timers: list[Timer] = []
     match st.phase:
         case "ADVERTISING":

@@ -15,9 +15,9 @@ from typing import NamedTuple
 from automcm.interface import Command, Indication
 from automcm.messages import Advertisement, Cam, Message, MessageError, Trajectory, decode
 from automcm.outcome import Expiry, Heard, Input, Me, Outcome, Restart, Rules
-from automcm.parameters import Parameters
 from automcm.rules import RULES, decide
 from automcm.state import State, Timer, armed
+from automcm_spec.parameters import Parameters, durations, forgotten_at, lease_lasts, rank
 
 Plan = Callable[[Advertisement], Trajectory | None]
 """The application's predicate "concerned" (ADV-3): what it would drive, or None."""
@@ -74,6 +74,8 @@ class Station:
         self.durations: Mapping[str, int] = {}
         """How long timers of a name last, in ms, instead of what the parameters say.  It counts
         from the next arming on; for the conformance kit."""
+        self._known = p.known
+        self._lasts = durations(self._known)
         self._plan = plan
         self._rules = rules
         self._decode = decode
@@ -97,7 +99,7 @@ class Station:
         self._now = now
         effects: list[Effects] = []
         while self.timers and min(self.timers.values()) <= now:
-            effects.append(self._step(Expiry(self._due(now)), now))
+            effects.append(self._step(Expiry(self._first()), now))
         return effects
 
     def receive(self, message: Message | Cam | bytes, now: int) -> list[Effects]:
@@ -131,11 +133,14 @@ class Station:
             plan = self._plan(message)
         return Heard(message, plan)
 
-    def _due(self, now: int) -> Timer:
-        """Of the timers due, the one to fire next: by deadline, then in the order of section 3."""
-        due = [timer for timer, deadline in self.timers.items() if deadline <= now]
-        order = {timer: n for n, timer in enumerate(armed(self.station_id, self.state))}
-        return min(due, key=lambda timer: (self.timers[timer], order[timer]))
+    def _first(self) -> Timer:
+        """The timer that fires next: by deadline, then by rank, then that of the older message."""
+
+        def turn(timer: Timer) -> tuple[int, int]:
+            advertises = timer.entry is not None and timer.entry.type == "Advertisement"
+            return self.timers[timer], rank(timer.name, advertises)
+
+        return min(armed(self.station_id, self.state), key=turn)
 
     def _step(self, i: Input, now: int) -> Effects:
         before = self.state
@@ -176,16 +181,17 @@ class Station:
     def _duration(self, timer: Timer, now: int) -> int:
         p = self.parameters
         if timer.name == "lease":
-            return p.lease(self.state.role, self.state.lease_ms)
+            return lease_lasts(p.clock_drift, self.state.role, self.state.lease_ms)
         if timer.name in self.durations:
             return self.durations[timer.name]
-        match timer.name:
-            case "backoff":
-                return self._random.randint(p.backoff_min, p.backoff_max)
-            case "forget":  # ADV-8: t_advertise + t_life after joining, t_life after leaving
-                joined = self._joined_at.get(timer.station, now)
-                return max(joined + p.t_advertise, now) + p.t_life - now
-        return p.duration(timer)
+        if timer.name == "backoff":
+            return self._random.randint(p.backoff_min, p.backoff_max)
+        if timer.name == "forget":
+            joined = self._joined_at.get(timer.station, now)
+            return forgotten_at(self._known, joined, now) - now
+        lasts = self._lasts[timer.name]
+        assert lasts is not None, f"no formula: {timer.name}"
+        return lasts
 
     def _completed(self, told: Indication, rule: str, now: int) -> Indication:
         """With the rule, and for NEG-6 the time left of the lease."""

@@ -20,8 +20,8 @@ from automcm.messages import (
     Session,
     Trajectory,
 )
-from automcm.parameters import Parameters
 from automcm.station import Effects, Station
+from automcm_spec.parameters import Parameters
 
 ME, TARGET, OTHER, PRESCRIBER = 1, 2, 3, 9
 PLANNED = Trajectory(t0=0, points=((0, 0, 0), (1000, 8333, 0)))

@@ -17,9 +17,9 @@ from automcm.clock import AsyncioClock
 from automcm.links.bridge import WebSocketBridge
 from automcm.links.simulated import Channel, Radio
 from automcm.messages import Session
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.parameters import Parameters
 
 BRIDGED, OTHER = 1001, 2002
 QUICK = Parameters(t_timeout=300, t_resend=100, t_decide=1000, t_cam_loss=1100, t_cam=50)

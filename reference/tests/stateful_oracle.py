@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-import automcm.logging
 from automcm.adapter import abstract, abstract_input, answer, is_copy
 from automcm.messages import Cam, Prescription
 from automcm.outcome import Expiry, Heard, Restart, Row
-from automcm.parameters import Parameters
 from automcm.phases import WAYS
 from automcm.rules import RULES
 from automcm.state import State, Timer
@@ -20,9 +18,8 @@ from automcm_spec import station as specification
 from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
 from automcm_spec.conditions import recording
 from automcm_spec.forms import input_of, to_json
+from automcm_spec.parameters import Parameters, durations
 from automcm_spec.rules import RULES as EVERY_RULE
-from automcm_traces import log
-from automcm_traces.timers import durations
 
 IDS = (1001, 22, 303, 4_000_004, 5, 606, 70_007, 88, 2**32 - 1, 909, 10, 12_012)
 STRANGER = 404
@@ -170,8 +167,7 @@ class Lockstep:
         self._specified = recording(specification.Station(*limits), coverage.conditions.meet)
         self._station, self._me = station, station.station_id
         self._state = self._specified.initial
-        told = log.Parameters.model_validate(automcm.logging.parameters(p))
-        self._durations = durations(told)
+        self._durations = durations(p.known)
         self._deadlines: dict[Timer, int] = {}
         self._lease_ms = 0
 

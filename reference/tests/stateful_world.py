@@ -28,6 +28,7 @@ from automcm.phases import WAYS
 from automcm.rules import RULES, kind
 from automcm.state import State, Timer, key
 from automcm.station import Effects, Station
+from automcm_spec.parameters import longest_session
 
 # -- the world
 
@@ -65,7 +66,7 @@ class World:
         self.checks = checks
         self.now = 0
         self.delay = (p.t_resend - 1) // 2
-        self.sendings = 1 + p.t_timeout // p.t_resend
+        self.sendings = p.t_giveup // p.t_resend
         self.flight: list[Copy] = []
         self.past: list[Copy] = []
         """Copies that arrived and are young enough to arrive once more."""
@@ -407,14 +408,9 @@ class World:
 
     def _longest(self, s: int) -> int:
         """T-1 (docs/verification.md)."""
-        p, x = self.p, self.state(s)
+        x = self.state(s)
         assert x.session is not None
-        lease = self.leases.get(x.session, 0)
-        if x.role == "prescriber":
-            a_round = min(lease, 2 * p.t_giveup + p.t_decide) + p.t_decide
-            return p.t_advertise + p.t_decide + (p.max_rounds - 1) * a_round + lease
-        rounds = p.max_rounds * (p.t_hold + p.t_decide)
-        return p.t_giveup + rounds + max(lease, p.t_hold)
+        return longest_session(self.p.known, x.role, self.leases.get(x.session, 0))
 
 
 def trajectory(k: int) -> Trajectory:

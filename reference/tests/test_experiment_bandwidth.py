@@ -29,8 +29,8 @@ from automcm.experiments.bandwidth_summary import CHANNEL_BIT_S, HEADERS, drive
 from automcm.experiments.experiment import Cell, ExperimentError, Values
 from automcm.experiments.sweep import run_cell
 from automcm.messages import Ack, Advertisement, Cam, Cancel, MessageId, Prescription, Trajectory
-from automcm.parameters import Parameters
 from automcm.scenarios.drive import FourVehicles
+from automcm_spec.parameters import Parameters
 
 EXPERIMENT = bandwidth.EXPERIMENT
 ABOUT = {"experiment": "bandwidth", "profile": "quick", "seed": 1, "version": "0", "code": "0"}

@@ -39,9 +39,9 @@ from automcm.experiments.comfort_measures import (
     tracks,
 )
 from automcm.experiments.experiment import Cell, Claim
-from automcm.parameters import Parameters
 from automcm.scenarios.drive import FourVehicles
 from automcm.scenarios.lane_change import Plan
+from automcm_spec.parameters import Parameters
 
 Json = Any
 SETTING = Setting(four=FourVehicles(until_s=30.0))

@@ -14,8 +14,8 @@ from automcm.experiments.experiment import ExperimentError
 from automcm.experiments.loss_udp import over_udp
 from automcm.links import relay, udp
 from automcm.links.udp import bind
-from automcm.parameters import Parameters
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 
 
 class Sockets:

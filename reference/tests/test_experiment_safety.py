@@ -20,11 +20,11 @@ from automcm.experiments.report import assemble
 from automcm.experiments.sweep import canonical, run_cell
 from automcm.links.simulated import Channel
 from automcm.messages import Fin, Session
-from automcm.parameters import Parameters
 from automcm.road import Late, Sample, Vehicle
 from automcm.service import McService
 from automcm.state import State
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 from automcm_spec.rules import RULES as RULE_IDS
 from automcm_traces.explain import together
 

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 
 from automcm.interface import Request
 from automcm.messages import MessageError, Trajectory, decode, encode
-from automcm.parameters import Parameters
 from automcm.station import Station
+from automcm_spec.parameters import Parameters
 
 PLANNED = Trajectory(t0=0, points=((0, 0, 0),))
 

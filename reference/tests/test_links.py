@@ -21,10 +21,10 @@ from automcm.links.relay import Relay
 from automcm.links.simulated import Channel, Radio
 from automcm.links.udp import UdpLink, address, bind
 from automcm.messages import BROADCAST, Cam, encode
-from automcm.parameters import Parameters
 from automcm.process import stopping
 from automcm.service import McService
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.parameters import Parameters
 
 # -- simulated
 

@@ -12,7 +12,6 @@ import pytest
 from automcm import messages
 from automcm.application import Advertised, Proposal
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.road import LANE_WIDTH, Sample, Vehicle
 from automcm.scenarios.drive import Drive, FourVehicles, arrival_s
 from automcm.scenarios.lane_change import LaneChange, Plan, gained_at, read
@@ -21,6 +20,7 @@ from automcm.scenarios.speed_advice import SpeedAdvice
 from automcm.trajectory.core import TrajectoryError, from_message
 from automcm.trajectory.prescribe import prescribe
 from automcm.trajectory.verify import Limits
+from automcm_spec.parameters import Parameters
 from automcm_traces.explain import explain_files
 
 

@@ -13,10 +13,10 @@ from automcm.clock import VirtualClock
 from automcm.interface import Abort, Refuse
 from automcm.links.simulated import Channel, Radio
 from automcm.messages import BROADCAST, Intention, encode
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.parameters import Parameters
 
 
 def test_act_1_the_receiver_drives_what_it_accepted_from_hold_ms_after_accepting() -> None:

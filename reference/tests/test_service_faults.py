@@ -17,10 +17,10 @@ from automcm.codec import JSON, MAX_BYTES
 from automcm.interface import Abort, Request
 from automcm.links.simulated import Channel
 from automcm.messages import Advertisement, Fin, Session, Trajectory, encode
-from automcm.parameters import Parameters
 from automcm.service import NEIGHBOURS, McService
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.explain import explain_file
 from automcm_traces.reader import read
 from automcm_traces.writer import LogWriter
@@ -324,7 +324,7 @@ def test_a_message_that_cannot_be_encoded_is_as_if_lost_and_its_step_is_logged(
         station=1,
         implementation="i",
         version="1",
-        parameters=logging.parameters(Parameters()),
+        parameters=in_header(Parameters().known),
         complete=logging.COMPLETE,
     )
     service, wire, clock = alone(codec=Scarce(), log=log)

@@ -11,12 +11,12 @@ import pytest
 from automcm.application import Application
 from automcm.interface import Indication
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.state import State
 from automcm.station import Effects
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 
 PRESCRIBER, TARGET = 1001, 2002
 STATIONS = (1001, 2002, 3003, 4004)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from math import inf
 
 from automcm_traces.merge import Merged
-from automcm_traces.timers import longest_delay
 
 Bounds = list[list[float]]
 
@@ -58,7 +57,7 @@ class Clocks:
             seen[i][j] = min(seen[i][j], first)
             if match.sure:
                 longest[i][j] = max(longest[i][j], first)
-        self.delay_ms = [longest_delay(log.header.parameters) for log in merged.logs]
+        self.delay_ms = [log.header.longest_delay for log in merged.logs]
         """By place: how long a copy of a station is assumed to be under way at most."""
         self.notices: list[str] = []
         self._longest = longest

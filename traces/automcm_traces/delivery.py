@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from automcm_spec.parameters import Parameters
 from automcm_traces.clocks import Clocks
 from automcm_traces.log import Receive, Send
 from automcm_traces.merge import Merged, Node, receptions, sends
@@ -21,8 +22,6 @@ from automcm_traces.same import same
 Json = Any
 Outcome = Literal["delivered", "duplicated", "lost", "in_flight", "unobserved"]
 OUTCOMES: tuple[Outcome, ...] = ("delivered", "duplicated", "lost", "in_flight", "unobserved")
-T_LIFE_MS = 4200
-"""t_life of the default parameters, where no header tells it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,14 +109,14 @@ class Deliveries:
         log = self._merged.logs[place]
         if "receive" not in log.header.complete or (log.end is not None and log.end.lost_records):
             return Delivery(node, to, "unobserved")
-        life = log.header.parameters.t_life
+        life = log.header.known.get("t_life", Parameters().t_life)
         first, last = (log.events[k][1].t_ms if log.events else 0 for k in (0, -1))
         t_ms = self._merged.event(node).t_ms
         began = self._clocks.between(node[0], t_ms, place, first)
         if began is not None and began.low > 0:
             return Delivery(node, to, "unobserved")  # the log begins later
         gone = self._clocks.between(node[0], t_ms, place, last)
-        over = gone is not None and gone.low > (T_LIFE_MS if life is None else life)
+        over = gone is not None and gone.low > life
         return Delivery(node, to, "lost" if over else "in_flight")
 
     def _unmatched(self, node: Node) -> None:

@@ -10,7 +10,8 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
 
-from automcm_traces.log import Event, Parameters, Send, TimerArm, TimerEnd
+from automcm_spec.parameters import DEFAULTS, longest_session
+from automcm_traces.log import Event, Send, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.timeline import Moment, Session, Spell, Timeline
 from automcm_traces.world import World
@@ -23,16 +24,17 @@ Finding = tuple[bool | None, str]
 def durations(world: World) -> Iterator[Finding]:
     """T-1: each session that begins in a log lasts at most its bound."""
     for station, line in world.timelines.items():
-        p = world.log(station).header.parameters
+        p = {"max_rounds": DEFAULTS["max_rounds"]} | world.log(station).header.known
         longest: dict[Session, int] = {}
         for (session, _), lease in world.leases(station).items():
             longest[session] = max(lease, longest.get(session, 0))
         for spell in line.sessions():
             end = line.last[2] if spell.end is None else spell.end.t_ms
             lasted = end - spell.start.t_ms
-            bound = _bound(p, spell, longest.get(spell.session or (0, 0), 0))
-            where = line.where(spell.start)
-            if bound is None:
+            lease, where = longest.get(spell.session or (0, 0), 0), line.where(spell.start)
+            try:
+                bound = longest_session(p, spell.start.role, lease)
+            except KeyError:
                 yield None, f"{where}: the header does not tell all durations"
                 continue
             first = bisect_right(line.moments, spell.start.at, key=lambda m: m.at)
@@ -45,25 +47,13 @@ def durations(world: World) -> Iterator[Finding]:
             yield lasted <= bound + late, text + (f", and timers {late} ms late" if late else "")
 
 
-def _bound(p: Parameters, spell: Spell, lease: int) -> int | None:
-    """T-1's bound, in ms; None if the header leaves out a parameter that it needs."""
-    g, decide, advertise, hold = p.t_giveup, p.t_decide, p.t_advertise, p.t_hold
-    rounds = 3 if p.max_rounds is None else p.max_rounds
-    if g is None or decide is None or advertise is None or hold is None:
-        return None
-    if spell.start.role == "prescriber":
-        one = min(lease, 2 * g + decide)
-        return advertise + decide + (rounds - 1) * (one + decide) + lease
-    return g + rounds * (hold + decide) + max(lease, hold)
-
-
 def sendings(log: Log) -> Iterator[Finding]:
     """T-3: a reliable message is sent at most N times by its timer."""
-    p = log.header.parameters
-    if p.t_giveup is None or not p.t_resend:
+    giveup, resend = map(log.header.known.get, ("t_giveup", "t_resend"))
+    if giveup is None or not resend:
         yield None, f"{log.file}: the header does not tell t_giveup and t_resend"
         return
-    most, timed = p.t_giveup // p.t_resend, False
+    most, timed = giveup // resend, False
     count: Counter[str] = Counter()
     for line, e in log.events:
         if not isinstance(e, Send):
@@ -177,10 +167,11 @@ def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Fi
 
 def _unequal(world: World, station: int, prescriber: int) -> str:
     """Why a session may be forgotten too early: the two count with other durations."""
-    own, other = (world.log(s).header.parameters for s in (station, prescriber))
-    if own.t_advertise == other.t_advertise and own.t_life == other.t_life:
+    heads = (world.log(s).header.known for s in (station, prescriber))
+    own, other = ((p.get("t_advertise"), p.get("t_life")) for p in heads)
+    if own == other:
         return ""
     return (
-        f" for t_advertise = {other.t_advertise} ms, and station {station} forgets after"
-        f" {own.t_advertise} + {own.t_life} ms: the timers assume equal parameters"
+        f" for t_advertise = {other[0]} ms, and station {station} forgets after"
+        f" {own[0]} + {own[1]} ms: the timers assume equal parameters"
     )

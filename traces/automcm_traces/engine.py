@@ -11,6 +11,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple, Self
 
+from automcm_spec.parameters import DEFAULTS, LIMITS, TIMERS, durations, lease_lasts
 from automcm_spec.rules import RULES
 from automcm_spec.station import Input, Outcome, State, Station
 from automcm_traces.form import malformed, well_formed
@@ -28,10 +29,6 @@ from automcm_traces.log import (
 from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges, Late, Step, Supposition
 from automcm_traces.timers import (
-    TIMER_RULES,
-    durations,
-    lease_lasts,
-    longest_delay,
     match,
     named,
     short,
@@ -40,7 +37,6 @@ from automcm_traces.timers import (
 )
 from automcm_traces.track import (
     NOTHING_TOLD,
-    ROUNDS,
     CannotTell,
     Limits,
     Track,
@@ -102,14 +98,13 @@ class Engine:
 
     def __init__(self, log: Log | Header, late_ms: int | None = None) -> None:
         header = log.header if isinstance(log, Log) else log
-        p = header.parameters
+        p = header.known
         self._durations = durations(p)
-        self._clock_drift = p.clock_drift
+        self._clock_drift = p.get("clock_drift", 0)
         self.promised = frozenset(header.complete)
-        self._late_ms = longest_delay(p) if late_ms is None else late_ms
-        told = (p.max_participants, p.outbox_limit, p.memory_limit)
-        limits = Limits(*(n or default for n, default in zip(told, Limits(), strict=True)))
-        self.track = Track(header.station, p.max_rounds or ROUNDS, limits)
+        self._late_ms = header.longest_delay if late_ms is None else late_ms
+        rounds, *limits = (p.get(name, DEFAULTS[name]) for name in LIMITS)
+        self.track = Track(header.station, rounds, Limits(*limits))
         self._specification = specification(self.track.max_rounds, *limits)
         self.timers: dict[str, Deadline] = {}
         self.since_ms = 0
@@ -299,12 +294,12 @@ class Engine:
         seen = ("expire", timer)
         if deadline is None:
             wanted = [f"one of the armed: {', '.join(sorted(self.timers)) or 'none'}"]
-            rule = TIMER_RULES.get(timer["name"], "")
+            rule = TIMERS[timer["name"]].rule
             raise Diverges(at, f"{what}: not armed", rule, wanted, "", None, seen)
         if event.t_ms < deadline.first:
             early = f"{what}: {deadline.first - event.t_ms} ms too early"
             wanted = [f"{what} at {deadline.first} ms"]
-            rule = TIMER_RULES[timer["name"]]
+            rule = TIMERS[timer["name"]].rule
             raise Diverges(at, early, rule, wanted, _by(rule), None, seen)
         about = timer.get("message", {"type": "Advertisement"})
         if about["type"] != "Advertisement" and self.track.entry_by_seq(about) is None:
@@ -489,7 +484,7 @@ class Engine:
         if late:
             due_ms, name = min(late)
             wanted = [f"expire {name} at {due_ms} ms"]
-            rule = TIMER_RULES[name.split("(")[0]]
+            rule = TIMERS[name.split("(")[0]].rule
             raise Late(at, f"{name} was due at {due_ms} ms", rule, wanted, _by(rule))
 
 

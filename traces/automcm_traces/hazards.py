@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from automcm_spec.parameters import DEFAULTS
 from automcm_traces.clocks import Span
 from automcm_traces.log import Receive
 from automcm_traces.timeline import Session, Spell, Timeline, session_of
-from automcm_traces.timers import longest_delay
 from automcm_traces.world import World
 
 Json = Any
@@ -320,7 +320,7 @@ def _prescribed(world: World, acts: Spell, target: int) -> int:
 def _prolonged_by(world: World, acts: Spell, target: int, until_ms: int) -> str:
     """The forged CAM without which the prescriber would have lost the CAMs before it left; empty
     if there is none, or the header does not tell t_cam_loss."""
-    loss = world.log(acts.station).header.parameters.t_cam_loss
+    loss = world.log(acts.station).header.known.get("t_cam_loss")
     heard_ms, forged = acts.start.t_ms, ""
     for at, t_ms in [*_cams(world, acts, target), (-1, until_ms)]:
         if 0 <= at <= acts.start.at:
@@ -353,7 +353,7 @@ def _outcome(
     if length is None:
         return "cannot_tell", "the clocks of the two stations cannot be compared"
     limit = bound.ms
-    delay = longest_delay(world.log(acts.station).header.parameters)
+    delay = world.log(acts.station).header.longest_delay
     slow = world.slowest(target, acts.station)
     if length.low > limit:
         if forged:
@@ -371,11 +371,11 @@ def _outcome(
 def bound_of(world: World, acts: Spell) -> Bound | None:
     """B = D + t_cam_loss, or the lease if that is shorter; and how late the timer was that
     ended the prescriber's part.  None if the header does not tell t_cam_loss."""
-    p = world.log(acts.station).header.parameters
-    if p.t_cam_loss is None:
+    header = world.log(acts.station).header
+    d, loss = header.longest_delay, header.known.get("t_cam_loss")
+    if loss is None:
         return None
-    d = longest_delay(p)
-    ms, text = d + p.t_cam_loss, f"D + t_cam_loss = {d} + {p.t_cam_loss}"
+    ms, text = d + loss, f"D + t_cam_loss = {d} + {loss}"
     assert acts.session is not None, "a station that acts is bound"
     lease = world.leases(acts.station).get((acts.session, acts.start.proposal))
     if lease is not None and lease < ms:
@@ -390,7 +390,7 @@ def _between(world: World, acts: Spell, target: int, gone: _Gone) -> list[str]:
     """What the radio did to the messages that could have shortened the hazard."""
     found = []
     if gone.cause == "expire cam":
-        ms = world.log(target).header.parameters.t_cam_loss or 1500
+        ms = world.log(target).header.known.get("t_cam_loss") or DEFAULTS["t_cam_loss"]
         ahead = world.elapsed(target, gone.t_ms - ms, acts.station, 0)
         if ahead is not None:
             first, to = (world.place_at(acts.station, t - ahead.best) for t in (0, ms))

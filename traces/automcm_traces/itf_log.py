@@ -13,6 +13,7 @@ from typing import Any
 
 from automcm_spec import models, simulate
 from automcm_spec.oracle import STATE_FIELDS, canonical
+from automcm_spec.parameters import derived
 from automcm_spec.paths import MODELS
 from automcm_spec.rules import handler, line
 from automcm_traces import itf, story
@@ -66,15 +67,13 @@ class Behaviour:
         if self.timed:
             resend, sendings = self.constant("ResendTime"), self.constant("Sendings")
             lease = self.constant("Lease") * TICK_MS
-            parameters |= {
-                "t_resend": resend * TICK_MS,
-                "t_giveup": sendings * resend * TICK_MS,
-                "t_decide": self.constant("Deciding") * TICK_MS,
-                "t_cam_loss": self.constant("CamLoss") * TICK_MS,
-            }
+            ticks = {"t_resend": resend, "t_timeout": (sendings - 1) * resend}
+            ticks |= {"t_decide": self.constant("Deciding"), "t_cam_loss": self.constant("CamLoss")}
+            ticks |= derived(ticks)
+            names = ["t_resend", "t_giveup", "t_decide", "t_cam_loss"]
             if "AdvertiseTime <-" not in self.cfg:
-                hold = 3 * sendings * resend + self.constant("Deciding")
-                parameters |= {"t_advertise": parameters["t_giveup"], "t_hold": hold * TICK_MS}
+                names += ["t_advertise", "t_hold"]
+            parameters |= {name: ticks[name] * TICK_MS for name in names}
         stations = sorted(self.moves[0].before)
         return story.logs(self.model, told, stations, parameters, lease)
 

@@ -14,7 +14,7 @@ The order of lines, ``seq`` and ``t_ms`` across lines are the reader's business,
 import base64
 import binascii
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -27,10 +27,13 @@ from pydantic import (
     StrictStr,
     TypeAdapter,
     ValidationError,
+    create_model,
     model_validator,
 )
 from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator
 from typing_extensions import TypeAliasType
+
+from automcm_spec.parameters import DEFAULTS, IN_HEADER, UNITS, longest_delay
 
 SCHEMA: Final = "automcm.trace/1"
 
@@ -148,23 +151,17 @@ class Spec(Part):
     hash: Name
 
 
-class Parameters(Part):
-    """Parameters of the station, those it tells: ``t_`` in milliseconds, ``clock_drift`` in percent
-    (0 if it is not told), the others counts."""
-
-    t_timeout: Natural | None = None
-    t_resend: Natural | None = None
-    t_giveup: Natural | None = None
-    t_advertise: Natural | None = None
-    t_decide: Natural | None = None
-    t_hold: Natural | None = None
-    t_life: Natural | None = None
-    t_cam_loss: Natural | None = None
-    clock_drift: Percent | None = None
-    max_rounds: Positive | None = None
-    max_participants: Positive | None = None
-    outbox_limit: Positive | None = None
-    memory_limit: Positive | None = None
+if TYPE_CHECKING:
+    Parameters = Part
+else:
+    _OF_UNIT = {"ms": Natural, "percent": Percent, "count": Positive}
+    Parameters = create_model(
+        "Parameters",
+        __base__=Part,
+        __doc__="Parameters of the station, those it tells: ``t_`` in milliseconds, ``clock_drift``"
+        " in percent\n(0 if it is not told), the others counts.",
+        **{name: (_OF_UNIT[UNITS[name]] | None, None) for name in IN_HEADER},
+    )
 
 
 class Header(Part):
@@ -185,6 +182,17 @@ class Header(Part):
         AfterValidator(_sorted_kinds),
     ]
     """Kinds of event of which the log holds all, sorted: only there does missing mean "no"."""
+
+    @property
+    def known(self) -> dict[str, int]:
+        """The parameters that it tells."""
+        return self.parameters.model_dump(exclude_none=True)
+
+    @property
+    def longest_delay(self) -> int:
+        """D, ms, with the default where the header does not tell t_resend.  A timer may be as
+        late, unless told otherwise."""
+        return longest_delay({"t_resend": self.known.get("t_resend") or DEFAULTS["t_resend"]})
 
     @property
     def unobserved(self) -> list[str]:

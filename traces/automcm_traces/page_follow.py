@@ -6,13 +6,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+from automcm_spec.parameters import durations, lease_lasts
 from automcm_spec.rules import handler, line
 from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
-from automcm_traces.log import Event, Parameters, Restart, TimerArm, TimerEnd
+from automcm_traces.log import Event, Restart, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.step import Diverges, Step
-from automcm_traces.timers import lease_lasts, timer_key
+from automcm_traces.timers import timer_key
 from automcm_traces.track import CannotTell, Track
 
 Json = Any
@@ -117,7 +118,7 @@ def _states(log: Log, events: Iterable[tuple[int, Event]], found: Followed) -> d
         found.rules.append(step.rule)
         found.places.append((handler(step.input), line(step.rule, step.input)))
         found.states.append(changed)
-        drift = log.header.parameters.clock_drift
+        drift = log.header.known.get("clock_drift", 0)
         leases[step.at] = lease_lasts(drift, track.role, track.lease_ms) if track.lease_ms else 0
         last = now
 
@@ -150,28 +151,13 @@ def _decided(found: Followed, step: Step) -> None:
     found.places.append((handler(step.input), line(step.rule, step.input)))
 
 
-def spec_ms(p: Parameters, name: str) -> int:
-    """How long a timer runs by section 3 of docs/protocol.md; -1 if the header does not tell."""
-    parts = {
-        "advertise": (p.t_advertise,),
-        "resend": (p.t_resend,),
-        "giveup": (p.t_giveup,),
-        "decide": (p.t_decide,),
-        "hold": (p.t_hold,),
-        "answer": (p.t_decide, p.t_giveup),
-        "cam": (p.t_cam_loss,),
-        "quarantine": (p.t_advertise, p.t_life),
-    }.get(name, (None,))
-    told = [part for part in parts if part is not None]
-    return sum(told) if len(told) == len(parts) else -1
-
-
 def _bars(log: Log, found: Followed, leases: dict[int, int]) -> None:
     """Every timer armed, with its end: expiry, stop, armed anew, a restart, or none."""
     open_: dict[str, Bar] = {}
     done: list[Bar] = found.bars
     lines = iter([*found.steps, None])
     step, due = None, next(lines)
+    lasts = durations(log.header.known)
 
     def close(key: str, at: int, how: int) -> None:
         bar = open_.pop(key, None)
@@ -185,10 +171,11 @@ def _bars(log: Log, found: Followed, leases: dict[int, int]) -> None:
             case TimerArm(timer=timer):
                 key = timer_key(timer.model_dump(exclude_none=True))
                 close(key, n, REARMED)
-                wanted = spec_ms(log.header.parameters, timer.name)
+                wanted = lasts[timer.name]
                 if timer.name == "lease":
-                    wanted = leases.get(step or 0) or -1
-                open_[key] = Bar(n, -1, OPEN, event.deadline - event.t_ms, wanted)
+                    wanted = leases.get(step or 0) or None
+                spec_ms = -1 if wanted is None else wanted
+                open_[key] = Bar(n, -1, OPEN, event.deadline - event.t_ms, spec_ms)
             case TimerEnd(timer=timer, op=op):
                 key = timer_key(timer.model_dump(exclude_none=True))
                 close(key, n, EXPIRED if op == "expire" else STOPPED)

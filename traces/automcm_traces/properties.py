@@ -188,7 +188,7 @@ def _unequal(world: World) -> Iterator[str]:
     """Parameters that are not the same at all stations, which every bound takes them to be."""
     headers = [log.header for log in world.merged.logs]
     for name in ("t_advertise", "t_giveup", "t_life", "t_cam_loss", "t_resend", "max_rounds"):
-        values = {h.station: getattr(h.parameters, name) for h in headers}
+        values = {h.station: h.known.get(name) for h in headers}
         if len(set(values.values()) - {None}) > 1:
             told = ", ".join(f"{value} at {station}" for station, value in values.items())
             yield f"{name} differs ({told}); the bounds assume equal parameters"

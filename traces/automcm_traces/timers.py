@@ -6,66 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from automcm_spec.station import Entry, Timer
-from automcm_traces.log import Parameters
 from automcm_traces.step import Step
 from automcm_traces.track import Expected, Track
 
 Json = Any
-TIMER_RULES = {
-    "advertise": "PRE-1",
-    "answer": "NEG-8",
-    "backoff": "END-7",
-    "cam": "ACT-2",
-    "decide": "PRE-5",
-    "forget": "ADV-8",
-    "giveup": "REL-1",
-    "hold": "ADV-7",
-    "lease": "ACT-4",
-    "quarantine": "END-8",
-    "resend": "REL-1",
-}
-"""The rule that a timer which is too early or too late breaks."""
-
-
-def durations(p: Parameters) -> dict[str, int | None]:
-    """How long timers last, ms (protocol.md, section 3); None if the header does not tell."""
-    return {
-        "advertise": p.t_advertise,
-        "resend": p.t_resend,
-        "giveup": p.t_giveup,
-        "decide": p.t_decide,
-        "hold": p.t_hold,
-        "answer": _sum(p.t_decide, p.t_giveup),
-        "cam": p.t_cam_loss,
-        "quarantine": _quarantine(p),
-    }
-
-
-def lease_lasts(clock_drift: int | None, role: str, lease_ms: int) -> int:
-    """How long the lease timer lasts, ms (ACT-4): the prescriber's is shorter by what its clock may
-    lose meanwhile, ``clock_drift`` percent (none if it is not told), and 1 ms for rounding."""
-    if role != "prescriber" or not clock_drift:
-        return lease_ms
-    return max(1, lease_ms - -(-lease_ms * clock_drift // 100) - 1)
-
-
-def longest_delay(p: Parameters) -> int:
-    """D, how long a copy may be under way, ms: half of t_resend (protocol.md, section 3).  A timer
-    may be as late, unless told otherwise.
-    """
-    return (p.t_resend or 100) // 2
-
-
-def _quarantine(p: Parameters) -> int | None:
-    """Longer than an Advertisement is heard, and than a prescriber acts on the word of a receiver
-    that has gone (END-8, ACT-6)."""
-    heard = _sum(p.t_advertise, p.t_life)
-    acted_on = None if p.t_resend is None else _sum(p.t_cam_loss, p.t_resend // 2)
-    return None if heard is None or acted_on is None else max(heard, acted_on)
-
-
-def _sum(a: int | None, b: int | None) -> int | None:
-    return None if a is None or b is None else a + b
 
 
 def timer_name(timer: Mapping[str, Json]) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec import scratch, tlc
+from automcm_spec.parameters import LIMITS, TIMERS
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES
 from automcm_traces.explain import Verdict, forged
@@ -28,8 +29,8 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log, LogError, LogStream, name_of
-from automcm_traces.timers import TIMER_RULES, timer_name
-from automcm_traces.tlc_module import DEFAULTS, TooLarge, Translation, limits, module
+from automcm_traces.timers import timer_name
+from automcm_traces.tlc_module import TooLarge, Translation, limits, module
 
 Json = Any
 NEEDED = ("receive", "send")
@@ -166,7 +167,7 @@ def _run(constants: Sequence[int], translations: Sequence[Translation]) -> list[
         text = module("Batch", [t.text for t in translations])
         (folder / "Batch.tla").write_text(text, encoding="utf-8")
         cfg = folder / "Batch.cfg"
-        values = dict(zip(DEFAULTS, constants, strict=True))
+        values = dict(zip(LIMITS, constants, strict=True))
         lines = [f"{_CONSTANTS[name]} = {value}" for name, value in values.items()]
         cfg.write_text(
             "\n".join(["CONSTANTS", *lines, "Logs <- TheLogs", "INIT Init", "NEXT Next"])
@@ -197,9 +198,9 @@ def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
     event = next(event for at, event in log.events if at == line)
     expected = tuple(_expected(translation, rule, wanted))
     if rule == "overdue":
-        rule = min(TIMER_RULES[timer[0]] for timer in wanted[0])
+        rule = min(TIMERS[timer[0]].rule for timer in wanted[0])
     if rule == "not armed" and isinstance(event, TimerEnd):
-        rule = TIMER_RULES[event.timer.name]
+        rule = TIMERS[event.timer.name].rule
     guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
     return Verdict("diverges", log.file, line, words(event), rule, expected, guard, **about)
 

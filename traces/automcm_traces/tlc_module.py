@@ -11,6 +11,7 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from automcm_spec.parameters import DEFAULTS, LIMITS, durations, lease_lasts
 from automcm_traces.form import REASONS, TYPES, problems
 from automcm_traces.log import (
     ApplicationCommand,
@@ -24,24 +25,17 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log
-from automcm_traces.timers import durations, lease_lasts, longest_delay
 from automcm_traces.track import PHASES, ROLES
 
 Json = Any
 LARGEST = 10**9
 """Of a time, duration, seq or proposal; two of them must add up to less than 2^31."""
 UNTOLD = -1
-DEFAULTS = {"max_rounds": 3, "max_participants": 32, "outbox_limit": 64, "memory_limit": 64}
-"""Of the limits that rules look at, where the header does not tell them (section 3)."""
 CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
 """Fields that the application gives and the station carries."""
 TOLD = (
     *("choose", "no_participants", "verify", "undecided", "accepted", "propose", "fallback"),
     *("finished", "refused", "discarded"),
-)
-TIMERS = (
-    *("advertise", "resend", "giveup", "decide", "hold", "answer", "cam", "quarantine"),
-    *("forget", "backoff"),
 )
 NAMED = (*TYPES, "none")
 REASON = (*REASONS["Acceptance"], *REASONS["Cancel"], "none", "")
@@ -53,8 +47,8 @@ class TooLarge(Exception):
 
 def limits(log: Log) -> tuple[int, ...]:
     """max_rounds, max_participants, outbox_limit and memory_limit: the constants of Station.tla."""
-    told = log.header.parameters.model_dump(exclude_none=True)
-    return tuple(min(told.get(name, default), LARGEST) for name, default in DEFAULTS.items())
+    known = log.header.known
+    return tuple(min(known.get(name, DEFAULTS[name]), LARGEST) for name in LIMITS)
 
 
 def module(name: str, logs: Sequence[str]) -> str:
@@ -104,10 +98,8 @@ class Translation:
 
     def _write(self, late_ms: int | None) -> str:
         header = self._log.header
-        p = header.parameters
-        late = longest_delay(p) if late_ms is None else late_ms
-        lasts = durations(p)
-        told = (f"{n} |-> {_clamped(lasts.get(n))}" for n in TIMERS)
+        late = header.longest_delay if late_ms is None else late_ms
+        told = (f"{n} |-> {_clamped(ms)}" for n, ms in durations(header.known).items())
         events = ",\n".join(self._event(n) for n in range(len(self._log.events)))
         says = ",".join(str(self._says(event)) for _, event in self._log.events)
         complete = ", ".join(f'"{kind}"' for kind in header.complete)
@@ -220,7 +212,7 @@ class Translation:
     def _own_lease(self, given: dict[str, Json]) -> int:
         """The same with one of its own."""
         told: Json = given.get("lease_ms")
-        drift = self._log.header.parameters.clock_drift
+        drift = self._log.header.known.get("clock_drift", 0)
         return _clamped(lease_lasts(drift, "prescriber", int(told)) if _is_int(told) else told)
 
     def _timer(self, timer: Timer) -> int:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from automcm_spec import station as spec
+from automcm_spec.parameters import DEFAULTS
 from automcm_spec.station import State, Station
 from automcm_traces.same import same
 
@@ -28,7 +29,7 @@ FIELDS = {
 COMMON = {"v", "type", "src", "dst", "session", "seq"}
 NUMBERED = ("Prescription", "Acceptance")
 OPTIONAL = {"dst", "planned", "reason", "selected"}
-ROUNDS = 3
+ROUNDS = DEFAULTS["max_rounds"]
 UNBOUND = (0, 0)
 """The session of a station that has none."""
 
@@ -59,11 +60,11 @@ class Entry:
 
 
 class Limits(NamedTuple):
-    """What bounds the memory of a station (MEM-1); section 3 has the defaults."""
+    """What bounds the memory of a station (MEM-1)."""
 
-    participants: int = 32
-    outbox: int = 64
-    memory: int = 64
+    participants: int = DEFAULTS["max_participants"]
+    outbox: int = DEFAULTS["outbox_limit"]
+    memory: int = DEFAULTS["memory_limit"]
 
 
 DEFAULT_LIMITS = Limits()

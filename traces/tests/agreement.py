@@ -19,11 +19,11 @@ from typing import Any
 
 from automcm.interface import Abort
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_spec import simulate
 from automcm_spec.oracle import canonical
+from automcm_spec.parameters import DEFAULTS, Parameters, durations, longest_delay
 from automcm_traces import story
 from automcm_traces.story_effects import ask
 from automcm_traces.story_steps import Move, happenings
@@ -277,15 +277,7 @@ def _alone(records: list[Json], line: int) -> bool:
 def timely(records: list[Json]) -> bool:
     """Whether each timer expires when due, is not overtaken, and lasts as the header tells."""
     p = records[0]["parameters"]
-    late = p.get("t_resend", 100) // 2
-    told = {
-        "advertise": p.get("t_advertise"),
-        "resend": p.get("t_resend"),
-        "giveup": p.get("t_giveup"),
-        "decide": p.get("t_decide"),
-        "hold": p.get("t_hold"),
-        "cam": p.get("t_cam_loss"),
-    }
+    late, told = longest_delay(DEFAULTS | p), durations(p)
     due: dict[str, int] = {}
     for record in records[1:]:
         key = json.dumps(record.get("timer"))
@@ -293,7 +285,7 @@ def timely(records: list[Json]) -> bool:
             due.clear()
         elif record.get("op") == "arm":
             due[key] = record["deadline"]
-            lasts = told.get(record["timer"]["name"])
+            lasts = told[record["timer"]["name"]]
             if lasts is not None and record["deadline"] != record["t_ms"] + lasts:
                 return False
         elif record.get("op") == "stop":

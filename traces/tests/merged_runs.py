@@ -10,9 +10,9 @@ from typing import Any
 
 from automcm.links.simulated import Channel, Radio
 from automcm.messages import BROADCAST, decode
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 from automcm_traces.reader import Log, read
 
 Drop = Callable[[int, int, Any, int], bool]

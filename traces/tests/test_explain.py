@@ -14,11 +14,11 @@ from automcm.clock import VirtualClock
 from automcm.interface import Abort, Prescribe
 from automcm.links.simulated import Channel, Radio
 from automcm.messages import Cam, encode
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.station import Station
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.explain import exit_code, explain, explain_file, explain_files
 from automcm_traces.lint import report
 from automcm_traces.reader import read
@@ -343,7 +343,7 @@ def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Pat
         station=1,
         implementation="automcm",
         version="0",
-        parameters=logging.parameters(station.parameters),
+        parameters=in_header(station.parameters.known),
         complete=logging.COMPLETE,
     ) as log:
         for effects in (station.command(LANE_CHANGE, clock.now()), station.restart(5000)):

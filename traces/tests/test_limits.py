@@ -9,9 +9,9 @@ import pytest
 
 from automcm.interface import Abort
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 from automcm_traces.explain import Verdict, explain_file
 
 FULL = (

@@ -80,7 +80,7 @@ def test_reads_a_whole_log(tmp_path: Path) -> None:
     log = read(write(tmp_path, HEADER, *events, {**END, "seq": 6}))
     assert log.header.station == 7
     assert log.header.complete == ("receive", "send")
-    assert log.header.parameters.t_resend == 100
+    assert log.header.known["t_resend"] == 100
     assert [line for line, _ in log.events] == [2, 3, 4, 5, 6, 7]
     assert [event.ev for _, event in log.events] == [event["ev"] for event in events]
     assert (log.ended, log.truncated, log.warnings) == (True, False, [])

@@ -16,9 +16,9 @@ import pytest
 from merged_runs import killed, records, rewritten
 
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 from automcm_traces import page_run
 from automcm_traces.engine import Engine
 from automcm_traces.explain import explain_file, explain_files, together
@@ -35,7 +35,7 @@ from automcm_traces.page_arrows import (
     UNSENT,
 )
 from automcm_traces.page_data import IS_CAM, OF_CAM, as_dict, load
-from automcm_traces.page_follow import EXPIRED, RESTARTED, Followed, follow, spec_ms
+from automcm_traces.page_follow import EXPIRED, RESTARTED, Followed, follow
 from automcm_traces.page_pack import Shapes, compact
 from automcm_traces.page_run import MOST_EVENTS, MOST_LOGS, PageError, Part
 from automcm_traces.reader import LogError, read
@@ -235,13 +235,22 @@ def test_a_restart_ends_all_timers_but_the_quarantine(tmp_path: Path) -> None:
     assert [bar.how for bar in follow(log).bars] == [RESTARTED]
 
 
-def test_what_the_header_does_not_tell_has_no_deadline() -> None:
-    parameters = read(FOUR[0]).header.parameters
-    assert spec_ms(parameters, "forget") == -1
-    assert spec_ms(parameters.model_copy(update={"t_giveup": None}), "answer") == -1
-    p = parameters
-    assert p.t_decide is not None and p.t_giveup is not None
-    assert spec_ms(p, "answer") == p.t_decide + p.t_giveup
+def test_what_the_header_does_not_tell_has_no_deadline(tmp_path: Path) -> None:
+    lines = records(FOUR[0])
+    del lines[0]["parameters"]["t_giveup"]
+    log = rewritten(tmp_path / "a.ndjson", lines)
+    named = {log.events[bar.armed][1].timer.name: bar.spec_ms for bar in follow(log).bars}  # type: ignore[union-attr]
+    assert named["giveup"] == -1 and named["advertise"] > 0
+
+
+def test_act_6_a_quarantine_lasts_as_long_as_a_prescriber_may_act(tmp_path: Path) -> None:
+    """With few sendings that is longer than an Advertisement is heard, 300 ms."""
+    simulation = Simulation(seed=1, logs=tmp_path)
+    simulation.add(1001, Straight(), Parameters(t_timeout=0))
+    simulation.restart(1001, at=100)
+    simulation.run(until=5000)
+    bars = follow(read(next(tmp_path.iterdir()))).bars
+    assert [(bar.logged_ms, bar.spec_ms) for bar in bars] == [(1550, 1550)]
 
 
 BAD = [e for e in json.loads((CORPUS / "index.json").read_text()) if e["file"].startswith("bad/")]

@@ -12,9 +12,9 @@ import pytest
 from agreement import of_the_reference
 
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 from automcm_traces.explain import Verdict, explain_file
 from automcm_traces.log import RECORD
 from automcm_traces.possible import _covers, _merge, _Supposing

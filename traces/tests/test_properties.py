@@ -14,9 +14,9 @@ from merged_runs import Run, records, rewritten
 
 from automcm.interface import Abort
 from automcm.messages import Acceptance, Ack, Message, MessageId, Prescription, encode
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 from automcm_traces import durations
 from automcm_traces.properties import NAMES, SystemReport, agreement, commitment, judge
 from automcm_traces.reader import Log, read

@@ -16,9 +16,9 @@ import pytest
 
 from automcm.interface import Abort
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 from automcm_traces.explain import Verdict, explain
 from automcm_traces.reader import Log, read
 from automcm_traces.tlc_engine import explain_batch, explain_each, explain_files

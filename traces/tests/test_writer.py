@@ -56,7 +56,7 @@ def test_the_reader_reads_what_was_written(tmp_path: Path) -> None:
     read_back = read(path)
     assert numbers == list(range(1, 9)) == [event.seq for _, event in read_back.events]
     assert read_back.warnings == []
-    assert read_back.header.parameters.max_rounds == 3
+    assert read_back.header.known["max_rounds"] == 3
     sent = read_back.events[2][1]
     assert isinstance(sent, Send)
     assert sent.message == {**ADVERTISEMENT, "session": [7, 1]}

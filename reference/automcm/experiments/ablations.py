@@ -17,10 +17,10 @@ from automcm.adapter import without
 from automcm.advertising import answer_closed
 from automcm.messages import Ack, Advertisement, Intention, MessageId, Reliable, Session, Trajectory
 from automcm.outcome import Heard, Me, Outcome, Row, Rules, ack, ignore, leave, leave_with, tell
-from automcm.parameters import Parameters
 from automcm.rules import RULES
 from automcm.service import McService
 from automcm.state import State, Timer
+from automcm_spec.parameters import Parameters
 
 Then = Callable[[Me, State, Any], Outcome]
 When = Callable[[Me, State, Any], bool]

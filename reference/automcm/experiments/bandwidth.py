@@ -18,7 +18,7 @@ from automcm.experiments.bandwidth_page import figures, page
 from automcm.experiments.bandwidth_summary import MARKED, SPARSE_CAM_MS, summary
 from automcm.experiments.experiment import Experiment, Settings, Values
 from automcm.messages import Cam
-from automcm.parameters import Parameters
+from automcm_spec.parameters import Parameters
 
 LOSSLESS = 2
 """Drives without loss; they differ by delays alone."""

@@ -16,10 +16,10 @@ from automcm.experiments.bandwidth_air import (
 from automcm.experiments.experiment import Cell, Values, chosen
 from automcm.experiments.intervals import mean, wilson
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.road import ROAD_M
 from automcm.scenarios.lane_change import Plan
 from automcm.trajectory.thin import EVERY
+from automcm_spec.parameters import Parameters
 
 CARRYING = ("Advertisement", "Intention", "Prescription", "Acceptance")
 """The messages with a trajectory."""

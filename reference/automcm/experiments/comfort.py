@@ -43,9 +43,9 @@ from automcm.experiments.comfort_measures import (
 )
 from automcm.experiments.experiment import Experiment, Settings, Values
 from automcm.experiments.intervals import mean
-from automcm.parameters import Parameters
 from automcm.road import STEP_S, Driving
 from automcm.scenarios.drive import FourVehicles
+from automcm_spec.parameters import Parameters
 
 COUNTS = ("moved", "touched", "hard")
 DRAWN_STEPS = 5

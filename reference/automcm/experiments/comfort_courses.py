@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 from automcm.application import Choice, Drive, Proposal
 from automcm.interface import Abort, Command, Prescribe
-from automcm.parameters import Parameters
 from automcm.road import STEP_S, Vehicle
 from automcm.scenarios import drive as driving
 from automcm.scenarios.drive import STEP_MS, FourVehicles
@@ -22,6 +21,7 @@ from automcm.simulation import Simulation
 from automcm.trajectory.core import to_message
 from automcm.trajectory.prescribe import prescribe
 from automcm.trajectory.thin import thin
+from automcm_spec.parameters import Parameters
 
 PRESCRIBER, A, B, C = 1, 2, 3, 4
 NEVER_MS = 10**9

@@ -17,11 +17,11 @@ from automcm.interface import Abort, Complete
 from automcm.links.simulated import Channel
 from automcm.messages import Session
 from automcm.outcome import Expiry, Restart
-from automcm.parameters import Parameters
 from automcm.service import McService, Observer
 from automcm.simulation import Simulation
 from automcm.state import State
 from automcm.station import Effects
+from automcm_spec.parameters import Parameters
 
 EXCUSES = ("abort", "cam_loss", "restart", "crash")
 """What the target may have done (S-5)."""

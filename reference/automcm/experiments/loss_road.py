@@ -6,10 +6,10 @@ from random import Random
 
 from automcm.experiments.experiment import ExperimentError, Values
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.road import Late, Vehicle
 from automcm.scenarios.drive import Drive, arrival_s
 from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm_spec.parameters import Parameters
 
 SPEED_KMH = 30.0
 """The paper's."""

@@ -8,11 +8,11 @@ from random import Random
 
 from automcm.experiments.experiment import Values
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.simulation import Simulation
 from automcm.state import State
 from automcm.station import Effects
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 
 STEP_MS = 100
 BIN_MS = 100

@@ -10,8 +10,8 @@ from itertools import pairwise
 from automcm.experiments.experiment import Cell, Claim, Values, Verdict, chosen
 from automcm.experiments.intervals import mean, wilson
 from automcm.experiments.loss_sessions import BIN_MS
-from automcm.parameters import Parameters
 from automcm.trajectory import success
+from automcm_spec.parameters import Parameters
 
 T_TIMEOUTS = (0, 1000, 2000)
 """The paper's, ms."""

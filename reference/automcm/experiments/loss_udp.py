@@ -18,11 +18,11 @@ from automcm.links import LinkError
 from automcm.links.relay import Relay
 from automcm.links.simulated import Channel
 from automcm.links.udp import UdpLink
-from automcm.parameters import Parameters
 from automcm.service import McService
 from automcm.state import State
 from automcm.station import Effects
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.parameters import Parameters
 
 THINK_MS = 5
 MANEUVER_MS = 100

@@ -21,8 +21,8 @@ from automcm.experiments.faults import KINDS, Fault, Roles, drawn, inject
 from automcm.experiments.hazards import Hazard, Watched, bound_ms, by_excuse
 from automcm.experiments.safety_tables import summary
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.straight import Straight
+from automcm_spec.parameters import Parameters
 
 ROLES = Roles(prescriber=1001, target=2002, second=3003)
 REQUEST_MS = 500

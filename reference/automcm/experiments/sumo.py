@@ -16,12 +16,12 @@ from typing import Any, Literal
 import numpy as np
 
 from automcm.experiments.experiment import ExperimentError
-from automcm.parameters import Parameters
 from automcm.road import STEP_S, Driving
 from automcm.scenarios.lane_change import Plan, gained_at
 from automcm.trajectory.core import Trajectory
 from automcm.trajectory.prescribe import prescribe
 from automcm_spec import scratch
+from automcm_spec.parameters import Parameters
 
 How = Literal["cooperative", "forced", "prescribed"]
 HOWS: dict[How, str] = {

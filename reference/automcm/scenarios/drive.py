@@ -11,12 +11,12 @@ from typing import Protocol
 from automcm.application import Application
 from automcm.codec import JSON, Codec
 from automcm.links.simulated import Channel
-from automcm.parameters import Parameters
 from automcm.road import STEP_S, Driving, Late, Road, Sample, Vehicle
 from automcm.scenarios.lane_change import LaneChange, Plan
 from automcm.simulation import Simulation
 from automcm.state import State
 from automcm.station import Effects
+from automcm_spec.parameters import Parameters
 
 STEP_MS = round(STEP_S * 1000)
 NAMES = {1: "prescriber", 2: "A", 3: "B", 4: "C"}

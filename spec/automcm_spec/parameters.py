@@ -1,0 +1,194 @@
+"""The parameters of a station, the times that follow from them, and the order in which timers fire
+(docs/protocol.md, section 3).
+
+The formulas are the same in milliseconds and in the ticks of TimedSystem.tla.  They serve a
+station, which knows all parameters, the kit, which gives them to one, and a log, whose header may
+leave some out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Final, Literal
+
+Unit = Literal["ms", "percent", "count"]
+Known = Mapping[str, int]
+"""Parameters and derived times by name, as far as they are known."""
+Formula = Callable[[Known], int]
+
+
+class ParameterError(ValueError):
+    """A parameter that cannot work; the text names it."""
+
+
+def _given(default: int, unit: Unit, meaning: str, least: int = 0, most: int = 2**53 - 1) -> int:
+    about = {"unit": unit, "meaning": meaning, "least": least, "most": most}
+    row: int = field(default=default, metadata=about)
+    return row
+
+
+def _derived(formula: Formula) -> int:
+    row: int = field(init=False, metadata={"unit": "ms", "formula": formula})
+    return row
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Parameters:
+    """What a station is configured with, and the times derived from it.  Defaults: Table I of the
+    paper where it has them.
+
+    Raises ParameterError for what is no integer or out of its bounds, an ``outbox_limit`` that
+    leaves no room (MEM-1), and a ``backoff_max`` below ``backoff_min``.
+    """
+
+    t_timeout: int = _given(2000, "ms", "from the first to the last sending of a message, at most")
+    t_resend: int = _given(100, "ms", "from one sending of a message to the next", least=1)
+    t_giveup: int = _derived(lambda p: (p["t_timeout"] // p["t_resend"] + 1) * p["t_resend"])
+    t_advertise: int = _derived(lambda p: p["t_giveup"])
+    t_decide: int = _given(500, "ms", "an application has to choose or to verify")
+    t_hold: int = _derived(lambda p: p["t_advertise"] + p["t_decide"] + 2 * p["t_giveup"])
+    t_life: int = _derived(lambda p: 2 * p["t_giveup"])
+    t_cam_loss: int = _given(
+        1500, "ms", "without a CAM of the peer; longer than the longest legal CAM interval", 1001
+    )
+    t_cam: int = _given(100, "ms", "the CAM interval", least=1, most=1000)
+    backoff_min: int = _given(500, "ms", "the shortest back-off")
+    backoff_max: int = _given(2000, "ms", "the longest back-off")
+    clock_drift: int = _given(1, "percent", "by which two clocks may differ; 0: not at all", 0, 99)
+    max_rounds: int = _given(3, "count", "proposals in a session", least=1)
+    max_participants: int = _given(32, "count", "stations recorded and withdrawn", least=1)
+    outbox_limit: int = _given(64, "count", "messages being sent")
+    memory_limit: int = _given(64, "count", "prescribers remembered", least=1)
+
+    def __post_init__(self) -> None:
+        known: dict[str, int] = {}
+        for row in fields(self):
+            about = row.metadata
+            if not row.init:
+                object.__setattr__(self, row.name, about["formula"](known))
+            known[row.name] = value = getattr(self, row.name)
+            if type(value) is not int:
+                raise ParameterError(f"{row.name}: an integer is needed, not {value!r}")
+            if row.init and not about["least"] <= value <= about["most"]:
+                bound = f"at most {about['most']}" if value > about["most"] else ""
+                bound = bound or f"at least {about['least']}"
+                text = f"{row.name}: must be {bound}, not {value} ({about['unit']}"
+                raise ParameterError(f"{text}: {about['meaning']})")
+        if self.outbox_limit <= max(self.max_participants, self.max_rounds):
+            raise ParameterError(
+                "outbox_limit: must exceed max_participants and max_rounds (MEM-1)"
+            )
+        if self.backoff_max < self.backoff_min:
+            raise ParameterError("backoff_max: below backoff_min")
+
+    @property
+    def known(self) -> dict[str, int]:
+        """All of them by name, the derived ones too."""
+        return {name: getattr(self, name) for name in UNITS}
+
+
+DEFAULTS: Final[dict[str, int]] = {
+    row.name: row.default for row in fields(Parameters) if isinstance(row.default, int)
+}
+DERIVED: Final[dict[str, Formula]] = {
+    row.name: row.metadata["formula"] for row in fields(Parameters) if not row.init
+}
+UNITS: Final[dict[str, Unit]] = {row.name: row.metadata["unit"] for row in fields(Parameters)}
+LIMITS: Final = tuple(name for name, unit in UNITS.items() if unit == "count")
+"""Those that the rules look at: the constants of Station.tla, in its order."""
+IN_HEADER: Final = tuple(n for n in UNITS if n not in ("t_cam", "backoff_min", "backoff_max"))
+"""Those that the header of a log may hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimerRow:
+    """One kind of timer."""
+
+    rank: int
+    """Of timers due together the one of the lower rank fires first, of one rank the older."""
+    rule: str
+    """The rule that is broken if it expires too early or too late."""
+    lasts: Formula | None = None
+    """None: a lease, a back-off, or what counts from joining; see below."""
+
+
+TIMERS: Final = {
+    "advertise": TimerRow(1, "PRE-1", lambda p: p["t_advertise"]),
+    "decide": TimerRow(3, "PRE-5", lambda p: p["t_decide"]),
+    "hold": TimerRow(4, "ADV-7", lambda p: p["t_hold"]),
+    "answer": TimerRow(5, "NEG-8", lambda p: p["t_decide"] + p["t_giveup"]),
+    "cam": TimerRow(6, "ACT-2", lambda p: p["t_cam_loss"]),
+    "lease": TimerRow(7, "ACT-4"),
+    "giveup": TimerRow(8, "REL-1", lambda p: p["t_giveup"]),
+    "resend": TimerRow(9, "REL-1", lambda p: p["t_resend"]),
+    "quarantine": TimerRow(
+        10,
+        "END-8",
+        lambda p: max(p["t_advertise"] + p["t_life"], p["t_cam_loss"] + longest_delay(p)),
+    ),
+    "forget": TimerRow(11, "ADV-8"),
+    "backoff": TimerRow(12, "END-7"),
+}
+ADVERTISED_RANK = 2
+"""Of the resend timer of an Advertisement."""
+
+
+def rank(name: str, advertises: bool) -> int:
+    """The rank of a timer; ``advertises``: it is of an Advertisement."""
+    return ADVERTISED_RANK if advertises else TIMERS[name].rank
+
+
+def longest_delay(p: Known) -> int:
+    """D, how long a copy is under way at most."""
+    return p["t_resend"] // 2
+
+
+def in_header(p: Known) -> dict[str, int]:
+    """Of these parameters those that the header of a log may hold."""
+    return {name: value for name, value in p.items() if name in IN_HEADER}
+
+
+def derived(p: Known) -> dict[str, int]:
+    """The derived times of parameters that are all known."""
+    known = dict(p)
+    for name, formula in DERIVED.items():
+        known[name] = formula(known)
+    return {name: known[name] for name in DERIVED}
+
+
+def durations(p: Known) -> dict[str, int | None]:
+    """How long timers last, by name; None if that is not known, or has no formula."""
+    return {name: _lasts(row, p) for name, row in TIMERS.items()}
+
+
+def _lasts(row: TimerRow, p: Known) -> int | None:
+    try:
+        return None if row.lasts is None else row.lasts(p)
+    except KeyError:
+        return None
+
+
+def lease_lasts(clock_drift: int, role: str, lease_ms: int) -> int:
+    """How long the lease timer lasts, ms, with the lease of a Prescription (ACT-4).
+
+    The prescriber's is shorter by what its clock may lose meanwhile, and 1 ms for rounding.
+    """
+    if role != "prescriber" or clock_drift == 0:
+        return lease_ms
+    lost = -(-lease_ms * clock_drift // 100)
+    return max(1, lease_ms - lost - 1)
+
+
+def forgotten_at(p: Known, joined: int, now: int) -> int:
+    """When forget(p) expires if the session that was joined then is left now (ADV-8)."""
+    return max(joined + p["t_advertise"] + p["t_life"], now + p["t_life"])
+
+
+def longest_session(p: Known, role: str, lease: int) -> int:
+    """How long a session lasts at most (T-1), if the longest of its leases is this."""
+    decide, rounds = p["t_decide"], p["max_rounds"]
+    if role == "prescriber":
+        one = min(lease, 2 * p["t_giveup"] + decide)
+        return p["t_advertise"] + decide + (rounds - 1) * (one + decide) + lease
+    return p["t_giveup"] + rounds * (p["t_hold"] + decide) + max(lease, p["t_hold"])
