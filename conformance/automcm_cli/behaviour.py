@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,9 +20,11 @@ from automcm.messages import encode
 from automcm.state import State, Timer, armed
 from automcm.station import Effects, Station
 from automcm_spec import files
-from automcm_spec.oracle import Oracle, canonical
+from automcm_spec.forms import canonical
+from automcm_spec.oracle import Oracle
 from automcm_spec.parameters import Parameters
 from automcm_spec.rules import kind
+from automcm_spec.station import Input, Receive
 
 Json = Any
 SEED = 11
@@ -54,7 +57,7 @@ VARIANTS = (
 
 ODD = "odd"
 """The kind of what is always looked at: the state itself, and inputs that no graph has."""
-Act = Callable[[Json], list[Effects]]
+Act = Callable[[], list[Effects]]
 REQUEST = Request(scenario="lane_change")
 
 
@@ -85,7 +88,9 @@ class Walker:
         s = self.station
         return f"{s.state!r}{s.timers!r}{s._joined_at!r}{s.next_deadline()}{s._now}"
 
-    def answers(self, n: int, kinds: Set[str] | None = None) -> Iterator[tuple[str, Json, str]]:
+    def answers(
+        self, n: int, kinds: Set[str] | None = None
+    ) -> Iterator[tuple[str, Input | str, str]]:
         """The state itself, then each input there, odd ones as well: its kind, the input, and all
         that it brings about.  With ``kinds`` only inputs of these."""
         station, reference = self.station, self.reference
@@ -95,20 +100,21 @@ class Walker:
         station._random.seed(SEED)
         looks = (base.marks, base.bound, base.awaits_answer, base.peer)
         yield ODD, "the state", f"{self._kept()}{looks!r}"
-        message: Json = None
+        message: Receive | None = None
         for i, name in enumerate(self.kinds):
             value = self.oracle.inputs[i]
-            if message is None and name.startswith("receive"):
+            if message is None and isinstance(value, Receive):
                 message = value
             if (kinds is None or name in kinds) and self.oracle.answer(n, i) is not None:
-                yield name, value, self._tried(base, timers, self._give, value)
+                yield name, value, self._tried(base, timers, partial(self._give, value))
+        assert message is not None
         for what, act in self._odd(message).items():
-            yield ODD, what, self._tried(base, timers, act, None)
+            yield ODD, what, self._tried(base, timers, act)
 
-    def _give(self, value: Json) -> list[Effects]:
+    def _give(self, value: Input) -> list[Effects]:
         return self.reference.give(value)[1]
 
-    def _odd(self, message: Json) -> dict[str, Act]:
+    def _odd(self, message: Receive) -> dict[str, Act]:
         """What no graph has: everything due at once, alone and before an input; no message at
         all; a time that goes back."""
         station, reference = self.station, self.reference
@@ -118,33 +124,32 @@ class Walker:
             act(LATER - 2)
             return []
 
-        def late(_: Json) -> list[Effects]:
-            heard = reference._concrete_message(message[1])
-            return station.receive(heard, LATER)
+        def late() -> list[Effects]:
+            return station.receive(reference.message(message.message), LATER)
 
         return {
-            "all timers at once": lambda _: station.advance(LATER),
-            "all timers, later": lambda _: station.advance(LATER + 10_000),
+            "all timers at once": lambda: station.advance(LATER),
+            "all timers, later": lambda: station.advance(LATER + 10_000),
             "all timers and a message": late,
-            "all timers and a command": lambda _: station.command(REQUEST, LATER),
-            "a restart when all is due": lambda _: station.restart(LATER),
-            "no message": lambda _: station.receive(b"no message", NOW),
-            "no message when all is due": lambda _: station.receive(b"no message", LATER),
-            "time goes back": lambda _: back(station.advance),
-            "time goes back at a restart": lambda _: back(station.restart),
+            "all timers and a command": lambda: station.command(REQUEST, LATER),
+            "a restart when all is due": lambda: station.restart(LATER),
+            "no message": lambda: station.receive(b"no message", NOW),
+            "no message when all is due": lambda: station.receive(b"no message", LATER),
+            "time goes back": lambda: back(station.advance),
+            "time goes back at a restart": lambda: back(station.restart),
         }
 
     def _remember(self, base: State) -> None:
         self.station._joined_at = dict.fromkeys(base.joined, self.variant.joined_ms)
 
-    def _tried(self, base: State, timers: dict[Timer, int], act: Act, value: Json) -> str:
+    def _tried(self, base: State, timers: dict[Timer, int], act: Act) -> str:
         """What an input brings about from here."""
         station = self.station
         station.state = base
         station.timers = timers.copy()
         station._now = 0
         try:
-            said = "".join(map(_told, act(value)))
+            said = "".join(map(_told, act()))
         except Exception as error:  # a mutant may raise anything
             said = type(error).__name__
         if station.state is base and station.timers == timers:
@@ -159,7 +164,7 @@ class Walker:
         self.reference.put(self.oracle.states[n])
         return self.station.state
 
-    def said(self, state: State, value: Json) -> tuple[str, State]:
+    def said(self, state: State, value: Input) -> tuple[str, State]:
         """What an input brings about in a state, but for the state, and the state after it."""
         station = self.station
         station.state = state

@@ -39,7 +39,7 @@ SECONDS = 3_600
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a mutant behaves differently; ``state`` and ``input`` are the oracle's values."""
+    """Where a mutant behaves differently; ``state`` and ``input`` in the form of JSON."""
 
     graph: str
     state: Json

@@ -23,6 +23,7 @@ from typing import Any
 import automcm
 import automcm_spec
 from automcm_cli import behaviour
+from automcm_spec.forms import to_json
 
 Json = Any
 RIGHT = "automcm_unchanged"
@@ -90,7 +91,7 @@ def told_apart(
             said, after = right.said(here, value)
             heard, then = wrong.said(other, value)
             if said != heard:
-                return [oracle.states[n], repr(changed), value, said, heard]
+                return [to_json(oracle.states[n]), repr(changed), to_json(value), said, heard]
             if after is here and then is other:
                 continue
             differs = _changed(after, then)

@@ -99,6 +99,7 @@ def _serve() -> None:
 
 def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> None:
     from automcm_cli import behaviour, forms, lockstep
+    from automcm_spec.forms import to_json
     from automcm_spec.generate import GRAPHS
     from automcm_spec.oracle import load
 
@@ -118,7 +119,7 @@ def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> Non
         found = behaviour.first_difference(walked, Path(about), set(kinds) or None)
         print("" if found is None else json.dumps(found))
     else:
-        state = walked.states[int(about)]
+        state = to_json(walked.states[int(about)])
         print(json.dumps({"state": state, "answers": walked.shown(int(about))}))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from automcm_spec import files, generate, models, tlc
 from automcm_spec import steps as steps_
+from automcm_spec.forms import to_json
 from automcm_spec.paths import MODELS
 from automcm_traces import itf
 
@@ -125,7 +126,11 @@ def counterexample(verdict: models.Verdict) -> str:
     ]
     states = [itf.ItfState(values[0], {"index": 0})]
     for step, value in zip(steps_.steps(verdict.trace), values[1:], strict=True):
-        meta: dict[str, Any] = {"index": step.index, "action": step.action, "input": step.input}
+        meta: dict[str, Any] = {
+            "index": step.index,
+            "action": step.action,
+            "input": to_json(step.input),
+        }
         if step.station is not None:
             meta |= {"rule": step.rule, "station": step.station}
             meta["location"] = {"module": "Station", "line": step.line}

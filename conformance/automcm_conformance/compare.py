@@ -7,25 +7,26 @@ is one that the implementation really reached, and the first difference met is a
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from automcm_spec.oracle import Answer, Oracle, canonical
+from automcm_spec.forms import canonical, to_json
+from automcm_spec.oracle import Answer, Oracle
 from automcm_spec.rules import line
+from automcm_spec.station import Input, Message, Session, State, Timer
 
-Json = Any
 LIMIT = 20
 """Differences kept of each rule; the walk goes on counting."""
 
 
 class Adapter(Protocol):
-    """What the walk needs of an implementation (values: automcm_spec.oracle)."""
+    """What the walk needs of an implementation."""
 
     def reset(self) -> None:
         """The initial state."""
 
-    def put(self, state: Json) -> None:
+    def put(self, state: State) -> None:
         """Be in this state."""
 
     def put_state(self, state: Any) -> None:
@@ -34,36 +35,38 @@ class Adapter(Protocol):
     def save(self) -> Any:
         """The state, for ``put_state``."""
 
-    def state(self) -> Json:
-        """The state, as the graph writes it."""
+    def state(self) -> State:
+        """The state it is in."""
 
-    def marks(self) -> Json:
-        """The marks of the peers, as the graph writes them."""
+    def marks(self) -> frozenset[Session]:
+        """The sessions that its CAM would name."""
 
-    def apply(self, value: Json) -> tuple[Json, Json, Json, Json]:
-        """Take an input: messages, indications, timers armed and timers stopped."""
+    def apply(
+        self, value: Input
+    ) -> tuple[Sequence[Message], tuple[str, ...], Sequence[Timer], Sequence[Timer]]:
+        """Take an input: messages, indication, timers armed and timers stopped, in any order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
     """One difference: how to get there, what the spec says, what the code does."""
 
-    inputs: list[Json]
+    inputs: list[Input]
     """Shortest sequence from the initial state; the last one is answered differently."""
     rule: str
     line: int
     """Of Station.tla."""
-    expected: dict[str, Json]
-    actual: dict[str, Json]
+    expected: dict[str, Any]
+    actual: dict[str, Any]
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, Any]:
         """As in ``--json``."""
         return {
-            "inputs": self.inputs,
+            "inputs": to_json(self.inputs),
             "rule": self.rule,
             "line": self.line,
-            "expected": self.expected,
-            "actual": self.actual,
+            "expected": {name: to_json(value) for name, value in self.expected.items()},
+            "actual": {name: to_json(value) for name, value in self.actual.items()},
         }
 
 
@@ -85,7 +88,7 @@ class Comparison:
         return self.differing.total()
 
 
-def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Json]:
+def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Any]:
     """The spec's answer, in the words of a report."""
     effect = answer.effect
     return {
@@ -97,19 +100,24 @@ def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Json]:
     }
 
 
-def _apply(adapter: Adapter, value: Json) -> dict[str, Json]:
+def _apply(adapter: Adapter, value: Input) -> dict[str, Any]:
     """The implementation's answer; an exception is an answer too, a wrong one."""
     try:
         messages, told, arm, stop = adapter.apply(value)
+        return {
+            "state": adapter.state(),
+            "messages": _ordered(messages),
+            "told": told,
+            "arm": _ordered(arm),
+            "stop": _ordered(stop),
+        }
     except Exception as error:  # whatever a stranger's code raises
         return {"error": f"{type(error).__name__}: {error}"}
-    return {
-        "state": adapter.state(),
-        "messages": messages,
-        "told": told,
-        "arm": arm,
-        "stop": stop,
-    }
+
+
+def _ordered(values: Sequence[Any]) -> tuple[Any, ...]:
+    """As in an Effect."""
+    return tuple(sorted(values, key=canonical) if len(values) > 1 else values)
 
 
 def walk(
@@ -127,7 +135,9 @@ def walk(
     """
     result = Comparison()
 
-    def differ(state: int, value: Json | None, rule: str, exp: Json, act: Json) -> None:
+    def differ(
+        state: int, value: Input | None, rule: str, exp: dict[str, Any], act: dict[str, Any]
+    ) -> None:
         result.differing[rule] += 1
         if result.differing[rule] <= LIMIT:
             inputs = [oracle.inputs[i] for i in oracle.path(state)]
@@ -159,7 +169,7 @@ def walk(
             result.decided[answer.effect.rule] += 1
             if actual != expected:
                 differ(n, value, answer.effect.rule, expected, actual)
-            elif oracle.parents[answer.next] == [n, answer.input] and answer.next != n:
+            elif oracle.parents[answer.next] == (n, answer.input) and answer.next != n:
                 reached[answer.next] = adapter.save()
         result.states += 1
         if stop_at_first and result.differences:

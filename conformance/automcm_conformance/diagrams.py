@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from automcm_spec.oracle import Json, Oracle
+from automcm_spec.oracle import Oracle
 from automcm_spec.rules import RULES
+from automcm_spec.station import Command, Entry, Expire, Input, Receive
 
 ROLES = ("prescriber", "receiver")
 RESTART = "END-8"
 """The rule of the ways that are declared and compared but not drawn."""
 Way = tuple[str, str, str, str]
 """Role, phase before, phase after, and the rule by which."""
-_PHASE, _ROLE, _DECIDING = 0, 1, 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,20 +38,22 @@ class Edge:
         return self.role, self.source, self.target, self.rule
 
 
-def event(i: Json) -> str:
+def event(i: Input) -> str:
     """An input in a word or two: a message by its type, a command by its name, a timer."""
-    if i[0] == "receive":
-        message = i[1]
-        if message[0] == "Ack":
-            return f"Ack of {message[8][0]}"
-        if message[0] == "Acceptance":
-            return f"Acceptance({'accepted' if message[6] else 'refused'})"
-        return str(message[0])
-    if i[0] == "expire":
-        name = i[1][0]
-        about = f"({i[1][1][0]})" if name in ("giveup", "resend") else ""
-        return f"{name}{about} expires"
-    return str(i[1] if i[0] == "command" else i[0])
+    match i:
+        case Receive(message=message):
+            if message.type == "Ack":
+                return f"Ack of {message.of[0]}"
+            if message.type == "Acceptance":
+                return f"Acceptance({'accepted' if message.accepted else 'refused'})"
+            return message.type
+        case Expire(timer=(name, Entry() as entry)):
+            return f"{name}({entry.type}) expires"
+        case Expire(timer=timer):
+            return f"{timer[0]} expires"
+        case Command(name=name):
+            return name
+    return i.kind
 
 
 def edges(oracle: Oracle) -> set[Edge]:
@@ -62,9 +64,9 @@ def edges(oracle: Oracle) -> set[Edge]:
     """
     return {
         Edge(
-            before[_ROLE] if before[_ROLE] != "none" else after[_ROLE],
-            before[_PHASE],
-            after[_PHASE],
+            before.role if before.role != "none" else after.role,
+            before.phase,
+            after.phase,
             event(oracle.inputs[step.input]),
             step.effect.rule,
             _told(step.effect.told),
@@ -72,14 +74,13 @@ def edges(oracle: Oracle) -> set[Edge]:
         for number, before in enumerate(oracle.states)
         for step in oracle.changes(number)
         for after in (oracle.states[step.next],)
-        if before[_PHASE] != after[_PHASE] or after[_DECIDING] > before[_DECIDING]
+        if before.phase != after.phase or after.deciding > before.deciding
     }
 
 
-def _told(told: Json) -> str:
-    if told[0] == "nothing":
-        return ""
-    return f"{told[0]}({told[1]})" if len(told) > 1 else str(told[0])
+def _told(told: tuple[str, ...]) -> str:
+    name, *about = told
+    return "" if name == "nothing" else f"{name}({about[0]})" if about else name
 
 
 def check(declared: Collection[Way], found: set[Edge]) -> None:

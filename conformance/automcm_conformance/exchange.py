@@ -26,11 +26,10 @@ from automcm_conformance.wire import (
     Values,
     Wire,
     encode,
-    entry_key,
-    timer_key,
 )
-from automcm_spec.oracle import Answer, Oracle, canonical
+from automcm_spec.oracle import Answer, Oracle
 from automcm_spec.parameters import derived, durations, forgotten_at, lease_lasts, rank
+from automcm_spec.station import Entry, Expire, Message, Receive, Restart, Timer
 
 Json = Any
 
@@ -69,7 +68,7 @@ class Step:
     pairs: list[tuple[int, int]] = field(default_factory=list)
     before: int = 0
     after: int = 0
-    next_timer: Json = None
+    next_timer: Timer | None = None
     """The timer whose deadline is expected."""
     answer: bytes = b""
     deeds: list[Deed] = field(default_factory=list)
@@ -155,7 +154,7 @@ class Exchange:
         """Lines have been written."""
         self.overrides: dict[str, int] = {}
         self._link = link
-        self._timers: dict[tuple[Json, ...], Running] = {}
+        self._timers: dict[Timer, Running] = {}
         self._ages: dict[Key, int] = {}
         self._joined_at: dict[int, int] = {}
         self._waiting: list[Step] = []
@@ -216,22 +215,22 @@ class Exchange:
         line = encode({"cmd": "receive", "message": message}, self.now)
         self._queue(line, Expected("END-5", indications=[{"name": "discarded"}]))
 
-    def learn(self, timer: Json, deadline: int) -> None:
+    def learn(self, timer: Timer, deadline: int) -> None:
         """The deadline of a timer that only the station knew."""
-        self._timers[timer_key(timer)].deadline = deadline
+        self._timers[timer].deadline = deadline
         self._find_first()
 
     def expire(self, i: int) -> None:
         """Advance to the deadline of this timer.  Resends may fire on the way.  Raises Infeasible
         if something else would, or if a deadline is not known."""
-        wanted = timer_key(self.oracle.inputs[i][1])
+        wanted = self.expires(i)
         fired: list[int] = []
         while i not in fired:
             due = self.next_due
             if due is None or wanted not in self._timers:
                 raise Infeasible
             fired = self.advance(due)
-            if any(j != i and self.oracle.inputs[j][1][0] != "resend" for j in fired):
+            if any(j != i and self.expires(j)[0] != "resend" for j in fired):
                 raise Infeasible
 
     @property
@@ -248,11 +247,13 @@ class Exchange:
     def offers(self, i: int, at: int) -> bool:
         """This input can be given at this time, with no more than one timer before it."""
         due = [each for each in self._timers.values() if each.deadline <= at]
-        value = self.oracle.inputs[i]
-        if value[0] == "restart":
-            return True
-        if len(due) > 1 or (due and value[0] == "receive" and value[1][0] == "Ack"):
-            return False  # what is sent at that moment has no seq yet that an Ack could name
+        match self.oracle.inputs[i]:
+            case Restart():
+                return True
+            case Receive(message=Message(type="Ack")) if due:
+                return False  # what is sent at that moment has no seq yet that it could name
+        if len(due) > 1:
+            return False
         state = self.state
         for running in due:
             expiry = self.oracle.answer(state, self._expiry(running.timer))
@@ -261,18 +262,18 @@ class Exchange:
         return self.oracle.answer(state, i) is not None
 
     @property
-    def first_timer(self) -> Json:
+    def first_timer(self) -> Timer | None:
         """The timer that expires next; None if none runs."""
-        return self._first and self._first.timer
+        return None if self._first is None else self._first.timer
 
     @property
-    def running(self) -> list[Json]:
+    def running(self) -> list[Timer]:
         """The timers that run."""
         return [each.timer for each in self._timers.values()]
 
-    def deadline(self, timer: Json) -> int | None:
+    def deadline(self, timer: Timer) -> int | None:
         """When this timer expires; None if it does not run."""
-        running = self._timers.get(timer_key(timer))
+        running = self._timers.get(timer)
         return None if running is None else running.deadline
 
     @property
@@ -315,36 +316,43 @@ class Exchange:
 
     # -- the clock
 
-    def _expiry(self, timer: Json) -> int:
-        return self.oracle.input_index[canonical(["expire", timer])]
+    def _expiry(self, timer: Timer) -> int:
+        return self.oracle.input_index[Expire("expire", timer)]
+
+    def expires(self, i: int) -> Timer:
+        """The timer whose expiry this input is."""
+        value = self.oracle.inputs[i]
+        assert isinstance(value, Expire), value
+        return value.timer
 
     def _due(self) -> Running | None:
         first = self._first
         return first if first is not None and first.deadline <= self.now else None
 
-    def _duration(self, timer: Json) -> int:
+    def _duration(self, timer: Timer) -> int:
         name = timer[0]
         if name == "lease":
-            role = self.oracle.states[self.state][1]
+            role = self.oracle.states[self.state].role
             return lease_lasts(self.parameters.get("clock_drift", 0), role, self._lease_ms)
         if name in self.overrides:
             return self.overrides[name]
-        if name == "forget":
-            joined = self._joined_at.get(timer[1], self.now)
-            return forgotten_at(self._known, joined, self.now) - self.now
+        match timer:
+            case (_, int(p)):  # forget
+                joined = self._joined_at.get(p, self.now)
+                return forgotten_at(self._known, joined, self.now) - self.now
         lasts = self._lasts[name]
         return UNKNOWN if lasts is None else lasts
 
     def _settle(self, answer: Answer) -> None:
         """Arm and stop timers as the specification says."""
         value = self.oracle.inputs[answer.input]
-        if value[0] == "expire":
-            del self._timers[timer_key(value[1])]
+        if isinstance(value, Expire):
+            del self._timers[value.timer]
         for timer in answer.effect.stop:
-            del self._timers[timer_key(timer)]
+            del self._timers[timer]
         after = self.oracle.states[answer.next]
-        if after[1] == "receiver" and self.oracle.states[answer.state][1] != "receiver":
-            self._joined_at[after[2][0]] = self.now
+        if after.role == "receiver" and self.oracle.states[answer.state].role != "receiver":
+            self._joined_at[after.session[0]] = self.now
         for timer in answer.effect.arm:
             self._arm(timer)
         self.state = answer.next
@@ -359,16 +367,16 @@ class Exchange:
     def _all_known(self) -> bool:
         return all(each.deadline != UNKNOWN for each in self._timers.values())
 
-    def _arm(self, timer: Json) -> None:
+    def _arm(self, timer: Timer) -> None:
         age, advertises = 0, False
-        if timer[0] in ("resend", "giveup"):
-            advertises = timer[1][0] == "Advertisement"
-            age = self._ages.setdefault(entry_key(timer[1]), len(self._ages))
+        match timer:
+            case (_, Entry() as entry):
+                advertises = entry.type == "Advertisement"
+                age = self._ages.setdefault(entry[:4], len(self._ages))
         lasts = self._duration(timer)
         ends = UNKNOWN if lasts == UNKNOWN else self.now + lasts
-        key = timer_key(timer)
-        self._timers.pop(key, None)
-        self._timers[key] = Running(timer, ends, rank(timer[0], advertises), age)
+        self._timers.pop(timer, None)
+        self._timers[timer] = Running(timer, ends, rank(timer[0], advertises), age)
 
     # -- lines and answers
 
@@ -379,7 +387,9 @@ class Exchange:
         step.before = self.state
         fired, given = [], self.wire.given
         self.wire.given = None
-        lost = then is not None and self.oracle.inputs[then] == ["restart"]  # what is due as well
+        lost = then is not None and isinstance(
+            self.oracle.inputs[then], Restart
+        )  # what is due as well
         while not lost and (due := self._due()) is not None:
             expiry = self._expiry(due.timer)
             if self.oracle.answer(self.state, expiry) is None:
@@ -404,9 +414,9 @@ class Exchange:
             self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
         deed = Deed(None, 0, 0, [], []) if self.logged else None
         if deed is not None:
-            deed.expired = self.wire.timer(value[1]) if value[0] == "expire" else None
+            deed.expired = self.wire.timer(value.timer) if isinstance(value, Expire) else None
             deed.stopped = [self.wire.timer(t) for t in answer.effect.stop]
-        lease = self.deadline(["lease"]) if answer.changes else None
+        lease = self.deadline(("lease",)) if answer.changes else None
         messages, indications = self.wire.expect(
             self.oracle.states[answer.state],
             value,
@@ -437,8 +447,8 @@ class Exchange:
         """What an answer says of the state after it; the step waits to be written."""
         first = self._first
         step.place = self.place
-        step.after, step.next_timer = self.state, first and first.timer
-        step.expected.phase = self.oracle.states[self.state][0]
+        step.after, step.next_timer = self.state, self.first_timer
+        step.expected.phase = self.oracle.states[self.state].phase
         step.expected.deadline = None if first is None else first.deadline
         if not self._all_known:
             step.expected.deadline = UNKNOWN
@@ -458,7 +468,7 @@ class Exchange:
             if m["type"] == "Advertisement" and m["session"][1] not in self.wire.own.values():
                 if self.predict and m["session"][1] != self.wire.last_number + 1:
                     raise Unpredicted
-                self.wire.opened(self.oracle.states[step.after][9], m["session"][1])
+                self.wire.opened(self.oracle.states[step.after].number, m["session"][1])
         self.done.append(step)
 
     def _marks(self, state: int) -> Json:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import Any
 
 from automcm_conformance import records, words
 from automcm_conformance.adapter import Adapter, Singly
@@ -43,8 +42,8 @@ from automcm_spec import files
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.generate import spec_hash as present_hash
 from automcm_spec.oracle import Oracle, load
+from automcm_spec.station import Cam, Command, Expire, Receive
 
-Json = Any
 GRAPHS = (ONE_PEER, TWO_PEERS, TIGHT)
 BULK = 1_500
 """Lines that are written before their answers are read, about."""
@@ -427,10 +426,19 @@ def _ground(runner: Runner, name: str, oracle: Oracle) -> Ground:
 def _mark(oracle: Oracle, error: Wrong) -> tuple[str, ...]:
     """By what failures are told apart: rule, kind of input, what of the answer is wrong."""
     pair = pair_of(error)
-    value = ["nothing"] if pair is None else oracle.inputs[pair[1]]
-    about = value[1][0] if value[0] in ("receive", "expire") else str(value[1:2])
+    value = None if pair is None else oracle.inputs[pair[1]]
+    about = ""
+    match value:
+        case Receive(message=message):
+            about = message.type
+        case Cam(src=src):
+            about = str(src)
+        case Expire(timer=timer):
+            about = timer[0]
+        case Command(name=name):
+            about = name
     parts = {part for part, _ in error.problems} if isinstance(error, Mismatch) else {error.kind}
-    return rule_of(oracle, error), str(value[0]), str(about), *sorted(parts)
+    return rule_of(oracle, error), value.kind if value else "nothing", about, *sorted(parts)
 
 
 def explore(

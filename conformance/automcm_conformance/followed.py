@@ -18,7 +18,7 @@ from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.records import COMPLETE, bare
 from automcm_conformance.results import Line
 from automcm_conformance.wire import encode, encode_line
-from automcm_spec.oracle import canonical
+from automcm_spec.forms import canonical
 from automcm_spec.parameters import derived, forgotten_at, in_header, rank
 from automcm_spec.rules import RULES
 from automcm_traces.engine import Engine

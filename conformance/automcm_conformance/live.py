@@ -17,7 +17,8 @@ from automcm_conformance.answers import first_difference
 from automcm_conformance.exchange import Exchange
 from automcm_conformance.results import Line
 from automcm_conformance.scripted import number
-from automcm_conformance.scripts import Script
+from automcm_conformance.scripts import THEIRS, Script, Wait
+from automcm_spec.station import Cam, Command, Expire, Input, Message, Receive, Timer
 from automcm_traces.same import same
 
 Json = Any
@@ -85,16 +86,16 @@ class Live:
 
     def play(self, script: Script, lease_ms: int) -> None:
         """Raises WrongMessage, Missed and Unclear."""
-        for value in script:
-            match value[0]:
-                case "wait":
-                    self._wait(self._later + value[1])
-                case "expire":
-                    self._expire(value)
-                case "command":
-                    self._decided(value)
-                case _:
-                    self._give(value, lease_ms)
+        for item in script:
+            match item:
+                case Wait(ms):
+                    self._wait(self._later + ms)
+                case Expire():
+                    self._expire(item)
+                case Command():
+                    self._decided(item)
+                case Receive() | Cam():
+                    self._give(item, lease_ms)
         self._wait(self._later + self._x.parameters["t_resend"] + 2 * self._jitter)
 
     def settle(self, quiet_ms: int, limit_ms: int) -> bool:
@@ -102,7 +103,7 @@ class Live:
         long and its CAMs name no session.  Returns False if the limit is over before."""
         x, period = self._x, self._x.parameters["t_resend"]
         self._others = ()
-        self._cancel(x.wire.session([2, 1]))
+        self._cancel(x.wire.session(THEIRS))
         begin = quiet = self._air.now()
         while (now := self._air.now()) < begin + limit_ms:
             came = self._next(now + period)
@@ -135,7 +136,7 @@ class Live:
 
     # -- what the kit does
 
-    def _give(self, value: Json, lease_ms: int) -> None:
+    def _give(self, value: Input, lease_ms: int) -> None:
         """Send a message when no timer of the station is about to expire; it is answered."""
         while (due := self._x.next_due) is not None and due <= self._later + self._jitter:
             self._expiry()
@@ -145,9 +146,9 @@ class Live:
         self._say(from_json(self._x.queued[-1].line)["message"])
         self._answered(at + self._jitter)
 
-    def _decided(self, value: Json) -> None:
+    def _decided(self, value: Command) -> None:
         """Its application accepts, in its own time."""
-        due = self._x.deadline(["decide"])
+        due = self._x.deadline(("decide",))
         came = self._next(due - self._jitter) if due is not None else None
         if came is None:
             raise Unclear("its application has not decided in time")
@@ -164,12 +165,12 @@ class Live:
             self._expiry()
         self._quiet(until)
 
-    def _expire(self, value: Json) -> None:
+    def _expire(self, value: Expire) -> None:
         """Until this timer has expired."""
         fired: list[int] = []
         while number(self._x, value) not in fired:
-            if self._x.deadline(value[1]) is None:
-                raise Unclear(f"with these parameters {value[1][0]} does not come to its end")
+            if self._x.deadline(value.timer) is None:
+                raise Unclear(f"with these parameters {value.timer[0]} does not come to its end")
             fired = self._expiry()
 
     def _expiry(self) -> list[int]:
@@ -239,15 +240,17 @@ class Live:
             raise WrongMessage(first_difference(wanted[0], found))
         raise WrongMessage(f"sent for no reason: {to_json(found).decode()}")
 
-    def _brings(self, timer: Json) -> Sequence[Json]:
-        """The messages, in the oracle's values, that are sent when this timer expires."""
-        answer = self._x.oracle.answer(self._x.state, number(self._x, ["expire", timer]))
-        return [] if answer is None else answer.effect.messages
+    def _brings(self, timer: Timer | None) -> Sequence[Message]:
+        """The messages that are sent when this timer expires."""
+        if timer is None:
+            return ()
+        answer = self._x.oracle.answer(self._x.state, number(self._x, Expire("expire", timer)))
+        return () if answer is None else answer.effect.messages
 
-    def _like(self, m: Json, found: dict[str, Json]) -> bool:
+    def _like(self, m: Message, found: dict[str, Json]) -> bool:
         """Whether a message has the type, the session and the reason of the oracle's."""
-        session, reason = self._x.wire.session(m[3]), found.get("reason", "none")
-        return [m[0], session, m[7]] == [found.get("type"), found.get("session"), reason]
+        session, reason = self._x.wire.session(m.session), found.get("reason", "none")
+        return [m.type, session, m.reason] == [found.get("type"), found.get("session"), reason]
 
     def _say(self, message: dict[str, Json]) -> None:
         self._air.send(to_json(message))

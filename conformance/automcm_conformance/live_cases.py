@@ -19,6 +19,7 @@ from automcm_conformance.results import Line, Verdict
 from automcm_conformance.suite import fitting
 from automcm_conformance.wire import ME, STRANGER, Values
 from automcm_spec.oracle import Oracle
+from automcm_spec.station import Expire
 
 Json = Any
 Twin = Callable[["Case"], str | None]
@@ -40,32 +41,32 @@ class Case:
     lease_ms: int = LEASE_MS
 
 
-def _resent(*entry: Json) -> Json:
-    return ["expire", ["resend", s.entry(*entry)]]
+def _resent(*entry: Any) -> Expire:
+    return s.expire("resend", s.entry(*entry))
 
 
 _INTENTION = "Intention", s.Y, s.THEIRS
 _ACCEPTANCE = "Acceptance", s.Y, s.THEIRS, 1, True
 _OTHER = s.received("Advertisement", s.NEXT)
-_ACTUATING = [*s.COMMITTED, s.ACCEPTANCE_ACKED]
-_FREE = ["expire", ["forget", s.Y]], ["expire", ["quarantine"]]
+_ACTUATING: s.Script = [*s.COMMITTED, s.ACCEPTANCE_ACKED]
+_FREE = s.expire("forget", s.Y), s.expire("quarantine")
 """It has broken its commitment off, so the next case begins when it joins again (ACT-6)."""
-_LATER = ["wait", 400], s.HEARD_THEM
-_HEARD = s.ACCEPTANCE_ACKED, ["wait", 200], s.HEARD_THEM, ["wait", 200]
-_ENDED = _resent("Cancel", s.Y, s.THEIRS), s.received("Ack", s.THEIRS, of=["Cancel", 1])
+_LATER = s.Wait(400), s.HEARD_THEM
+_HEARD = s.ACCEPTANCE_ACKED, s.Wait(200), s.HEARD_THEM, s.Wait(200)
+_ENDED = _resent("Cancel", s.Y, s.THEIRS), s.received("Ack", s.THEIRS, of=("Cancel", 1))
 
 CASES = (
     Case(
         "intention",
         ("ADV-3", "REL-1", "ADV-6", "END-2"),
         "its Intention comes at once and every t_resend until the Ack; its Ack to the Cancel",
-        [s.ADVERTISED, *[_resent(*_INTENTION)] * 3, s.INTENTION_ACKED, ["wait", 250], s.CANCELLED],
+        [s.ADVERTISED, *[_resent(*_INTENTION)] * 3, s.INTENTION_ACKED, s.Wait(250), s.CANCELLED],
     ),
     Case(
         "given up",
         ("ADV-6", "REL-1"),
         "without an Ack its Intention comes until t_timeout and no longer",
-        [s.ADVERTISED, ["expire", ["giveup", s.entry(*_INTENTION)]], ["wait", 300], s.CANCELLED],
+        [s.ADVERTISED, s.expire("giveup", s.entry(*_INTENTION)), s.Wait(300), s.CANCELLED],
     ),
     Case(
         "agreement",
@@ -77,7 +78,7 @@ CASES = (
         "busy",
         ("NEG-4", "ADV-4"),
         "a Prescription of another session is refused as busy, its Advertisement ignored",
-        [*s.WAITING, _OTHER, s.received("Prescription", s.NEXT), ["wait", 150], s.CANCELLED],
+        [*s.WAITING, _OTHER, s.received("Prescription", s.NEXT), s.Wait(150), s.CANCELLED],
     ),
     Case(
         "unknown session",
@@ -89,19 +90,19 @@ CASES = (
         "cancel",
         ("END-2", "END-3", "ADV-8"),
         "each Cancel is acknowledged; its Acceptance comes no more, and it does not join again",
-        [*s.COMMITTED, s.CANCELLED, s.CANCELLED, s.ADVERTISED, ["wait", 150]],
+        [*s.COMMITTED, s.CANCELLED, s.CANCELLED, s.ADVERTISED, s.Wait(150)],
     ),
     Case(
         "cam loss",
         ("ACT-2", "REL-1", "END-6"),
         "t_cam_loss after the last CAM it sends a Cancel (cam_loss) until the Ack",
-        [*_ACTUATING, s.HEARD_THEM, *_LATER, ["expire", ["cam"]], *_ENDED, *_FREE],
+        [*_ACTUATING, s.HEARD_THEM, *_LATER, s.expire("cam"), *_ENDED, *_FREE],
     ),
     Case(
         "lease",
         ("ACT-4", "REL-1", "END-6"),
         "when the lease is over it sends a Cancel (lease_expired) until the Ack",
-        [*_ACTUATING, *_LATER, *_LATER, *_LATER, ["expire", ["lease"]], *_ENDED, *_FREE],
+        [*_ACTUATING, *_LATER, *_LATER, *_LATER, s.expire("lease"), *_ENDED, *_FREE],
         lease_ms=1_900,
     ),
 )

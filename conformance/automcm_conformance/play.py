@@ -8,6 +8,7 @@ from automcm_conformance.exchange import Broken, Exchange, Infeasible, Mismatch
 from automcm_conformance.tour import Pair, timetable
 from automcm_conformance.wire import LONG_MS, long
 from automcm_spec.oracle import Oracle
+from automcm_spec.station import Expire
 
 LEASES = (LONG_MS, 1_000)
 """Without ``durations``: a lease that no other timer outlives, or one that ends before."""
@@ -36,7 +37,7 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
         if x.oracle.answer(*here) is None:
             return here
         try:
-            if x.oracle.inputs[i][0] == "expire":
+            if isinstance(x.oracle.inputs[i], Expire):
                 x.expire(i)
             else:
                 x.give(i, lease_ms=lease_ms)
@@ -58,9 +59,9 @@ def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
             x.durations(new)
         value = x.oracle.inputs[i]
         try:
-            if value[0] != "expire":
+            if not isinstance(value, Expire):
                 x.give(i, at=slot.at, lease_ms=slot.lease_ms)
-            elif x.deadline(value[1]) == slot.at:
+            elif x.deadline(value.timer) == slot.at:
                 x.expire(i)
             else:
                 return here

@@ -33,7 +33,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -44,6 +44,7 @@ from automcm_conformance.protocol import INDICATIONS, MESSAGE_TYPES, Phase
 from automcm_conformance.results import Level
 from automcm_spec.oracle import Effect
 from automcm_spec.rules import RULES
+from automcm_spec.station import Cam, Command, Entry, Expire, Input, Message, Receive, State
 
 Json = Any
 Features = tuple[Any, ...]
@@ -240,142 +241,143 @@ def _known(name: str, value: str) -> bool:
     return bool(_SENDS.fullmatch(value)) if name == "sends" else value in _NAMES[name]
 
 
-def input_kind(i: Json) -> str:
+def input_kind(i: Input) -> str:
     """What kind of input it is: one of ``INPUTS``.  The timers of a message carry its type."""
-    kind: str = i[0]
-    if kind == "receive":
-        return f"receive {i[1][0]}"
-    if kind == "command":
-        return f"command {i[1]}"
-    if kind == "expire":
-        timer = i[1]
-        if timer[0] in ("resend", "giveup"):
-            return f"expire {timer[0]} {timer[1][0]}"
-        return f"expire {timer[0]}"
-    return kind
+    match i:
+        case Receive(message=message):
+            return f"receive {message.type}"
+        case Command(name=name):
+            return f"command {name}"
+        case Expire(timer=(name, Entry() as entry)):
+            return f"expire {name} {entry.type}"
+        case Expire(timer=timer):
+            return f"expire {timer[0]}"
+    return i.kind
 
 
-def features(state: Json, i: Json, effect: Effect, changes: bool, third: bool) -> Features:
+def features(state: State, i: Input, effect: Effect, changes: bool, third: bool) -> Features:
     """All that selectors look at, in the order of ``FEATURES``; None where there is no such."""
     own = accepted = answer = reason = of = why = None
-    if i[0] == "receive":
-        message = i[1]
-        kind = "receive " + message[0]
-        own = state[2] == message[3]
-        answer = message[4] == 0
-        if message[0] == "Ack":
-            of = message[8][0]
-        elif message[0] in ("Acceptance", "Cancel"):
-            accepted, reason = message[6], message[7]
-    else:
-        kind = input_kind(i)
-        if i[0] == "command":
-            own = state[2] == i[2]
+    if isinstance(i, Receive):
+        message = i.message
+        own = state.session == message.session
+        answer = message.seq == 0
+        if message.type == "Ack":
+            of = message.of[0]
+        elif message.type in ("Acceptance", "Cancel"):
+            accepted, reason = message.accepted, message.reason
+    elif isinstance(i, Command):
+        own = state.session == i.session
     if effect.rule in _WHY:
         why = _WHY[effect.rule](state, i, changes)
-    told = effect.told[0]
+    sends = _sent(effect.messages) if effect.messages else "nothing"
     return (
-        *(effect.rule, state[1], state[0], kind, changes, own, accepted, answer, reason),
-        *(of, state[7], told, _sent(effect.messages) if effect.messages else "nothing"),
-        *(why, third),
+        *(effect.rule, state.role, state.phase, input_kind(i), changes, own, accepted, answer),
+        *(reason, of, state.deciding, effect.told[0], sends, why, third),
     )
 
 
-def _sent(messages: Json) -> str:
+def _sent(messages: Sequence[Message]) -> str:
     """The types sent, each with its reason if it is an answer that has one."""
-    names = [f"{m[0]}({m[7]})" if m[4] == 0 and m[7] != "none" else m[0] for m in messages]
+    names = [
+        f"{m.type}({m.reason})" if m.seq == 0 and m.reason != "none" else m.type for m in messages
+    ]
     return names[0] if len(names) == 1 else " + ".join(sorted(names))
 
 
-def _fault(state: Json, i: Json, changes: bool) -> str:
+def _fault(state: State, i: Input, changes: bool) -> str:
     """END-5: the first thing that is wrong with the message."""
-    kind, source, to, session, _, _, _, reason, _ = i[1]
-    if source == 1:
+    assert isinstance(i, Receive)
+    m = i.message
+    if m.src == 1:
         return "echo"
-    if (to == 0) != (kind == "Advertisement"):
-        return "broadcast" if to == 0 else "addressed"
-    if kind in ("Advertisement", "Prescription") and source != session[0]:
+    if (m.dst == 0) != (m.type == "Advertisement"):
+        return "broadcast" if m.dst == 0 else "addressed"
+    if m.type in ("Advertisement", "Prescription") and m.src != m.session[0]:
         return "not its prescriber"
-    if kind in ("Intention", "Acceptance") and session[0] != 1:
+    if m.type in ("Intention", "Acceptance") and m.session[0] != 1:
         return "not my session"
-    if kind == "Cancel" and reason == "closed":
+    if m.type == "Cancel" and m.reason == "closed":
         return "closed"
-    if kind == "Prescription":
+    if m.type == "Prescription":
         return "out of turn"
-    return "not the target" if source != state[5] else "not sent yet"
+    return "not the target" if m.src != state.target else "not sent yet"
 
 
-def _ack(state: Json, i: Json, changes: bool) -> str | None:
+def _ack(state: State, i: Input, changes: bool) -> str | None:
     """END-6: what of an Ack is wrong, held against the entry that it comes nearest to."""
     if changes:
         return None
-    _, source, _, session, _, _, _, _, (kind, seq) = i[1]
-    if seq == 0:
+    assert isinstance(i, Receive)
+    m = i.message
+    if m.of[1] == 0:
         return "seq 0"
     best = 0
-    for entry in state[11]:
-        same_session = entry[2] == session
-        if entry[1] != source:
-            if same_session and entry[0] == kind and entry[3] == seq:
+    for entry in state.outbox:
+        named = (entry.type, entry.seq) == m.of
+        same_session = entry.session == m.session
+        if entry.to != m.src:
+            if same_session and named:
                 return "sender"
         elif not same_session:
-            if entry[0] == kind and entry[3] == seq:
+            if named:
                 best = 3
         else:
-            best = max(best, 2 if entry[0] == kind else 1)
+            best = max(best, 2 if entry.type == m.of[0] else 1)
     return ("nothing waits", "type", "seq", "session")[best]
 
 
-def _cam(state: Json, i: Json, changes: bool) -> str | None:
+def _cam(state: State, i: Input, changes: bool) -> str | None:
     """ACT-5: why a CAM does not count."""
-    if i[0] != "cam" or changes:
+    if not isinstance(i, Cam) or changes:
         return None
-    if state[0] != "ACTUATING":
+    if state.phase != "ACTUATING":
         return "phase"
-    _, source, marks, _ = i
-    if source != (state[2][0] if state[1] == "receiver" else state[5]):
+    if i.src != (state.session[0] if state.role == "receiver" else state.target):
         return "sender"
-    if state[2] in marks:
+    if state.session in i.marks:
         return "older"
-    return "other mark" if marks else "no mark"
+    return "other mark" if i.marks else "no mark"
 
 
-def _stale(state: Json, i: Json, changes: bool) -> str | None:
+def _stale(state: State, i: Input, changes: bool) -> str | None:
     """PRE-5: what the command names wrongly."""
-    if i[0] != "command":
+    if not isinstance(i, Command):
         return None
-    return "session" if i[2] != state[2] else "proposal"
+    return "session" if i.session != state.session else "proposal"
 
 
-def _joined(state: Json, i: Json, changes: bool) -> str | None:
+def _joined(state: State, i: Input, changes: bool) -> str | None:
     """ADV-8: an Advertisement of the newest session joined, or of an older one."""
-    if i[0] != "receive":
+    if not isinstance(i, Receive):
         return None
-    return "copy" if i[1][3] in state[10] else "older"
+    return "copy" if i.message.session in state.joined else "older"
 
 
-def _proposal(state: Json, i: Json, changes: bool) -> str | None:
+def _proposal(state: State, i: Input, changes: bool) -> str | None:
     """NEG-1: a copy of the newest Prescription, or an older one."""
     if changes:
         return None
-    return "copy" if i[1][5] == state[6] else "older"
+    assert isinstance(i, Receive)
+    return "copy" if i.message.proposal == state.proposal else "older"
 
 
-def _withdraws(state: Json, i: Json, changes: bool) -> str | None:
+def _withdraws(state: State, i: Input, changes: bool) -> str | None:
     """END-2: a Cancel in ADVERTISING from a station that is recorded, or not."""
-    if state[0] != "ADVERTISING":
+    if state.phase != "ADVERTISING":
         return None
-    return "recorded" if i[1][1] in state[3] else "not recorded"
+    assert isinstance(i, Receive)
+    return "recorded" if i.message.src in state.recorded else "not recorded"
 
 
-def _full(state: Json, i: Json, changes: bool) -> str:
+def _full(state: State, i: Input, changes: bool) -> str:
     """MEM-1: what is full."""
-    if i[0] == "receive" and i[1][0] == "Intention":
+    if isinstance(i, Receive) and i.message.type == "Intention":
         return "participants"
-    return "outbox" if len(state[11]) > ROOM else "memory"
+    return "outbox" if len(state.outbox) > ROOM else "memory"
 
 
-_WHY: dict[str, Callable[[Json, Json, bool], str | None]] = {
+_WHY: dict[str, Callable[[State, Input, bool], str | None]] = {
     "END-5": _fault,
     "END-6": _ack,
     "ACT-5": _cam,
@@ -395,7 +397,7 @@ class Owners:
         self._seen: dict[Features, Purpose | None] = {}
 
     def owner(
-        self, state: Json, i: Json, effect: Effect, changes: bool, third: bool = False
+        self, state: State, i: Input, effect: Effect, changes: bool, third: bool = False
     ) -> Purpose | None:
         """The first purpose whose selector matches; None if there is none."""
         key = features(state, i, effect, changes, third)

@@ -8,7 +8,7 @@ from random import Random
 from typing import Any, Literal
 
 from automcm_conformance.protocol import MESSAGE_TYPES
-from automcm_spec.oracle import canonical
+from automcm_spec.forms import canonical
 from automcm_spec.parameters import derived, longest_delay
 
 Json = Any

@@ -9,30 +9,31 @@ the state that the input cannot touch (END-4), or in which peer is which, it hol
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
 from automcm_conformance.paths import SUITE
-from automcm_spec.oracle import Answer, Oracle, OracleError, canonical
+from automcm_spec import renaming
+from automcm_spec.forms import canonical
+from automcm_spec.oracle import Answer, Oracle, OracleError
+from automcm_spec.station import Cam, Command, Entry, Expire, Input, Receive, Session, State
 
-Json = Any
-Ids = Callable[[int], int]
 PEERS = 2, 3
 STRANGER = 9
 
 
 def remainder(two: Oracle, one: Oracle) -> Iterator[Answer]:
     """The pairs of ``two`` that have no image in ``one``, in the order of its states."""
-    seen: set[tuple[str, int]] = set()
-    swapped = [two.input_index[canonical(_input(i, _swap))] for i in two.inputs]
+    seen: set[tuple[int, int]] = set()
+    swapped = [two.input_index[renaming.input_of(i, _swap)] for i in two.inputs]
     touched = [_touches(i) for i in two.inputs]
-    views = sorted(set(touched), key=str)
-    ids: dict[str, str] = {}
+    views = set(touched)
+    known: dict[Seen, int] = {}
     for s, state in enumerate(two.states):
-        mirror = _state(state, _swap)
-        mine = {v: ids.setdefault(text := canonical(_view(state, v)), text) for v in views}
-        other = {v: ids.setdefault(text := canonical(_view(mirror, v)), text) for v in views}
+        mirror = renaming.state(state, _swap)
+        mine = {v: known.setdefault(_view(state, v), len(known)) for v in views}
+        other = {v: known.setdefault(_view(mirror, v), len(known)) for v in views}
         for answer in two.answers(s):
             i = answer.input
             key = mine[touched[i]], i
@@ -44,42 +45,44 @@ def remainder(two: Oracle, one: Oracle) -> Iterator[Answer]:
                 yield answer
 
 
-View = tuple[int, tuple[int, int] | None, bool]
+View = tuple[int, Session | None, bool]
 """Who an input is about, in which session, and whether what is remembered of it matters."""
+Seen = tuple[Any, ...]
+"""What of a state such an input can touch."""
 
 
-def _touches(i: Json) -> View:
-    match i[0]:
-        case "receive":
-            return i[1][1], tuple(i[1][3]), i[1][0] == "Advertisement"
-        case "cam":
-            return i[1], None, False
-        case "expire" if i[1][0] == "forget":
-            return i[1][1], None, True
-        case "expire" if len(i[1]) > 1:
-            return i[1][1][1], tuple(i[1][1][2]), False
-        case "command":
-            return 0, None, i[1] == "request"
+def _touches(i: Input) -> View:
+    match i:
+        case Receive(message=m):
+            return m.src, m.session, m.type == "Advertisement"
+        case Cam():
+            return i.src, None, False
+        case Expire(timer=(_, Entry() as e)):
+            return e.to, e.session, False
+        case Expire(timer=(_, int(p))):
+            return p, None, True
+        case Command():
+            return 0, None, i.name == "request"
     return 0, None, False
 
 
 def _swap_view(view: View) -> View:
     y, session, remembered = view
-    return _swap(y), None if session is None else (_swap(session[0]), session[1]), remembered
+    return renaming.station(y, _swap), session and _swap(session), remembered
 
 
-def _view(state: Json, view: View) -> Json:
+def _view(st: State, view: View) -> Seen:
     """The part of a state that an input can touch."""
     y, session, remembered = view
-    bound = state[2]
-    joined = [j for j in state[10] if (j[0] == y and remembered) or j == bound]
-    about = [e for e in state[11] if y and tuple(e[2]) == session]
-    size = len(state[11]) if remembered else 0  # MEM-1 counts all of the outbox
-    if session is not None and tuple(bound) != session:  # END-4
-        return [state[:2], bound[0], state[5], joined, about, size, state[12]]
-    own = [e for e in state[11] if e[2] == bound and e[0] not in ("Fin", "Cancel")]
-    number = 0 if state[1] == "receiver" else state[9]
-    return [state[:9], number, joined, about, own, size, state[12:]]
+    bound = st.session
+    joined = frozenset(j for j in st.joined if (j[0] == y and remembered) or j == bound)
+    about = frozenset(e for e in st.outbox if y and e.session == session)
+    size = len(st.outbox) if remembered else 0  # MEM-1 counts all of the outbox
+    if session is not None and bound != session:  # END-4
+        return st[:2], bound[0], st.target, joined, about, size, st.quarantine
+    own = frozenset(e for e in st.outbox if e.session == bound and e.type not in ("Fin", "Cancel"))
+    number = 0 if st.role == "receiver" else st.number
+    return st[:9], number, joined, about, own, size, st.quarantine, st.backoff
 
 
 # -- one peer taken away
@@ -90,143 +93,101 @@ def _has_image(two: Oracle, one: Oracle, answer: Answer) -> bool:
     return any(_image(two, one, answer, state, i, away) for away in PEERS)
 
 
-def _image(two: Oracle, one: Oracle, answer: Answer, state: Json, i: Json, away: int) -> bool:
+def _image(two: Oracle, one: Oracle, answer: Answer, state: State, i: Input, away: int) -> bool:
     """Whether the answer is the same without this peer.  A session of it is a stranger's then."""
     speaker, about = _speaker(i), _peers(i)
-    if away in about and (away in speaker or i[0] not in ("receive", "cam")):
+    if away in about and (away in speaker or not isinstance(i, Receive | Cam)):
         return False
     if away in about and away in _bound(state):
         return False
     if any(_goes(state, away, session) for session in _sessions(i)):
         return False
 
-    def ids(p: int) -> int:
-        return STRANGER if p == away else 2 if p in PEERS else p
+    def to(session: Session) -> Session:
+        p, n = session
+        return (STRANGER, 1) if p in (away, STRANGER) else (2, n) if p in PEERS else session
 
-    n = one.state_index.get(canonical(_state(_without(state, away), ids)))
-    j = one.input_index.get(canonical(_input(i, ids)))
+    n = one.state_index.get(renaming.state(_without(state, away), to))
+    j = one.input_index.get(renaming.input_of(i, to))
     image = None if n is None or j is None else one.answer(n, j)
     if image is None or image.changes != answer.changes:
         return False
     mine, its = answer.effect, image.effect
-    after = _state(_without(two.states[answer.next], away), ids)
     return (
         (mine.rule, mine.told) == (its.rule, its.told)
-        and _set(_message(m, ids) for m in mine.messages) == _set(its.messages)
-        and _set(_timer(t, ids) for t in mine.arm) == _set(its.arm)
-        and _set(_timer(t, ids) for t in mine.stop) == _set(its.stop)
-        and canonical(after) == canonical(one.states[image.next])
+        and {renaming.message(m, to) for m in mine.messages} == {*its.messages}
+        and {renaming.timer(t, to) for t in mine.arm} == {*its.arm}
+        and {renaming.timer(t, to) for t in mine.stop} == {*its.stop}
+        and renaming.state(_without(two.states[answer.next], away), to) == one.states[image.next]
     )
 
 
-def _speaker(i: Json) -> set[int]:
+def _speaker(i: Input) -> set[int]:
     """Whom a message or CAM comes from and goes to."""
-    if i[0] == "receive":
-        return {i[1][1], i[1][2]}
-    return {i[1]} if i[0] == "cam" else set()
+    match i:
+        case Receive(message=m):
+            return {m.src, m.dst}
+        case Cam():
+            return {i.src}
+    return set()
 
 
-def _peers(i: Json) -> set[int]:
+def _peers(i: Input) -> set[int]:
     """The peers that an input names."""
-    found = _speaker(i)
-    match i[0]:
-        case "receive":
-            found.add(i[1][3][0])
-        case "cam":
-            found.update(s[0] for s in i[2])
-        case "command":
-            found.update((i[2][0], i[4]))
-        case "expire" if i[1][0] == "forget":
-            found.add(i[1][1])
-        case "expire" if len(i[1]) > 1:
-            found.update((i[1][1][1], i[1][1][2][0]))
+    found = _speaker(i) | {p for p, _ in _sessions(i)}
+    match i:
+        case Command():
+            found.add(i.target)
+        case Expire(timer=(_, Entry() as e)):
+            found.update((e.to, e.session[0]))
+        case Expire(timer=(_, int(p))):
+            found.add(p)
     return found & set(PEERS)
 
 
-def _sessions(i: Json) -> list[Json]:
-    """The sessions that an input names."""
-    match i[0]:
-        case "receive":
-            return [i[1][3]]
-        case "cam":
-            return list(i[2])
-        case "command":
-            return [i[2]]
+def _sessions(i: Input) -> Collection[Session]:
+    """The sessions that a message, a CAM or a command names."""
+    match i:
+        case Receive(message=m):
+            return [m.session]
+        case Cam():
+            return i.marks
+        case Command():
+            return [i.session]
     return []
 
 
-def _goes(state: Json, away: int, session: Json) -> bool:
+def _goes(state: State, away: int, session: Session) -> bool:
     """Whether all that the station has to do with this session goes with that peer."""
-    if state[2] == session and _without(state, away)[0] == "STANDALONE":
+    if state.session == session and _without(state, away).phase == "STANDALONE":
         return True
-    return any(e[1] == away and e[2] == session for e in state[11])
+    return any(e.to == away and e.session == session for e in state.outbox)
 
 
-def _bound(state: Json) -> set[int]:
-    return {state[2][0], state[5], *state[3], *state[4]}
+def _bound(state: State) -> set[int]:
+    return {state.session[0], state.target, *state.recorded, *state.withdrawn}
 
 
-def _without(state: Json, away: int) -> Json:
+def _without(state: State, away: int) -> State:
     """A state without a peer; the station is in no session if it was in one with it."""
-    out = list(state)
-    out[3], out[4] = ([p for p in state[n] if p != away] for n in (3, 4))
-    out[10] = [j for j in state[10] if j[0] != away]
-    out[11] = [e for e in state[11] if away not in (e[1], e[2][0])]
-    if away in (state[2][0], state[5]) or (state[0] == "CHOOSING" and not out[3]):
-        out[:9] = ["STANDALONE", "none", [0, 0], [], [], 0, 0, False, False]
+    out = state._replace(
+        recorded=state.recorded - {away},
+        withdrawn=state.withdrawn - {away},
+        joined=frozenset(j for j in state.joined if j[0] != away),
+        outbox=frozenset(e for e in state.outbox if away not in (e.to, e.session[0])),
+    )
+    chooses_none = out.phase == "CHOOSING" and not out.recorded
+    if away in (state.session[0], state.target) or chooses_none:
+        return State("STANDALONE", "none", (0, 0), NONE, NONE, 0, 0, False, False, *out[9:])
     return out
 
 
-# -- other ids
+NONE = frozenset[int]()
 
 
-def _swap(p: int) -> int:
-    return {2: 3, 3: 2}.get(p, p)
-
-
-def _set(values: Any) -> list[Json]:
-    return sorted(values, key=canonical)
-
-
-def _session(s: Json, ids: Ids) -> Json:
-    p = ids(s[0])
-    return [p, 1 if p == STRANGER else s[1]]
-
-
-def _entry(e: Json, ids: Ids) -> Json:
-    return [e[0], ids(e[1]), _session(e[2], ids), *e[3:]]
-
-
-def _message(m: Json, ids: Ids) -> Json:
-    return [m[0], ids(m[1]), ids(m[2]), _session(m[3], ids), *m[4:]]
-
-
-def _timer(t: Json, ids: Ids) -> Json:
-    if len(t) == 1:
-        return t
-    return [t[0], ids(t[1]) if t[0] == "forget" else _entry(t[1], ids)]
-
-
-def _state(state: Json, ids: Ids) -> Json:
-    out = list(state)
-    out[2], out[5] = _session(state[2], ids), ids(state[5])
-    out[3], out[4] = (sorted(map(ids, state[n])) for n in (3, 4))
-    out[10] = _set(_session(j, ids) for j in state[10])
-    out[11] = _set(_entry(e, ids) for e in state[11])
-    return out
-
-
-def _input(i: Json, ids: Ids) -> Json:
-    match i[0]:
-        case "receive":
-            return ["receive", _message(i[1], ids), i[2]]
-        case "cam":
-            return ["cam", ids(i[1]), _set(_session(s, ids) for s in i[2]), i[3]]
-        case "command":
-            return ["command", i[1], _session(i[2], ids), i[3], ids(i[4])]
-        case "expire":
-            return ["expire", _timer(i[1], ids)]
-    return i
+def _swap(session: Session) -> Session:
+    p, n = session
+    return {2: 3, 3: 2}.get(p, p), n
 
 
 # -- the file

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
 
 from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.exchange import Exchange, Infeasible
 from automcm_conformance.purposes import ROOM
-from automcm_conformance.scripts import REFUSED, REQUEST, Script
+from automcm_conformance.scripts import REFUSED, REQUEST, At, Older, Script, Wait, With
 from automcm_conformance.wire import LONG_MS
-from automcm_spec.oracle import canonical
+from automcm_spec.station import Expire, Input, Receive, Timer
 
-Json = Any
 Fresh = Callable[..., Exchange]
 """A fresh exchange: ``fresh(parameters)``, ``fresh(parameters, rich=True)``."""
 Played = Iterator[Exchange | None]
@@ -28,24 +26,24 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
         raise Infeasible  # there is no second round
     if sum(map(_begins, inputs(script))) > 1 and room(x) < ROOM:
         raise Infeasible  # what the first session leaves in the outbox keeps out the second
-    for n, value in enumerate(script):
-        match value[0]:
-            case "wait":
-                x.wait(x.now + value[1])
-            case "at":
-                _before(x, value[1])
-                x.give(number(x, value[2]), at=x.deadline(value[1]), lease_ms=lease_ms)
-            case "with":
-                x.give(number(x, value[2]), lease_ms=lease_ms, fields=value[1])
-            case "older":
-                heard = max(0, (x.wire.heard_ms or 0) - value[1])
-                x.give(number(x, value[2]), fields={"generation_ms": heard})
-            case "expire":
+    for n, item in enumerate(script):
+        match item:
+            case Wait(ms):
+                x.wait(x.now + ms)
+            case At(timer, value):
+                _before(x, timer)
+                x.give(number(x, value), at=x.deadline(timer), lease_ms=lease_ms)
+            case With(fields, value):
+                x.give(number(x, value), lease_ms=lease_ms, fields=fields)
+            case Older(ms, value):
+                heard = max(0, (x.wire.heard_ms or 0) - ms)
+                x.give(number(x, value), fields={"generation_ms": heard})
+            case Expire(timer=timer):
                 if n >= len(script) - 2:
-                    _before(x, value[1])
-                x.expire(number(x, value))
+                    _before(x, timer)
+                x.expire(number(x, item))
             case _:
-                x.give(number(x, value), lease_ms=lease_ms)
+                x.give(number(x, item), lease_ms=lease_ms)
     x.flush()
 
 
@@ -58,9 +56,9 @@ def played(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> Exchange | N
     return x
 
 
-def number(x: Exchange, value: Json) -> int:
+def number(x: Exchange, value: Input) -> int:
     """Which input of the oracle it is.  Raises KeyError."""
-    return x.oracle.input_index[canonical(value)]
+    return x.oracle.input_index[value]
 
 
 def room(x: Exchange) -> int:
@@ -69,28 +67,28 @@ def room(x: Exchange) -> int:
     return p["outbox_limit"] - 1 - max(p["max_participants"], p["max_rounds"])
 
 
-def _begins(value: Json) -> bool:
-    return bool(value == REQUEST or (value[0] == "receive" and value[1][0] == "Advertisement"))
+def _begins(value: Input) -> bool:
+    advertised = isinstance(value, Receive) and value.message.type == "Advertisement"
+    return advertised or value == REQUEST
 
 
-def inputs(script: Iterable[Json]) -> list[Json]:
+def inputs(script: Script) -> list[Input]:
     """The inputs of a script, without what is about time and fields."""
     return [
-        value[2] if value[0] in ("at", "with", "older") else value
-        for value in script
-        if value[0] != "wait"
+        item.input if isinstance(item, At | With | Older) else item
+        for item in script
+        if not isinstance(item, Wait)
     ]
 
 
-def _before(x: Exchange, timer: Json) -> None:
+def _before(x: Exchange, timer: Timer) -> None:
     """One millisecond before a timer expires, and nothing happens.  Raises Infeasible if another
     one than a resend ends before it, or at the same time and first."""
     deadline = x.deadline(timer)
     if deadline is None or deadline == UNKNOWN:
         raise Infeasible
     while (due := x.next_due) is not None and due < deadline:
-        fired = x.advance(due)
-        if any(x.oracle.inputs[i][1][0] != "resend" for i in fired):
+        if any(x.expires(i)[0] != "resend" for i in x.advance(due)):
             raise Infeasible
     if x.first_timer != timer:
         raise Infeasible

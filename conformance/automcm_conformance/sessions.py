@@ -9,26 +9,29 @@ that must change nothing: messages and commands of either session.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 from automcm_conformance.exchange import Exchange, Infeasible
 from automcm_conformance.scripted import Fresh, Played, number, room
 from automcm_conformance.scripts import (
     MINE,
     REQUEST,
+    RESTART,
     THEIRS,
     USUAL,
     WINDOW,
+    WITHDRAWN,
     Script,
     Y,
+    cam,
     command,
+    expire,
     received,
 )
 from automcm_conformance.wire import LONG_MS, ME
-from automcm_spec.oracle import Oracle, canonical
+from automcm_spec.oracle import Oracle
+from automcm_spec.station import Cam, Command, Expire, Input, Message, Receive, Session
 
-Json = Any
 Z = 3
 PAUSE_MS = 7
 SHARES = 9
@@ -41,10 +44,10 @@ COMMANDS = {
 ROLES = ("prescriber", "receiver")
 
 
-def as_prescriber(session: Json, peer: int, refused: bool) -> Script:
+def as_prescriber(session: Session, peer: int, refused: bool) -> list[Input]:
     """A session of the station's own, up to the Ack of the Fin; first refused once, if so."""
     k = 2 if refused else 1
-    rounds = [
+    rounds: list[Input] = [
         received("Acceptance", session, 1, source=peer),
         command("prescribe", session, 2, peer),
     ]
@@ -53,29 +56,32 @@ def as_prescriber(session: Json, peer: int, refused: bool) -> Script:
         received("Intention", session, source=peer),
         WINDOW,
         command("prescribe", session, 1, peer),
-        received("Ack", session, of=["Prescription", 1], source=peer),
+        received("Ack", session, of=("Prescription", 1), source=peer),
         *(rounds if refused else []),
         received("Acceptance", session, k, accepted=True, source=peer),
-        ["cam", peer, [session], True],
-        ["cam", peer, [session], True],
+        cam(peer, session),
+        cam(peer, session),
         command("complete", session),
-        received("Ack", session, of=["Fin", 1], source=peer),
+        received("Ack", session, of=("Fin", 1), source=peer),
     ]
 
 
-def as_receiver(session: Json, refuses: bool) -> Script:
+def as_receiver(session: Session, refuses: bool) -> list[Input]:
     """A session of another, up to its Fin; it refuses first, if so."""
     peer, k = session[0], 2 if refuses else 1
-    rounds = [command("refuse", session, 1), received("Prescription", session, 2, source=peer)]
+    rounds: list[Input] = [
+        command("refuse", session, 1),
+        received("Prescription", session, 2, source=peer),
+    ]
     return [
         received("Advertisement", session, source=peer),
-        received("Ack", session, of=["Intention", 1], source=peer),
+        received("Ack", session, of=("Intention", 1), source=peer),
         received("Prescription", session, 1, source=peer),
         *(rounds if refuses else []),
         command("accept", session, k),
-        received("Ack", session, of=["Acceptance", k], source=peer),
-        ["cam", peer, [session], True],
-        ["cam", peer, [session], True],
+        received("Ack", session, of=("Acceptance", k), source=peer),
+        cam(peer, session),
+        cam(peer, session),
         received("Fin", session, source=peer),
     ]
 
@@ -84,7 +90,7 @@ def scripts(case: str) -> Iterator[Script]:
     """What the sessions of a case are made of."""
     roles = case.split()[1:]
     if "restart" in roles:
-        yield [["restart"]]
+        yield [RESTART]
     if {"prescriber", "restart"} & {*roles}:
         yield as_prescriber(MINE, Y, True)
     if {"receiver", "restart"} & {*roles}:
@@ -117,43 +123,43 @@ def pairs(fresh: Fresh, about: str) -> Played:
             yield x
 
 
-def _begins(role: str, rounds: int) -> list[Script]:
+def _begins(role: str, rounds: int) -> list[list[Input]]:
     """Ways into each state of a session."""
-    found: dict[str, Script] = {}
+    found: dict[tuple[Input, ...], list[Input]] = {}
     for refused in (False, True)[:rounds]:
         if role == "receiver":
             whole = as_receiver(THEIRS, refused)
         else:
             whole = as_prescriber(MINE, Y, refused)
             for n in (1, 2, 3):
-                withdrawn = [*whole[:n], received("Cancel", MINE)]
-                found[canonical(withdrawn)] = withdrawn
+                withdrawn = [*whole[:n], WITHDRAWN]
+                found[tuple(withdrawn)] = withdrawn
         for n in range(1, len(whole)):
-            found[canonical(whole[:n])] = whole[:n]
+            found[tuple(whole[:n])] = whole[:n]
     return list(found.values())
 
 
-def _ends(oracle: Oracle, begin: Script, restarts: bool) -> list[Json]:
+def _ends(oracle: Oracle, begin: Sequence[Input], restarts: bool) -> list[Input]:
     """The inputs that end the session; nothing if the way there ends it."""
     state = 0
     for value in begin:
-        answer = oracle.answer(state, oracle.input_index[canonical(value)])
+        answer = oracle.answer(state, oracle.input_index[value])
         assert answer is not None
         state = answer.next
-    if oracle.states[state][0] == "STANDALONE" or restarts:
-        return [["restart"]] if restarts else []
+    if oracle.states[state].phase == "STANDALONE" or restarts:
+        return [RESTART] if restarts else []
     moves = oracle.moves(state).items()
-    ends = [oracle.inputs[i] for i, after in moves if oracle.states[after][0] == "STANDALONE"]
-    return [value for value in ends if value != ["restart"]]
+    ends = [oracle.inputs[i] for i, after in moves if oracle.states[after].phase == "STANDALONE"]
+    return [value for value in ends if value != RESTART]
 
 
-def _take(x: Exchange, value: Json, lease_ms: int) -> None:
+def _take(x: Exchange, value: Input, lease_ms: int) -> None:
     """An input, and a pause.  Before an expiry whatever else is due comes.  Raises Infeasible."""
     i = number(x, value)
-    if value[0] == "expire":
+    if isinstance(value, Expire):
         fired: list[int] = []
         while i not in fired:
-            if x.deadline(value[1]) is None or x.next_due is None:
+            if x.deadline(value.timer) is None or x.next_due is None:
                 raise Infeasible
             fired = x.advance(x.next_due)
     else:
@@ -168,17 +174,17 @@ def _follow(
     x: Exchange, role: str, peer: int, refused: bool, lease_ms: int, roles: set[str], n: int
 ) -> None:
     """The second session, as far as limits allow it.  Raises Infeasible, Mismatch, Broken."""
-    number_, joined, outbox, quarantined, backs_off = x.oracle.states[x.state][9:14]
-    newest = max([n for p, n in joined if p == peer], default=0)
-    session = [ME, number_ + 1] if role == "prescriber" else [peer, newest + 1]
-    if x.parameters["memory_limit"] < 2 or len(outbox) > room(x):
+    st = x.oracle.states[x.state]
+    newest = max([n for p, n in st.joined if p == peer], default=0)
+    session = (ME, st.number + 1) if role == "prescriber" else (peer, newest + 1)
+    if x.parameters["memory_limit"] < 2 or len(st.outbox) > room(x):
         raise Infeasible
     sessions = [MINE, THEIRS, session]
     _try(x, sessions, roles, n)
-    if role == "receiver" and quarantined:
-        _take(x, ["expire", ["quarantine"]], LONG_MS)
-    if role == "prescriber" and backs_off:
-        _take(x, ["expire", ["backoff"]], LONG_MS)
+    if role == "receiver" and st.quarantine:
+        _take(x, expire("quarantine"), LONG_MS)
+    if role == "prescriber" and st.backoff:
+        _take(x, expire("backoff"), LONG_MS)
     whole = (
         as_receiver(session, refused)
         if role == "receiver"
@@ -190,7 +196,7 @@ def _follow(
     x.flush()
 
 
-def _try(x: Exchange, sessions: list[Json], roles: set[str], n: int) -> None:
+def _try(x: Exchange, sessions: list[Session], roles: set[str], n: int) -> None:
     """What must change nothing here: each exchange tries another share of it."""
     commands = {name for role in roles for name in COMMANDS[role]}
     for i in range(n % SHARES, len(x.oracle.inputs), SHARES):
@@ -198,11 +204,15 @@ def _try(x: Exchange, sessions: list[Json], roles: set[str], n: int) -> None:
         if answer is None or answer.changes or answer.effect.rule == "MEM-1":
             continue
         match x.oracle.inputs[i]:
-            case ["receive", ["Advertisement", *_], True] if "receiver" not in roles:
+            case Receive(message=Message(type="Advertisement"), concerned=True) if (
+                "receiver" not in roles
+            ):
                 continue
-            case ["receive", [_, 2 | 3, 0 | 1, session, *_], _] if session in sessions:
+            case Receive(message=Message(src=2 | 3, dst=0 | 1, session=session)) if (
+                session in sessions
+            ):
                 x.give(i)
-            case ["cam", 2 | 3, _, _]:
+            case Cam(src=2 | 3):
                 x.give(i)
-            case ["command", name, session, *_] if name in commands and session in sessions:
+            case Command(name=name, session=session) if name in commands and session in sessions:
                 x.give(i)

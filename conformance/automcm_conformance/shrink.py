@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any
 
 from automcm_conformance.exchange import Broken
 from automcm_conformance.play import Wrong, offered
 from automcm_conformance.tour import Pair
 from automcm_conformance.walk import Act, Ground, Setting
 from automcm_spec.oracle import Oracle
+from automcm_spec.station import State
 
-Json = Any
 NEAREST = 600
 """Pairs of the broken rule that are tried, nearest to the initial state first."""
 TOGETHER = 50
@@ -28,6 +27,7 @@ ROUND_MS = (1_000, 100, 10)
 """To which pauses are rounded down, if that is enough."""
 Attempt = Callable[[Setting, Sequence[Act]], Wrong | None]
 """Plays a walk; what went wrong, if it broke the rule in question."""
+Kind = tuple[str, str, int]
 First = Callable[[Setting, Sequence[Sequence[Act]]], int | None]
 """Plays walks; the first that broke the rule in question."""
 
@@ -55,9 +55,9 @@ def pair_of(error: Wrong) -> Pair | None:
     return next((step.pairs[-1] for step in reversed(error.steps) if step.pairs), None)
 
 
-def _kind(state: Json) -> tuple[Json, ...]:
+def _kind(state: State) -> Kind:
     """Phase, role and proposal."""
-    return state[0], state[1], state[6]
+    return state.phase, state.role, state.proposal
 
 
 def rule_of(oracle: Oracle, error: Wrong) -> str:
@@ -140,7 +140,7 @@ class Shrinker:
         state, i = pair
         oracle = self.ground.oracle
         alike, any_ = _kind(oracle.states[state]), range(len(oracle.inputs))
-        kinds: list[tuple[Sequence[int], Json]] = [([i], alike), ([i], None), (any_, None)]
+        kinds: list[tuple[Sequence[int], Kind | None]] = [([i], alike), ([i], None), (any_, None)]
         timer = found.error.steps[-1].next_timer
         shown = Setting(True, soonest=timer[0] if timer else "")
         for setting in (found.setting, shown):
@@ -163,7 +163,7 @@ class Shrinker:
         return None
 
     def _by_distance(
-        self, pair: Pair, below: int, inputs: Sequence[int], kind: Json | None
+        self, pair: Pair, below: int, inputs: Sequence[int], kind: Kind | None
     ) -> Iterator[list[Act]]:
         """Shortest walks to each pair of these inputs, and of this kind of state if it is given,
         with the rule of this pair; shortest first."""

@@ -18,7 +18,18 @@ from automcm_conformance import scripts, sessions
 from automcm_conformance.exchange import Broken, Mismatch
 from automcm_conformance.malformed import bent, odd
 from automcm_conformance.scripted import Fresh, Played, inputs, number, play, played
-from automcm_conformance.scripts import REQUEST, USUAL, WAITING, WINDOW, Script
+from automcm_conformance.scripts import (
+    REQUEST,
+    RESTART,
+    USUAL,
+    WAITING,
+    WINDOW,
+    At,
+    Script,
+    Wait,
+    With,
+    expire,
+)
 from automcm_conformance.wire import LONG_MS
 from automcm_spec.generate import TWO_PEERS
 from automcm_spec.oracle import Oracle, load
@@ -54,7 +65,7 @@ def sendings(fresh: Fresh, t_timeout: str) -> Played:
     for name in ("Intention", "Prescription", "Acceptance", "Fin", "Cancel"):
         for script in scripts.TIMERS[f"giveup {name}"]:
             x = fresh(USUAL | {"t_timeout": int(t_timeout)})
-            yield played(x, [*script, ["wait", 1000]])
+            yield played(x, [*script, Wait(1000)])
 
 
 def same_instant(fresh: Fresh) -> Played:
@@ -80,7 +91,7 @@ def plain(fresh: Fresh, case: str) -> Played:
 
 def _lease(script: Script) -> int:
     """A short one where its end is what the script is about."""
-    return LEASE_MS if any(value[:2] == ["at", ["lease"]] for value in script) else LONG_MS
+    return LEASE_MS if any(isinstance(v, At) and v.timer == ("lease",) for v in script) else LONG_MS
 
 
 # -- malformed, and bounds
@@ -110,7 +121,7 @@ def bounds(fresh: Fresh, type_: str) -> Played:
     script, good, after = scripts.RECEIVED[type_]
     for what, fields in odd(fresh(USUAL).wire.command(good)["message"]):
         try:
-            yield played(fresh(USUAL), [*script, ["with", fields, good], *after])
+            yield played(fresh(USUAL), [*script, With(fields, good), *after])
         except (Mismatch, Broken) as error:
             error.args = (f"{type_} with {what}: {error}",)
             raise
@@ -132,7 +143,7 @@ def cam_marks(fresh: Fresh) -> Played:
     for script in scripts.MARKED:
         x = fresh(USUAL)
         x.wait(x.now + 250)
-        steps = [step for value in script for step in (value, ["wait", 250])]
+        steps = [step for value in script for step in (value, Wait(250))]
         yield played(x, steps)
 
 
@@ -178,9 +189,9 @@ def back_off(fresh: Fresh) -> Played:
             text = f"a back-off of {lasts} ms whatever the seed is"
         if text:
             raise Mismatch(x.done, [("deadline", text)])
-        x.learn(["backoff"], deadline)
+        x.learn(("backoff",), deadline)
         x.give(number(x, REQUEST))
-        play(x, [["expire", ["backoff"]], REQUEST])
+        play(x, [expire("backoff"), REQUEST])
         yield x
 
 
@@ -235,7 +246,7 @@ def needs(case: str) -> set[str]:
         found.add("prescriber")
     if scripts.ADVERTISED in values:
         found.add("receiver")
-    if ["restart"] in values:
+    if RESTART in values:
         found.add("restart")
     return found
 

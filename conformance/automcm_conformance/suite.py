@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
 
 from automcm_conformance.adapter import PATIENCE, Adapter
 from automcm_conformance.exchange import Broken, Exchange, Link, Mismatch, Step, Unpredicted
@@ -16,9 +15,9 @@ from automcm_conformance.results import Verdict
 from automcm_conformance.tally import ENOUGH, Fault, Part, Tally
 from automcm_conformance.tour import Pair, Tours
 from automcm_conformance.wire import LONG, PLAIN, VALUES, Values
-from automcm_spec.oracle import Answer, Oracle, canonical
+from automcm_spec.oracle import Answer, Oracle
+from automcm_spec.station import Command, Expire, Input, Message, Receive, Restart
 
-Json = Any
 Say = Callable[[str], None]
 PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
 """What the graphs are driven with; the limits are those of the graph."""
@@ -220,16 +219,18 @@ class Runner:
                 return f"{name} of at least {needed}"
         return ""
 
-    def left_out(self, value: Json) -> str:
+    def left_out(self, value: Input) -> str:
         """The feature that an input needs and the implementation does not have."""
-        match value[0]:
-            case "restart":
+        match value:
+            case Restart():
                 needed = "restart"
-            case "command":
-                needed = "receiver" if value[1] in ("accept", "refuse") else "prescriber"
-                if value[1] == "abort":
-                    return ""
-            case "receive" if value[1][0] == "Advertisement" and value[2]:
+            case Command(name="abort"):
+                return ""
+            case Command(name="accept" | "refuse"):
+                needed = "receiver"
+            case Command():
+                needed = "prescriber"
+            case Receive(message=Message(type="Advertisement"), concerned=True):
                 needed = "receiver"
             case _:
                 return ""
@@ -425,10 +426,10 @@ class Runner:
         ):
             found = error.found_deadline
             wanted = step.expected.deadline
-            timer = oracle.input_index.get(canonical(["expire", step.next_timer]))
+            name = step.next_timer[0] if step.next_timer else ""
+            timer = step.next_timer and oracle.input_index.get(Expire("expire", step.next_timer))
             late = wanted is not None and (found is None or found > wanted)
             if late and timer is not None and oracle.answer(step.after, timer) is not None:
-                name = step.next_timer[0]
                 return (step.after, timer), f"; the timer {name} is not armed, or lasts too long"
         return last, ""
 
@@ -467,7 +468,7 @@ class Runner:
     ) -> Fault:
         """A fault; its rule is that of the last pair, or of a case that has a name."""
         rule = purpose.rules[0] if purpose else ""
-        value: Json = None
+        value: Input | None = None
         if pairs:
             value = part.oracle.inputs[pairs[-1][1]]
             answer = part.oracle.answer(*pairs[-1])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
 
 from automcm_conformance.exchange import Step
 from automcm_conformance.purposes import Purpose
@@ -12,9 +11,7 @@ from automcm_conformance.results import Verdict
 from automcm_conformance.stage import Outcome
 from automcm_conformance.tour import Pair, Tours
 from automcm_spec.oracle import Oracle
-
-Json = Any
-
+from automcm_spec.station import Input
 
 ENOUGH = 3
 """Wrong answers after which a case is decided, and driven no further."""
@@ -42,8 +39,8 @@ class Fault:
     verdict: Verdict
     steps: list[Step]
     rule: str
-    input: Json
-    """The input that the rule decides, in the oracle's values."""
+    input: Input | None
+    """The input that the rule decides."""
     what: str
     stderr: list[str] = field(default_factory=list)
     """What the process said last, if it is gone."""

@@ -7,12 +7,11 @@ import random
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-from automcm_conformance.wire import LONG, STEP_MS, timer_key
+from automcm_conformance.wire import LONG, STEP_MS
 from automcm_spec.oracle import Answer, Oracle
+from automcm_spec.station import Command, Expire, Input, Message, Receive, Timer
 
-Json = Any
 Pair = tuple[int, int]
 """(state, input) of a graph."""
 Allowed = Callable[[int, int], bool]
@@ -199,7 +198,7 @@ def timetable(
     must change nothing comes LATER_MS after a transition, so that a timer armed anew by it shows.
     """
     slots: list[Slot] = []
-    running: dict[tuple[Json, ...], int] = {}
+    running: dict[Timer, int] = {}
     lease_from = -1
     state, now = 0, start + STEP_MS // 2
     for n, i in enumerate(tour):
@@ -213,27 +212,30 @@ def timetable(
         if not answer.changes:
             continue
         value = oracle.inputs[i]
-        if value[0] == "expire":
-            armed = running.pop(timer_key(value[1]))
-            name = value[1][0]
+        if isinstance(value, Expire):
+            armed = running.pop(value.timer)
+            name = value.timer[0]
             if name == "lease":
                 slots[lease_from].lease_ms = now - slots[armed].at
             else:
                 slots[armed].durations[name] = now - slots[armed].at
-        if _prescribes(value):
-            proposal = value[1][5] if value[0] == "receive" else value[3]
+        if (proposal := _prescribed(value)) is not None:
             lease_from, slot.lease_ms = n, long["lease"] + proposal
         for timer in answer.effect.stop:
-            running.pop(timer_key(timer), None)
+            running.pop(timer, None)
         for timer in answer.effect.arm:
-            running[timer_key(timer)] = n
+            running[timer] = n
             if timer[0] != "lease":
                 slot.durations.setdefault(timer[0], long[timer[0]])
         state = answer.next
     return slots
 
 
-def _prescribes(value: Json) -> bool:
-    if value[0] == "receive":
-        return str(value[1][0]) == "Prescription"
-    return (value[0], value[1:2]) == ("command", ["prescribe"])
+def _prescribed(value: Input) -> int | None:
+    """The proposal of a Prescription, received or commanded."""
+    match value:
+        case Receive(message=Message(type="Prescription", proposal=proposal)):
+            return proposal
+        case Command(name="prescribe", proposal=proposal):
+            return proposal
+    return None

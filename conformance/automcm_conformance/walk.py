@@ -11,15 +11,15 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from random import Random
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from automcm_conformance.exchange import Exchange
 from automcm_conformance.play import play
 from automcm_conformance.tour import Pair
 from automcm_conformance.wire import LONG_MS, PLAIN, Values
 from automcm_spec.oracle import Oracle
+from automcm_spec.station import Cam, Expire, Receive
 
-Json = Any
 NOTHING = -1
 """The input of an act in which time passes, and that is all."""
 TRIES = 6
@@ -113,8 +113,8 @@ class Ground:
         if how == PLANNED:
             self._visits[pair[0]] += 1
             value = self.oracle.inputs[pair[1]]
-            if value[0] == "expire":
-                self._fired[value[1][0]] += 1
+            if isinstance(value, Expire):
+                self._fired[value.timer[0]] += 1
 
     def coverage(self) -> dict[str, list[int]]:
         """Transitions and refusals that have been judged, of those there are."""
@@ -151,7 +151,7 @@ class Ground:
                     inputs.append(i)
                 return inputs[::-1]
             for i, after in self.oracle.moves(here).items():
-                expiry = self.oracle.inputs[i][0] == "expire"
+                expiry = isinstance(self.oracle.inputs[i], Expire)
                 if after in before or after == state or expiries not in (None, expiry):
                     continue
                 if self.may(here, i):
@@ -178,10 +178,13 @@ class Ground:
         """
         inputs, weights = [], []
         for i, after in self.oracle.moves(state).items():
-            expiry = self.oracle.inputs[i][0] == "expire"
+            value = self.oracle.inputs[i]
+            expiry = isinstance(value, Expire)
             if (expiries is not None and expiry != expiries) or not self.may(state, i):
                 continue
-            rare = self._fired[self.oracle.inputs[i][1][0]] if expiry else self._visits[after]
+            rare = self._visits[after]
+            if isinstance(value, Expire):
+                rare = self._fired[value.timer[0]]
             inputs.append(i)
             weights.append((8.0 if self.fresh(state, i) else 1.0) / (1 + rare) ** 0.5)
         return random.choices(inputs, weights)[0] if inputs else None
@@ -284,7 +287,7 @@ class Walker:
         return answer.next
 
     def _hear(self, i: int) -> None:
-        if self.ground.oracle.inputs[i][0] in ("receive", "cam"):
+        if isinstance(self.ground.oracle.inputs[i], Receive | Cam):
             self._heard.append(i)
 
 

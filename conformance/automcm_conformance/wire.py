@@ -7,13 +7,25 @@ the very answer that is expected (docs/adapter.md).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from pydantic_core import to_json
 
 from automcm_spec.oracle import Answer
+from automcm_spec.station import (
+    Cam,
+    Command,
+    Entry,
+    Input,
+    Message,
+    Receive,
+    Restart,
+    Session,
+    State,
+    Timer,
+)
 
 Json = Any
 
@@ -51,21 +63,8 @@ STEP_MS = 100
 COPY_REASONS = ("unsafe", "undecided")
 
 
-Key = tuple[str, int, int, int, int]
+Key = tuple[str, int, Session, int]
 """What identifies an entry of the outbox: type, addressee, session, seq; in the oracle's values."""
-
-
-def entry_key(e: Json) -> Key:
-    """Of an entry, or of type, addressee, session and seq."""
-    return e[0], e[1], e[2][0], e[2][1], e[3]
-
-
-def timer_key(t: Json) -> tuple[Json, ...]:
-    """What identifies a timer."""
-    if len(t) == 1 or t[0] == "forget":
-        return tuple(t)
-    return (t[0], *entry_key(t[1]))
-
 
 LARGE = 2**53 - 1
 
@@ -150,19 +149,19 @@ class Wire:
     """The message or command that the last line carried."""
     fresh: list[int] = field(default_factory=list)
     """The numbers that several new messages of the last step share."""
-    _cache: dict[int, dict[str, Json]] = field(default_factory=dict)
-    """Messages received, by the identity of the oracle's value (the oracle outlives this)."""
+    _cache: dict[Message, dict[str, Json]] = field(default_factory=dict)
+    """Messages received."""
 
     # -- content and ids
 
-    def trajectory(self, session: Json, k: int, lane: int) -> Json:
+    def trajectory(self, session: Sequence[int], k: int, lane: int) -> Json:
         """A trajectory that no other session, proposal or use has."""
         points = [[0, 0, 0], [1000, 8000 + lane, session[0]]]
         if self.rich:
             points += [[1000 + 40 * n, -n * n, LARGE - n] for n in range(1, 60)]
         return {"t0": 10 * session[1] + k, "points": points}
 
-    def session(self, s: Json) -> list[int]:
+    def session(self, s: Session) -> list[int]:
         """A session in real ids.  One of its own that is not open yet has some later number."""
         if s[0] == ME:
             later = self.last_number + s[1] - len(self.own)
@@ -171,44 +170,42 @@ class Wire:
 
     def opened(self, place: int, number: int) -> None:
         """The station has opened its session ``place`` under this number."""
-        if self.session([ME, place]) != [self.values.ids[ME], number]:
+        if self.session((ME, place)) != [self.values.ids[ME], number]:
             self._cache.clear()
         self.own[place] = self.last_number = number
 
     # -- inputs
 
-    def command(self, value: Json, lease_ms: int | None = None) -> dict[str, Json]:
+    def command(self, value: Input, lease_ms: int | None = None) -> dict[str, Json]:
         """The command of the adapter protocol for an input, without ``now``.
 
         ``lease_ms`` is for a Prescription with new content; else it is the one sent before.
         """
-        kind = value[0]
         self.given = None
-        if kind == "receive":
-            message = self.message(value[1], lease_ms)
-            self.given = message
-            out: dict[str, Json] = {"cmd": "receive", "message": message}
-            if message["type"] == "Advertisement" and value[2]:
-                out["planned"] = self.trajectory(message["session"], 0, 1)
-            return out
-        if kind == "cam":
-            self.given = self._cam(value)
-            return {"cmd": "receive", "message": self.given}
-        if kind == "command":
-            self.given = self._command(value, lease_ms or LONG_MS + value[3])
-            return {"cmd": "command", "command": self.given}
-        return {"cmd": "restart" if kind == "restart" else "advance"}
+        match value:
+            case Receive():
+                self.given = self.message(value.message, lease_ms)
+                out: dict[str, Json] = {"cmd": "receive", "message": self.given}
+                if value.message.type == "Advertisement" and value.concerned:
+                    out["planned"] = self.trajectory(self.given["session"], 0, 1)
+                return out
+            case Cam():
+                self.given = self._cam(value)
+                return {"cmd": "receive", "message": self.given}
+            case Command():
+                self.given = self._command(value, lease_ms or LONG_MS + value.proposal)
+                return {"cmd": "command", "command": self.given}
+        return {"cmd": "restart" if isinstance(value, Restart) else "advance"}
 
-    def message(self, m: Json, lease_ms: int | None = None) -> dict[str, Json]:
+    def message(self, m: Message, lease_ms: int | None = None) -> dict[str, Json]:
         """A received message with content."""
-        if m[0] == "Ack":
+        if m.type == "Ack":
             return self._ack(m)
-        key = id(m)
-        if key not in self._cache or lease_ms is not None:
-            self._cache[key] = self._content(m, lease_ms or LONG_MS + m[5])
-        return self._cache[key]
+        if m not in self._cache or lease_ms is not None:
+            self._cache[m] = self._content(m, lease_ms or LONG_MS + m.proposal)
+        return self._cache[m]
 
-    def _content(self, m: Json, lease_ms: int) -> dict[str, Json]:
+    def _content(self, m: Message, lease_ms: int) -> dict[str, Json]:
         type_, src, dst, session, seq, k, accepted, reason, _ = m
         out: dict[str, Json] = {"v": 1, "type": type_, "src": self.values.ids[src]}
         if dst:
@@ -238,12 +235,12 @@ class Wire:
                 out["reason"] = "abort" if reason == "as_sent" else reason
         return out
 
-    def _ack(self, m: Json) -> dict[str, Json]:
+    def _ack(self, m: Message) -> dict[str, Json]:
         """An Ack.  One that names nothing in the outbox names a seq that tries the check."""
-        src, session, (type_, k) = m[1], m[3], m[8]
+        src, session, (type_, k) = m.src, m.session, m.of
         seq = 0
         if k:
-            mine = self.outbox.get(entry_key((type_, src, session, k)))
+            mine = self.outbox.get((type_, src, session, k))
             if mine is not None:
                 seq = mine["seq"]
             elif type_ == "Advertisement":
@@ -251,8 +248,8 @@ class Wire:
             else:
                 seq = self._near_miss(self.values.ids[src], self.session(session), type_)
         out = {"v": 1, "type": "Ack", "src": self.values.ids[src]}
-        if m[2]:
-            out["dst"] = self.values.ids[m[2]]
+        if m.dst:
+            out["dst"] = self.values.ids[m.dst]
         return out | {"session": self.session(session), "seq": 0, "of": {"type": type_, "seq": seq}}
 
     def _near_miss(self, src: int, session: list[int], type_: str) -> int:
@@ -263,22 +260,21 @@ class Wire:
         other = (e["seq"] for e in mine if e["dst"] == src and e["type"] != type_)
         return next(foreign, next(other, ODD_SEQ))
 
-    def _cam(self, value: Json) -> dict[str, Json]:
-        _, src, marks, newer = value
+    def _cam(self, value: Cam) -> dict[str, Json]:
         last = self.heard_ms or self.values.start_ms - BEFORE_MS
         return {
             "v": 1,
             "type": "CAM",
-            "src": self.values.ids[src],
-            "generation_ms": last + STEP_MS if newer else last,
+            "src": self.values.ids[value.src],
+            "generation_ms": last + STEP_MS if value.newer else last,
             "x_mm": 0,
             "y_mm": 0,
             "heading_mrad": 0,
             "speed_mm_s": 8333,
-            "marks": [self.session(s) for s in marks],
+            "marks": [self.session(s) for s in sorted(value.marks)],
         }
 
-    def _command(self, value: Json, lease_ms: int) -> dict[str, Json]:
+    def _command(self, value: Command, lease_ms: int) -> dict[str, Json]:
         _, name, session, k, target = value
         out: dict[str, Json]
         if name == "request":
@@ -301,7 +297,7 @@ class Wire:
     # -- answers
 
     def expect(
-        self, before: Json, value: Json, answer: Answer, after: Json, lease_left: int
+        self, before: State, value: Input, answer: Answer, after: State, lease_left: int
     ) -> tuple[list[dict[str, Json]], list[dict[str, Json]]]:
         """Messages and indications that must follow; what is sent reliably is remembered.
 
@@ -311,22 +307,21 @@ class Wire:
         messages = []
         new: list[tuple[Key, dict[str, Json]]] = []
         for m in effect.messages:
-            type_, _, dst, session, k = m[:5]
-            key = entry_key((type_, dst, session, k))
-            if k and key in self.outbox:
+            key = m.type, m.dst, m.session, m.seq
+            if m.seq and key in self.outbox:
                 messages.append(self.outbox[key])
-            elif type_ == "Advertisement" and self.advertisement is not None:
+            elif m.type == "Advertisement" and self.advertisement is not None:
                 messages.append(self.advertisement)
             else:
                 message = self._sent(m)
                 messages.append(message)
-                if k:
+                if m.seq:
                     new.append((key, message))
         if answer.changes:
             self._remember(before, after, new, value)
         return messages, self._indications(effect.told, before, after, lease_left)
 
-    def _sent(self, m: Json) -> dict[str, Json]:
+    def _sent(self, m: Message) -> dict[str, Json]:
         """A new message, or an answer, of the station."""
         type_, _, dst, session, seq, k, accepted, reason, _ = m
         given = self.given or {}
@@ -356,10 +351,10 @@ class Wire:
         return out
 
     def _remember(
-        self, before: Json, after: Json, new: list[tuple[Key, dict[str, Json]]], value: Json
+        self, before: State, after: State, new: list[tuple[Key, dict[str, Json]]], value: Input
     ) -> None:
-        if before[2] != after[2]:
-            if before[2] == [0, 0]:
+        if before.session != after.session:
+            if before.session == (0, 0):
                 self.seq = 0
             self.advertisement = self.heard_ms = None
         if len(new) == 1 and new[0][1]["type"] != "Advertisement":
@@ -372,18 +367,18 @@ class Wire:
                 self.advertisement = message
             else:
                 self.outbox[key] = message
-        kept = {entry_key(entry) for entry in after[11]}
+        kept = {entry[:4] for entry in after.outbox}
         for key in [key for key in self.outbox if key not in kept]:
             del self.outbox[key]
-        if after[0] != "ADVERTISING":
+        if after.phase != "ADVERTISING":
             self.advertisement = None
-        if value[0] == "cam" and self.given is not None:
+        if isinstance(value, Cam) and self.given is not None:
             self.heard_ms = self.given["generation_ms"]
-        elif after[0] != "ACTUATING":
+        elif after.phase != "ACTUATING":
             self.heard_ms = None
 
     def _indications(
-        self, told: Json, before: Json, after: Json, lease_left: int
+        self, told: tuple[str, ...], before: State, after: State, lease_left: int
     ) -> list[dict[str, Json]]:
         name = told[0]
         if name == "nothing":
@@ -391,36 +386,36 @@ class Wire:
         if name in ("refused", "discarded"):
             return [{"name": name}]
         given = self.given or {}
-        out: dict[str, Json] = {"name": name, "session": self.session(before[2])}
+        out: dict[str, Json] = {"name": name, "session": self.session(before.session)}
         match name:
             case "choose":
-                out["stations"] = sorted(self.values.ids[p] for p in after[3])
+                out["stations"] = sorted(self.values.ids[p] for p in after.recorded)
             case "verify":
                 out |= {"proposal": given["proposal"], "prescribed": given["prescribed"]}
             case "undecided":
-                out["proposal"] = before[6]
+                out["proposal"] = before.proposal
             case "accepted":
-                out |= {"proposal": before[6], "selected": given["selected"]}
+                out |= {"proposal": before.proposal, "selected": given["selected"]}
                 out["lease_left_ms"] = lease_left
             case "propose":
-                out |= {"proposal": before[6] + 1, "reason": given["reason"]}
+                out |= {"proposal": before.proposal + 1, "reason": given["reason"]}
             case "fallback":
                 out["reason"] = given["reason"] if told[1] == "as_sent" else told[1]
         return [out]
 
-    def timer(self, t: Json) -> dict[str, Json]:
+    def timer(self, t: Timer) -> dict[str, Json]:
         """A timer as a log names it, but with all of the message it belongs to: its seq may not
         be known yet."""
-        if len(t) == 1:
-            return {"name": t[0]}
-        if t[0] == "forget":
-            return {"name": "forget", "station": self.values.ids[t[1]]}
-        type_, to, session = t[1][:3]
-        entry = self.outbox.get(entry_key(t[1]))
-        if entry is None:
-            entry = {"type": type_, "session": self.session(session), "seq": 1}
-            entry |= {"dst": self.values.ids[to]} if to else {}
-        return {"name": t[0], "message": entry}
+        match t:
+            case (name, Entry() as e):
+                message = self.outbox.get(e[:4])
+                if message is None:
+                    message = {"type": e.type, "session": self.session(e.session), "seq": 1}
+                    message |= {"dst": self.values.ids[e.to]} if e.to else {}
+                return {"name": name, "message": message}
+            case (name, int(p)):
+                return {"name": name, "station": self.values.ids[p]}
+        return {"name": t[0]}
 
 
 def encode(command: dict[str, Json], now: int) -> bytes:

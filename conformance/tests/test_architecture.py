@@ -36,6 +36,7 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / "reference/automcm/links").mkdir()
     (tmp_path / "reference/automcm/links/__init__.py").write_text("")
     (tmp_path / "traces/automcm_traces/writer.py").write_text("x = 1\n")
+    (tmp_path / "spec/automcm_spec/station.py").write_text("")
     return tmp_path
 
 
@@ -67,6 +68,8 @@ def test_what_counts_as_an_import(tree: Path) -> None:
         ("traces/automcm_traces/a.py", "import automcm_spec", True),
         ("traces/automcm_traces/a.py", "import automcm", False),
         ("reference/automcm/a.py", "import automcm_traces.writer", True),
+        ("reference/automcm/adapter.py", "import automcm_spec.station", True),
+        ("reference/automcm/station.py", "import automcm_spec.station", False),
         ("reference/automcm/links/a.py", "import automcm_traces", False),
         ("reference/automcm/links/a.py", "import automcm_spec", False),
         ("conformance/automcm_conformance/a.py", "import automcm_traces", True),

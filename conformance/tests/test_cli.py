@@ -21,6 +21,7 @@ from automcm_conformance.coverage import Coverage
 from automcm_spec import compiler, generate, models, oracle, tlc
 from automcm_spec.agreement import Agreement, Difference
 from automcm_spec.sany import Refused
+from automcm_spec.station import Restart
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
 
 ROOT = generated.ROOT
@@ -204,7 +205,7 @@ def wrong(report: verify_.Report, what: str) -> verify_.Report:
     model = models.load()[0]
     match what:
         case "divergence":
-            found = Divergence([["restart"]], "END-8", 9, {"told": 1}, {"told": 2})
+            found = Divergence([Restart("restart")], "END-8", 9, {"told": 1}, {"told": 2})
             report.compared["one-peer"].divergences.append(found)
         case "behaviour":
             report.behaviour_differences.append("step 3 [red]")
@@ -221,7 +222,7 @@ def wrong(report: verify_.Report, what: str) -> verify_.Report:
             report.compared.clear()
         case "compiled":
             report.compiled["one-peer"].differences = 1
-            report.compiled["one-peer"].found.append(Difference([], ["restart"], 1, 2))
+            report.compiled["one-peer"].found.append(Difference(None, Restart("restart"), 1, 2))
         case "not compiled":
             report.compiled.clear()
         case "no models":

@@ -12,6 +12,7 @@ from automcm_conformance.compare import LIMIT, explain, walk
 from automcm_conformance.coverage import rules
 from automcm_spec import generate
 from automcm_spec.oracle import Oracle, load
+from automcm_spec.station import Cam, Receive
 
 PEER = 2
 
@@ -35,10 +36,11 @@ def test_the_map_is_its_own_inverse_on_every_input_that_changes_something(oracle
             given, (only,) = self.give(value)
             assert only.input is not None
             looked_at = len(value)
-            if value[0] == "cam" and before.heard_ms is None:
-                looked_at = 3
-            if value[0] == "receive" and value[1][:2] != ["Advertisement", PEER]:
-                looked_at = 2
+            match value:
+                case Cam() if before.heard_ms is None:
+                    looked_at = 3
+                case Receive(message=m) if (m.type, m.src) != ("Advertisement", PEER):
+                    looked_at = 2
             assert abstract_input(before, only.input)[:looked_at] == value[:looked_at]
             return answer(before, given, only)
 
@@ -66,13 +68,13 @@ def test_a_missing_rule_is_missed_and_named(oracle: Oracle, rule: str) -> None:
 def test_the_path_to_a_difference_is_a_shortest_one(oracle: Oracle) -> None:
     result = walk(oracle, Reference(oracle.constants, without("NEG-3")), stop_at_first=True)
     inputs = result.divergences[0].inputs
-    assert [i[0] for i in inputs] == ["receive", "receive", inputs[-1][0]]
+    assert [i.kind for i in inputs[:2]] == ["receive", "receive"] and len(inputs) == 3
 
 
 def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
     class Broken(Reference):
         def apply(self, value: Any) -> Any:
-            if value[0] == "restart":
+            if value.kind == "restart":
                 raise RuntimeError("no")
             return super().apply(value)
 
@@ -84,12 +86,12 @@ def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Orac
 def test_a_state_that_it_cannot_be_put_into_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
     class Older(Reference):
         def put(self, state: Any) -> None:
-            if state[0] == "CHOOSING":
+            if state.phase == "CHOOSING":
                 raise ValueError("too many values to unpack")
             super().put(state)
 
     result = walk(oracle, Older(oracle.constants), transitions_only=True)
-    choosing = [state for state in oracle.states if state[0] == "CHOOSING"]
+    choosing = [state for state in oracle.states if state.phase == "CHOOSING"]
     assert (result.differences, result.states) == (len(choosing), len(oracle.states))
     assert explain(result.divergences[0], oracle).endswith(
         "raises ValueError: too many values to unpack"
@@ -110,7 +112,7 @@ def test_of_each_rule_that_many_differences_are_kept(oracle: Oracle) -> None:
 def test_marks_are_compared(oracle: Oracle) -> None:
     class Unmarked(Reference):
         def marks(self) -> Any:
-            return []
+            return frozenset()
 
     result = walk(oracle, Unmarked(oracle.constants), transitions_only=True, stop_at_first=False)
     assert {d.rule for d in result.divergences} == {"ACT-5"}

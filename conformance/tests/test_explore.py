@@ -16,11 +16,25 @@ from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Mismatch
 from automcm_conformance.exploration import FORMAT, Exploration
 from automcm_conformance.play import play
+from automcm_conformance.scripts import (
+    ABORT,
+    ADVERTISED,
+    LEAVE,
+    MINE,
+    NEXT,
+    REQUEST,
+    THEIRS,
+    WINDOW,
+    command,
+    entry,
+    expire,
+    received,
+)
 from automcm_conformance.shrink import Short, Shrinker
 from automcm_conformance.suite import Runner
 from automcm_conformance.walk import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
 from automcm_spec.generate import ONE_PEER, TWO_PEERS
-from automcm_spec.oracle import Oracle, canonical
+from automcm_spec.oracle import Oracle
 from automcm_spec.oracle import load as read
 
 Json = Any
@@ -339,31 +353,27 @@ def test_walks_go_where_none_has_been() -> None:
 
 def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
     # Two Cancels are given up at once, the later of the two times; forget(2) is due between.
-    def heard(type_: str, peer: int, session: list[int], seq: int, *more: Json) -> Json:
-        to, reason, of, planned = more
-        m = [type_, peer, to, session, seq, 0, False, reason, of]
-        return ["receive", m, planned]
-
-    nothing = ["none", 0]
+    closed = received("Cancel", NEXT)
+    message = closed.message._replace(seq=0, reason="closed")
     tour = [
-        heard("Advertisement", 2, [2, 1], 1, 0, "none", nothing, True),
-        ["command", "abort", [2, 1], 0, 0],
-        heard("Advertisement", 2, [2, 2], 1, 0, "none", nothing, True),
-        heard("Cancel", 2, [2, 2], 0, 1, "closed", nothing, True),
-        ["command", "request", [0, 0], 0, 0],
-        heard("Intention", 2, [1, 1], 1, 1, "none", nothing, True),
-        heard("Intention", 3, [1, 1], 1, 1, "none", nothing, True),
-        ["command", "abort", [1, 1], 0, 0],
-        ["expire", ["giveup", ["Cancel", 2, [1, 1], 1, False]]],
-        heard("Ack", 2, [2, 1], 0, 1, "none", ["Cancel", 1], False),
-        ["expire", ["forget", 2]],
-        ["expire", ["giveup", ["Cancel", 3, [1, 1], 1, False]]],
+        ADVERTISED,
+        LEAVE,
+        received("Advertisement", NEXT),
+        closed._replace(message=message),
+        REQUEST,
+        received("Intention", MINE),
+        received("Intention", MINE, source=3),
+        ABORT,
+        expire("giveup", entry("Cancel", 2, MINE)),
+        received("Ack", THEIRS, of=("Cancel", 1)),
+        expire("forget", 2),
+        expire("giveup", entry("Cancel", 3, MINE)),
     ]
     oracle = load(TWO_PEERS.path)
     adapter = Adapter(station(), LIMIT_S)
     try:
         x = Runner(adapter, (), 1, lambda text: None).exchange(oracle)
-        inputs = [oracle.input_index[canonical(value)] for value in tour]
+        inputs = [oracle.input_index[value] for value in tour]
         off = play(x, inputs, True)
         x.flush()
     finally:
@@ -403,18 +413,11 @@ def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
     from automcm_conformance.suite import PARAMETERS
 
     two = load(TWO_PEERS.path)
-    request, decide = ["command", "request", [0, 0], 0, 0], ["command", "prescribe", [1, 1], 1, 3]
-    intentions = [
-        ["receive", ["Intention", p, 1, [1, 1], 1, 0, False, "none", ["none", 0]], True]
-        for p in (2, 3)
-    ]
-    resends = [
-        ["expire", ["resend", [type_, to, [1, 1], 1, False]]]
-        for type_, to in (("Cancel", 2), ("Prescription", 3))
-    ]
-    values = [request, *intentions, ["expire", ["advertise"]], decide]
+    intentions = [received("Intention", MINE, source=p) for p in (2, 3)]
+    resends = [expire("resend", entry(*to, MINE)) for to in (("Cancel", 2), ("Prescription", 3))]
+    values = [REQUEST, *intentions, WINDOW, command("prescribe", MINE, 1, 3)]
     copy = intentions[0]
-    tour = [two.input_index[canonical(v)] for v in (*values, resends[1], copy, resends[0], copy)]
+    tour = [two.input_index[v] for v in (*values, resends[1], copy, resends[0], copy)]
     right = Adapter(station(), LIMIT_S)
     x = Exchange(two, right, PARAMETERS | LIMITS)
     off = play(x, tour, True)

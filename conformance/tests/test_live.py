@@ -28,6 +28,7 @@ from automcm_cli.main import app
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.live_cases import CASES, Case, Judged, Session, Twin, twin
 from automcm_conformance.protocol import DEFAULTS
+from automcm_conformance.scripts import expire
 from automcm_spec.generate import ONE_PEER, spec_hash
 from automcm_spec.oracle import Oracle, load
 from automcm_spec.parameters import Parameters
@@ -344,7 +345,7 @@ def test_the_twin_is_the_same_case_in_virtual_time(oracle: Oracle) -> None:
     with adapter(*AUTOMCM, "adapter") as reference:
         judged = twin(oracle, reference, DEFAULTS)
         assert [judged(case) for case in CASES] == [""] * len(CASES)
-        assert judged(Case("too long", (), "", [["expire", ["lease"]]])) is None
+        assert judged(Case("too long", (), "", [expire("lease")])) is None
 
 
 def test_the_twin_of_a_slow_station_fails(oracle: Oracle) -> None:

@@ -27,6 +27,7 @@ from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
 from automcm_spec.oracle import Oracle
 from automcm_spec.oracle import load as load_oracle
 from automcm_spec.rules import RULES
+from automcm_spec.station import Receive
 
 PURPOSES = load()
 SELECTED = [purpose for purpose in PURPOSES if purpose.select is not None]
@@ -95,7 +96,7 @@ def test_every_selector_owns_a_pair() -> None:
     for s, state in enumerate(two.states):
         for a in two.answers(s) if left else ():
             i = two.inputs[a.input]
-            third = i[0] == "receive" and i[1][1] != state[2][0]
+            third = isinstance(i, Receive) and i.message.src != state.session[0]
             found = owners(features(state, i, a.effect, a.changes, third))
             assert len(found) == 1
             left.discard(found[0].id)

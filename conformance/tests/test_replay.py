@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 
 from automcm.adapter import Reference, without
-from automcm_conformance.replay import input_seen, replay, state_seen
+from automcm_conformance.replay import replay, seen_by
 from automcm_spec import simulate
-
-Behaviour = list[tuple[int, Any, Any]]
+from automcm_spec.renaming import input_of, state
+from automcm_spec.simulate import Behaviour
+from automcm_spec.station import Cam, Command, Entry, Expire, Message, Receive, Restart, Station
 
 
 @pytest.fixture(scope="module")
@@ -49,13 +50,35 @@ def test_an_implementation_that_raises_shows(behaviours: list[Behaviour]) -> Non
 
 
 def test_a_station_sees_itself_as_1() -> None:
-    entry = ["Cancel", 1, [1, 2], 1, False]
-    seen = ["Cancel", 3, [3, 2], 1, False]
-    assert input_seen(["expire", ["giveup", entry]], 3) == ["expire", ["giveup", seen]]
-    assert input_seen(["expire", ["forget", 3]], 3) == ["expire", ["forget", 1]]
-    assert input_seen(["restart"], 3) == ["restart"]
-    command = ["command", "prescribe", [3, 1], 1, 1]
-    assert input_seen(command, 3) == ["command", "prescribe", [1, 1], 1, 3]
-    state = ["WAITING", "receiver", [1, 2], [], [], 0, 0, False, False, 0]
-    state += [[[1, 2]], [entry], False, False]
-    assert state_seen(state, 3)[2] == [3, 2] and state_seen(state, 3)[11] == [seen]
+    to = seen_by(3)
+    message = Message("Fin", 1, 3, (1, 2), 1, 0, False, "none", ("none", 0))
+    heard = message._replace(src=3, dst=1, session=(3, 2))
+    entry, seen = Entry("Cancel", 1, (1, 2), 1, False), Entry("Cancel", 3, (3, 2), 1, False)
+    for value, other in (
+        (Expire("expire", ("giveup", entry)), Expire("expire", ("giveup", seen))),
+        (Expire("expire", ("forget", 3)), Expire("expire", ("forget", 1))),
+        (Restart("restart"), Restart("restart")),
+        (
+            Command("command", "prescribe", (3, 1), 1, 1),
+            Command("command", "prescribe", (1, 1), 1, 3),
+        ),
+        (Cam("cam", 1, frozenset({(3, 1)}), True), Cam("cam", 3, frozenset({(1, 1)}), True)),
+        (Receive("receive", message, True), Receive("receive", heard, True)),
+    ):
+        assert input_of(value, to) == other and input_of(other, to) == value
+    waiting = Station(*simulate.CONSTANTS.values()).initial._replace(
+        session=(1, 2),
+        recorded=frozenset({1, 2}),
+        withdrawn=frozenset({1}),
+        target=1,
+        joined=frozenset({(1, 1)}),
+        outbox=frozenset({entry}),
+    )
+    assert state(waiting, to) == waiting._replace(
+        session=(3, 2),
+        recorded=frozenset({2, 3}),
+        withdrawn=frozenset({3}),
+        target=3,
+        joined=frozenset({(3, 1)}),
+        outbox=frozenset({seen}),
+    )

@@ -15,6 +15,7 @@ from automcm_conformance.answers import differences
 from automcm_conformance.exchange import Mismatch
 from automcm_conformance.protocol import ProtocolError
 from automcm_conformance.wire import Expected, Wire
+from automcm_spec.station import Message
 
 
 def test_a_wrong_answer_is_blamed_on_its_case(conform: Suite) -> None:
@@ -172,8 +173,8 @@ def test_an_ack_of_a_stranger_names_what_is_in_use() -> None:
     """END-6: the sender alone must keep it from counting."""
     wire = Wire()
     intention = {"type": "Intention", "dst": 1702, "session": [1702, 5], "seq": 7}
-    wire.outbox[("Intention", 2, 2, 1, 1)] = intention
-    ack = ["Ack", 3, 1, [2, 1], 0, 0, False, "none", ["Intention", 1]]
+    wire.outbox["Intention", 2, (2, 1), 1] = intention
+    ack = Message("Ack", 3, 1, (2, 1), 0, 0, False, "none", ("Intention", 1))
     assert wire.message(ack)["of"] == {"type": "Intention", "seq": 7}
     assert wire.message(ack)["src"] != intention["dst"]
 

@@ -16,9 +16,11 @@ from automcm_conformance.play import offered
 from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
 from automcm_conformance.wire import LONG, STEP_MS
 from automcm_spec import oracle as oracle_
+from automcm_spec import renaming
 from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
-from automcm_spec.oracle import Oracle, canonical
+from automcm_spec.oracle import Oracle
 from automcm_spec.parameters import TIMERS
+from automcm_spec.station import Expire, Timer
 
 # -- tours, without any station
 
@@ -111,7 +113,7 @@ def test_avoid_finds_other_ways_as_long_as_there_are(tight: Oracle) -> None:
 
 
 def test_allowed_keeps_tours_away(tight: Oracle) -> None:
-    requests = {i for i, value in enumerate(tight.inputs) if value[:2] == ["command", "request"]}
+    requests = {i for i, value in enumerate(tight.inputs) if value[:2] == ("command", "request")}
     targets = [(a, case) for a, case in every(tight) if a.input not in requests]
     tours = Tours.over(tight, targets, lambda s, i: i not in requests)
     reached = set()
@@ -120,8 +122,8 @@ def test_allowed_keeps_tours_away(tight: Oracle) -> None:
         reached |= {state for state, _ in pairs(tight, tour)}
         for pair in pairs(tight, tour):
             tours.done(pair)
-    assert reached and all(tight.states[s][1] != "prescriber" for s in reached)
-    assert any(tight.states[s][1] == "prescriber" for s in tours.left)
+    assert reached and all(tight.states[s].role != "prescriber" for s in reached)
+    assert any(tight.states[s].role == "prescriber" for s in tours.left)
 
 
 def test_drop_leaves_the_other_cases(tight: Oracle) -> None:
@@ -139,7 +141,7 @@ def walks(oracle: Oracle, count: int) -> Iterator[list[int]]:
         state, tour = 0, []
         for _ in range(60):
             answers = list(oracle.changes(state))
-            expiries = [a for a in answers if oracle.inputs[a.input][0] == "expire"]
+            expiries = [a for a in answers if oracle.inputs[a.input].kind == "expire"]
             answer = dice.choice(answers + expiries)
             tour.append(answer.input)
             state = answer.next
@@ -150,7 +152,7 @@ def test_the_timetable_makes_each_expiry_due_in_turn(tight: Oracle) -> None:
     start = 5_000
     for tour in walks(tight, 200):
         slots = timetable(tight, tour, start)
-        deadlines: dict[str, int] = {}
+        deadlines: dict[Timer, int] = {}
         lease, told = 0, {}
         now = start
         for i, slot in zip(tour, slots, strict=True):
@@ -160,16 +162,15 @@ def test_the_timetable_makes_each_expiry_due_in_turn(tight: Oracle) -> None:
             assert all(ms >= 1 for ms in slot.durations.values())
             assert not slot.durations.keys() & {"lease"}
             told |= slot.durations
-            if value[0] == "expire":
-                timer = canonical(value[1])
-                assert deadlines.pop(timer) == now
+            if isinstance(value, Expire):
+                assert deadlines.pop(value.timer) == now
             assert all(deadline > now for deadline in deadlines.values()), "none is jumped over"
             lease = slot.lease_ms or lease
             for timer in slot.answer.effect.stop:
-                del deadlines[canonical(timer)]
+                del deadlines[timer]
             for timer in slot.answer.effect.arm:
                 lasts = lease if timer[0] == "lease" else told[timer[0]]
-                deadlines[canonical(timer)] = now + lasts
+                deadlines[timer] = now + lasts
         assert all(deadline >= now + STEP_MS for deadline in deadlines.values())
 
 
@@ -233,7 +234,10 @@ def test_the_remainder_is_what_has_no_image(two: Oracle) -> None:
     assert min(seen.values()) > 10
 
 
-def first_like(two: Oracle, keys: set[tuple[str, int]]) -> oracle_.Answer:
+Key = tuple[remainder.Seen, int]
+
+
+def first_like(two: Oracle, keys: set[Key]) -> oracle_.Answer:
     """The first pair with one of these keys."""
     for state in range(len(two.states)):
         for _, i in sorted(keys, key=lambda key: key[1]):
@@ -243,16 +247,16 @@ def first_like(two: Oracle, keys: set[tuple[str, int]]) -> oracle_.Answer:
     raise AssertionError("no such pair")
 
 
-def key(two: Oracle, answer: oracle_.Answer) -> tuple[str, int]:
+def key(two: Oracle, answer: oracle_.Answer) -> Key:
     """Equal for pairs that differ only in what the input cannot touch."""
     view = remainder._touches(two.inputs[answer.input])
-    return canonical(remainder._view(two.states[answer.state], view)), answer.input
+    return remainder._view(two.states[answer.state], view), answer.input
 
 
 def mirror(two: Oracle, answer: oracle_.Answer) -> oracle_.Answer:
     """The pair with the peers exchanged."""
-    state = remainder._state(two.states[answer.state], remainder._swap)
-    i = remainder._input(two.inputs[answer.input], remainder._swap)
+    state = renaming.state(two.states[answer.state], remainder._swap)
+    i = renaming.input_of(two.inputs[answer.input], remainder._swap)
     return two.ask(state, i)
 
 

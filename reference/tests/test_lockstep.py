@@ -85,7 +85,7 @@ def test_an_indication_that_is_missing() -> None:
     stage = Compared()
     stage.join()
     effects = stage.hear(20, prescription())
-    with pytest.raises(Broken, match=r"oracle NEG-1.*told is \['nothing'\]"):
+    with pytest.raises(Broken, match=r"oracle NEG-1.*told is \('nothing',\)"):
         stage.took(effects, _replaced(indications=()))
 
 

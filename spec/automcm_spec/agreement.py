@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any
 
-from automcm_spec import forms
-from automcm_spec.oracle import Effect, Json, Oracle, canonical
-from automcm_spec.station import OpenStation, State
+from automcm_spec.forms import canonical
+from automcm_spec.oracle import Effect, Oracle
+from automcm_spec.station import Input, OpenStation, State
 
 LIMIT = 20
 """Differences kept; the comparison goes on counting."""
@@ -22,13 +22,13 @@ LIMIT = 20
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where the two differ: TLC's value and the compiled one, as JSON.  ``input`` is None for what
-    is a matter of the state."""
+    """Where the two differ: TLC's value and the compiled one.  ``input`` is None for what is a
+    matter of the state, ``state`` too for the alphabet."""
 
-    state: Json
-    input: Json
-    expected: Json
-    actual: Json
+    state: State | None
+    input: Input | None
+    expected: Any
+    actual: Any
 
     def __str__(self) -> str:
         lines = [f"compiled station: {canonical(self.input)} in {canonical(self.state)}"]
@@ -56,7 +56,7 @@ def compare(
     """Compare every state and every input (or only the inputs that change something)."""
     result = Agreement()
 
-    def differ(state: Json, value: Json, expected: Json, actual: Json) -> None:
+    def differ(state: State | None, value: Input | None, expected: Any, actual: Any) -> None:
         result.differences += 1
         if len(result.found) < LIMIT:
             result.found.append(Difference(state, value, expected, actual))
@@ -64,34 +64,31 @@ def compare(
     # The armed timers of a state are asked for at each of its inputs.
     station = copy(station)
     station.__dict__["armed"] = lru_cache(maxsize=8)(station.armed)
-    inputs = [forms.input_of(value) for value in oracle.inputs]
-    alphabet = _tried(lambda: forms.to_json(station.alphabet))
+    alphabet = _tried(lambda: station.alphabet)
     if canonical(alphabet) != canonical(oracle.inputs):
         differ(None, None, oracle.inputs, alphabet)
-    states = [forms.state(value) for value in oracle.states]
     effects: dict[int, tuple[Any, ...]] = {}
-    for n, st in enumerate(states):
+    for n, st in enumerate(oracle.states):
         if stop_at_first and result.differences:
             break
         result.states += 1
-        here = oracle.states[n]
-        wanted, facts = [here, True, oracle.marks[n]], _tried(partial(_facts, station, st))
-        if canonical(facts) != canonical(wanted):
-            differ(here, None, wanted, facts)
-        for i in sorted(oracle.moves(n)) if transitions_only else range(len(inputs)):
-            answer, asked = oracle.answer(n, i), inputs[i]
+        wanted, facts = (True, oracle.marks[n]), _tried(partial(_facts, station, st))
+        if facts != wanted or _kinds(facts) != _kinds(wanted):
+            differ(st, None, wanted, facts)
+        for i in sorted(oracle.moves(n)) if transitions_only else range(len(oracle.inputs)):
+            answer, asked = oracle.answer(n, i), oracle.inputs[i]
             offered = _tried(partial(station.offered, st, asked))
             if offered is not (answer is not None):
-                differ(here, oracle.inputs[i], {"offered": answer is not None}, offered)
+                differ(st, asked, {"offered": answer is not None}, offered)
             if answer is None:
                 continue
             result.inputs += 1
             if id(answer.effect) not in effects:
                 effects[id(answer.effect)] = _typed(answer.effect)
-            expected = (states[answer.next], *effects[id(answer.effect)])
+            expected = (oracle.states[answer.next], *effects[id(answer.effect)])
             outcome = _tried(partial(station.step, station.me, st, asked))
             if outcome != expected or not _is_exact(outcome, expected, st):
-                differ(here, oracle.inputs[i], forms.to_json(expected), forms.to_json(outcome))
+                differ(st, asked, expected, outcome)
     return result
 
 
@@ -103,18 +100,17 @@ def _tried(ask: Callable[[], Any]) -> Any:
         return (f"{type(error).__name__}: {error}",)
 
 
-def _facts(station: OpenStation, st: State) -> Json:
-    invariant = station.station_type_inv(station.me, st)
-    return [forms.to_json(st), invariant, forms.to_json(station.marks(st))]
+def _facts(station: OpenStation, st: State) -> tuple[Any, ...]:
+    return station.station_type_inv(station.me, st), station.marks(st)
 
 
 def _typed(effect: Effect) -> tuple[Any, ...]:
     return (
-        forms.messages(effect.messages),
-        tuple(effect.told),
+        frozenset(effect.messages),
+        effect.told,
         effect.rule,
-        forms.timers(effect.arm),
-        forms.timers(effect.stop),
+        frozenset(effect.arm),
+        frozenset(effect.stop),
     )
 
 

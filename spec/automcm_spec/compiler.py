@@ -119,6 +119,9 @@ Each method is the operator of that name, each class of records a NamedTuple.  S
 tuples are tuples, whose elements count from 0 here (automcm_spec.compiler).
 """
 
+# The compiler knows which form of tuple is left where an element is read; mypy does not.
+# mypy: disable-error-code="arg-type, misc"
+
 from __future__ import annotations
 
 from functools import cached_property
@@ -178,8 +181,9 @@ class _Writer:
             case Tup(items):
                 return f"tuple[{', '.join(map(self.python, items)) or '()'}]"
             case Alt(forms):
-                same = all(isinstance(item, Str) for form in forms for item in form.items)
-                return f"tuple[{'str' if same else 'Any'}, ...]"
+                if all(isinstance(item, Str) for form in forms for item in form.items):
+                    return "tuple[str, ...]"
+                return " | ".join(sorted(self.python(form, alias=False) for form in forms))
             case Rec(classes):
                 return " | ".join(sorted(classes))
 

@@ -1,4 +1,4 @@
-"""Values of the compiled station as JSON, and back: the forms of the oracle (docs/oracle.md).
+"""The JSON form of the specification's values, and back (docs/oracle.md).
 
 A NamedTuple or a tuple becomes a list, a set a sorted one.  Which class a list is read as follows
 from the annotations of automcm_spec.station.
@@ -6,22 +6,33 @@ from the annotations of automcm_spec.station.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, get_args, get_origin, get_type_hints
 
 from automcm_spec import station
 from automcm_spec.names import snake
-from automcm_spec.oracle import Json, canonical
-from automcm_spec.station import Entry, Input, Message, OpenStation, State, Timer
+from automcm_spec.station import Entry, Input, Message, OpenStation, Session, State, Timer
+
+Json = Any
+
+
+def canonical(value: Any) -> str:
+    """The text by which values are printed and sorted: of JSON, or of the specification."""
+    return json.dumps(value, separators=(",", ":"), default=_listed)
+
+
+def _listed(value: frozenset[Any]) -> list[Any]:
+    return sorted(value, key=canonical)
 
 
 def to_json(value: Any) -> Json:
     """The JSON form of a state, a message, an input, a timer, or a set of them."""
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return [to_json(item) for item in value]
     if isinstance(value, frozenset):
-        return sorted(map(to_json, value), key=canonical)
+        return [to_json(item) for item in _listed(value)]
     return value
 
 
@@ -46,19 +57,18 @@ def message(value: Json) -> Message:
     return made
 
 
-def messages(value: Json) -> frozenset[Message]:
-    """The messages of a list of them."""
-    return frozenset(map(message, value))
+def sessions(value: Json) -> frozenset[Session]:
+    """The sessions of a list of them."""
+    return frozenset(map(tuple, value))
 
 
 def timer(value: Json) -> Timer:
     """The timer of this JSON form."""
-    return tuple(_reader(Entry)(item) if isinstance(item, list) else item for item in value)
-
-
-def timers(value: Json) -> frozenset[Timer]:
-    """The timers of a list of them."""
-    return frozenset(map(timer, value))
+    name, *about = value
+    if not about:
+        return (name,)
+    (of,) = about
+    return (name, of) if isinstance(of, int) else (name, _reader(Entry)(of))
 
 
 def input_of(value: Json) -> Input:
@@ -81,7 +91,14 @@ def _reader(annotation: Any) -> Callable[[Json], Any]:
     args = get_args(annotation)
     if get_origin(annotation) is frozenset:
         (item,) = map(_reader, args)
-        return lambda value: frozenset(map(item, value))
+        # Equal sets of a graph are one object.
+        kept: dict[frozenset[Any], frozenset[Any]] = {}
+
+        def of(value: Json) -> Any:
+            made = frozenset(map(item, value))
+            return kept.setdefault(made, made)
+
+        return of
     if get_origin(annotation) is tuple:
         return tuple
     if isinstance(annotation, type) and issubclass(annotation, tuple):

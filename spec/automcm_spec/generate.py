@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec import scratch, tlc
+from automcm_spec.forms import Json, canonical
 from automcm_spec.oracle import (
     EFFECTIVE,
     FORMAT,
     NOT_OFFERED,
-    Json,
     OracleError,
-    canonical,
     dump,
     load,
 )

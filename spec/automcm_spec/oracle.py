@@ -1,17 +1,8 @@
 """The oracle: the whole graph of one station, refusals included, and questions to it.
 
 It answers "in this state, given this input: what must happen, by which rule, at which line of
-Station.tla?".  Values are plain JSON values as OpenStation.tla prints its tuples:
-
-- state: ``[phase, role, session, recorded, withdrawn, target, proposal, deciding, heard, number,
-  joined, outbox, quarantine, backoff]`` (``STATE_FIELDS``), an outbox entry
-  ``[type, to, session, seq, accepted]``;
-- input: ``["receive", message, concerned]``, ``["cam", src, marks, newer]``,
-  ``["command", name, session, proposal, target]``, ``["expire", timer]``, ``["restart"]``;
-- message: ``[type, src, dst, session, seq, proposal, accepted, reason, of]``;
-- timer: ``[name]``, ``["resend"|"giveup", entry]``, ``["forget", station]``.
-
-Sets are sorted lists.  The station's own id is 1; ids of peers start at 2; 9 is a stranger.
+Station.tla?".  Values are those of the compiled station (automcm_spec.station), in the file in the
+form of automcm_spec.forms.  The station's own id is 1; ids of peers start at 2; 9 is a stranger.
 """
 
 from __future__ import annotations
@@ -19,54 +10,34 @@ from __future__ import annotations
 import json
 import lzma
 from collections.abc import Iterator, Set
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from automcm_spec import files
+from automcm_spec import files, forms
+from automcm_spec.forms import Json, canonical
+from automcm_spec.station import Input, Message, State, Timer
 
 FORMAT = "automcm.oracle/1"
-STATE_FIELDS = (
-    "phase",
-    "role",
-    "session",
-    "recorded",
-    "withdrawn",
-    "target",
-    "proposal",
-    "deciding",
-    "heard",
-    "number",
-    "joined",
-    "outbox",
-    "quarantine",
-    "backoff",
-)
 EFFECTIVE = -1
 NOT_OFFERED = -2
-
-Json = Any
 
 
 class OracleError(Exception):
     """An oracle that cannot be read, or is of another version; the text names the file."""
 
 
-def canonical(value: Json) -> str:
-    """The text by which values are compared and sorted."""
-    return json.dumps(value, separators=(",", ":"))
+class Effect(NamedTuple):
+    """What a step puts out: ``told`` is ``("nothing",)`` where the application hears nothing.
 
+    Messages and timers are in the order of their JSON text.
+    """
 
-@dataclass(frozen=True, slots=True)
-class Effect:
-    """What a step puts out: ``told`` is ``["nothing"]`` where the application hears nothing."""
-
-    messages: Json
-    told: Json
+    messages: tuple[Message, ...]
+    told: tuple[str, ...]
     rule: str
-    arm: Json
-    stop: Json
+    arm: tuple[Timer, ...]
+    stop: tuple[Timer, ...]
 
 
 class Answer(NamedTuple):
@@ -87,10 +58,10 @@ class Oracle:
         self.name: str = data["name"]
         self.spec_hash: str = data["spec_hash"]
         self.constants: dict[str, Json] = data["constants"]
-        self.inputs: list[Json] = data["inputs"]
-        self.states: list[Json] = data["states"]
-        self.marks: list[Json] = data["marks"]
-        self.effects = [Effect(*effect) for effect in data["effects"]]
+        self.inputs = [forms.input_of(value) for value in data["inputs"]]
+        self.states = [forms.state(value) for value in data["states"]]
+        self.marks = [forms.sessions(value) for value in data["marks"]]
+        self.effects = [_effect(*effect) for effect in data["effects"]]
         self._moves: list[dict[int, tuple[int, int]]] = [
             {row[k]: (row[k + 1], row[k + 2]) for k in range(0, len(row), 3)}
             for row in data["transitions"]
@@ -101,17 +72,17 @@ class Oracle:
         self._place = {
             j: (g, k) for g, group in enumerate(self._groups) for k, j in enumerate(group)
         }
-        self.parents: list[Json] = data["parents"]
+        self.parents: list[tuple[int, int]] = [(state, i) for state, i in data["parents"]]
 
     @cached_property
-    def state_index(self) -> dict[str, int]:
-        """The number of a state by its canonical text."""
-        return {canonical(state): n for n, state in enumerate(self.states)}
+    def state_index(self) -> dict[State, int]:
+        """The number of each state."""
+        return {state: n for n, state in enumerate(self.states)}
 
     @cached_property
-    def input_index(self) -> dict[str, int]:
-        """The number of an input by its canonical text."""
-        return {canonical(value): n for n, value in enumerate(self.inputs)}
+    def input_index(self) -> dict[Input, int]:
+        """The number of each input."""
+        return {value: n for n, value in enumerate(self.inputs)}
 
     @property
     def transitions(self) -> int:
@@ -135,9 +106,9 @@ class Oracle:
             return None
         return Answer(state, i, state, self.effects[effect], False)
 
-    def ask(self, state: Json, i: Json) -> Answer:
+    def ask(self, state: State, i: Input) -> Answer:
         """The same for values.  Raises KeyError if state or input are not in the graph."""
-        answer = self.answer(self.state_index[canonical(state)], self.input_index[canonical(i)])
+        answer = self.answer(self.state_index[state], self.input_index[i])
         if answer is None:
             raise KeyError(f"not offered: {canonical(i)}")
         return answer
@@ -191,6 +162,11 @@ class Oracle:
         return inputs[::-1]
 
 
+def _effect(messages: Json, told: list[str], rule: str, arm: Json, stop: Json) -> Effect:
+    timers = (tuple(map(forms.timer, of)) for of in (arm, stop))
+    return Effect(tuple(map(forms.message, messages)), tuple(told), rule, *timers)
+
+
 def dump(data: dict[str, Json]) -> bytes:
     """The bytes that drift is judged by: canonical JSON, one line a section."""
     lines = (f"{json.dumps(name)}:{canonical(data[name])}" for name in data)
@@ -225,7 +201,13 @@ def parse(data: bytes, path: Path | str, spec_hash: str | None = None) -> Oracle
             f"{path}: spec_hash: made from another version of the specification "
             f"({str(value.get('spec_hash'))[:12]}, here {spec_hash[:12]}); run make generate"
         )
-    return Oracle(value)
+    try:
+        return Oracle(value)
+    except (KeyError, ValueError) as error:
+        raise OracleError(
+            f"{path}: other values than those of automcm_spec/station.py ({error}); "
+            "run make generate"
+        ) from None
 
 
 def load(path: Path, spec_hash: str | None = None) -> Oracle:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from automcm_spec.paths import TLA
+from automcm_spec.station import Cam, Command, Expire, Input, Receive
 
 RULES: dict[str, str] = {
     "ADV-1": "a request opens a session at a station that is not bound",
@@ -91,32 +91,33 @@ def _lines(tla: Path) -> list[tuple[int, str, str]]:
     return lines
 
 
-def handler(i: Any) -> str:
-    """The operator of Station.tla that an input of the oracle goes to first."""
-    if i[0] == "receive":
-        return "On" + str(i[1][0])
-    if i[0] == "command":
-        return _HANDLER[i[1]]
-    if i[0] == "expire":
-        return "OnCamLoss" if i[1][0] == "cam" else _HANDLER.get(i[1][0], "OnExpiry")
-    return _HANDLER[i[0]]
+def handler(i: Input) -> str:
+    """The operator of Station.tla that an input goes to first."""
+    match i:
+        case Receive(message=message):
+            return "On" + message.type
+        case Command(name=name):
+            return _HANDLER[name]
+        case Expire(timer=timer):
+            return "OnCamLoss" if timer[0] == "cam" else _HANDLER.get(timer[0], "OnExpiry")
+    return _HANDLER[i.kind]
 
 
-def kind(i: Any) -> str:
-    """What sort of input of the oracle it is: ``receive Fin``, ``command abort``, ``restart``."""
-    match i[0]:
-        case "receive":
-            return f"receive {i[1][0]}"
-        case "cam":
+def kind(i: Input) -> str:
+    """What sort of input it is: ``receive Fin``, ``command abort``, ``restart``."""
+    match i:
+        case Receive(message=message):
+            return f"receive {message.type}"
+        case Cam():
             return "receive CAM"
-        case "expire":
-            return f"expire {i[1][0]}"
-        case "command":
-            return f"command {i[1]}"
-    return str(i[0])
+        case Expire(timer=timer):
+            return f"expire {timer[0]}"
+        case Command(name=name):
+            return f"command {name}"
+    return i.kind
 
 
-def line(rule: str, i: Any, tla: Path = TLA) -> int:
+def line(rule: str, i: Input, tla: Path = TLA) -> int:
     """The line of Station.tla where ``rule`` decides input ``i``; 0 if it is nowhere."""
     where, wanted = _deciding(rule, tla), handler(i)
     return next((n for n, operator in where if operator == wanted), where[0][0] if where else 0)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from automcm_spec import scratch, tlc, values
-from automcm_spec.oracle import STATE_FIELDS
 from automcm_spec.paths import TLA
-
-Json = Any
+from automcm_spec.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Input,
+    Message,
+    Receive,
+    Restart,
+    State,
+    Timer,
+)
 
 CONFIG = """CONSTANTS
   MaxRounds = 3
@@ -32,55 +41,40 @@ INVARIANTS TypeInv AcceptedInv AgreementInv NoHazardInv
 
 CONSTANTS = {"MaxRounds": 3, "MaxParticipants": 3, "OutboxLimit": 12, "MemoryLimit": 4}
 
-_ENTRY = ("type", "to", "session", "seq", "accepted")
-_MESSAGE = ("type", "src", "dst", "session", "seq", "proposal", "accepted", "reason", "of")
+Behaviour = list[tuple[int, Input, State]]
+"""Steps: a station, its input, its next state."""
 
 
-def _plain(value: values.Value) -> Json:
-    """Tuples and sets as lists, as in the oracle."""
-    if isinstance(value, tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, frozenset):
-        return sorted((_plain(v) for v in value), key=str)
-    return value
+def state(value: Any) -> State:
+    """A station of a closed model, with the model's ids."""
+    fields = {name: value[name] for name in State._fields}
+    return State(**fields | {"outbox": frozenset(Entry(**e) for e in value["outbox"])})
 
 
-def _record(value: Any, fields: Sequence[str]) -> Json:
-    return [_plain(value[name]) for name in fields]
-
-
-def state(value: Any) -> Json:
-    """A station of a closed model in the form of the oracle, with the model's ids."""
-    out = _record(value | {"outbox": frozenset()}, STATE_FIELDS)
-    out[11] = [_record(entry, _ENTRY) for entry in value["outbox"]]
-    return out
-
-
-def message(value: Any) -> Json:
-    """A message of a closed model in the form of the oracle."""
-    return _record(value, _MESSAGE)
-
-
-def input_(value: Any) -> Json:
-    """An input of a closed model in the form of the oracle, with the model's ids."""
+def input_of(value: Any) -> Input:
+    """An input of a closed model, with the model's ids."""
     match value["kind"]:
         case "receive":
-            return ["receive", message(value["message"]), value["concerned"]]
+            return Receive("receive", Message(**value["message"]), value["concerned"])
         case "cam":
-            return ["cam", value["src"], _plain(value["marks"]), value["newer"]]
+            return Cam(**value)
         case "command":
-            return ["command", *_record(value, ("name", "session", "proposal", "target"))]
+            return Command(**value)
         case "expire":
-            timer = value["timer"]
-            about = [_record(e, _ENTRY) if isinstance(e, dict) else e for e in timer[1:]]
-            return ["expire", [timer[0], *about]]
-    return [value["kind"]]
+            return Expire("expire", timer_of(value["timer"]))
+    return Restart("restart")
+
+
+def timer_of(value: Any) -> Timer:
+    """A timer of a closed model, with the model's ids."""
+    name, *about = value
+    return (name, *(Entry(**of) if isinstance(of, Mapping) else of for of in about))
 
 
 def behaviours(
     number: int, depth: int, seed: int, *, lively: bool = False, tla: Path = TLA
-) -> list[list[tuple[int, Json, Json]]]:
-    """``number`` behaviours of ``depth`` steps, each a list of (station, input, its next state).
+) -> list[Behaviour]:
+    """``number`` behaviours of ``depth`` steps.
 
     The same seed gives the same behaviours.  ``lively`` leaves out what ends sessions early
     (Simulation.tla).  Raises tlc.TlcError.
@@ -99,7 +93,7 @@ def _place(path: Path) -> list[int]:
     return [int(n) for n in path.name.split("_")[1:]]
 
 
-def _behaviour(text: str) -> list[tuple[int, Json, Json]]:
+def _behaviour(text: str) -> Behaviour:
     steps = []
     for part in text.split("\nSTATE_")[2:]:
         body = part.split("==", 1)[1].split("\n\n")[0].split("====")[0]
@@ -107,5 +101,5 @@ def _behaviour(text: str) -> list[tuple[int, Json, Json]]:
         last: Any = found["last"]
         stations: Any = found["st"]
         who = last["station"]
-        steps.append((who, input_(last["input"]), state(stations[who - 1])))
+        steps.append((who, input_of(last["input"]), state(stations[who - 1])))
     return steps

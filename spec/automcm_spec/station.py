@@ -4,11 +4,14 @@ Each method is the operator of that name, each class of records a NamedTuple.  S
 tuples are tuples, whose elements count from 0 here (automcm_spec.compiler).
 """
 
+# The compiler knows which form of tuple is left where an element is read; mypy does not.
+# mypy: disable-error-code="arg-type, misc"
+
 from __future__ import annotations
 
 from functools import cached_property
 from itertools import chain, product
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 from automcm_spec.conditions import EMPTY, Condition, NoArm
 
@@ -120,7 +123,7 @@ class Outcome(NamedTuple):
 Session: TypeAlias = tuple[int, int]
 
 
-Timer: TypeAlias = tuple[Any, ...]
+Timer: TypeAlias = tuple[str, Entry] | tuple[str, int] | tuple[str]
 
 
 Input: TypeAlias = Cam | Command | Expire | Receive | Restart

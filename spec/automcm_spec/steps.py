@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 from automcm_spec import simulate
-from automcm_spec.oracle import STATE_FIELDS, canonical
+from automcm_spec.forms import canonical
 from automcm_spec.rules import handler, line
+from automcm_spec.station import Input, Message, State
 from automcm_spec.tlc import TraceState
-
-Json = Any
 
 #: What happens in a model that is no step of a station.
 EVENTS = {
@@ -24,31 +23,33 @@ EVENTS = {
 }
 
 
+Event: TypeAlias = tuple[str] | tuple[str, Message]
+
+
 @dataclass(frozen=True)
 class Step:
     """One step.
 
     index counts from 1. action is that of the model's next-state relation, as TLC names it. station
-    is its id, or None for an event of the radio or of time. input is in the form of the oracle,
-    with the model's ids. line is that of Station.tla where the rule decided, 0 for an event.
-    changes maps the changed fields of the station to before and after.
+    is its id, or None for an event of the radio or of time. input has the model's ids. line is that
+    of Station.tla where the rule decided, 0 for an event. changes maps the changed fields of the
+    station to before and after.
     """
 
     index: int
     action: str
     station: int | str | None
-    input: Json
+    input: Input | Event
     rule: str | None
     line: int
-    changes: dict[str, tuple[Json, Json]]
+    changes: dict[str, tuple[Any, Any]]
 
     @property
     def text(self) -> str:
         """The step in one line, and what it changed in another."""
-        if self.station is None:
-            what = EVENTS[self.input[0]]
-            about = f": {canonical(self.input[1])}" if self.input[1:] else ""
-            return f"{self.action}: {what}{about}"
+        if not isinstance(self.input, Input):
+            event, *about = self.input
+            return ": ".join([self.action, EVENTS[event], *map(canonical, about)])
         by = f"[{self.rule}: {handler(self.input)}, Station.tla:{self.line}]"
         fields = [f"{n} {canonical(a)} → {canonical(b)}" for n, (a, b) in self.changes.items()]
         changed = ", ".join(fields) or "nothing changes"
@@ -67,12 +68,12 @@ def _step(before: TraceState, after: TraceState) -> Step:
     given, who, rule = last["input"], last["station"], last["rule"]
     number, action = after.index - 1, after.action
     if given["kind"] in EVENTS:
-        about = [simulate.message(given["message"])] if "message" in given else []
-        return Step(number, action, None, [given["kind"], *about], None, 0, {})
-    value = simulate.input_(given)
+        about = (Message(**given["message"]),) if "message" in given else ()
+        return Step(number, action, None, (given["kind"], *about), None, 0, {})
+    value = simulate.input_of(given)
     old = simulate.state(_of(before.values["st"], who))
     new = simulate.state(_of(after.values["st"], who))
-    changes = {n: (a, b) for n, a, b in zip(STATE_FIELDS, old, new, strict=True) if a != b}
+    changes = {n: (a, b) for n, a, b in zip(State._fields, old, new, strict=True) if a != b}
     return Step(number, action, who, value, rule, line(rule, value), changes)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from automcm_spec import agreement, forms, generate, oracle
-from automcm_spec.oracle import canonical
+from automcm_spec.forms import canonical
 from automcm_spec.station import Input, OpenStation, Outcome, State
 
 

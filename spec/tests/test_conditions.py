@@ -9,7 +9,7 @@ import pytest
 
 from automcm_spec import conditions, generate, oracle
 from automcm_spec.conditions import Condition, Taken, decided_at, in_the_way, record, recording
-from automcm_spec.forms import input_of, open_station, state
+from automcm_spec.forms import open_station
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES
 from automcm_spec.station import CONDITIONS, Command, Effect, Receive, State, Station
@@ -69,9 +69,9 @@ def test_a_recorded_station_decides_as_the_other() -> None:
 
     recorded = recording(station, hook)
     for n in range(0, len(tight.states), 5):
-        st = state(tight.states[n])
+        st = tight.states[n]
         for answer in tight.answers(n):
-            asked = input_of(tight.inputs[answer.input])
+            asked = tight.inputs[answer.input]
             assert recorded.step(1, st, asked) == station.step(1, st, asked)
     rules = {c.text for c, _ in met if c.kind == "rule"}
     assert rules >= set(RULES) - {"ACT-1", "END-4"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import lzma
 import shutil
 from pathlib import Path
@@ -11,9 +12,10 @@ import pytest
 from automcm_spec import generate, oracle
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES, cited, handler, line, operators
+from automcm_spec.station import Command, Expire, Message, Receive, Station
 
-INITIAL = ["STANDALONE", "none", [0, 0], [], [], 0, 0, False, False, 0, [], [], False, False]
-REQUEST = ["command", "request", [0, 0], 0, 0]
+INITIAL = Station(3, 1, 5, 4).initial
+REQUEST = Command("command", "request", (0, 0), 0, 0)
 
 
 @pytest.fixture(scope="module")
@@ -33,15 +35,15 @@ def test_the_committed_oracles_are_small() -> None:
 def test_adv_1_a_question(one_peer: oracle.Oracle) -> None:
     answer = one_peer.ask(INITIAL, REQUEST)
     assert answer.changes and answer.effect.rule == "ADV-1"
-    assert [m[0] for m in answer.effect.messages] == ["Advertisement"]
-    assert one_peer.states[answer.next][0] == "ADVERTISING"
+    assert [m.type for m in answer.effect.messages] == ["Advertisement"]
+    assert one_peer.states[answer.next].phase == "ADVERTISING"
     text = (TLA / "Station.tla").read_text().splitlines()[line("ADV-1", REQUEST) - 1]
     assert '"ADV-1"' in text and handler(REQUEST) == "OnRequest"
 
 
 def test_end_6_a_refusal_changes_nothing(one_peer: oracle.Oracle) -> None:
-    ack = ["Ack", 2, 1, [1, 1], 0, 0, False, "none", ["Fin", 1]]
-    answer = one_peer.ask(INITIAL, ["receive", ack, False])
+    ack = Message("Ack", 2, 1, (1, 1), 0, 0, False, "none", ("Fin", 1))
+    answer = one_peer.ask(INITIAL, Receive("receive", ack, False))
     assert not answer.changes and answer.next == 0 and answer.effect.rule == "END-6"
 
 
@@ -75,9 +77,9 @@ def test_paths_lead_where_they_say(one_peer: oracle.Oracle) -> None:
 
 def test_what_is_not_in_the_graph_is_a_key_error(one_peer: oracle.Oracle) -> None:
     with pytest.raises(KeyError):
-        one_peer.ask(INITIAL, ["expire", ["hold"]])
+        one_peer.ask(INITIAL, Expire("expire", ("hold",)))
     with pytest.raises(KeyError):
-        one_peer.ask(["NOWHERE"], REQUEST)
+        one_peer.ask(INITIAL._replace(phase="NOWHERE"), REQUEST)
 
 
 def test_generation_gives_the_same_bytes_twice() -> None:
@@ -108,6 +110,13 @@ def test_a_file_that_is_no_oracle_is_named(content: bytes, problem: str, tmp_pat
     path.write_bytes(content)
     with pytest.raises(oracle.OracleError, match=rf"bad\.json\.xz.*{problem}"):
         oracle.load(path)
+
+
+def test_a_graph_of_other_values_than_the_compiled_station_has_is_named() -> None:
+    data = json.loads(oracle.content(generate.TIGHT.path))
+    data["states"][0].append(False)
+    with pytest.raises(oracle.OracleError, match=r"tight: other values.*make generate"):
+        oracle.parse(oracle.dump(data), "tight")
 
 
 def test_a_missing_oracle_is_named(tmp_path: Path) -> None:

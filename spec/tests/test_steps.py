@@ -8,6 +8,7 @@ import pytest
 
 from automcm_spec import models
 from automcm_spec.models import Verdict
+from automcm_spec.station import Receive
 from automcm_spec.steps import Step, steps
 
 
@@ -27,7 +28,7 @@ def test_every_step_of_a_station_names_its_input_rule_and_line() -> None:
         assert step.station in (1, 2)
         assert step.rule and step.line > 0 and step.input[0] in ("receive", "command", "expire")
     last = found("bare_ack")[-1]
-    assert last.input[1][0] == "Ack"
+    assert isinstance(last.input, Receive) and last.input.message.type == "Ack"
     assert "outbox" in last.changes
     assert f"station {last.station}: " in last.text and f"[{last.rule}: OnAck" in last.text
 

@@ -12,7 +12,6 @@ there; where there is none left to reach, the next walk begins.
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import shutil
 from collections import deque
@@ -22,15 +21,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from automcm_spec import scratch, simulate, tlc, values
+from automcm_spec import renaming, scratch, simulate, tlc, values
+from automcm_spec.forms import canonical
 from automcm_spec.models import Model
-from automcm_spec.oracle import canonical
 from automcm_spec.paths import TLA
+from automcm_spec.station import Input, Message, Receive, Session, State
 from automcm_traces import story
-from automcm_traces.story_effects import Question, ask, cfg_of, state
-from automcm_traces.story_steps import Move, happenings_of_all, plain
+from automcm_traces.story_effects import Question, ask, cfg_of
+from automcm_traces.story_steps import Move, happenings_of_all
 
-Json = Any
 MODULE = """---- MODULE Graph ----
 EXTENDS {module}, Simulation, TLC
 VARIABLE place
@@ -50,8 +49,10 @@ GSpec == GInit /\\ [][GNext]_<<vars, place>>
 once for each state.  ``v = v`` brings a value into the form in which equal ones print alike."""
 
 
-Walk = list[tuple[int, tuple[int, str], int]]
-"""Steps: a node, the station and its input (as text), the next node."""
+Key = tuple[int, Input]
+"""A station and its input."""
+Walk = list[tuple[int, Key, int]]
+"""Steps: a node, the station and its input, the next node."""
 
 
 class Transition(NamedTuple):
@@ -71,36 +72,23 @@ class Transition(NamedTuple):
         return hashlib.sha256("\n".join(self).encode()).hexdigest()[:12]
 
 
-def transition(station: int, at: Json, value: Json) -> Transition:
-    """The transition of a station in a state (in the form of the oracle) with this input."""
+def transition(station: int, at: State, value: Input) -> Transition:
+    """The transition of a station in a state with this input."""
     ids = {0: 0, station: 1}
 
-    def one(of: int) -> int:
-        return ids.setdefault(of, len(ids))
+    def to(of: Session) -> Session:
+        return ids.setdefault(of[0], len(ids)), of[1]
 
-    def session(of: Json) -> Json:
-        return [one(of[0]), of[1]]
-
-    def entry(of: Json) -> Json:
-        return [of[0], one(of[1]), session(of[2]), *of[3:]]
-
-    seen = list(at)
-    seen[2], seen[5] = session(at[2]), one(at[5])
-    for place in (3, 4):
-        seen[place] = sorted(one(s) for s in at[place])
-    seen[10] = sorted(session(s) for s in at[10])
-    seen[11] = sorted((entry(e) for e in at[11]), key=canonical)
-    kind, *rest = value
-    if kind == "receive":
-        type_, src, dst, of, *more = rest[0]
-        concerned = rest[1] and type_ == "Advertisement"
-        rest = [[type_, one(src), one(dst), session(of), *more], concerned]
-    elif kind == "command":
-        rest = [rest[0], session(rest[1]), rest[2], one(rest[3])]
-    elif kind == "expire":
-        name, *about = rest[0]
-        rest = [[name, *(entry(a) if isinstance(a, list) else one(a) for a in about)]]
-    return Transition(canonical(seen), canonical([kind, *rest]))
+    outbox = sorted(at.outbox, key=canonical)
+    named = [at.session[0], at.target, *sorted(at.recorded), *sorted(at.withdrawn)]
+    named += [s[0] for s in sorted(at.joined)] + [p for e in outbox for p in (e.to, e.session[0])]
+    for p in named:
+        renaming.station(p, to)
+    if isinstance(value, Receive):
+        concerned = value.concerned and value.message.type == "Advertisement"
+        value = value._replace(concerned=concerned)
+    seen = renaming.state(at, to)
+    return Transition(canonical(seen), canonical(renaming.input_of(value, to)))
 
 
 @dataclass
@@ -110,16 +98,16 @@ class Node:
     ``idle`` are the inputs that change nothing.
     """
 
-    st: dict[int, Json]
-    net: frozenset[str]
-    steps: dict[tuple[int, str], int] = field(default_factory=dict)
-    idle: list[tuple[int, str]] = field(default_factory=list)
-    _known: dict[tuple[int, str], Transition] = field(default_factory=dict)
+    st: dict[int, State]
+    net: frozenset[Message]
+    steps: dict[Key, int] = field(default_factory=dict)
+    idle: list[Key] = field(default_factory=list)
+    _known: dict[Key, Transition] = field(default_factory=dict)
 
-    def transition(self, key: tuple[int, str]) -> Transition:
-        """A transition by station and text, worked out once."""
+    def transition(self, key: Key) -> Transition:
+        """A transition, worked out once."""
         if key not in self._known:
-            self._known[key] = transition(key[0], self.st[key[0]], json.loads(key[1]))
+            self._known[key] = transition(key[0], self.st[key[0]], key[1])
         return self._known[key]
 
 
@@ -130,9 +118,9 @@ class Graph:
         self.model = model
         self.cfg = cfg_of(model.cfg)
         self.nodes: dict[int, Node] = {}
-        self._inputs: dict[str, tuple[int, str]] = {}
+        self._inputs: dict[str, Key] = {}
         self._by_view: dict[str, int] = {}
-        self._steps: list[tuple[int, tuple[int, str], str]] = []
+        self._steps: list[tuple[int, Key, str]] = []
         self._open: tuple[Any, ...] = ()
         self._node = Node({}, frozenset())
         self._run(tla)
@@ -168,12 +156,12 @@ class Graph:
                 self._steps.append((self._open[1], self._open[2], line))
             self._open = ()
 
-    def _input(self, text: str) -> tuple[int, str]:
+    def _input(self, text: str) -> Key:
         """The station and the input that the end of a printed tuple names."""
         if text not in self._inputs:
             unquoted = values.parse(f'"{text}')
             who, value = _pair(values.parse(f"<<{unquoted}"))
-            self._inputs[text] = who, canonical(simulate.input_(value))
+            self._inputs[text] = who, simulate.input_of(value)
         return self._inputs[text]
 
     @property
@@ -218,7 +206,7 @@ class Graph:
 
     def _nearest(self, at: int, missing: set[Transition]) -> Walk | None:
         """The shortest way from a node that takes something missing; None if there is none."""
-        came: dict[int, tuple[int, tuple[int, str], int] | None] = {at: None}
+        came: dict[int, tuple[int, Key, int] | None] = {at: None}
         queue = deque([at])
         while queue:
             n = queue.popleft()
@@ -254,9 +242,9 @@ class Graph:
             for (run, _), some in zip(walks, told, strict=True)
         ]
 
-    def _move(self, source: int, key: tuple[int, str], target: int) -> Move:
+    def _move(self, source: int, key: Key, target: int) -> Move:
         one, two = self.nodes[source], self.nodes[target]
-        return Move(key[0], json.loads(key[1]), one.st, two.st, one.net, two.net)
+        return Move(*key, one.st, two.st, one.net, two.net)
 
 
 class _Cached:
@@ -264,16 +252,16 @@ class _Cached:
 
     def __init__(self, asker: Any) -> None:
         self._ask = asker
-        self._known: dict[str, story.Effects] = {}
+        self._known: dict[Question, story.Effects] = {}
 
-    def __call__(self, questions: Iterable[Question]) -> dict[str, story.Effects]:
-        missing = [q for q in questions if q.key not in self._known]
+    def __call__(self, questions: Iterable[Question]) -> dict[Question, story.Effects]:
+        missing = [q for q in questions if q not in self._known]
         for first in range(0, len(missing), 1500):
             self._known |= self._ask(missing[first : first + 1500])
         return self._known
 
 
-def _way(came: dict[int, tuple[int, tuple[int, str], int] | None], n: int) -> Walk:
+def _way(came: dict[int, tuple[int, Key, int] | None], n: int) -> Walk:
     way = []
     while (step := came[n]) is not None:
         way.append(step)
@@ -286,8 +274,8 @@ def _node(line: str) -> Node:
     assert isinstance(text, str)
     parsed: Any = values.parse(text)
     stations, net, *_ = parsed[0]
-    st = {s: state(value) for s, value in enumerate(stations, 1)}
-    messages = frozenset(plain(simulate.message(m)) for m in net)
+    st = {s: simulate.state(value) for s, value in enumerate(stations, 1)}
+    messages = frozenset(story.plain(Message(**m)) for m in net)
     return Node(st, messages)
 
 

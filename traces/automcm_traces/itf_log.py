@@ -12,16 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec import models, simulate
-from automcm_spec.oracle import STATE_FIELDS, canonical
+from automcm_spec.forms import input_of
 from automcm_spec.parameters import derived
 from automcm_spec.paths import MODELS
 from automcm_spec.rules import handler, line
+from automcm_spec.station import Message, State, Timer
 from automcm_traces import itf, story
 from automcm_traces.engine import Engine
 from automcm_traces.reader import Log
 from automcm_traces.step import Diverges, Step
-from automcm_traces.story_effects import ask, cfg_of, state
-from automcm_traces.story_steps import Move, happenings, plain
+from automcm_traces.story_effects import ask, cfg_of
+from automcm_traces.story_steps import Move, happenings
 from automcm_traces.track import Track
 
 Json = Any
@@ -125,20 +126,21 @@ def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
     station: Any = two.meta.get("station", 0)
     value: Any = two.meta["input"]
     if "clock" not in two.values:
-        return Move(station, value, before, after, _net(one), _net(two))
+        given = input_of(value) if station else None
+        return Move(station, given, before, after, _net(one), _net(two))
     at_ms = ticks * TICK_MS
     behind = {n: ticks * TICK_MS for n, ticks in _lost(two).items()}
     if not station:
         slow = {n for n, ticks in _lost(two).items() if ticks != _lost(one)[n]}
         cams = tuple(s for s in _cams(one) if s not in slow) if value in TICKS else ()
-        return Move(0, value, before, after, at_ms=at_ms, cams=cams, behind_ms=behind)
+        return Move(0, None, before, after, at_ms=at_ms, cams=cams, behind_ms=behind)
     left, was = _clock(two, station), _clock(one, station)
     now = at_ms - behind.get(station, 0)
-    deadlines = {text: now + ticks * TICK_MS for text, ticks in left.items()}
-    anew = tuple(json.loads(t) for t in sorted(left) if t in was and left[t] > was[t])
+    deadlines = {timer: now + ticks * TICK_MS for timer, ticks in left.items()}
+    anew = frozenset(t for t in left if t in was and left[t] > was[t])
     return Move(
         station,
-        value,
+        input_of(value),
         before,
         after,
         at_ms=at_ms,
@@ -154,38 +156,28 @@ def _lost(at: itf.ItfState) -> dict[int, int]:
     return dict(enumerate(lost, 1))
 
 
-def _clock(at: itf.ItfState, station: int) -> dict[str, int]:
+def _clock(at: itf.ItfState, station: int) -> dict[Timer, int]:
     """By timer: the ticks until it is due."""
     clock: Any = at.values["clock"]
     own = clock[station - 1]
     items = own.items() if isinstance(own, Mapping) else ()
-    return {canonical(_timer(t)): left for t, left in items}
+    return {simulate.timer_of(t): left for t, left in items}
 
 
-def _stations(at: itf.ItfState) -> dict[int, Json]:
+def _stations(at: itf.ItfState) -> dict[int, State]:
     stations: Any = at.values["st"]
-    return {n: state(value) for n, value in enumerate(stations, 1)}
+    return {n: simulate.state(value) for n, value in enumerate(stations, 1)}
 
 
-def _net(at: itf.ItfState) -> frozenset[str]:
+def _net(at: itf.ItfState) -> frozenset[Message]:
     net: Any = at.values["net"]
-    return frozenset(plain(simulate.message(m)) for m in net)
+    return frozenset(story.plain(Message(**m)) for m in net)
 
 
 def _cams(at: itf.ItfState) -> tuple[int, ...]:
     """The stations that send a CAM with the tick that follows."""
     due: Any = at.values["next"]
     return tuple(s for s, left in enumerate(due, 1) if left == 1)
-
-
-def _timer(value: Any) -> Json:
-    name, *about = value
-    entry = ("type", "to", "session", "seq", "accepted")
-    return [name, *([_plain(a[f]) for f in entry] if isinstance(a, Mapping) else a for a in about)]
-
-
-def _plain(value: Any) -> Json:
-    return [_plain(v) for v in value] if isinstance(value, tuple) else value
 
 
 def from_log(log: Log) -> str:
@@ -231,29 +223,8 @@ def from_log(log: Log) -> str:
 
 def _values(t: Track) -> dict[str, Json]:
     """The variables of a station, named as in Station.tla."""
-    outbox = frozenset(
-        itf.FrozenMap(
-            {"type": e.type, "to": e.to, "session": e.session, "seq": e.k, "accepted": e.accepted}
-        )
-        for e in t.outbox
-    )
-    values = (
-        t.phase,
-        t.role,
-        t.session or (0, 0),
-        frozenset(t.recorded),
-        frozenset(t.withdrawn),
-        t.target,
-        t.proposal,
-        t.deciding,
-        t.heard_ms is not None,
-        t.number,
-        frozenset(t.joined.items()),
-        outbox,
-        t.quarantine,
-        t.backoff,
-    )
-    return dict(zip(STATE_FIELDS, values, strict=True))
+    outbox = frozenset(itf.FrozenMap(dict(zip(e._fields, e, strict=True))) for e in t.state.outbox)
+    return {**t.state._asdict(), "outbox": outbox}
 
 
 def _frozen(value: Json) -> Json:

@@ -16,17 +16,33 @@ only what the specification leaves open is made up here:
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm_spec.oracle import canonical
+from automcm_spec.conditions import EMPTY
+from automcm_spec.forms import canonical
+from automcm_spec.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Input,
+    Message,
+    Receive,
+    Restart,
+    Session,
+    State,
+    Timer,
+)
 from automcm_traces.writer import LogWriter
 
 Json = Any
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 START_MS, STEP_MS, FAR_MS, LEASE_MS = 100, 20, 60_000, 20_000
+LEASE: Timer = ("lease",)
+Proposal = tuple[Session, int]
+"""Its session, and its number."""
 PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
 
 
@@ -36,36 +52,35 @@ class StoryError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Effects:
-    """What a step puts out, in the form of the oracle with the model's ids.
+    """What a step puts out, with the model's ids.
 
     ``marks`` is what the station's CAMs name after it.
     """
 
-    after: Json
-    messages: Json
-    told: Json
+    after: State
+    messages: frozenset[Message]
+    told: tuple[str, ...]
     rule: str
-    arm: Json
-    stop: Json
-    marks: Json
+    arm: frozenset[Timer]
+    stop: frozenset[Timer]
+    marks: frozenset[Session]
 
 
 @dataclass(frozen=True, slots=True)
 class Happening:
     """One step of a station: the state before it, the input and what followed.
 
-    ``at_ms`` and ``deadlines`` (by the canonical text of a timer, on the same clock) are those of
-    a timed model; ``behind_ms`` is how far the clock of a station is behind.  ``cams`` are stations
-    that send a CAM before the step.
+    ``at_ms`` and ``deadlines`` (on the same clock) are those of a timed model; ``behind_ms`` is how
+    far the clock of a station is behind.  ``cams`` are stations that send a CAM before the step.
     """
 
     station: int
-    before: Json
-    input: Json
+    before: State
+    input: Input | None
     effects: Effects
     at_ms: int | None = None
     behind_ms: Mapping[int, int] = field(default_factory=dict)
-    deadlines: Mapping[str, int] | None = None
+    deadlines: Mapping[Timer, int] | None = None
     cams: tuple[int, ...] = ()
 
 
@@ -107,9 +122,13 @@ class _Station:
 
     events: list[tuple[str, int, dict[str, Json]]] = field(default_factory=list)
     transmissions: int = 0
-    marks: Json = field(default_factory=list)
-    open: dict[str, int] = field(default_factory=dict)
+    marks: frozenset[Session] = EMPTY
+    open: dict[Timer, int] = field(default_factory=dict)
     """By timer: the place in ``events`` where it was armed."""
+
+
+Marked = tuple[str, int, frozenset[Session]]
+"""A CAM: ``cam``, its sender and its marks."""
 
 
 class _Teller:
@@ -119,10 +138,9 @@ class _Teller:
         self, story: Sequence[Happening], stations: Sequence[int], lease_ms: int | None
     ) -> None:
         self._stations = {s: _Station() for s in stations}
-        self._seqs: dict[tuple[int, str], int] = {}
-        self._sent: dict[str, dict[str, Json]] = {}
-        self._air: dict[str, tuple[str, dict[str, Json]]] = {}
-        self._states: dict[int, Json] = {}
+        self._seqs: dict[tuple[int, Session], int] = {}
+        self._sent: dict[tuple[int, str, int, Session, int], dict[str, Json]] = {}
+        self._air: dict[Message | Marked, tuple[str, dict[str, Json]]] = {}
         self._lease, self._times = _times(story, stations, lease_ms)
         self._last = max((t[-1] for t in self._times.values() if t), default=0)
 
@@ -134,117 +152,122 @@ class _Teller:
         if not h.station:
             return
         me, now = self._stations[h.station], self._times[h.station][n]
-        more = {"rule": h.effects.rule, "phase": h.effects.after[0], "role": h.effects.after[1]}
+        more = {
+            "rule": h.effects.rule,
+            "phase": h.effects.after.phase,
+            "role": h.effects.after.role,
+        }
         heard = self._input(n, h, now, more)
         for m in sorted(h.effects.messages, key=_order):
             self._send(h, m, now, heard)
-        stop = h.effects.stop
-        for timer in sorted(stop, key=canonical):
+        for timer in sorted(h.effects.stop, key=canonical):
+            me.open.pop(timer, None)
             named = self._timer(h.station, timer)
-            me.open.pop(canonical(named), None)
             me.events.append(("timer", now, {"op": "stop", "timer": named}))
         for timer in sorted(h.effects.arm, key=canonical):
             self._arm(h, timer, now)
-        if h.effects.told != ["nothing"]:
+        if h.effects.told != ("nothing",):
             indication = self._indication(h, heard)
             me.events.append(("indication", now, {"indication": indication}))
-        self._states[h.station] = h.effects.after
-        if canonical(h.effects.marks) != canonical(me.marks):
+        if h.effects.marks != me.marks:
             me.marks = h.effects.marks
             if h.at_ms is None:
                 self._cam(h.station, now)
 
     def _input(self, n: int, h: Happening, now: int, more: dict[str, Json]) -> dict[str, Json]:
         """Write the input; returns the message it brought, if it did."""
-        me, kind = self._stations[h.station], h.input[0]
+        me = self._stations[h.station]
         heard: dict[str, Json] = {}
-        if kind in ("receive", "cam"):
-            key = _plain(h.input[1]) if kind == "receive" else canonical(h.input[:3])
-            if key not in self._air:
-                raise StoryError(f"step {n + 1}: received but never sent: {key}")
-            tx, heard = self._air[key]
-            fields: dict[str, Json] = {"tx": tx, "message": heard}
-            if heard["type"] == "Advertisement" and h.input[2]:
-                fields["planned"] = PLANNED
-            me.events.append(("receive", now, fields | more))
-        elif kind == "command":
-            me.events.append(("command", now, {"command": self._command(h)} | more))
-        elif kind == "expire":
-            named = self._timer(h.station, h.input[1])
-            armed = me.open.pop(canonical(named), None)
-            if armed is not None and h.at_ms is None:
-                me.events[armed][2]["deadline"] = now
-            me.events.append(("timer", now, {"op": "expire", "timer": named} | more))
-        else:
-            me.events.append(("restart", now, more))
+        match h.input:
+            case Receive() | Cam() as i:
+                key = plain(i.message) if isinstance(i, Receive) else ("cam", i.src, i.marks)
+                if key not in self._air:
+                    raise StoryError(f"step {n + 1}: received but never sent: {canonical(key)}")
+                tx, heard = self._air[key]
+                fields: dict[str, Json] = {"tx": tx, "message": heard}
+                if isinstance(i, Receive) and i.message.type == "Advertisement" and i.concerned:
+                    fields["planned"] = PLANNED
+                me.events.append(("receive", now, fields | more))
+            case Command() as command:
+                me.events.append(("command", now, {"command": self._command(command)} | more))
+            case Expire(timer=timer):
+                named = self._timer(h.station, timer)
+                armed = me.open.pop(timer, None)
+                if armed is not None and h.at_ms is None:
+                    me.events[armed][2]["deadline"] = now
+                me.events.append(("timer", now, {"op": "expire", "timer": named} | more))
+            case _:
+                me.events.append(("restart", now, more))
         self._forget(h)
         return heard
 
     def _forget(self, h: Happening) -> None:
         """Who forgets sessions forgets how far it has counted in them (ADV-8, END-8)."""
-        name = h.input[1][0] if h.input[0] == "expire" else h.input[0]
-        if name in ("forget", "restart"):
-            of = h.input[1][1] if name == "forget" else None
-            for station, session in list(self._seqs):
-                if station == h.station and of in (None, json.loads(session)[0]):
-                    del self._seqs[station, session]
+        match h.input:
+            case Expire(timer=(_, int(p))):
+                gone = {p}
+            case Restart():
+                gone = {session[0] for _, session in self._seqs}
+            case _:
+                return
+        for station, session in list(self._seqs):
+            if station == h.station and session[0] in gone:
+                del self._seqs[station, session]
 
-    def _command(self, h: Happening) -> dict[str, Json]:
-        _, name, session, proposal, target = h.input
-        if name == "request":
-            return {"name": name, "scenario": "lane_change", "details": {"lane": 2}}
-        command = {"name": name, "session": _session(session)}
-        if name in ("prescribe", "accept", "refuse"):
-            command["proposal"] = proposal
-        trajectory = {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * proposal, 0]]}
-        if name == "prescribe":
-            lease = self._lease.get(canonical([session, proposal]), LEASE_MS)
-            command |= {"target": real_id(target), "prescribed": trajectory}
+    def _command(self, i: Command) -> dict[str, Json]:
+        if i.name == "request":
+            return {"name": i.name, "scenario": "lane_change", "details": {"lane": 2}}
+        command: dict[str, Json] = {"name": i.name, "session": _session(i.session)}
+        if i.name in ("prescribe", "accept", "refuse"):
+            command["proposal"] = i.proposal
+        trajectory = {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * i.proposal, 0]]}
+        if i.name == "prescribe":
+            lease = self._lease.get((i.session, i.proposal), LEASE_MS)
+            command |= {"target": real_id(i.target), "prescribed": trajectory}
             command |= {"hold_ms": 2000, "lease_ms": lease}
-        if name == "accept":
+        if i.name == "accept":
             command["selected"] = trajectory
         return command
 
     # -- effects
 
-    def _send(self, h: Happening, m: Json, now: int, heard: dict[str, Json]) -> None:
-        type_, src, dst, session, k, _, accepted, *_ = m
-        key = canonical([src, type_, dst, session, k])
-        entry = [type_, dst, session, k, accepted]
-        again = type_ == "Advertisement" and h.input[0] == "expire"
-        if k and key in self._sent and (again or entry in h.before[11]):
+    def _send(self, h: Happening, m: Message, now: int, heard: dict[str, Json]) -> None:
+        key = m.src, m.type, m.dst, m.session, m.seq
+        entry = Entry(m.type, m.dst, m.session, m.seq, m.accepted)
+        again = m.type == "Advertisement" and isinstance(h.input, Expire)
+        if m.seq and key in self._sent and (again or entry in h.before.outbox):
             message = self._sent[key]
         else:
-            message = {"v": 1, "src": real_id(src), "dst": real_id(dst)}
-            if not dst:
+            message = {"v": 1, "src": real_id(m.src), "dst": real_id(m.dst)}
+            if not m.dst:
                 del message["dst"]
-            message |= {"session": _session(session), "seq": self._seq(src, session) if k else 0}
-            message |= {"type": type_} | self._content(h, m, heard)
+            seq = self._seq(m.src, m.session) if m.seq else 0
+            message |= {"session": _session(m.session), "seq": seq}
+            message |= {"type": m.type} | self._content(h, m, heard)
             self._sent[key] = message
-        self._transmit(h.station, now, _plain(m), message)
+        self._transmit(h.station, now, plain(m), message)
 
-    def _content(self, h: Happening, m: Json, heard: dict[str, Json]) -> dict[str, Json]:
-        type_, _, _, _, _, proposal, accepted, reason, _ = m
-        given = self._command(h) if h.input[0] == "command" else {}
-        match type_:
+    def _content(self, h: Happening, m: Message, heard: dict[str, Json]) -> dict[str, Json]:
+        given = self._command(h.input) if isinstance(h.input, Command) else {}
+        match m.type:
             case "Advertisement":
                 return {"scenario": given["scenario"], "details": given["details"]}
             case "Intention":
                 return {"planned": PLANNED}
             case "Prescription":
                 names = ("prescribed", "hold_ms", "lease_ms")
-                return {"proposal": proposal} | {name: given[name] for name in names}
+                return {"proposal": m.proposal} | {name: given[name] for name in names}
             case "Acceptance":
-                more = {"selected": given["selected"]} if accepted else {"reason": reason}
-                return {"proposal": proposal, "accepted": accepted} | more
+                more = {"selected": given["selected"]} if m.accepted else {"reason": m.reason}
+                return {"proposal": m.proposal, "accepted": m.accepted} | more
             case "Cancel":
-                return {"reason": reason}
+                return {"reason": m.reason}
             case "Ack":
                 return {"of": {"type": heard["type"], "seq": heard["seq"]}}
         return {}
 
-    def _seq(self, station: int, session: Json) -> int:
-        key = (station, canonical(session))
+    def _seq(self, station: int, session: Session) -> int:
+        key = station, session
         self._seqs[key] = self._seqs.get(key, 0) + 1
         return self._seqs[key]
 
@@ -253,51 +276,53 @@ class _Teller:
         message = {"v": 1, "type": "CAM", "src": real_id(station), "generation_ms": now}
         message |= {"x_mm": now * 8, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 8333}
         message["marks"] = sorted(_session(s) for s in marks)
-        self._transmit(station, now, canonical(["cam", station, marks]), message)
+        self._transmit(station, now, ("cam", station, marks), message)
 
-    def _transmit(self, station: int, now: int, key: str, message: dict[str, Json]) -> None:
+    def _transmit(
+        self, station: int, now: int, key: Message | Marked, message: dict[str, Json]
+    ) -> None:
         me = self._stations[station]
         me.transmissions += 1
         tx = f"{real_id(station)}:{me.transmissions}"
         self._air[key] = tx, message
         me.events.append(("send", now, {"tx": tx, "message": message}))
 
-    def _arm(self, h: Happening, timer: Json, now: int) -> None:
+    def _arm(self, h: Happening, timer: Timer, now: int) -> None:
         me = self._stations[h.station]
         named = self._timer(h.station, timer)
         deadline = self._last + FAR_MS
         if h.deadlines is not None:
-            deadline = h.deadlines[canonical(timer)]
-        elif timer == ["lease"]:
-            deadline = now + self._lease[canonical([h.effects.after[2], h.effects.after[6]])]
+            deadline = h.deadlines[timer]
+        elif timer == LEASE:
+            deadline = now + self._lease[h.effects.after.session, h.effects.after.proposal]
         fields = {"op": "arm", "timer": named, "deadline": deadline}
-        if timer != ["lease"]:
-            me.open[canonical(named)] = len(me.events)
+        if timer != LEASE:
+            me.open[timer] = len(me.events)
         me.events.append(("timer", now, fields))
 
-    def _timer(self, station: int, timer: Json) -> dict[str, Json]:
-        name = timer[0]
-        if name == "forget":
-            return {"name": name, "station": real_id(timer[1])}
-        if name not in ("resend", "giveup"):
-            return {"name": name}
-        type_, to, session, k, _ = timer[1]
-        about: dict[str, Json] = {"type": type_}
-        if to:
-            about["to"] = real_id(to)
-        seq = self._sent[canonical([station, type_, to, session, k])]["seq"]
-        return {"name": name, "message": about | {"session": _session(session), "seq": seq}}
+    def _timer(self, station: int, timer: Timer) -> dict[str, Json]:
+        match timer:
+            case (name, int(p)):
+                return {"name": name, "station": real_id(p)}
+            case (name, Entry(type=type_, to=to, session=session, seq=k)):
+                about: dict[str, Json] = {"type": type_}
+                if to:
+                    about["to"] = real_id(to)
+                seq = self._sent[station, type_, to, session, k]["seq"]
+                return {"name": name, "message": about | {"session": _session(session), "seq": seq}}
+        return {"name": timer[0]}
 
     def _indication(self, h: Happening, heard: dict[str, Json]) -> dict[str, Json]:
         name, *about = h.effects.told
         indication: dict[str, Json] = {"name": name, "rule": h.effects.rule}
-        session = h.before[2] if h.effects.after[2] == [0, 0] else h.effects.after[2]
-        if session != [0, 0]:
+        after = h.effects.after
+        session = h.before.session if after.session == (0, 0) else after.session
+        if session != (0, 0):
             indication["session"] = _session(session)
         if name in ("verify", "accepted"):
-            indication["proposal"] = h.effects.after[6]
+            indication["proposal"] = after.proposal
         if name == "propose":
-            indication["proposal"] = h.effects.after[6] + 1
+            indication["proposal"] = after.proposal + 1
         if about:
             indication["reason"] = heard["reason"] if about[0] == "as_sent" else about[0]
         return indication
@@ -323,11 +348,11 @@ class _Teller:
 
 def _times(
     story: Sequence[Happening], stations: Sequence[int], lease_ms: int | None
-) -> tuple[dict[str, int], dict[int, list[int]]]:
+) -> tuple[dict[Proposal, int], dict[int, list[int]]]:
     """How long the lease of each proposal is, and at each station the time of each step."""
     base = [START_MS + STEP_MS * n if h.at_ms is None else h.at_ms for n, h in enumerate(story)]
     leases = {s: _leases(s, story) for s in stations}
-    lengths: dict[str, int] = {}
+    lengths: dict[Proposal, int] = {}
     for ran in leases.values():
         for key, lease in ran:
             natural = base[lease.over] - base[lease.armed]
@@ -350,32 +375,33 @@ def _times(
     return lengths, times
 
 
-def _leases(station: int, story: Sequence[Happening]) -> list[tuple[str, _Lease]]:
+def _leases(station: int, story: Sequence[Happening]) -> list[tuple[Proposal, _Lease]]:
     """The leases that ran at a station, each with its session and proposal."""
-    found: list[tuple[str, _Lease]] = []
+    found: list[tuple[Proposal, _Lease]] = []
     running: _Lease | None = None
     for n, h in enumerate(story):
         if h.station != station:
             continue
-        if running and (h.input == ["expire", ["lease"]] or ["lease"] in h.effects.stop):
-            running.over, running.expired = n, h.input == ["expire", ["lease"]]
+        expired = h.input == Expire("expire", LEASE)
+        if running and (expired or LEASE in h.effects.stop):
+            running.over, running.expired = n, expired
             running = None
-        if ["lease"] in h.effects.arm:
+        if LEASE in h.effects.arm:
             running = _Lease(n, len(story) - 1)
-            found.append((canonical([h.effects.after[2], h.effects.after[6]]), running))
+            found.append(((h.effects.after.session, h.effects.after.proposal), running))
     return found
 
 
-def _session(session: Json) -> list[int]:
+def _session(session: Session) -> list[int]:
     return [real_id(session[0]), session[1]]
 
 
-def _plain(m: Json) -> str:
-    """What the radio of the model tells messages apart by (Plain in Network.tla)."""
-    said = m[7] in ("none", "busy", "unknown_session", "closed")
-    return canonical([*m[:7], m[7] if said else "as_sent", m[8]])
+def plain(m: Message) -> Message:
+    """A message as the radio of the model holds it (Plain in Network.tla)."""
+    told = m.reason in ("none", "busy", "unknown_session", "closed")
+    return m if told else m._replace(reason="as_sent")
 
 
-def _order(m: Json) -> tuple[bool, str]:
+def _order(m: Message) -> tuple[bool, str]:
     """The order in which one step's messages are sent: what is new before an Ack."""
-    return m[0] == "Ack", canonical(m)
+    return m.type == "Ack", canonical(m)

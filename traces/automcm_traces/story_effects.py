@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from automcm_spec import scratch, simulate, tlc, values
-from automcm_spec.oracle import STATE_FIELDS, canonical
 from automcm_spec.paths import MODELS, TLA
+from automcm_spec.station import Entry, Input, Message, State
 from automcm_traces.story import Effects
 
-Json = Any
 MODULE = """---- MODULE Story ----
 EXTENDS {module}, TLC
 
@@ -43,43 +42,28 @@ NoStep == FALSE /\\ st' = st
 word counts, and nothing is sent (a mechanism is taken away, Effected in TimedSystem.tla).
 ``AnyTarget`` stands for Retarget, which looks at the net: what the model did, it allowed."""
 
-_ENTRY = ("type", "to", "session", "seq", "accepted")
-_MESSAGE = ("type", "src", "dst", "session", "seq", "proposal", "accepted", "reason", "of")
-
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What does this station do in this state with this input?  In the form of the oracle.
+    """What does this station do in this state with this input?
 
     ``after`` is the state that comes next as the model has it, or None: what Step says.
     """
 
     station: int
-    state: Json
-    input: Json
-    after: Json = None
-
-    @property
-    def key(self) -> str:
-        """A text that is equal for equal questions."""
-        return canonical([self.station, self.state, self.input, self.after])
-
-
-def state(value: Any) -> Json:
-    """A station of a model in the form of the oracle, its outbox sorted."""
-    out = simulate.state(value)
-    out[11] = sorted(out[11], key=canonical)
-    return out
+    state: State
+    input: Input
+    after: State | None = None
 
 
 def ask(
     module: str, cfg: str, questions: Iterable[Question], tla: Path = TLA
-) -> dict[str, Effects]:
-    """The answers by ``Question.key``, as the model ``cfg`` (its text) has it.
+) -> dict[Question, Effects]:
+    """The answers, as the model ``cfg`` (its text) has it.
 
     Raises tlc.TlcError.
     """
-    wanted = list({q.key: q for q in questions}.values())
+    wanted = list(dict.fromkeys(questions))
     if not wanted:
         return {}
     asked = "\n".join(f"ASSUME {_asked(n, q)}" for n, q in enumerate(wanted))
@@ -91,14 +75,14 @@ def ask(
         flags=re.M,
     )
     constants = constants.replace("NextTarget <- Retarget", "NextTarget <- AnyTarget")
-    found: dict[str, Effects] = {}
+    found: dict[Question, Effects] = {}
 
     def read(line: str) -> None:
         if line.startswith('"<<'):
             text = values.parse(line)
             assert isinstance(text, str)
             n, *answer = _tuple(values.parse(text))
-            found[wanted[n].key] = _effects(answer)
+            found[wanted[n]] = _effects(answer)
 
     with scratch.folder("story") as place:
         for path in tla.glob("*.tla"):
@@ -124,71 +108,31 @@ def _tuple(value: Any) -> Any:
 def _effects(answer: Any) -> Effects:
     after, out, told, rule, arm, stop, marks = answer
     return Effects(
-        state(after),
-        sorted((simulate.message(m) for m in out), key=canonical),
-        list(told),
+        simulate.state(after),
+        frozenset(Message(**m) for m in out),
+        told,
         rule,
-        sorted((_timer(t) for t in arm), key=canonical),
-        sorted((_timer(t) for t in stop), key=canonical),
-        sorted(list(s) for s in marks),
+        frozenset(map(simulate.timer_of, arm)),
+        frozenset(map(simulate.timer_of, stop)),
+        marks,
     )
 
 
-def _timer(value: Any) -> Json:
-    return simulate.input_({"kind": "expire", "timer": value})[1]
-
-
-# -- the oracle's forms as TLA+ text
-
-
 def _asked(n: int, q: Question) -> str:
-    following = "FALSE, 0" if q.after is None else f"TRUE, {_state(q.after)}"
-    return f"Answered({n}, {q.station}, {_state(q.state)}, {_input(q.input)}, {following})"
+    following = "FALSE, 0" if q.after is None else f"TRUE, {_tla(q.after)}"
+    return f"Answered({n}, {q.station}, {_tla(q.state)}, {_tla(q.input)}, {following})"
 
 
-def _state(value: Json) -> str:
-    fields = dict(zip(STATE_FIELDS, value, strict=True))
-    text = {name: _text(fields[name]) for name in fields}
-    for name in ("recorded", "withdrawn", "joined"):
-        text[name] = _set(_text(item) for item in fields[name])
-    text["outbox"] = _set(_record(_ENTRY, entry) for entry in fields["outbox"])
-    return _fields(text)
-
-
-def _input(value: Json) -> str:
-    kind, *rest = value
-    fields = {"kind": _text(kind)}
-    match kind:
-        case "receive":
-            fields |= {"message": _record(_MESSAGE, rest[0]), "concerned": _text(rest[1])}
-        case "cam":
-            marks = _set(_text(s) for s in rest[1])
-            fields |= {"src": _text(rest[0]), "marks": marks, "newer": _text(rest[2])}
-        case "command":
-            names = ("name", "session", "proposal", "target")
-            fields |= {name: _text(item) for name, item in zip(names, rest, strict=True)}
-        case "expire":
-            name, *about = rest[0]
-            parts = [_record(_ENTRY, a) if isinstance(a, list) else _text(a) for a in about]
-            fields["timer"] = f"<<{', '.join([_text(name), *parts])}>>"
-    return _fields(fields)
-
-
-def _record(names: tuple[str, ...], items: Json) -> str:
-    return _fields({name: _text(item) for name, item in zip(names, items, strict=True)})
-
-
-def _fields(fields: Mapping[str, str]) -> str:
-    return "[" + ", ".join(f"{name} |-> {text}" for name, text in fields.items()) + "]"
-
-
-def _set(items: Iterable[str]) -> str:
-    return "{" + ", ".join(items) + "}"
-
-
-def _text(value: Json) -> str:
+def _tla(value: Any) -> str:
+    """A value of the specification as the text of TLA+."""
     if isinstance(value, bool):
         return "TRUE" if value else "FALSE"
-    if isinstance(value, list):
-        return f"<<{', '.join(_text(item) for item in value)}>>"
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    if isinstance(value, frozenset):
+        return f"{{{', '.join(sorted(map(_tla, value)))}}}"
+    if not isinstance(value, tuple):
+        return f'"{value}"' if isinstance(value, str) else str(value)
+    items = map(_tla, value)
+    if isinstance(value, State | Message | Entry | Input):
+        both = zip(value._fields, items, strict=True)
+        return f"[{', '.join(f'{name} |-> {text}' for name, text in both)}]"
+    return f"<<{', '.join(items)}>>"

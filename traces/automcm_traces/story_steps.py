@@ -7,18 +7,16 @@ every state of a station is one that its log can explain.
 
 from __future__ import annotations
 
-import copy
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-from automcm_spec.oracle import canonical
-from automcm_traces.story import Effects, Happening, StoryError
+from automcm_spec.forms import canonical
+from automcm_spec.station import Expire, Input, Message, Receive, State, Timer
+from automcm_traces.story import Effects, Happening, StoryError, plain
 from automcm_traces.story_effects import Question
+from automcm_traces.track import INITIAL
 
-Json = Any
-Asker = Callable[[Iterable[Question]], dict[str, Effects]]
+Asker = Callable[[Iterable[Question]], dict[Question, Effects]]
 ANSWERED = ("Intention", "Prescription", "Acceptance")
 
 
@@ -31,16 +29,16 @@ class Move:
     """
 
     station: int
-    input: Json
-    before: dict[int, Json]
-    after: dict[int, Json]
-    net_before: frozenset[str] = frozenset()
-    net_after: frozenset[str] = frozenset()
+    input: Input | None
+    before: dict[int, State]
+    after: dict[int, State]
+    net_before: frozenset[Message] = frozenset()
+    net_after: frozenset[Message] = frozenset()
     at_ms: int | None = None
     behind_ms: Mapping[int, int] = field(default_factory=dict)
-    deadlines: dict[str, int] | None = None
+    deadlines: dict[Timer, int] | None = None
     cams: tuple[int, ...] = ()
-    also_armed: tuple[Json, ...] = ()
+    also_armed: frozenset[Timer] = frozenset()
     """Timers that the model armed anew although no rule does (AlsoArmed in TimedSystem.tla)."""
 
 
@@ -50,7 +48,7 @@ class _Told:
 
     move: Move
     chain: list[Question] = field(default_factory=list)
-    answers: list[tuple[Json, list[Question]]] = field(default_factory=list)
+    answers: list[tuple[Message, list[Question]]] = field(default_factory=list)
 
     def questions(self) -> Iterator[Question]:
         yield from self.chain
@@ -74,7 +72,7 @@ def happenings_of_all(
     told = [[_Told(move) for move in moves] for moves in behaviours]
     if reduced:
         for moves in told:
-            wanted: set[str] = set()
+            wanted: set[Message] = set()
             for each in reversed(moves):
                 _reduced(each, effects, wanted)
         effects = effects | ask(q for moves in told for each in moves for q in each.questions())
@@ -83,79 +81,71 @@ def happenings_of_all(
 
 def _main(move: Move) -> Question:
     """What the step itself asks; with time, the model's word on what comes next counts."""
+    assert move.input is not None
     after = move.after[move.station] if move.at_ms is not None else None
     return Question(move.station, move.before[move.station], move.input, after)
 
 
-def _tell(told: _Told, effects: dict[str, Effects]) -> list[Happening]:
+def _tell(told: _Told, effects: dict[Question, Effects]) -> list[Happening]:
     move = told.move
     if not move.station:
-        return [Happening(0, [], move.input, NOTHING, move.at_ms, move.behind_ms, cams=move.cams)]
+        return [Happening(0, INITIAL, None, NOTHING, move.at_ms, move.behind_ms, cams=move.cams)]
     s = move.station
-    main = effects[_main(move).key]
-    more = [timer for timer in move.also_armed if timer not in main.arm]
-    main = replace(main, arm=main.arm + more) if more else main
+    main = effects[_main(move)]
+    main = replace(main, arm=main.arm | move.also_armed)
     when = move.at_ms, move.behind_ms, move.deadlines, move.cams
     out = [Happening(s, move.before[s], move.input, main, *when)]
     for q in told.chain:
-        out.append(Happening(s, q.state, q.input, effects[q.key]))
+        out.append(Happening(s, q.state, q.input, effects[q]))
     reached = out[-1].effects.after
-    if canonical(reached) != canonical(move.after[s]):
+    if reached != move.after[s]:
         raise StoryError(f"{canonical(move.input)} of {s} leads to {canonical(reached)}")
     return out + [_answer(answer, calls, effects) for answer, calls in told.answers]
 
 
-NOTHING = Effects([], [], ["nothing"], "none", [], [], [])
+NOTHING = Effects(INITIAL, frozenset(), ("nothing",), "none", frozenset(), frozenset(), frozenset())
 
 
-def _reduced(told: _Told, effects: dict[str, Effects], wanted: set[str]) -> None:
+def _reduced(told: _Told, effects: dict[Question, Effects], wanted: set[Message]) -> None:
     """What a reduced step does besides.  ``wanted`` are the messages received later on."""
     move = told.move
     if not move.station:
         return
-    main = effects[_main(move).key]
-    at = copy.deepcopy(main.after)
-    for entry in list(at[11]):
-        if entry[0] != "Prescription":
-            told.chain.append(
-                Question(move.station, copy.deepcopy(at), ["expire", ["giveup", entry]])
-            )
-            at[11].remove(entry)
-            if entry[0] == "Intention":
-                at[0] = "WAITING"
-    if at[13]:
-        told.chain.append(Question(move.station, copy.deepcopy(at), ["expire", ["backoff"]]))
-    sent = {plain(m) for m in main.messages}
-    for text in sorted((move.net_after - move.net_before - sent) & wanted):
-        answer = json.loads(text)
+    main = effects[_main(move)]
+    at = main.after
+    for entry in sorted(at.outbox, key=canonical):
+        if entry.type != "Prescription":
+            told.chain.append(Question(move.station, at, Expire("expire", ("giveup", entry))))
+            at = at._replace(outbox=at.outbox - {entry})
+            if entry.type == "Intention":
+                at = at._replace(phase="WAITING")
+    if at.backoff:
+        told.chain.append(Question(move.station, at, Expire("expire", ("backoff",))))
+    sent = frozenset(map(plain, main.messages))
+    for answer in sorted((move.net_after - move.net_before - sent) & wanted, key=canonical):
         told.answers.append((answer, _candidates(answer, move, sent)))
-    if move.input[0] == "receive":
-        wanted.add(canonical(move.input[1]))
+    if isinstance(move.input, Receive):
+        wanted.add(move.input.message)
 
 
-def _candidates(answer: Json, move: Move, sent: set[str]) -> list[Question]:
+def _candidates(answer: Message, move: Move, sent: frozenset[Message]) -> list[Question]:
     """What may have called for an answer that is in the net: messages the other way.
 
     One that can do nothing more is in the net no longer (Dead in System.tla).
     """
-    _, src, dst, session, *_ = answer
-    calls = [json.loads(text) for text in sorted(move.net_before | move.net_after | sent)]
+    way = answer.dst, answer.src, answer.session
     return [
-        Question(src, move.after[src], ["receive", m, False])
-        for m in calls
-        if m[0] in ANSWERED and m[1:4] == [dst, src, session]
+        Question(answer.src, move.after[answer.src], Receive("receive", m, False))
+        for m in sorted(move.net_before | move.net_after | sent, key=canonical)
+        if m.type in ANSWERED and (m.src, m.dst, m.session) == way
     ]
 
 
-def _answer(answer: Json, candidates: list[Question], effects: dict[str, Effects]) -> Happening:
+def _answer(
+    answer: Message, candidates: list[Question], effects: dict[Question, Effects]
+) -> Happening:
     for q in candidates:
-        found = effects[q.key]
-        if any(plain(m) == canonical(answer) for m in found.messages):
+        found = effects[q]
+        if any(plain(m) == answer for m in found.messages):
             return Happening(q.station, q.state, q.input, found)
     raise StoryError(f"nothing calls for {canonical(answer)}")
-
-
-def plain(m: Json) -> str:
-    """A message as the radio of the model holds it (Plain in Network.tla)."""
-    said = m[7] in ("none", "busy", "unknown_session", "closed")
-    return canonical([*m[:7], m[7] if said else "as_sent", m[8]])

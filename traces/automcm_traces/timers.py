@@ -30,18 +30,18 @@ def named(
     track: Track, sent: Sequence[tuple[Expected, dict[str, Json]]], timer: Timer
 ) -> dict[str, Json]:
     """A timer of the specification as a log names it; ``sent`` is what the step sent."""
-    if timer[0] == "forget":
-        return {"name": timer[0], "station": timer[1]}
-    if timer[0] not in ("resend", "giveup"):
-        return {"name": timer[0]}
-    type_, to = timer[1].type, timer[1].to
-    messages = [e.message for e in track.outbox if e.spec == timer[1]]
-    messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
-    if type_ == "Advertisement" and track.advertisement is not None:
-        messages.append(track.advertisement)
-    m = messages[0]
-    about: dict[str, Json] = {"type": type_, "to": to} if to else {"type": type_}
-    return {"name": timer[0], "message": about | {"session": m["session"], "seq": m["seq"]}}
+    match timer:
+        case (name, Entry(type=type_, to=to) as entry):
+            messages = [e.message for e in track.outbox if e.spec == entry]
+            messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
+            if type_ == "Advertisement" and track.advertisement is not None:
+                messages.append(track.advertisement)
+            m = messages[0]
+            about: dict[str, Json] = {"type": type_, "to": to} if to else {"type": type_}
+            return {"name": name, "message": about | {"session": m["session"], "seq": m["seq"]}}
+        case (name, int(station)):
+            return {"name": name, "station": station}
+    return {"name": timer[0]}
 
 
 def match(track: Track, step: Step, timer: dict[str, Json], pool: list[Timer]) -> Timer | None:
@@ -49,10 +49,11 @@ def match(track: Track, step: Step, timer: dict[str, Json], pool: list[Timer]) -
     for one in pool:
         if one[0] != timer["name"]:
             continue
-        if one[0] == "forget" and one[1] != timer.get("station"):
-            continue
-        if one[0] in ("resend", "giveup") and not _about(track, step, timer, one[1]):
-            continue
+        match one:
+            case (_, int(station)) if station != timer.get("station"):
+                continue
+            case (_, Entry() as entry) if not _about(track, step, timer, entry):
+                continue
         return one
     return None
 
@@ -76,6 +77,7 @@ def _about(track: Track, step: Step, timer: dict[str, Json], entry: Entry) -> bo
 
 def short(timer: Timer) -> str:
     """A timer of the specification in words."""
-    if timer[0] in ("resend", "giveup"):
-        return f"{timer[0]}({timer[1].type})"
-    return str(timer[0])
+    match timer:
+        case (name, Entry() as entry):
+            return f"{name}({entry.type})"
+    return timer[0]

@@ -22,18 +22,15 @@ from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_spec import simulate
-from automcm_spec.oracle import canonical
 from automcm_spec.parameters import DEFAULTS, Parameters, durations, longest_delay
 from automcm_traces import story
-from automcm_traces.story_effects import ask
+from automcm_traces.story_effects import Question, ask
 from automcm_traces.story_steps import Move, happenings
+from automcm_traces.track import INITIAL
 
 Json = Any
 Lines = list[str]
 STATIONS = (1, 2, 3, 4)
-INITIAL = [
-    *("STANDALONE", "none", [0, 0], [], [], 0, 0, False, False, 0, [], [], False, False),
-]
 KINDS = ("dropped", "duplicated", "swapped", "edited", "shifted")
 
 
@@ -51,10 +48,10 @@ def _told(found: Sequence[Any], run: str) -> list[Lines]:
     cfg = simulate.CONFIG.format(spec="AnySpec")
     cfg = re.sub(r"(?m)^(SPECIFICATION|INVARIANTS|CHECK).*\n", "", cfg)
     stories = [_moves(behaviour) for behaviour in found]
-    effects: dict[str, story.Effects] = {}
+    effects: dict[Question, story.Effects] = {}
 
-    def asker(questions: Any) -> dict[str, story.Effects]:
-        missing = [q for q in questions if q.key not in effects]
+    def asker(questions: Any) -> dict[Question, story.Effects]:
+        missing = [q for q in questions if q not in effects]
         for first in range(0, len(missing), 1500):
             effects.update(ask("Simulation", cfg, missing[first : first + 1500]))
         return effects
@@ -68,11 +65,10 @@ def _told(found: Sequence[Any], run: str) -> list[Lines]:
     return [lines for lines in logs if len(lines) > 2]
 
 
-def _moves(behaviour: Sequence[tuple[int, Json, Json]]) -> list[Move]:
+def _moves(behaviour: simulate.Behaviour) -> list[Move]:
     at = {s: INITIAL for s in STATIONS}
     moves = []
     for who, value, after in behaviour:
-        after = [*after[:11], sorted(after[11], key=canonical), *after[12:]]
         following = at | {who: after}
         moves.append(Move(who, value, at, following))
         at = following

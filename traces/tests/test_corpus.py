@@ -8,6 +8,9 @@ from typing import Any
 
 import pytest
 
+from automcm_spec import renaming
+from automcm_spec import station as spec
+from automcm_spec.station import Command, Expire, Input, Message, Restart, Session
 from automcm_traces.corpus import COVERAGE, Entry, index, index_text
 from automcm_traces.corpus_bad import Log as Records
 from automcm_traces.corpus_bad import bases_among
@@ -92,7 +95,7 @@ def transitions(path: Path) -> set[str]:
     log = read(path)
     events = dict(log.events)
     engine = Engine(log)
-    me, before, found = log.header.station, state(engine.track), set()
+    me, before, found = log.header.station, renaming.state(engine.track.state, of_model), set()
     sent = {
         (m["type"], m.get("dst", 0), *m["session"], m["seq"]): (
             number_of(m),
@@ -105,8 +108,9 @@ def transitions(path: Path) -> set[str]:
     def step(done: Step, track: Track) -> None:
         nonlocal before
         event = events[done.at].model_dump(exclude_none=True)
-        found.add(transition(me // 1001, before, given(event, sent)).digest)
-        before = state(track)
+        i = renaming.input_of(given(event, sent), of_model)
+        found.add(transition(me // 1001, before, i).digest)
+        before = renaming.state(track.state, of_model)
 
     engine.observer = step
     for at, one in log.events:
@@ -116,55 +120,41 @@ def transitions(path: Path) -> set[str]:
     return found
 
 
-def state(t: Track) -> list[Any]:
-    """A station in the form of the oracle."""
-    session = [t.session[0] // 1001, t.session[1]] if t.session else [0, 0]
-    outbox = [
-        [e.type, e.to // 1001, [e.session[0] // 1001, e.session[1]], e.k, e.accepted]
-        for e in t.outbox
-    ]
-    return [
-        *(t.phase, t.role, session),
-        [p // 1001 for p in t.recorded],
-        [p // 1001 for p in t.withdrawn],
-        *(t.target // 1001, t.proposal, t.deciding, t.heard_ms is not None, t.number),
-        [[p // 1001, n] for p, n in t.joined.items()],
-        *(outbox, t.quarantine, t.backoff),
-    ]
+def of_model(session: Session) -> Session:
+    """A session with the ids of the models."""
+    return session[0] // 1001, session[1]
 
 
-def given(event: dict[str, Any], sent: dict[Any, tuple[int, bool]]) -> list[Any]:
-    """An input of a log in the form of the oracle, with the ids of the models."""
+def given(event: dict[str, Any], sent: dict[Any, tuple[int, bool]]) -> Input:
+    """An input of a log."""
     if event["ev"] == "receive":
         m = event["message"]
         reason = m.get("reason", "none")
         said = reason in ("none", "busy", "unknown_session", "closed")
-        of_: list[Any] = ["none", 0]
+        of_ = "none", 0
         if m["type"] == "Ack":
             type_, seq = m["of"]["type"], m["of"]["seq"]
-            of_ = [type_, sent.get((type_, m["src"], *m["session"], seq), (0, False))[0]]
-        session = [m["session"][0] // 1001, m["session"][1]]
-        more = [m.get("proposal", 0), m.get("accepted", False), reason if said else "as_sent", of_]
-        ids = [m["src"] // 1001, m.get("dst", 0) // 1001]
-        message = [m["type"], *ids, session, number_of(m), *more]
-        return ["receive", message, "planned" in event]
+            of_ = type_, sent.get((type_, m["src"], *m["session"], seq), (0, False))[0]
+        about = m.get("proposal", 0), m.get("accepted", False), reason if said else "as_sent", of_
+        ids = m["type"], m["src"], m.get("dst", 0), tuple(m["session"])
+        return spec.Receive("receive", Message(*ids, number_of(m), *about), "planned" in event)
     if event["ev"] == "command":
         c = event["command"]
-        q, n = c.get("session", (0, 0))
+        session = tuple(c.get("session", (0, 0)))
         proposal = 0 if c["name"] in ("proceed", "complete", "abort") else c.get("proposal", 0)
-        return ["command", c["name"], [q // 1001, n], proposal, c.get("target", 0) // 1001]
+        return Command("command", c["name"], session, proposal, c.get("target", 0))
     if event["ev"] == "restart":
-        return ["restart"]
+        return Restart("restart")
     timer = event["timer"]
     name = timer["name"]
     if name == "forget":
-        return ["expire", [name, timer["station"] // 1001]]
+        return Expire("expire", (name, timer["station"]))
     if name not in ("resend", "giveup"):
-        return ["expire", [name]]
+        return Expire("expire", (name,))
     m = timer["message"]
     k, accepted = sent[(m["type"], m.get("to", 0), *m["session"], m["seq"])]
-    session = [m["session"][0] // 1001, m["session"][1]]
-    return ["expire", [name, [m["type"], m.get("to", 0) // 1001, session, k, accepted]]]
+    entry = spec.Entry(m["type"], m.get("to", 0), tuple(m["session"]), k, accepted)
+    return Expire("expire", (name, entry))
 
 
 def test_a_base_is_the_shortest_log_that_holds_what_is_to_be_edited() -> None:

@@ -18,6 +18,7 @@ from automcm_traces.reader import read
 from automcm_traces.story import Happening, StoryError
 from automcm_traces.story import _times as story_times
 from automcm_traces.story_steps import NOTHING, Move, happenings
+from automcm_traces.track import INITIAL
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -83,9 +84,9 @@ def test_a_slow_station_counts_its_deadlines_and_its_steps_on_its_own_clock(tmp_
     assert slow.behind_ms == last.behind_ms == {1: TICK_MS, 2: 0} and slow.cams == (2,)
     assert last.at_ms is not None and last.deadlines is not None
     now = last.at_ms - TICK_MS
-    assert last.deadlines['["lease"]'] == now + TICK_MS
+    assert last.deadlines["lease",] == now + TICK_MS
     happened = [
-        Happening(0, [], move.input, NOTHING, move.at_ms, move.behind_ms) for move in (slow, last)
+        Happening(0, INITIAL, None, NOTHING, move.at_ms, move.behind_ms) for move in (slow, last)
     ]
     _, times = story_times(happened, [1, 2], 600)
     assert times == {1: [now, now], 2: [last.at_ms, last.at_ms]}

@@ -16,6 +16,8 @@ from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_spec.generate import ONE_PEER
 from automcm_spec.oracle import Answer, Oracle, load
+from automcm_spec.rules import kind
+from automcm_spec.station import Cam, Entry, Expire, Input
 from automcm_traces.corpus_bad import Log as Edited
 from automcm_traces.explain import explain_file, explain_files, together
 from automcm_traces.lint import report
@@ -113,7 +115,7 @@ def shortest(rule: str, role: str, phase: str, cause: str, last_step: int) -> in
     """How many events the shortest log has in which an input of this kind, in this phase and role,
     is decided by this rule: a shortest path in the graph of the specification."""
     graph = one_peer()
-    before = [phase, "none" if phase == "STANDALONE" else role]
+    before = (phase, "none" if phase == "STANDALONE" else role)
     there = (s for s in shortest_ways() if graph.states[s][:2] == before)
     found = (
         shortest_ways()[state] + last_step
@@ -143,22 +145,20 @@ def shortest_ways() -> dict[int, int]:
     return best
 
 
-def events_of(answer: Answer, value: Json) -> int:
+def events_of(answer: Answer, value: Input) -> int:
     effect = answer.effect
     told = effect.told[0] != "nothing"
-    copies = 3 * COPIES if value == ["expire", ["advertise"]] else 0
+    copies = 3 * COPIES if value == Expire("expire", ("advertise",)) else 0
     return 1 + len(effect.messages) + len(effect.arm) + len(effect.stop) + told + copies
 
 
-def cause_of(value: Json) -> str:
+def cause_of(value: Input) -> str:
     match value:
-        case ["expire", [name, [type_, *_]]]:
-            return f"expire {name} {type_}"
-        case ["receive", [type_, *_], *_]:
-            return f"receive {type_}"
-        case [kind, str(name), *_]:
-            return f"{kind} {name}"
-    return str(value[0])
+        case Expire(timer=(name, Entry() as entry)):
+            return f"expire {name} {entry.type}"
+        case Cam():
+            return "cam"
+    return kind(value)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.station import Command, Message, Timer
 from automcm_traces.story import Effects, Happening, logs
+from automcm_traces.track import INITIAL
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 TOLD = [p for kind in ("behaviours", "counterexamples") for p in (CORPUS / kind).rglob("*.ndjson")]
@@ -97,13 +99,12 @@ def test_every_transmission_has_its_own_id() -> None:
 
 
 def test_act_5_a_cam_is_sent_whenever_the_marks_change() -> None:
-    initial = [
-        *("STANDALONE", "none", [0, 0], [], [], 0, 0, False, False, 0, [], [], False, False),
-    ]
-    opened = ["ADVERTISING", "prescriber", [1, 1], *initial[3:9], 1, *initial[10:]]
-    advertisement = ["Advertisement", 1, 0, [1, 1], 1, 0, False, "none", ["none", 0]]
-    effects = Effects(opened, [advertisement], ["nothing"], "ADV-1", [["advertise"]], [], [[1, 1]])
-    step = Happening(1, initial, ["command", "request", [0, 0], 0, 0], effects)
+    opened = INITIAL._replace(phase="ADVERTISING", role="prescriber", session=(1, 1), number=1)
+    advertisement = Message("Advertisement", 1, 0, (1, 1), 1, 0, False, "none", ("none", 0))
+    timers = frozenset({("advertise",)}), frozenset[Timer]()
+    sent, marks = frozenset({advertisement}), frozenset({(1, 1)})
+    effects = Effects(opened, sent, ("nothing",), "ADV-1", *timers, marks)
+    step = Happening(1, INITIAL, Command("command", "request", (0, 0), 0, 0), effects)
     lines = logs("r", [step], [1], {})[1001].splitlines()
     cams = [json.loads(line) for line in lines if b'"CAM"' in line]
     assert [cam["message"]["marks"] for cam in cams] == [[[1001, 1]]]
