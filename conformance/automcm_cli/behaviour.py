@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from automcm.adapter import LATER, ME, NOW, Reference
-from automcm.interface import Request
-from automcm.messages import encode
 from automcm.state import State, Timer, armed
 from automcm.station import Effects, Station
 from automcm_spec import files
+from automcm_spec.application import Discarded, Refused, Request
 from automcm_spec.forms import canonical
+from automcm_spec.messages import encode
 from automcm_spec.oracle import Oracle
 from automcm_spec.parameters import Parameters
 from automcm_spec.rules import kind
@@ -58,7 +58,7 @@ VARIANTS = (
 ODD = "odd"
 """The kind of what is always looked at: the state itself, and inputs that no graph has."""
 Act = Callable[[], list[Effects]]
-REQUEST = Request(scenario="lane_change")
+REQUEST = Request(scenario="lane_change", details={})
 
 
 class Walker:
@@ -204,13 +204,7 @@ class Walker:
 def _told(effects: Effects) -> str:
     """All of it but the rule and the detail, which explain and are not judged (adapter.md)."""
     messages = b"".join(map(encode, effects.messages)) if effects.messages else b""
-    told = [
-        (
-            *(i.name, i.session, i.proposal, i.reason, i.intentions),
-            *(i.prescription, i.acceptance, i.lease_left_ms),
-        )
-        for i in effects.indications
-    ]
+    told = [i.name if isinstance(i, Refused | Discarded) else i for i in effects.indications]
     armed = f"{effects.armed!r}{effects.stopped!r}" if effects.armed or effects.stopped else ""
     return f"{effects.now_ms}{messages!r}{told!r}{armed}"
 

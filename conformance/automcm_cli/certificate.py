@@ -23,7 +23,7 @@ from typing import Any, Literal
 from automcm_cli import cpp, equivalence
 from automcm_cli.equivalence import WALKS, Difference, WalkError
 from automcm_cli.mutated import NO_IMPORT
-from automcm_cli.source_mutants import FOLDER, Generated, Mutant, path_of
+from automcm_cli.source_mutants import FOLDER, GRAMMAR, Generated, Mutant, path_of
 from automcm_conformance import kills as kills_
 from automcm_conformance import purposes
 from automcm_conformance.kills import Kills
@@ -431,7 +431,7 @@ class _Kept:
 def suite_hash(asked: Asked) -> str:
     """Of all that a verdict depends on but the mutant."""
     found = hashlib.sha256(f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors}".encode())
-    folders = (Path(kills_.__file__).parent, FOLDER, SUITE)
+    folders = (Path(kills_.__file__).parent, FOLDER, GRAMMAR, SUITE)
     for folder in folders:
         for path in sorted(path for path in folder.iterdir() if path.suffix in (".py", ".toml")):
             found.update(path.read_bytes())

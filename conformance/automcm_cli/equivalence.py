@@ -135,7 +135,7 @@ def _present() -> str:
     """Of the reference, the graphs and the walk, as they are now."""
     found = hashlib.sha256(spec_hash().encode())
     walk = [Path(__file__).with_name(name) for name in ("behaviour.py", "forms.py")]
-    for path in [*sorted(FOLDER.glob("*.py")), path_of("parameters"), *walk]:
+    for path in [*sorted(FOLDER.glob("*.py")), path_of("messages"), path_of("parameters"), *walk]:
         found.update(path.read_bytes())
     return found.hexdigest()[:12]
 

@@ -1,5 +1,5 @@
 """Messages with one thing odd: what of them the reference takes, and as what.  As behaviour.py, it
-is imported after the reference has been replaced."""
+is imported after the reference has been replaced, so its bounds are its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator, Set
 from typing import Any
 
-from automcm.messages import MessageError, decode, encode
+from automcm_spec.messages import MessageError, decode, encode
 
 Json = Any
 LIMIT = 2**53 - 1

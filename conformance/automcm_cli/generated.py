@@ -11,7 +11,7 @@ from automcm_cli import cli_page, imports, spec
 from automcm_cli.common import ROOT
 from automcm_conformance import adapter_schema, citations, diagrams, remainder, vectors
 from automcm_conformance.paths import VECTORS
-from automcm_spec import compiler, files, generate, models, oracle, scratch
+from automcm_spec import compiler, files, generate, json_schema, models, oracle, scratch
 from automcm_traces import corpus, corpus_page, schema
 
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -24,7 +24,7 @@ CLI_PAGE = ROOT / "docs" / "cli.md"
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
 MODELS_PAGE = ROOT / "docs" / "models.md"
 CITATIONS = ROOT / "docs" / "rule-coverage.md"
-MESSAGES_SCHEMA = ROOT / "reference" / "automcm" / "messages.schema.json"
+MESSAGES_SCHEMA = ROOT / "spec" / "automcm_spec" / "messages.schema.json"
 MESSAGES_PAGE = ROOT / "docs" / "messages.md"
 DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
 EVALUATION = ROOT / "docs" / "evaluation.md"
@@ -146,14 +146,13 @@ def _write_corpus(kinds: Sequence[str], wanted: dict[Path, bytes]) -> list[Path]
 def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
     """What is generated within a second each; ``one_peer`` is the graph that the diagrams show."""
     from automcm import phases, sizes
-    from automcm import schema as messages_schema
     from automcm.experiments import report
 
     return {
         compiler.PATH: compiler.text,
-        SCHEMA: schema.text,
-        ADAPTER_SCHEMA: adapter_schema.schema_text,
-        MESSAGES_SCHEMA: messages_schema.text,
+        SCHEMA: lambda: json_schema.text(schema.schema()),
+        ADAPTER_SCHEMA: lambda: json_schema.text(adapter_schema.schema()),
+        MESSAGES_SCHEMA: lambda: json_schema.text(json_schema.messages()),
         MESSAGES_PAGE: lambda: between(MESSAGES_PAGE.read_text(), "automcm.sizes", sizes.table()),
         ARCHITECTURE: _architecture,
         CITATIONS: lambda: citations.table(ROOT),

@@ -17,12 +17,15 @@ PACKAGES = {
     "automcm_cli": "conformance",
 }
 # What of ours a package may import, besides itself; a module stands for itself alone.
-# What is about the operating system and knows nothing of the protocol.
-SYSTEM = {f"automcm_spec.{name}" for name in ("children", "files", "scratch")}
+# What is about the operating system and knows nothing of the protocol, and the grammar.
+SHARED = {
+    f"automcm_spec.{name}"
+    for name in ("application", "children", "files", "messages", "parameters", "scratch")
+}
 MAY = {
     "automcm_spec": set[str](),
     "automcm_traces": {"automcm_spec"},
-    "automcm": {"automcm_spec.parameters", "automcm_traces.writer", *SYSTEM},
+    "automcm": {"automcm_traces.writer", *SHARED},
     # The map between the reference and the specification; the station itself decides alone.
     "automcm.adapter": {"automcm_spec.station"},
     "automcm_conformance": {"automcm_spec", "automcm_traces"},

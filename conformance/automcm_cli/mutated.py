@@ -51,8 +51,9 @@ class _Replaced(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 
 
 def full_name(module: str) -> str:
-    """The name to import a module by that the station of the reference is made of."""
-    return f"automcm_spec.{module}" if module == "parameters" else f"automcm.{module}"
+    """With its package: the grammar and the table of parameters are not in the reference's own."""
+    package = "automcm_spec" if module in ("messages", "parameters") else "automcm"
+    return f"{package}.{module}"
 
 
 def replace(module: str, file: str) -> None:

@@ -7,6 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
 
+from automcm_spec.application import Indication
+from automcm_spec.messages import ANSWER_REASONS, CancelReason, Message, RefusalReason
+
 T = TypeVar("T")
 Class = Literal["table", "guard", "timer", "field", "memory", "form"]
 CLASSES: tuple[Class, ...] = get_args(Class)
@@ -42,17 +45,16 @@ _COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
 _STATES = frozenset(("replace", "moved", "_replace", "State"))
 _SAID = frozenset(
     (
-        *("Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack"),
-        *("MessageId", "Indication", "tell", "answer", "refusal", "refuse_proposal", "cancels"),
+        *(model.__name__ for model in (*get_args(Message), *get_args(Indication))),
+        *("MessageId", "answer", "refusal", "refuse_proposal", "cancels"),
         *("cancel_peer", "Effects", "Heard"),
     )
 )
 _NUMBERS = frozenset(("seq", "proposal", "number", "first", "lease_ms", "hold_ms", "lease_left_ms"))
 _SWAPPED: tuple[tuple[str, ...], ...] = (
-    ("not_selected", "not_needed", "no_agreement", "timeout", "cam_loss", "lease_expired", "abort"),
-    ("unsafe", "undecided"),
-    ("busy", "unknown_session"),
-    ("fallback", "finished"),
+    tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS),
+    tuple(reason for reason in get_args(RefusalReason) if reason not in ANSWER_REASONS),
+    tuple(reason for reason in get_args(RefusalReason) if reason in ANSWER_REASONS),
 )
 """Words that may stand for each other, as far as their form goes."""
 _TWINS: tuple[tuple[str, ...], ...] = (

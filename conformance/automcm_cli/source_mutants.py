@@ -16,10 +16,11 @@ from pathlib import Path
 
 import automcm
 import automcm_spec
+from automcm_cli.mutated import full_name
 from automcm_cli.source_edits import CLASSES, UNTOUCHED, Class, Edit, Place, edits, inner
 from automcm_spec.rules import RULES
 
-FOLDER = Path(automcm.__file__).parent
+FOLDER, GRAMMAR = (Path(package.__path__[0]) for package in (automcm, automcm_spec))
 MODULES = (
     *("rules", "phases", "outcome", "state", "station", "parameters"),
     *("advertising", "negotiating", "prescribing", "actuating", "ending", "messages"),
@@ -76,16 +77,16 @@ class Generated:
 
 
 def path_of(module: str) -> Path:
-    """The file of a module."""
-    folder = Path(automcm_spec.__file__).parent if module == "parameters" else FOLDER
-    return folder / f"{module}.py"
+    """The file of one of MODULES."""
+    package = full_name(module).partition(".")[0]
+    return (FOLDER if package == "automcm" else GRAMMAR) / f"{module}.py"
 
 
 def generate(modules: Sequence[str] = MODULES) -> Generated:
     """All mutants of these modules, in the order of their text.  Raises OSError, SyntaxError."""
     found = Generated([])
     for name in modules:
-        _mutants(path_of(name), name, found)
+        _mutants(name, found)
     return found
 
 
@@ -116,7 +117,8 @@ def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _mutants(path: Path, module: str, found: Generated) -> None:
+def _mutants(module: str, found: Generated) -> None:
+    path = path_of(module)
     source = path.read_text(encoding="utf-8")
     tree = ast.parse(source)
     same: set[tuple[int, str]] = {(node.lineno, ast.dump(node)) for node in tree.body}

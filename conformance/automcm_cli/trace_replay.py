@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -37,7 +37,7 @@ def replay(
 
     command = command_of(ctx)
     try:
-        result = replay_(log, command, out, limit_s=limit, seed=seed, well_formed=_well_formed)
+        result = replay_(log, command, out, limit_s=limit, seed=seed)
     except LogError as error:
         verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
         write_json(json_, verdict | {"event": error.what, "exit_code": 3})
@@ -51,19 +51,6 @@ def replay(
         for text in _text(result):
             typer.echo(visible(text, limit=LONGEST))
     raise typer.Exit(result.exit_code)
-
-
-def _well_formed(message: dict[str, Any]) -> bool:
-    """Whether it keeps the bounds of messages.md (END-5)."""
-    from pydantic_core import to_json
-
-    from automcm.messages import MessageError, decode
-
-    try:
-        decode(to_json(message))
-    except MessageError:
-        return False
-    return True
 
 
 def _text(result: Replayed) -> list[str]:

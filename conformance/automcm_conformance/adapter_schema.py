@@ -6,14 +6,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue, models_json_schema
-from pydantic_core import core_schema
+from pydantic.json_schema import models_json_schema
 
 from automcm_conformance import protocol
+from automcm_spec.json_schema import Generator, document, text
 
 COMMANDS: tuple[type[BaseModel], ...] = (
     protocol.Hello,
@@ -32,24 +31,6 @@ ANSWERS: tuple[type[BaseModel], ...] = (
 )
 
 
-class _Generator(GenerateJsonSchema):
-    """Pydantic's schema without titles, and with absent where Python has None as default."""
-
-    def field_title_should_be_set(self, schema: Any) -> bool:
-        return False
-
-    def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        inner = self.generate_inner(schema["schema"])
-        if schema["default"] is None:
-            [inner] = [each for each in inner["anyOf"] if each != {"type": "null"}]
-        return inner
-
-    def tagged_union_schema(self, schema: core_schema.TaggedUnionSchema) -> JsonSchemaValue:
-        union = super().tagged_union_schema(schema)
-        union.pop("discriminator", None)  # OpenAPI, not JSON Schema
-        return union
-
-
 def schema() -> dict[str, Any]:
     """The JSON Schema of a line.
 
@@ -57,24 +38,13 @@ def schema() -> dict[str, Any]:
     message holds (messages.schema.json).
     """
     models = [(model, "validation") for model in (*COMMANDS, *ANSWERS)]
-    _, generated = models_json_schema(models, schema_generator=_Generator)  # type: ignore[arg-type]
-    for definition in generated["$defs"].values():
-        definition.pop("title", None)
-    return {
-        "$schema": GenerateJsonSchema.schema_dialect,
-        "$id": f"urn:automcm:adapter:{protocol.PROTOCOL}",
-        "title": f"One line of the adapter protocol, version {protocol.PROTOCOL}",
-        "oneOf": [
-            {"description": "What the kit writes.", "oneOf": [_reference(m) for m in COMMANDS]},
-            {"description": "What the adapter writes.", "oneOf": [_reference(m) for m in ANSWERS]},
-        ],
-        **generated,
-    }
-
-
-def schema_text() -> str:
-    """The schema as committed: keys sorted, indented by two, a newline at the end."""
-    return json.dumps(schema(), indent=2, sort_keys=True) + "\n"
+    _, generated = models_json_schema(models, schema_generator=Generator)  # type: ignore[arg-type]
+    generated["oneOf"] = [
+        {"description": "What the kit writes.", "oneOf": [_reference(m) for m in COMMANDS]},
+        {"description": "What the adapter writes.", "oneOf": [_reference(m) for m in ANSWERS]},
+    ]
+    title = f"One line of the adapter protocol, version {protocol.PROTOCOL}"
+    return document(f"adapter:{protocol.PROTOCOL}", title, generated)
 
 
 def _reference(model: type[BaseModel]) -> dict[str, str]:
@@ -82,4 +52,4 @@ def _reference(model: type[BaseModel]) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    print(schema_text(), end="")
+    print(text(schema()), end="")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from automcm_conformance.wire import LARGE
+from automcm_spec.messages import LIMIT
 
 Json = Any
 Key = tuple[str, int, tuple[int, int]]
@@ -48,7 +48,7 @@ class Names:
                 return [self._me, self._own[place]]
             return [self._me, max(self._own, default=0) + 1 + place - len(self._own)]
         taken = number in self._own
-        return [self._me, LARGE - number] if taken else session
+        return [self._me, LIMIT - number] if taken else session
 
     def message(self, m: dict[str, Json]) -> dict[str, Json]:
         """A message received, or sent, with the station's names in it."""
@@ -88,7 +88,7 @@ class Names:
         own = self._own_seqs.get((of["type"], src, tuple(self.session(m["session"]))), [])
         if seq in logged and logged.index(seq) < len(own):
             return own[logged.index(seq)]
-        return LARGE if seq in own else seq
+        return LIMIT if seq in own else seq
 
 
 def _note(m: dict[str, Json], numbers: list[int], seqs: dict[Key, list[int]]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from automcm_conformance.protocol import DEFAULTS
-from automcm_conformance.wire import LARGE
+from automcm_spec.messages import LIMIT
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -67,7 +67,7 @@ class Survey:
             found["backoff_max"] = max(found["backoff_max"], *self.backoffs)
         out = found | {str(name): value for name, value in fixed.items()}
         for name, value in out.items():
-            if not (0 if name == "t_timeout" else 1) <= value <= LARGE:
+            if not (0 if name == "t_timeout" else 1) <= value <= LIMIT:
                 raise CannotTell(f"header: {name} {value}: no station can be given that")
         others = self.armed | told
         notes = [
@@ -130,7 +130,7 @@ def possible(found: Survey) -> None:
     """Raises CannotTell if the adapter protocol has no way to give these inputs."""
     if not found.inputs:
         raise CannotTell("the log holds no input")
-    if found.last_ms > LARGE:
+    if found.last_ms > LIMIT:
         raise CannotTell(f"t_ms goes up to {found.last_ms}, more than an adapter takes")
     if found.longest_ms > LONGEST_MS:
         raise CannotTell(f"nothing is logged for {found.longest_ms} ms; that is not replayed")

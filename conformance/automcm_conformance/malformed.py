@@ -1,5 +1,8 @@
-"""Messages with one thing wrong with them (END-5), and those that are odd, and right all the same
-(docs/messages.md has the bounds)."""
+"""Messages with one thing wrong with them (END-5), and those that are odd, and right all the same.
+
+The bounds are written here from docs/messages.md, not taken from automcm_spec.messages, so that a
+wrong one there is found.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from automcm_conformance.protocol import MESSAGE_TYPES
-from automcm_conformance.wire import LARGE
 
 Json = Any
 Message = dict[str, Json]
+LARGE = 2**53 - 1
 TEXT = 65_507
 DEPTH = 32
 MARKS = 255

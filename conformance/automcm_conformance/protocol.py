@@ -7,7 +7,7 @@ of a message no more is asked than that it is an object of a known type.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NoReturn, TypeVar, get_args
 
@@ -23,26 +23,16 @@ from pydantic import (
 )
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from automcm_spec import parameters
+from automcm_spec import application, parameters
+from automcm_spec.application import Phase
+from automcm_spec.json_schema import Generator
+from automcm_spec.messages import MessageType, Natural, Positive, StationId
 from automcm_spec.parameters import TIMERS
 
 Json = Any
 PROTOCOL: Final = 1
 
 Feature = Literal["prescriber", "receiver", "restart", "durations", "cam", "clock_drift"]
-Phase = Literal[
-    "STANDALONE",
-    "ADVERTISING",
-    "CHOOSING",
-    "PRESCRIBING",
-    "INTENDING",
-    "WAITING",
-    "NEGOTIATING",
-    "ACTUATING",
-]
-MessageType = Literal[
-    "Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack"
-]
 DEFAULTS: Final = {n: ms for n, ms in parameters.DEFAULTS.items() if n != "clock_drift"}
 """Of the parameters that ``reset`` always gives; ``clock_drift`` needs the feature."""
 if TYPE_CHECKING:
@@ -53,18 +43,13 @@ else:
     """Those of which ``durations`` can say how long they last."""
     ParameterName = Literal[tuple(DEFAULTS)]
 
-INDICATIONS: Final[dict[str, tuple[str, ...]]] = {
-    "choose": ("session", "stations"),
-    "no_participants": ("session",),
-    "verify": ("session", "proposal", "prescribed"),
-    "undecided": ("session", "proposal"),
-    "accepted": ("session", "proposal", "selected", "lease_left_ms"),
-    "propose": ("session", "proposal", "reason"),
-    "fallback": ("session", "reason"),
-    "finished": ("session",),
-    "refused": (),
-    "discarded": (),
+_LINES: Final[dict[str, dict[str, Json]]] = {
+    model.model_fields["name"].default: model.model_json_schema(
+        mode="serialization", schema_generator=Generator
+    )["properties"]
+    for model in get_args(application.Indication)
 }
+INDICATIONS: Final = {name: tuple(fields)[1:] for name, fields in _LINES.items()}
 """The fields that are needed and compared, by name."""
 MESSAGE_TYPES: tuple[MessageType, ...] = get_args(MessageType)
 
@@ -102,25 +87,18 @@ def _cam(value: dict[str, Json]) -> dict[str, Json]:
     return value
 
 
-def _is_integers(value: Json) -> bool:
-    return type(value) is list and all(type(each) is int for each in value)
-
-
-def _is_session(value: Json) -> bool:
-    return _is_integers(value) and len(value) == 2
-
-
-_INTEGERS = {"type": "array", "items": {"type": "integer"}}
-_FIELDS: dict[str, tuple[Callable[[Json], bool], str, dict[str, Json]]] = {
-    "session": (_is_session, "a list of two integers", _INTEGERS | {"minItems": 2, "maxItems": 2}),
-    "stations": (_is_integers, "a list of integers", _INTEGERS),
-    "proposal": (lambda value: type(value) is int, "an integer", {"type": "integer"}),
-    "lease_left_ms": (lambda value: type(value) is int, "an integer", {"type": "integer"}),
-    "prescribed": (lambda value: type(value) is dict, "an object", {"type": "object"}),
-    "selected": (lambda value: type(value) is dict, "an object", {"type": "object"}),
-    "reason": (lambda value: type(value) is str, "a text", {"type": "string"}),
-}
-"""Of the fields of an indication: whether a value is right, what it should be, its schema."""
+def _kind_wanted(value: Json, schema: Json) -> str:
+    """What the kind of a value should be, if it is another; what it says is compared elsewhere."""
+    kind = schema.get("type", "object")
+    if kind != "array":
+        type_, what = {"integer": (int, "an integer"), "string": (str, "a text")}.get(
+            kind, (dict, "an object")
+        )
+        return "" if type(value) is type_ else what
+    size = schema.get("maxItems")
+    right = type(value) is list and all(type(each) is int for each in value)
+    right = right and size in (None, len(value))
+    return "" if right else f"a list of {'two ' if size else ''}integers"
 
 
 def _indication(value: dict[str, Json]) -> dict[str, Json]:
@@ -130,10 +108,9 @@ def _indication(value: dict[str, Json]) -> dict[str, Json]:
     if type(name) is not str or name not in INDICATIONS:
         raise _refusal(f"no indication has the name {_quoted(name)}{_near(name, INDICATIONS)}")
     for field in INDICATIONS[name]:
-        right, what, _ = _FIELDS[field]
         if field not in value:
             raise _refusal(f"the indication {name!r} lacks {field!r}")
-        if not right(value[field]):
+        if what := _kind_wanted(value[field], _LINES[name][field]):
             raise _refusal(f"{field!r} of the indication {name!r} should be {what}")
     return value
 
@@ -155,25 +132,11 @@ _CAM = {
     "properties": {"type": {"const": "CAM"}, "generation_ms": {"type": "integer"}},
     "required": ["type", "generation_ms"],
 }
-_NAMED = {
-    "oneOf": [
-        {
-            "properties": {"name": {"const": name}}
-            | {field: _FIELDS[field][2] for field in fields},
-            "required": ["name", *fields],
-        }
-        for name, fields in INDICATIONS.items()
-    ]
-}
+_NAMED = {"oneOf": [{"properties": fields, "required": list(fields)} for fields in _LINES.values()]}
 Version = Annotated[int, Field(json_schema_extra={"const": PROTOCOL}), AfterValidator(_version)]
-Station = Annotated[int, Field(ge=1, le=2**32 - 1)]
-Natural = Annotated[int, Field(ge=0, le=2**53 - 1)]
 Time = Natural
 """Milliseconds on the clock that the kit moves."""
-Duration = Annotated[int, Field(ge=1, le=2**53 - 1)]
 Text = Annotated[str, Field(min_length=1)]
-Session = Annotated[list[int], Field(min_length=2, max_length=2)]
-"""Station id of the prescriber, number."""
 Message = Annotated[dict[str, Json], Field(json_schema_extra=_TYPED), AfterValidator(_message)]
 Cam = Annotated[dict[str, Json], Field(json_schema_extra=_CAM), AfterValidator(_cam)]
 Indication = Annotated[
@@ -220,7 +183,7 @@ class Reset(_Line):
     cmd: Literal["reset"]
     now: Time
     """Milliseconds; may be less than before."""
-    station: Station
+    station: StationId
     seed: Natural
     parameters: Parameters
 
@@ -236,49 +199,12 @@ class Receive(_Line):
     """What the application would drive; absent: the Advertisement does not concern it."""
 
 
-class Request(_Line):
-    name: Literal["request"]
-    scenario: Text
-    details: Object
-    planned: Annotated[Object | None, BeforeValidator(_present)] = None
-
-
-class Prescribe(_Line):
-    name: Literal["prescribe"]
-    session: Session
-    proposal: int
-    target: Station
-    prescribed: Object
-    hold_ms: Natural
-    lease_ms: Duration
-
-
-class OfSession(_Line):
-    name: Literal["proceed", "complete", "abort"]
-    session: Session
-
-
-class Accept(_Line):
-    name: Literal["accept"]
-    session: Session
-    proposal: int
-    selected: Object
-
-
-class Refuse(_Line):
-    name: Literal["refuse"]
-    session: Session
-    proposal: int
-
-
 class CommandLine(_Line):
     """The application wants something."""
 
     cmd: Literal["command"]
     now: Time
-    command: Annotated[
-        Request | Prescribe | OfSession | Accept | Refuse, Field(discriminator="name")
-    ]
+    command: Annotated[application.Command, Field(discriminator="name")]
 
 
 class Advance(_Line):
@@ -299,7 +225,7 @@ class Durations(_Line):
     """Timers of these names last so many milliseconds from now on."""
 
     cmd: Literal["durations"]
-    durations: dict[Timer, Duration]
+    durations: dict[Timer, Positive]
 
 
 class Stop(_Line):

@@ -40,8 +40,11 @@ from pathlib import Path
 from typing import Any, get_args
 
 from automcm_conformance.paths import SUITE
-from automcm_conformance.protocol import INDICATIONS, MESSAGE_TYPES, Phase
+from automcm_conformance.protocol import INDICATIONS, MESSAGE_TYPES
 from automcm_conformance.results import Level
+from automcm_spec import application
+from automcm_spec.application import Phase, Role, names
+from automcm_spec.messages import ANSWER_REASONS, RELIABLE
 from automcm_spec.oracle import Effect
 from automcm_spec.rules import RULES
 from automcm_spec.station import Cam, Command, Entry, Expire, Input, Message, Receive, State
@@ -59,17 +62,14 @@ ID = re.compile(
 INPUTS = (
     *(f"receive {name}" for name in MESSAGE_TYPES),
     "cam",
-    *(
-        f"command {name}"
-        for name in ("request", "prescribe", "proceed", "accept", "refuse", "complete", "abort")
-    ),
+    *(f"command {name}" for name in names(application.Command)),
     *(
         f"expire {name}"
         for name in ("advertise", "decide", "hold", "answer", "cam", "lease", "quarantine")
     ),
     *("expire forget", "expire backoff"),
     *(f"expire resend {name}" for name in MESSAGE_TYPES[:-1]),
-    *(f"expire giveup {name}" for name in MESSAGE_TYPES[1:-1]),
+    *(f"expire giveup {name}" for name in RELIABLE),
     "restart",
 )
 WHY = {
@@ -98,10 +98,10 @@ ROOM = 1
 
 _NAMES: dict[str, Iterable[str]] = {
     "rule": RULES,
-    "role": ("none", "prescriber", "receiver"),
+    "role": get_args(Role),
     "phase": get_args(Phase),
     "input": INPUTS,
-    "reason": ("none", "as_sent", "busy", "unknown_session", "closed"),
+    "reason": ("none", "as_sent", *ANSWER_REASONS),
     "of": MESSAGE_TYPES,
     "told": ("nothing", *INDICATIONS),
     "why": {name for names in WHY.values() for name in names},

@@ -10,7 +10,7 @@ import base64
 import binascii
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -43,6 +43,7 @@ from automcm_traces.log import (
     Restart,
     Send,
     TimerEnd,
+    problems,
 )
 from automcm_traces.reader import read
 from automcm_traces.step import Diverges
@@ -62,7 +63,6 @@ NEEDS = {
     "refuse": "receiver",
 }
 """The feature without which a command is never given (adapter.md)."""
-WellFormed = Callable[[dict[str, Json]], bool]
 
 
 @dataclass(slots=True)
@@ -115,12 +115,11 @@ def replay(
     *,
     limit_s: float,
     seed: int,
-    well_formed: WellFormed,
 ) -> Replayed:
     """Give the inputs of a log to the adapter ``command``; the new log goes into ``out``.
 
-    ``limit_s`` is the real time an answer may take, ``seed`` that of ``reset``; ``well_formed``
-    says whether a message keeps the bounds of messages.md.  Raises LogError and OSError.
+    ``limit_s`` is the real time an answer may take, ``seed`` that of ``reset``.  Raises
+    LogError and OSError.
     """
     found = survey(path)
     result = Replayed("allowed", str(path), total=found.inputs, notes=list(found.warnings))
@@ -129,7 +128,7 @@ def replay(
         possible(found)
         with opened(command, limit_s) as process:
             hello = read_hello(process.exchange([b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL])[0])
-            run = _Run(found, process, hello, result, well_formed)
+            run = _Run(found, process, hello, result)
             run.start(out, seed)
             run.all()
             if problem := process.stop():
@@ -161,10 +160,9 @@ class _Run:
         process: Opened,
         hello: HelloAnswer,
         result: Replayed,
-        well_formed: WellFormed,
     ) -> None:
         self._found, self._process, self._hello = found, process, hello
-        self._result, self._well_formed = result, well_formed
+        self._result = result
         fixed = {str(n): v for n, v in hello.fixed.items()}
         self._parameters, notes = found.parameters(fixed, hello.features)
         result.notes += notes
@@ -264,12 +262,12 @@ class _Run:
             return self._command(event), None
         if event.raw is not None:
             malformed = _object(event.raw)
-            if malformed is None or self._well_formed(malformed):
+            if malformed is None or not problems(malformed):
                 return None
             return {"cmd": "receive", "message": malformed}, event.raw
         m = event.message
         assert m is not None
-        if not self._well_formed(m):
+        if problems(m):
             return {"cmd": "receive", "message": m}, base64.b64encode(to_json(m)).decode()
         command: dict[str, Json] = {"cmd": "receive", "message": self._names.message(m)}
         if event.planned is not None:

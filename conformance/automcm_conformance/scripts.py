@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, get_args
 
 from automcm_conformance.malformed import named_by_acks
 from automcm_conformance.protocol import DEFAULTS
-from automcm_conformance.wire import ME, STRANGER
+from automcm_conformance.wire import COPY_REASONS, ME, STRANGER
 from automcm_conformance.wire import PLAIN as VALUES
+from automcm_spec.messages import ANSWER_REASONS, CancelReason
 from automcm_spec.parameters import derived
 from automcm_spec.station import (
     Cam,
@@ -305,10 +306,7 @@ ROOM: list[Script] = [
 ]
 """Sessions with one or two entries in the outbox when they should begin."""
 
-_CANCELS = (
-    *("not_selected", "not_needed", "no_agreement", "timeout"),
-    *("cam_loss", "lease_expired", "abort"),
-)
+_CANCELS = tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS)
 
 _OVERHEARD: list[Input] = [
     Receive("receive", value.message._replace(dst=STRANGER, session=MINE), True)
@@ -342,7 +340,7 @@ PLAIN: dict[str, Sequence[Script]] = {
     + [
         [*script, With({"reason": reason}, REFUSED), PRESCRIBE_2]
         for script in (PRESCRIBING, [*PRESCRIBING, PRESCRIPTION_ACKED])
-        for reason in ("unsafe", "undecided")
+        for reason in COPY_REASONS
     ],
     "two receivers": [
         [*_BOTH_RECORDED, PRESCRIBE, PRESCRIPTION_ACKED, expire("giveup", _TO_3)],

@@ -32,6 +32,7 @@ from automcm_conformance.scripts import (
 )
 from automcm_conformance.wire import LONG_MS
 from automcm_spec.generate import TWO_PEERS
+from automcm_spec.messages import RELIABLE
 from automcm_spec.oracle import Oracle, load
 
 SETS: tuple[dict[str, int], ...] = (
@@ -62,7 +63,7 @@ def timer(fresh: Fresh, name: str) -> Played:
 
 def sendings(fresh: Fresh, t_timeout: str) -> Played:
     """``sendings N``: every message is sent as often as section 3 says, and no more."""
-    for name in ("Intention", "Prescription", "Acceptance", "Fin", "Cancel"):
+    for name in RELIABLE:
         for script in scripts.TIMERS[f"giveup {name}"]:
             x = fresh(USUAL | {"t_timeout": int(t_timeout)})
             yield played(x, [*script, Wait(1000)])

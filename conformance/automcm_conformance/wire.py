@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 from pydantic_core import to_json
 
+from automcm_spec.messages import ANSWER_REASONS, LIMIT, RefusalReason
 from automcm_spec.oracle import Answer
 from automcm_spec.station import (
     Cam,
@@ -60,13 +61,11 @@ ODD_SEQ = 77
 BEFORE_MS = 500
 """The first CAM is so much older than the exchange."""
 STEP_MS = 100
-COPY_REASONS = ("unsafe", "undecided")
+COPY_REASONS = tuple(r for r in get_args(RefusalReason) if r not in ANSWER_REASONS)
 
 
 Key = tuple[str, int, Session, int]
 """What identifies an entry of the outbox: type, addressee, session, seq; in the oracle's values."""
-
-LARGE = 2**53 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +100,7 @@ VALUES = (PLAIN, ALIKE, WIDE)
 RICH_DETAILS = {
     "lane": 2,
     "text": 'quotes " and \\ and / and \u00e4\u4e2d\U0001f698 and \n',
-    "deep": {"list": [1, [2, {"x": []}], True, False, ""], "large": [LARGE, -LARGE, 0]},
+    "deep": {"list": [1, [2, {"x": []}], True, False, ""], "large": [LIMIT, -LIMIT, 0]},
 }
 """Content that a station must carry without touching it."""
 
@@ -158,7 +157,7 @@ class Wire:
         """A trajectory that no other session, proposal or use has."""
         points = [[0, 0, 0], [1000, 8000 + lane, session[0]]]
         if self.rich:
-            points += [[1000 + 40 * n, -n * n, LARGE - n] for n in range(1, 60)]
+            points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, 60)]
         return {"t0": 10 * session[1] + k, "points": points}
 
     def session(self, s: Session) -> list[int]:

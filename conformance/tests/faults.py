@@ -31,12 +31,12 @@ from faulty_station import FAULTS, JUMP_S
 
 from automcm.clock import AsyncioClock
 from automcm.links.udp import BROADCAST_HOST, UdpLink
-from automcm.messages import Cam
 from automcm.outcome import Heard
 from automcm.service import McService
 from automcm.state import State
 from automcm.station import Effects
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.messages import Cam
 from automcm_spec.parameters import Parameters
 from automcm_traces.explain import explain_file
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import jsonschema
 import pytest
@@ -15,12 +15,16 @@ from automcm_conformance.protocol import (
     COMMAND,
     DEFAULTS,
     INDICATIONS,
-    Phase,
     ProtocolError,
     Refused,
     read_answer,
     read_hello,
 )
+from automcm_spec import application
+from automcm_spec.application import Phase, Role, names
+from automcm_spec.json_schema import text
+from automcm_spec.messages import Acceptance, Intention, Prescription, Trajectory, to_dict
+from automcm_spec.station import Station
 
 ROOT = Path(__file__).resolve().parents[2]
 HELLO = {
@@ -235,15 +239,42 @@ def test_the_page_has_the_same_indications() -> None:
     }  # the row of fallback names a reason, too
 
 
-def test_the_phases_are_those_of_the_reference() -> None:
-    from automcm import phases
+def test_what_an_indication_is_on_a_line_and_in_a_log() -> None:
+    path, ids = Trajectory.model_validate(PATH), {"src": 8, "dst": 7, "session": (7, 1)}
+    session, one = {"session": (7, 1)}, {"session": (7, 1), "proposal": 1}
+    intention = Intention(**ids, seq=1, planned=path)
+    other = intention.model_copy(update={"src": 9})
+    asked = Prescription(**ids, seq=1, proposal=1, prescribed=path, hold_ms=0, lease_ms=1)
+    yes = Acceptance(**ids, seq=1, proposal=1, accepted=True, selected=path)
+    told = [
+        application.Choose(**session, intentions=(other, intention)),
+        application.NoParticipants(**session),
+        application.Verify(**one, prescription=asked),
+        application.Undecided(**one),
+        application.Accepted(**one, acceptance=yes, lease_left_ms=5),
+        application.Propose(session=(7, 1), proposal=2, reason="unsafe"),
+        application.Fallback(**session, reason="timeout"),
+        application.Finished(**session),
+        application.Refused(detail="abort"),
+        application.Discarded(detail="Fin"),
+    ]
+    assert tuple(i.name for i in told) == names(application.Indication) == tuple(INDICATIONS)
+    lines = [i.model_dump(mode="json") for i in told]
+    assert lines == [without(line, "rule", "detail") for line in TOLD]
+    assert told[8].as_dict() == {"name": "refused", "detail": "abort"}
+    whole = {"name": "accepted", "session": [7, 1], "proposal": 1, "lease_left_ms": 5}
+    assert told[4].as_dict() == whole | {"acceptance": to_dict(yes)}
+    assert told[0].as_dict()["intentions"] == [to_dict(other), to_dict(intention)]
 
-    assert phases.Phase == Phase
+
+def test_phases_and_roles_are_those_of_the_specification() -> None:
+    station = Station(1, 1, 1, 1)
+    assert (set(get_args(Phase)), set(get_args(Role))) == (station.phases, station.roles)
 
 
 def test_the_committed_schema_is_the_generated_one() -> None:
     path = ROOT / "conformance" / "adapter-1.schema.json"
-    assert path.read_text() == adapter_schema.schema_text()
+    assert path.read_text() == text(adapter_schema.schema())
 
 
 def test_the_schema_takes_and_refuses_the_same() -> None:

@@ -37,6 +37,7 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / "reference/automcm/links/__init__.py").write_text("")
     (tmp_path / "traces/automcm_traces/writer.py").write_text("x = 1\n")
     (tmp_path / "spec/automcm_spec/station.py").write_text("")
+    (tmp_path / "spec/automcm_spec/messages.py").write_text("x = 1\n")
     return tmp_path
 
 
@@ -72,6 +73,7 @@ def test_what_counts_as_an_import(tree: Path) -> None:
         ("reference/automcm/station.py", "import automcm_spec.station", False),
         ("reference/automcm/links/a.py", "import automcm_traces", False),
         ("reference/automcm/links/a.py", "import automcm_spec", False),
+        ("reference/automcm/links/a.py", "import automcm_spec.messages", True),
         ("conformance/automcm_conformance/a.py", "import automcm_traces", True),
         ("conformance/automcm_conformance/a.py", "from automcm import links", False),
         ("conformance/automcm_conformance/a.py", "import automcm_cli", False),

@@ -31,8 +31,9 @@ FRAME = """
 import sys
 from automcm import kit, rules
 from automcm.negotiating import foreign
-from automcm.outcome import Outcome, Row, always, ignore, leave, tell
+from automcm.outcome import Outcome, Row, always, ignore, leave
 from automcm.rules import RULES, gives_up
+from automcm_spec.application import Fallback
 from automcm.state import State
 from automcm.station import Station
 
@@ -160,7 +161,7 @@ def edit(kit, command, answer):
         "CAMs cut one way",
         "ACT-2",
         """
-then = lambda me, st, i: Outcome(leave(st), told=tell("fallback", st, reason="cam_loss"))
+then = lambda me, st, i: Outcome(leave(st), told=Fallback(session=st.session, reason="cam_loss"))
 first("expire cam", "ACT-2", always, then)
 """,
     ),

@@ -22,7 +22,7 @@ from wrong_station import station
 
 from automcm_cli.main import app
 from automcm_conformance.log_names import Names
-from automcm_conformance.wire import LARGE
+from automcm_spec.messages import LIMIT
 from automcm_spec.rules import RULES
 from automcm_traces.explain import explain_files
 
@@ -122,8 +122,8 @@ def test_names() -> None:
     assert names.message(first) == {**ack, "session": [7, 3], "of": {"type": "Fin", "seq": 2}}
     assert names.message(second)["of"]["seq"] == 6, "not sent yet: it names nothing"
     other = {**ack, "of": {"type": "Fin", "seq": 2}}
-    assert names.message(other)["of"]["seq"] == LARGE, "it named nothing, and must not now"
-    assert names.session([7, 3]) == [7, LARGE - 3], "a stranger's, and must not be its own now"
+    assert names.message(other)["of"]["seq"] == LIMIT, "it named nothing, and must not now"
+    assert names.session([7, 3]) == [7, LIMIT - 3], "a stranger's, and must not be its own now"
     assert names.session([8, 50]) == [8, 50] and names.session("x") == "x"
     cam = {"type": "CAM", "src": 8, "marks": [[7, 50], [8, 50]]}
     assert names.message(cam)["marks"] == [[7, 3], [8, 50]]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from automcm.interface import Complete
-from automcm.messages import Cam, Fin
 from automcm.outcome import (
     Heard,
     Me,
@@ -19,9 +17,10 @@ from automcm.outcome import (
     own,
     refuse,
     stale,
-    tell,
 )
 from automcm.state import State, Timer
+from automcm_spec.application import Complete, Finished
+from automcm_spec.messages import Cam, Fin
 
 
 def counts_as_heard(me: Me, st: State, i: Cam) -> bool:
@@ -67,7 +66,7 @@ def from_own_prescriber(me: Me, st: State, i: Heard[Fin]) -> bool:
 
 def finished(me: Me, st: State, i: Heard[Fin]) -> Outcome:
     """ACT-3: the receiver acks the Fin and is free."""
-    return Outcome(leave(st), (ack(me, i.message),), tell("finished", st))
+    return Outcome(leave(st), (ack(me, i.message),), Finished(session=own(st)))
 
 
 FIN = (Row("ACT-3", from_own_prescriber, finished), Row("END-3", always, acked))

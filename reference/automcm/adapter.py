@@ -17,8 +17,13 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any
 
-from automcm.interface import COMMAND, Indication
-from automcm.messages import (
+from automcm.outcome import Expiry, Heard, Input, Me, Restart, Row, Rules
+from automcm.rules import RULES
+from automcm.state import EntryKey, State, Timer, armed, key
+from automcm.station import Effects, Station
+from automcm_spec import station as spec
+from automcm_spec.application import COMMAND, Fallback, Indication
+from automcm_spec.messages import (
     Acceptance,
     Ack,
     Advertisement,
@@ -32,11 +37,6 @@ from automcm.messages import (
     Reliable,
     Trajectory,
 )
-from automcm.outcome import Expiry, Heard, Input, Me, Restart, Row, Rules
-from automcm.rules import RULES
-from automcm.state import EntryKey, State, Timer, armed, key
-from automcm.station import Effects, Station
-from automcm_spec import station as spec
 from automcm_spec.parameters import Parameters
 
 ME = 1
@@ -257,12 +257,11 @@ def _sent(before: State, given: Message | None, m: Message) -> spec.Message:
 
 
 def _told(indication: Indication, given: Message | None) -> tuple[str, ...]:
-    if indication.name != "fallback":
+    if not isinstance(indication, Fallback):
         return (indication.name,)
     reason = indication.reason
-    if isinstance(given, Cancel) and given.seq and reason == given.reason:
-        reason = "as_sent"
-    return "fallback", str(reason)
+    passed_on = isinstance(given, Cancel) and given.seq and reason == given.reason
+    return "fallback", "as_sent" if passed_on else str(reason)
 
 
 def _abstract_timer(timer: Timer, st: State) -> spec.Timer:
@@ -389,7 +388,7 @@ class Reference:
         _, name, session, proposal, target = value
         fields: dict[str, Any] = {"name": name}
         if name == "request":
-            fields |= {"scenario": "lane_change"}
+            fields |= {"scenario": "lane_change", "details": {}}
         else:
             fields |= {"session": session}
         if name in ("prescribe", "accept", "refuse"):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from automcm.interface import Request
-from automcm.messages import Advertisement, Cancel, Intention, Message
 from automcm.outcome import (
     Expiry,
     Heard,
@@ -19,13 +17,15 @@ from automcm.outcome import (
     full,
     ignore,
     leave,
+    own,
     post,
     refuse,
     room,
-    tell,
 )
 from automcm.phases import after
 from automcm.state import State
+from automcm_spec.application import Fallback, Request
+from automcm_spec.messages import Advertisement, Cancel, Intention, Message
 
 
 def open_session(me: Me, st: State, i: Request) -> Outcome:
@@ -136,4 +136,4 @@ def forget(me: Me, st: State, i: Expiry) -> Outcome:
 
 def hold_ends(me: Me, st: State, i: Expiry) -> Outcome:
     """ADV-7: nothing has come while waiting."""
-    return Outcome(leave(st), told=tell("fallback", st, reason="timeout"))
+    return Outcome(leave(st), told=Fallback(session=own(st), reason="timeout"))

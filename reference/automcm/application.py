@@ -1,8 +1,8 @@
 """The application interface: what a scenario is asked and told, and what it may do.
 
-The service asks with the content of messages and is answered with commands (interface.py).  A
-scenario never sees an Ack, a retransmission or a timer; the service never looks into a
-trajectory (section IV of the paper: facility layer and application layer).
+The service asks with the content of messages and is answered with the commands of
+automcm_spec.application.  A scenario never sees an Ack, a retransmission or a timer; the service
+never looks into a trajectory (section IV of the paper: facility layer and application layer).
 """
 
 from __future__ import annotations
@@ -11,9 +11,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from automcm.interface import Abort, Accept, Command, Complete, Prescribe, Proceed, Refuse
-from automcm.messages import Plain, Session, Trajectory
-from automcm.phases import Role
+from automcm_spec.application import (
+    Abort,
+    Accept,
+    Command,
+    Complete,
+    Prescribe,
+    Proceed,
+    Refuse,
+    Role,
+)
+from automcm_spec.messages import Plain, Session, Trajectory
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from automcm.application import Kinematics
-from automcm.messages import MessageError, Trajectory, refusal, short
+from automcm_spec.messages import MessageError, Trajectory, refusal, short
 
 MAX_POINTS = 1000
 """Points of a trajectory.  Any such trajectory fits a message of the protocol."""

@@ -19,9 +19,16 @@ import numpy as np
 from automcm.application import Application
 from automcm.clock import VirtualClock
 from automcm.codec import NAMES, CodecError, codec
-from automcm.interface import Accept, Command
 from automcm.links.simulated import Channel, Radio
-from automcm.messages import (
+from automcm.outcome import Expiry, Heard, Restart
+from automcm.phases import PrescriberPhases
+from automcm.rules import decide
+from automcm.service import McService, Observer
+from automcm.simulation import Simulation
+from automcm.station import Effects, Station
+from automcm.straight import Straight
+from automcm_spec.application import Accept, Command
+from automcm_spec.messages import (
     Advertisement,
     Cam,
     Message,
@@ -30,13 +37,6 @@ from automcm.messages import (
     decode,
     encode,
 )
-from automcm.outcome import Expiry, Heard, Restart
-from automcm.phases import PrescriberPhases
-from automcm.rules import decide
-from automcm.service import McService, Observer
-from automcm.simulation import Simulation
-from automcm.station import Effects, Station
-from automcm.straight import Straight
 from automcm_spec.parameters import Parameters
 
 LOSSES = (0.0, 0.2, 0.6)

@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from automcm import messages
-from automcm.messages import Cam, Message, MessageError
+from automcm_spec import messages
+from automcm_spec.messages import MAX_BYTES, Cam, Message, MessageError
 
-MAX_BYTES = 65_507
-"""The largest UDP datagram over IPv4; what is longer is no message (END-5)."""
 FRAME_BYTES = 1400
 """What a message may need if it is to travel in one frame (KIN-2)."""
 NAMES = ("json", "uper")

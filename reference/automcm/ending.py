@@ -5,14 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import MappingProxyType
 
-from automcm.interface import Abort
-from automcm.messages import (
-    BROADCAST,
-    Ack,
-    Cancel,
-    Message,
-    Reliable,
-)
 from automcm.outcome import (
     Heard,
     Me,
@@ -30,12 +22,20 @@ from automcm.outcome import (
     leave_with,
     moved,
     others,
+    own,
     refuse,
     stale,
-    tell,
 )
 from automcm.prescribing import no_participants
 from automcm.state import EntryKey, State, Timer, key
+from automcm_spec.application import Abort, Fallback
+from automcm_spec.messages import (
+    BROADCAST,
+    Ack,
+    Cancel,
+    Message,
+    Reliable,
+)
 
 
 def abort(me: Me, st: State, i: Abort) -> Outcome:
@@ -77,7 +77,7 @@ def last_withdrawn(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
 
 def cancelled(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
     """END-2: ack and leave, and tell the reason."""
-    told = tell("fallback", st, reason=i.message.reason)
+    told = Fallback(session=own(st), reason=i.message.reason)
     return Outcome(leave(st), acked(me, st, i).messages, told)
 
 

@@ -17,10 +17,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import get_args
 
-from automcm.codec import MAX_BYTES, NAMES, Codec, codec
-from automcm.messages import (
+from automcm.codec import NAMES, Codec, codec
+from automcm_spec.messages import (
     ANSWER_REASONS,
     LIMIT,
+    MAX_BYTES,
     MAX_DEPTH,
     Acceptance,
     Ack,

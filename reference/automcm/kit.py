@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import from_json, to_json
 
-from automcm.interface import COMMAND, Indication
-from automcm.messages import Cam, MessageError, Trajectory, decode, encode, to_dict
 from automcm.station import Effects, Station
+from automcm_spec.application import COMMAND, Discarded, Indication, Refused
+from automcm_spec.messages import Cam, MessageError, Trajectory, decode, encode, to_dict
 from automcm_spec.parameters import TIMERS, Parameters
 
 Json = Any
@@ -25,7 +25,6 @@ HELLO = {
     "scenarios": ["lane_change", "merge", "speed_advice"],
     "fixed": {},
 }
-_MORE = ("proposal", "reason", "rule", "detail")
 
 
 class Kit:
@@ -79,9 +78,7 @@ class Kit:
 
     def _receive(self, command: dict[str, Json], now: int) -> list[Effects]:
         planned = command.get("planned")
-        self._planned = (
-            None if planned is None else Trajectory.model_validate_json(to_json(planned))
-        )
+        self._planned = None if planned is None else Trajectory.model_validate(planned)
         data = to_json(command["message"])
         try:
             return self._started.receive(decode(data), now)
@@ -89,7 +86,7 @@ class Kit:
             return self._started.receive(data, now)
 
     def _command(self, command: dict[str, Json], now: int) -> list[Effects]:
-        return self._started.command(COMMAND.validate_json(to_json(command["command"])), now)
+        return self._started.command(COMMAND.validate_python(command["command"]), now)
 
     def _advance(self, command: dict[str, Json], now: int) -> list[Effects]:
         return self._started.advance(now)
@@ -117,7 +114,7 @@ class Kit:
     def _told(self, effects: list[Effects], cams: list[dict[str, Json]]) -> dict[str, Json]:
         answer: dict[str, Json] = {
             "messages": [from_json(encode(m)) for each in effects for m in each.messages],
-            "indications": [indication(i) for each in effects for i in each.indications],
+            "indications": [_line(i, e.rule) for e in effects for i in e.indications],
             "deadline": self._started.next_deadline(),
             "phase": self._started.state.phase,
         }
@@ -126,22 +123,10 @@ class Kit:
         return answer
 
 
-def indication(told: Indication) -> dict[str, Json]:
+def _line(told: Indication, rule: str) -> dict[str, Json]:
     """An indication in the words of the adapter protocol."""
-    out: dict[str, Json] = {"name": told.name}
-    if told.session is not None:
-        out["session"] = list(told.session)
-    out |= {name: value for name in _MORE if (value := getattr(told, name)) not in (None, "", 0)}
-    if told.lease_left_ms is not None:
-        out["lease_left_ms"] = told.lease_left_ms
-    match told.name:
-        case "choose":
-            out["stations"] = sorted(intention.src for intention in told.intentions)
-        case "verify" if told.prescription is not None:
-            out["prescribed"] = told.prescription.prescribed.model_dump(mode="json")
-        case "accepted" if told.acceptance is not None and told.acceptance.selected is not None:
-            out["selected"] = told.acceptance.selected.model_dump(mode="json")
-    return out
+    out = told.model_dump(mode="json") | {"rule": rule}
+    return out | ({"detail": told.detail} if isinstance(told, Refused | Discarded) else {})
 
 
 def answered(kit: Kit, line: bytes | str) -> bytes | None:

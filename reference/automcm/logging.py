@@ -6,10 +6,10 @@ import base64
 from collections.abc import Sequence
 from typing import Any
 
-from automcm.messages import Cam, to_dict
 from automcm.outcome import Expiry, Heard, Restart
 from automcm.state import Timer
 from automcm.station import Effects
+from automcm_spec.messages import Cam, to_dict
 from automcm_traces.writer import LogWriter
 
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
@@ -66,4 +66,5 @@ def write(
     for armed, deadline in effects.armed:
         log.event("timer", t_ms, op="arm", timer=timer(armed), deadline=deadline)
     for indication in effects.indications:
-        log.event("indication", t_ms, indication=indication.as_dict())
+        told = {"name": indication.name, "rule": effects.rule} | indication.as_dict()
+        log.event("indication", t_ms, indication=told)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from automcm.advertising import answer_closed
-from automcm.interface import Accept, Indication
-from automcm.messages import ANSWER_REASONS, Acceptance, Prescription
 from automcm.outcome import (
     Heard,
     Me,
@@ -24,10 +22,11 @@ from automcm.outcome import (
     refusal,
     refuse,
     stale,
-    tell,
     without,
 )
 from automcm.state import State
+from automcm_spec.application import Accept, Accepted, Propose, Undecided, Verify
+from automcm_spec.messages import ANSWER_REASONS, Acceptance, Prescription, RefusalReason
 
 
 def instructed(me: Me, st: State, i: Heard[Prescription]) -> Outcome:
@@ -40,7 +39,7 @@ def instructed(me: Me, st: State, i: Heard[Prescription]) -> Outcome:
         lease_ms=m.lease_ms,
         outbox=without(st, "Intention"),
     )
-    told = tell("verify", st, proposal=m.proposal, prescription=m)
+    told = Verify(session=own(st), proposal=m.proposal, prescription=m)
     return Outcome(verifying, (ack(me, m),), told)
 
 
@@ -84,7 +83,9 @@ def accept(me: Me, st: State, i: Accept) -> Outcome:
     return Outcome(post(moved(st, "accept"), acceptance), (acceptance,))
 
 
-def refuse_proposal(me: Me, st: State, reason: Any, told: Indication | None) -> Outcome:
+def refuse_proposal(
+    me: Me, st: State, reason: RefusalReason, told: Undecided | None = None
+) -> Outcome:
     """NEG-3: refuse for this reason, and wait for another proposal."""
     acceptance = answer(me, st, accepted=False, reason=reason)
     return Outcome(post(moved(st, "refuse"), acceptance), (acceptance,), told)
@@ -98,7 +99,7 @@ ACCEPT = (
 REFUSE = (
     Row("CMD-1", not_verifying, refuse),
     Row("PRE-5", stale, refuse),
-    Row("NEG-3", always, lambda me, st, i: refuse_proposal(me, st, "unsafe", None)),
+    Row("NEG-3", always, lambda me, st, i: refuse_proposal(me, st, "unsafe")),
 )
 
 
@@ -118,7 +119,8 @@ def agreed(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-6: ack, and act."""
     m = i.message
     acting = moved(st, "accepted", outbox=without(st, "Prescription"))
-    return Outcome(acting, (ack(me, m),), tell("accepted", st, proposal=m.proposal, acceptance=m))
+    told = Accepted(session=own(st), proposal=m.proposal, acceptance=m)
+    return Outcome(acting, (ack(me, m),), told)
 
 
 def may_propose_again(me: Me, st: State, i: Heard[Acceptance]) -> bool:
@@ -131,7 +133,8 @@ def refused(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-7: ack, and ask the application for another proposal."""
     m = i.message
     deciding = moved(st, "refused", deciding=True, outbox=without(st, "Prescription"))
-    told = tell("propose", st, proposal=st.proposal + 1, reason=m.reason)
+    assert m.reason is not None
+    told = Propose(session=own(st), proposal=st.proposal + 1, reason=m.reason)
     return Outcome(deciding, (ack(me, m),), told)
 
 

@@ -10,21 +10,23 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from automcm.interface import Command, Indication
-from automcm.messages import (
+from automcm.phases import after
+from automcm.state import State, Timer
+from automcm_spec.application import Command, Discarded, Fallback, Indication, Refused
+from automcm_spec.messages import (
     Acceptance,
     Ack,
     Cam,
     Cancel,
+    CancelReason,
     Message,
     MessageId,
     Prescription,
+    RefusalReason,
     Reliable,
     Session,
     Trajectory,
 )
-from automcm.phases import after
-from automcm.state import State, Timer
 
 
 class Me(NamedTuple):
@@ -97,19 +99,14 @@ def ignore(me: Me, st: State, i: Any) -> Outcome:
     return Outcome(st)
 
 
-def tell(name: Any, st: State, **more: Any) -> Indication:
-    """An indication of the own session; the rule is filled in by ``decide``."""
-    return Indication(name=name, rule="", session=st.session, **more)
-
-
 def discard(me: Me, st: State, i: Any) -> Outcome:
     """END-5: nothing happens but that it is reported."""
-    return Outcome(st, told=Indication(name="discarded", rule="", detail=i.message.type))
+    return Outcome(st, told=Discarded(detail=i.message.type))
 
 
 def refuse(me: Me, st: State, i: Any) -> Outcome:
     """CMD-1: the command changes nothing, and the application is told."""
-    return Outcome(st, told=Indication(name="refused", rule="", detail=i.name))
+    return Outcome(st, told=Refused(detail=i.name))
 
 
 def moved(st: State, event: str, **changes: Any) -> State:
@@ -156,7 +153,9 @@ def own(st: State) -> Session:
     return st.session
 
 
-def cancels(me: Me, st: State, to: Iterable[int], reason: Any, first: int = 1) -> list[Cancel]:
+def cancels(
+    me: Me, st: State, to: Iterable[int], reason: CancelReason, first: int = 1
+) -> list[Cancel]:
     """A Cancel to each, numbered from the first'th next seq on."""
     return [
         Cancel(src=me.station_id, dst=p, session=own(st), seq=st.seq + n, reason=reason)
@@ -164,11 +163,11 @@ def cancels(me: Me, st: State, to: Iterable[int], reason: Any, first: int = 1) -
     ]
 
 
-def cancel_peer(reason: Any) -> Callable[[Me, State, Any], Outcome]:
+def cancel_peer(reason: CancelReason) -> Callable[[Me, State, Any], Outcome]:
     """Leave by a Cancel to the peer, and tell the application."""
 
     def then(me: Me, st: State, i: Any) -> Outcome:
-        told = tell("fallback", st, reason=reason)
+        told = Fallback(session=own(st), reason=reason)
         return leave_with(st, cancels(me, st, [st.peer], reason), told)
 
     return then
@@ -193,7 +192,7 @@ def acked(me: Me, st: State, i: Heard[Message]) -> Outcome:
     return Outcome(st, (ack(me, i.message),) if i.message.seq else ())
 
 
-def refusal(me: Me, m: Prescription, reason: Any) -> Acceptance:
+def refusal(me: Me, m: Prescription, reason: RefusalReason) -> Acceptance:
     """The answer to a Prescription of a session the station is not in (NEG-4, NEG-5)."""
     return Acceptance(
         src=me.station_id,

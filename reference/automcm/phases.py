@@ -9,22 +9,12 @@ table is an error in this program, never an input's fault: rules decide first.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 from statemachine import State as Phase_
 from statemachine import StateMachine
 
-Phase = Literal[
-    "STANDALONE",
-    "ADVERTISING",
-    "CHOOSING",
-    "PRESCRIBING",
-    "INTENDING",
-    "WAITING",
-    "NEGOTIATING",
-    "ACTUATING",
-]
-Role = Literal["none", "prescriber", "receiver"]
+from automcm_spec.application import Phase, Role
+
 Way = tuple[Role, Phase, Phase, str]
 """Role, phase before, phase after, and the rule by which."""
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from automcm.interface import Prescribe, Proceed
-from automcm.messages import Prescription, Reliable
 from automcm.outcome import (
     Expiry,
     Me,
@@ -20,21 +18,22 @@ from automcm.outcome import (
     post,
     refuse,
     stale,
-    tell,
 )
 from automcm.state import NO_INTENTIONS, State
+from automcm_spec.application import Choose, NoParticipants, Prescribe, Proceed
+from automcm_spec.messages import Prescription, Reliable
 
 
 def no_participants(me: Me, st: State, i: Any) -> Outcome:
     """PRE-1; END-7: a back-off before the next session."""
-    return Outcome(leave(st)._replace(backoff=True), told=tell("no_participants", st))
+    return Outcome(leave(st)._replace(backoff=True), told=NoParticipants(session=own(st)))
 
 
 def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
     """PRE-1: the application chooses from the Intentions."""
     intentions = tuple(st.recorded[p] for p in sorted(st.recorded))
     chosen = moved(st, "choose", withdrawn=frozenset(), advertisement=None)
-    return Outcome(chosen, told=tell("choose", st, intentions=intentions))
+    return Outcome(chosen, told=Choose(session=own(st), intentions=intentions))
 
 
 WINDOW_ENDS = (

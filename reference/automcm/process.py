@@ -20,16 +20,16 @@ from automcm import logging
 from automcm.application import Application
 from automcm.clock import AsyncioClock
 from automcm.codec import Codec
-from automcm.interface import Command
 from automcm.links import LinkError
 from automcm.links.udp import UdpLink
-from automcm.messages import LIMIT, MessageError
 from automcm.outcome import Expiry, Heard
 from automcm.output import LineOutput, create
 from automcm.service import McService
 from automcm.state import State
 from automcm.station import Effects
 from automcm_spec import files
+from automcm_spec.application import Command, Fallback, Propose
+from automcm_spec.messages import LIMIT, MessageError
 from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.writer import LogWriter
 
@@ -234,7 +234,8 @@ class StationProcess:
             self._report(service, event="given_up", rule=effects.rule)
         for told in effects.indications:
             if told.name != "discarded":
-                self._report(service, event="told", name=told.name, reason=told.reason)
+                reason = told.reason if isinstance(told, Fallback | Propose) else ""
+                self._report(service, event="told", name=told.name, reason=reason)
         if self._idle is not None and not effects.state.outbox:
             _end(self._idle)
 

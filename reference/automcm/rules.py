@@ -20,7 +20,6 @@ from automcm.advertising import (
     hold_ends,
 )
 from automcm.ending import ABORT, ACK, CANCEL, FIRST, drop, restart
-from automcm.messages import Cam, Reliable
 from automcm.negotiating import ACCEPT, ACCEPTANCE, PRESCRIPTION, REFUSE, refuse_proposal
 from automcm.outcome import (
     Expiry,
@@ -37,22 +36,24 @@ from automcm.outcome import (
     leave_with,
     moved,
     others,
-    tell,
+    own,
 )
 from automcm.phases import require
 from automcm.prescribing import PRESCRIBE, PROCEED, WINDOW_ENDS
 from automcm.state import State, Timer, key
+from automcm_spec.application import Fallback, Undecided
+from automcm_spec.messages import Cam, Reliable
 
 
 def undecided(me: Me, st: State, i: Expiry) -> Outcome:
     """NEG-3: the application has not verified in time."""
-    told = tell("undecided", st, proposal=st.proposal)
+    told = Undecided(session=own(st), proposal=st.proposal)
     return refuse_proposal(me, st, "undecided", told)
 
 
 def no_choice(me: Me, st: State, i: Expiry) -> Outcome:
     """PRE-5: the application has not chosen in time."""
-    told = tell("fallback", st, reason="abort")
+    told = Fallback(session=own(st), reason="abort")
     return leave_with(st, cancels(me, st, others(st), "abort"), told)
 
 

@@ -17,11 +17,32 @@ from operator import attrgetter
 from automcm import logging
 from automcm.application import Advertised, Application, Choice, Drive, Proposal
 from automcm.clock import Cancel, Clock
-from automcm.codec import JSON, MAX_BYTES, Codec
-from automcm.interface import Abort, Accept, Command, Indication
+from automcm.codec import JSON, Codec
 from automcm.links import Link
-from automcm.messages import (
+from automcm.outcome import Heard, Rules
+from automcm.rules import RULES
+from automcm.state import State
+from automcm.station import Effects, Station
+from automcm.statistics import Statistics
+from automcm_spec.application import (
+    Abort,
+    Accept,
+    Accepted,
+    Choose,
+    Command,
+    Discarded,
+    Fallback,
+    Finished,
+    Indication,
+    NoParticipants,
+    Propose,
+    Refused,
+    Undecided,
+    Verify,
+)
+from automcm_spec.messages import (
     BROADCAST,
+    MAX_BYTES,
     Advertisement,
     Cam,
     Message,
@@ -30,11 +51,6 @@ from automcm.messages import (
     Trajectory,
     to_dict,
 )
-from automcm.outcome import Heard, Rules
-from automcm.rules import RULES
-from automcm.state import State
-from automcm.station import Effects, Station
-from automcm.statistics import Statistics
 from automcm_spec.parameters import Parameters, longest_delay
 from automcm_traces.writer import LogWriter
 
@@ -389,36 +405,28 @@ class McService:
             self._tell_application(told, effect)
 
     def _tell_application(self, told: Indication, effect: Effects) -> None:
-        application, session = self.application, told.session
-        match told.name:
-            case "refused":
-                application.refused(told.detail, told.rule)
-            case "undecided":
-                application.refused("undecided", told.rule)
-            case "discarded":
-                pass
-            case _ if session is None:
-                raise AssertionError(f"{told.name} is always of a session")
-            case "choose":
-                planned = {i.src: i.planned for i in told.intentions}
-                application.choose(Choice(session, 1, planned))
-            case "propose":
+        application, now = self.application, effect.now_ms
+        match told:
+            case Refused(detail=command):
+                application.refused(command, effect.rule)
+            case Undecided():
+                application.refused("undecided", effect.rule)
+            case Choose(session=session, intentions=intentions):
+                application.choose(Choice(session, 1, {i.src: i.planned for i in intentions}))
+            case Propose(session=session, proposal=proposal, reason=reason):
                 target = effect.state.target
-                application.choose(Choice(session, told.proposal, {}, target, told.reason))
-            case "verify":
-                m = told.prescription
-                assert m is not None
+                application.choose(Choice(session, proposal, {}, target, reason))
+            case Verify(session=session, prescription=m):
                 self._proposal = Proposal(session, m.proposal, m.prescribed, m.hold_ms, m.lease_ms)
                 application.verify(self._proposal)
-            case "accepted":
-                assert told.acceptance is not None and told.acceptance.selected is not None
-                until = effect.now_ms + (told.lease_left_ms or 0)
-                application.load(
-                    Drive(session, "prescriber", told.acceptance.selected, effect.now_ms, until)
-                )
-            case "fallback":
-                application.fallback(session, told.reason)
-            case "no_participants":
+            case Accepted(session=session, selected=selected):
+                until = now + told.lease_left_ms
+                application.load(Drive(session, "prescriber", selected, now, until))
+            case Fallback(session=session, reason=reason):
+                application.fallback(session, reason)
+            case NoParticipants(session=session):
                 application.fallback(session, "no_participants")
-            case "finished":
+            case Finished(session=session):
                 application.finished(session)
+            case Discarded():
+                pass

@@ -10,10 +10,10 @@ from automcm import logging
 from automcm.application import Application
 from automcm.clock import VirtualClock
 from automcm.codec import JSON, Codec
-from automcm.interface import Command
 from automcm.links.simulated import Channel, Radio
 from automcm.service import McService, Observer
 from automcm.straight import LANE_CHANGE
+from automcm_spec.application import Command
 from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.writer import LogWriter
 

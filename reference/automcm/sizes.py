@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from automcm.codec import FRAME_BYTES, NAMES, Codec, codec
-from automcm.messages import (
+from automcm_spec.messages import (
     Acceptance,
     Ack,
     Advertisement,

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from automcm.messages import Advertisement, Intention, Reliable, Session
-from automcm.phases import Phase, Role
+from automcm_spec.application import Phase, Role
+from automcm_spec.messages import Advertisement, Intention, Reliable, Session
 
 NOBODY = 0
 _EMPTY: Mapping[int, int] = MappingProxyType({})

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import NamedTuple
 
-from automcm.interface import Command, Indication
-from automcm.messages import Advertisement, Cam, Message, MessageError, Trajectory, decode
 from automcm.outcome import Expiry, Heard, Input, Me, Outcome, Restart, Rules
 from automcm.rules import RULES, decide
 from automcm.state import State, Timer, armed
+from automcm_spec.application import Accepted, Command, Discarded, Indication
+from automcm_spec.messages import Advertisement, Cam, Message, MessageError, Trajectory, decode
 from automcm_spec.parameters import Parameters, durations, forgotten_at, lease_lasts, rank
 
 Plan = Callable[[Advertisement], Trajectory | None]
@@ -109,7 +108,7 @@ class Station:
             try:
                 message = self._decode(message)
             except MessageError as error:
-                told = Indication(name="discarded", rule="END-5", detail=str(error))
+                told = Discarded(detail=str(error))
                 effects.append(Effects(now, None, "END-5", self.state, indications=(told,)))
                 return effects
         i = message if isinstance(message, Cam) else self._heard(message)
@@ -150,7 +149,10 @@ class Station:
         stopped: tuple[Timer, ...] = ()
         if self.state is not before or again or isinstance(i, Expiry):
             newly, stopped = self._rearm(before, outcome, i, now)
-        indications = () if told is None else (self._completed(told, rule, now),)
+        if isinstance(told, Accepted):  # only here is a clock
+            left = self.timers[Timer("lease")] - now
+            told = told.model_copy(update={"lease_left_ms": left})
+        indications = () if told is None else (told,)
         return Effects(now, i, rule, self.state, messages, indications, newly, stopped)
 
     def _rearm(
@@ -192,10 +194,3 @@ class Station:
         lasts = self._lasts[timer.name]
         assert lasts is not None, f"no formula: {timer.name}"
         return lasts
-
-    def _completed(self, told: Indication, rule: str, now: int) -> Indication:
-        """With the rule, and for NEG-6 the time left of the lease."""
-        lease = Timer("lease")
-        if told.name == "accepted" and lease in self.timers:
-            return replace(told, rule=rule, lease_left_ms=self.timers[lease] - now)
-        return replace(told, rule=rule)

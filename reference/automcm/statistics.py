@@ -6,10 +6,10 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm.messages import Cam
 from automcm.outcome import Heard
 from automcm.state import State
 from automcm.station import Effects
+from automcm_spec.messages import Cam
 
 
 @dataclass(slots=True)

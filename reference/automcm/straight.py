@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
-from automcm.interface import Prescribe, Request
-from automcm.messages import Session, Trajectory
+from automcm_spec.application import Prescribe, Request
+from automcm_spec.messages import Session, Trajectory
 
 LANE_CHANGE = Request(scenario="lane_change", details={"lane": 2})
 

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_json
 
 from automcm.codec import bounded
-from automcm.messages import (
+from automcm_spec.messages import (
     BROADCAST,
     Acceptance,
     Ack,

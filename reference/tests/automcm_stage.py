@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from automcm.interface import COMMAND, Indication
-from automcm.messages import (
+from automcm.station import Effects, Station
+from automcm_spec.application import COMMAND, Indication
+from automcm_spec.messages import (
     Acceptance,
     Ack,
     Advertisement,
@@ -20,7 +21,6 @@ from automcm.messages import (
     Session,
     Trajectory,
 )
-from automcm.station import Effects, Station
 from automcm_spec.parameters import Parameters
 
 ME, TARGET, OTHER, PRESCRIBER = 1, 2, 3, 9
@@ -92,7 +92,7 @@ def cam(src: int, generation_ms: int, *marks: Session) -> Cam:
 def command(name: str, session: Session | None = None, **fields: Any) -> Any:
     """A command; what ``fields`` leaves out is the usual."""
     usual: dict[str, dict[str, Any]] = {
-        "request": {"scenario": "lane_change"},
+        "request": {"scenario": "lane_change", "details": {}},
         "prescribe": {
             "proposal": 1,
             "target": TARGET,

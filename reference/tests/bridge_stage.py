@@ -16,9 +16,9 @@ from automcm.application import Application, Drive
 from automcm.clock import AsyncioClock
 from automcm.links.bridge import WebSocketBridge
 from automcm.links.simulated import Channel, Radio
-from automcm.messages import Session
 from automcm.service import McService
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.messages import Session
 from automcm_spec.parameters import Parameters
 
 BRIDGED, OTHER = 1001, 2002

@@ -29,10 +29,10 @@ from automcm.experiments.ablations import (
     never,
     take_over,
 )
-from automcm.messages import Ack, Cancel, Prescription
 from automcm.outcome import Me, Outcome, Rules, leave
 from automcm.rules import RULES
 from automcm.state import State, Timer, armed
+from automcm_spec.messages import Ack, Cancel, Prescription
 
 
 def give_up_and_leave(me: Me, st: State, i: Any) -> Outcome:

@@ -8,10 +8,10 @@ from typing import Any
 from automcm.application import Advertised, Application, Choice, Drive, Proposal
 from automcm.clock import VirtualClock
 from automcm.links.simulated import Channel
-from automcm.messages import Cam, Session, Trajectory, decode, encode
 from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.messages import Cam, Session, Trajectory, decode, encode
 
 PATH = Trajectory(t0=0, points=((0, 0, 0),))
 

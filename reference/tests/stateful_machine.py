@@ -19,9 +19,18 @@ from stateful_world import (
     trajectory,
 )
 
-from automcm.interface import Abort, Accept, Command, Complete, Prescribe, Proceed, Refuse, Request
-from automcm.messages import encode
 from automcm.rules import RULES
+from automcm_spec.application import (
+    Abort,
+    Accept,
+    Command,
+    Complete,
+    Prescribe,
+    Proceed,
+    Refuse,
+    Request,
+)
+from automcm_spec.messages import encode
 
 # -- the machine
 
@@ -216,7 +225,7 @@ class Coordination(RuleBasedStateMachine):
     def request(self, s: int) -> None:
         up = self.world.up()
         if up:
-            self.world.command(up[s % len(up)], Request(scenario="lane_change"))
+            self.world.command(up[s % len(up)], Request(scenario="lane_change", details={}))
 
     def choosing(self) -> list[int]:
         world = self.world
@@ -391,7 +400,7 @@ class Coordination(RuleBasedStateMachine):
     def _session(
         self, s: int, upto: str, lease: int, refusals: int = 0, lost: str = "", slow: bool = False
     ) -> None:
-        self.world.command(s, Request(scenario="lane_change"))
+        self.world.command(s, Request(scenario="lane_change", details={}))
         for _ in range(16):
             for go_on in (
                 lambda: self._arrive(lost, slow),
@@ -411,7 +420,7 @@ class Coordination(RuleBasedStateMachine):
         stations = self.at_rest()
         s = stations[s % len(stations)]
         for _ in range(times):
-            self.world.command(s, Request(scenario="lane_change"))
+            self.world.command(s, Request(scenario="lane_change", details={}))
             self.world.exchange()
             session = self.world.state(s).session
             if session is not None:
@@ -434,7 +443,7 @@ class Coordination(RuleBasedStateMachine):
             self.world.exchange(backwards=True)
         else:
             self.world.flight = [c for c in self.world.flight if c.what != "Cancel"]
-            self.world.command(s, Request(scenario="lane_change"))
+            self.world.command(s, Request(scenario="lane_change", details={}))
 
     def committed(self) -> list[int]:
         return self.world.at("receiver", "ACTUATING")

@@ -8,7 +8,6 @@ from functools import cache
 from typing import Any
 
 from automcm.adapter import abstract, abstract_input, answer, is_copy
-from automcm.messages import Cam, Prescription
 from automcm.outcome import Expiry, Heard, Restart, Row
 from automcm.phases import WAYS
 from automcm.rules import RULES
@@ -17,6 +16,7 @@ from automcm.station import Effects, Station
 from automcm_spec import station as specification
 from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
 from automcm_spec.conditions import recording
+from automcm_spec.messages import Cam, Prescription
 from automcm_spec.parameters import Parameters, durations
 from automcm_spec.rules import RULES as EVERY_RULE
 

@@ -9,8 +9,13 @@ from typing import Any
 
 from stateful_oracle import ALL, IDS, Coverage, Lockstep, Setup, broken
 
-from automcm.interface import Abort, Command
-from automcm.messages import (
+from automcm.outcome import Expiry, Heard, Restart, Row
+from automcm.phases import WAYS
+from automcm.rules import RULES, kind
+from automcm.state import State, Timer, key
+from automcm.station import Effects, Station
+from automcm_spec.application import Abort, Accepted, Command, Verify
+from automcm_spec.messages import (
     Acceptance,
     Ack,
     Advertisement,
@@ -23,11 +28,6 @@ from automcm.messages import (
     Trajectory,
     encode,
 )
-from automcm.outcome import Expiry, Heard, Restart, Row
-from automcm.phases import WAYS
-from automcm.rules import RULES, kind
-from automcm.state import State, Timer, key
-from automcm.station import Effects, Station
 from automcm_spec.parameters import longest_session
 
 # -- the world
@@ -252,7 +252,7 @@ class World:
                 self.prescribed.setdefault((m.session, m.proposal), m.prescribed)
                 self.leases[m.session] = max(self.leases.get(m.session, 0), m.lease_ms)
         for told in effect.indications:
-            if told.name == "verify" and told.prescription is not None:
+            if isinstance(told, Verify):
                 self.asked[s] = told.prescription
         excuse = (
             isinstance(i, Restart)
@@ -319,7 +319,7 @@ class World:
                         lambda m=m, count=count: f"{s} sent {m.type} seq {m.seq} {count} times",
                     )
         for told in effect.indications:
-            if told.name == "accepted" and told.acceptance is not None:
+            if isinstance(told, Accepted):
                 a = told.acceptance
                 self._fail_unless(
                     "S-3",

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from automcm import autoware
 from automcm.application import Kinematics
 from automcm.links import rosbridge as ros
-from automcm.messages import MessageError, Trajectory
+from automcm_spec.messages import MessageError, Trajectory
 
 # -- conversion
 
@@ -73,8 +73,7 @@ def test_what_autoware_cannot_hold(way: Trajectory, problem: str) -> None:
 
 
 def test_a_largest_trajectory_fits_a_message() -> None:
-    from automcm.codec import MAX_BYTES
-    from automcm.messages import LIMIT, Prescription, encode
+    from automcm_spec.messages import LIMIT, MAX_BYTES, Prescription, encode
 
     far = -(10**12)
     points = tuple((-(2**31) * 1000 + n, far, far) for n in range(autoware.MAX_POINTS))

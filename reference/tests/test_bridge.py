@@ -21,12 +21,12 @@ from bridge_stage import (
 )
 
 from automcm import autoware
-from automcm.interface import Abort
 from automcm.links import rosbridge as ros
 from automcm.links.bridge import WebSocketBridge
-from automcm.messages import Trajectory
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE
+from automcm_spec.application import Abort
+from automcm_spec.messages import Trajectory
 
 # -- whole sessions
 

@@ -35,8 +35,8 @@ from automcm.links import LinkError
 from automcm.links import rosbridge as ros
 from automcm.links.bridge import MAX_SOCKETS, WebSocketBridge
 from automcm.links.remote import RemoteApplication
-from automcm.messages import Trajectory
 from automcm.straight import LANE_CHANGE
+from automcm_spec.messages import Trajectory
 
 # -- clear errors
 

@@ -11,10 +11,10 @@ import pytest
 from bridge_stage import BRIDGED, OTHER, PATIENCE, Recorder, World, holds, run
 
 from automcm.application import Application, Kinematics
-from automcm.interface import Abort
 from automcm.links.bridge import WebSocketBridge
 from automcm.links.remote import RemoteApplication
 from automcm.straight import LANE_CHANGE
+from automcm_spec.application import Abort
 
 # -- the far side, with an application of application.py
 

@@ -17,12 +17,13 @@ from pydantic import ValidationError
 from test_messages import BY_TYPE, changed
 
 from automcm import fuzz, sizes
-from automcm.codec import FRAME_BYTES, JSON, MAX_BYTES, Codec, CodecError, codec
-from automcm.messages import (
+from automcm.codec import FRAME_BYTES, JSON, Codec, CodecError, codec
+from automcm.uper import MAX_POINTS, SCHEMA, UPER
+from automcm_spec.messages import (
     LIMIT,
+    MAX_BYTES,
     MAX_DEPTH,
     MAX_MARKS,
-    MAX_TEXT,
     Cam,
     CancelReason,
     Message,
@@ -33,7 +34,6 @@ from automcm.messages import (
     decode,
     encode,
 )
-from automcm.uper import MAX_POINTS, SCHEMA, UPER
 
 BOTH: list[Codec] = [JSON, UPER]
 EXAMPLES = fuzz.examples()
@@ -183,7 +183,7 @@ def test_end_5_what_is_longer_than_a_datagram_is_refused_both_ways(used: Codec) 
     refused(used, bytes(MAX_BYTES + 1), f"message: {MAX_BYTES + 1} bytes, more than {MAX_BYTES}")
     refused(used, b"", "")
     with pytest.raises(MessageError, match="bytes, more than"):
-        used.encode(advertisement(scenario="x" * MAX_TEXT))
+        used.encode(advertisement(scenario="x" * MAX_BYTES))
 
 
 def test_uper_says_which_field_it_cannot_carry() -> None:

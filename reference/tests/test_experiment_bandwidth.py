@@ -28,8 +28,16 @@ from automcm.experiments.bandwidth_claims import claims
 from automcm.experiments.bandwidth_summary import CHANNEL_BIT_S, HEADERS, drive
 from automcm.experiments.experiment import Cell, ExperimentError, Values
 from automcm.experiments.sweep import run_cell
-from automcm.messages import Ack, Advertisement, Cam, Cancel, MessageId, Prescription, Trajectory
 from automcm.scenarios.drive import FourVehicles
+from automcm_spec.messages import (
+    Ack,
+    Advertisement,
+    Cam,
+    Cancel,
+    MessageId,
+    Prescription,
+    Trajectory,
+)
 from automcm_spec.parameters import Parameters
 
 EXPERIMENT = bandwidth.EXPERIMENT

@@ -19,11 +19,11 @@ from automcm.experiments.hazards import Watched, bound_ms
 from automcm.experiments.report import assemble
 from automcm.experiments.sweep import canonical, run_cell
 from automcm.links.simulated import Channel
-from automcm.messages import Fin, Session
 from automcm.road import Late, Sample, Vehicle
 from automcm.service import McService
 from automcm.state import State
 from automcm.straight import Straight
+from automcm_spec.messages import Fin, Session
 from automcm_spec.parameters import Parameters
 from automcm_spec.rules import RULES as RULE_IDS
 from automcm_traces.explain import together

@@ -20,10 +20,10 @@ from automcm.links import udp as udp_
 from automcm.links.relay import Relay
 from automcm.links.simulated import Channel, Radio
 from automcm.links.udp import UdpLink, address, bind
-from automcm.messages import BROADCAST, Cam, encode
 from automcm.process import stopping
 from automcm.service import McService
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.messages import BROADCAST, Cam, encode
 from automcm_spec.parameters import Parameters
 
 # -- simulated

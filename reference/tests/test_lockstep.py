@@ -15,6 +15,7 @@ from stateful_world import World
 from automcm.adapter import abstract, concrete
 from automcm.state import Timer
 from automcm.station import Effects
+from automcm_spec.application import Fallback
 
 Change = Callable[[Effects], Effects]
 
@@ -93,8 +94,7 @@ def test_the_reason_of_a_fallback_is_that_of_the_cancel() -> None:
     stage = Compared()
     stage.join()
     effects = stage.hear(20, cancel("abort"))
-    (told,) = effects[0].indications
-    wrong = type(told)(name="fallback", rule=told.rule, session=THEIRS, reason="timeout")
+    wrong = Fallback(session=THEIRS, reason="timeout")
     with pytest.raises(Broken, match=r"oracle END-2.*told is"):
         stage.took(effects, _replaced(indications=(wrong,)))
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from automcm import messages
 from automcm.application import Advertised, Proposal
 from automcm.links.simulated import Channel
 from automcm.road import LANE_WIDTH, Sample, Vehicle
@@ -20,6 +19,8 @@ from automcm.scenarios.speed_advice import SpeedAdvice
 from automcm.trajectory.core import TrajectoryError, from_message
 from automcm.trajectory.prescribe import prescribe
 from automcm.trajectory.verify import Limits
+from automcm_spec import messages
+from automcm_spec.application import Verify
 from automcm_spec.parameters import Parameters
 from automcm_traces.explain import explain_files
 
@@ -358,7 +359,7 @@ def test_merge_a_later_proposal_asks_for_less_and_never_to_come_earlier() -> Non
         lambda before, effects: asked.extend(
             mean_speed(told.prescription.prescribed)
             for told in effects.indications
-            if told.name == "verify" and told.prescription is not None
+            if isinstance(told, Verify)
         ),
     )
     drive.simulation.clock.at(100, on_ramp.signal)

@@ -10,12 +10,12 @@ from service_stage import PATH, Jumpy, Noted, Wire, alone, cam, pair
 
 from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal
 from automcm.clock import VirtualClock
-from automcm.interface import Abort, Refuse
 from automcm.links.simulated import Channel, Radio
-from automcm.messages import BROADCAST, Intention, encode
 from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.application import Abort, Refuse
+from automcm_spec.messages import BROADCAST, Intention, encode
 from automcm_spec.parameters import Parameters
 
 

@@ -13,13 +13,13 @@ from service_stage import Jumpy, Noted, Wire, alone, cam, pair
 from automcm import logging
 from automcm.application import Advertised, Kinematics, Proposal
 from automcm.clock import VirtualClock
-from automcm.codec import JSON, MAX_BYTES
-from automcm.interface import Abort, Request
+from automcm.codec import JSON
 from automcm.links.simulated import Channel
-from automcm.messages import Advertisement, Fin, Session, Trajectory, encode
 from automcm.service import NEIGHBOURS, McService
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.application import Abort, Request
+from automcm_spec.messages import MAX_BYTES, Advertisement, Fin, Session, Trajectory, encode
 from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.explain import explain_file
 from automcm_traces.reader import read
@@ -70,7 +70,7 @@ def test_what_the_codec_cannot_carry_is_as_if_lost_and_counted() -> None:
     application = Noted()
     service, wire, clock = alone(application)
     huge = Trajectory(t0=0, points=((0, 0, 0),) * 20_000)
-    service.command(Request(scenario="x", planned=huge))
+    service.command(Request(scenario="x", details={}, planned=huge))
     clock.run(3000)
     assert wire.of("Advertisement") == [] and service.statistics.unsendable == 21
     assert application.calls == [("fallback", (1, 1), "no_participants")]

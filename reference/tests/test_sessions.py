@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from automcm.interface import Abort, Accept, Prescribe, Proceed, Request
-from automcm.messages import Message, Trajectory
 from automcm.station import Effects, Station
+from automcm_spec.application import Abort, Accept, Prescribe, Proceed, Request
+from automcm_spec.messages import Message, Trajectory
 
 DRIVEN = Trajectory(t0=0, points=((0, 0, 0), (1000, 8000, 0)))
 A, B, C = 1, 2, 3
@@ -19,7 +19,7 @@ def sent(effects: list[Effects]) -> list[Message]:
 
 
 def advertised(prescriber: Station) -> Message:
-    return sent(prescriber.command(Request(scenario="lane_change"), 0))[0]
+    return sent(prescriber.command(Request(scenario="lane_change", details={}), 0))[0]
 
 
 def recorded(prescriber: Station, *receivers: Station) -> None:
@@ -100,8 +100,8 @@ def test_act_6_a_receiver_that_breaks_off_joins_and_requests_nothing_for_a_while
     b.command(Accept(session=(A, 1), proposal=1, selected=DRIVEN), 2300)
     b.command(Abort(session=(A, 1)), 2350)
     assert not sent(b.receive(advertised(c), 2360))
-    b.command(Request(scenario="lane_change"), 2370)
+    b.command(Request(scenario="lane_change", details={}), 2370)
     assert b.state.phase == "STANDALONE"
     b.advance(2350 + 6300)
-    b.command(Request(scenario="lane_change"), 2350 + 6301)
+    b.command(Request(scenario="lane_change", details={}), 2350 + 6301)
     assert b.state.phase == "ADVERTISING"

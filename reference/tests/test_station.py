@@ -26,7 +26,7 @@ from automcm_stage import (
     yes,
 )
 
-from automcm.messages import Trajectory, encode
+from automcm_spec.messages import Trajectory, encode
 
 # -- seq
 
@@ -100,7 +100,6 @@ def test_act_1_one_trajectory_is_handed_over_and_kept() -> None:
     acting += r.run(1000)
     assert r.at == ("receiver", "ACTUATING")
     assert [i.name for i in told(acting)] == ["discarded", "refused"]
-    assert all(i.prescription is None and i.acceptance is None for i in told(acting))
     copies = [m for m in sent(acting, "Acceptance") if m.seq]
     assert len(copies) == 9 and all(copy is acceptance for copy in copies)
     assert r.state.outbox == (acceptance,)
@@ -120,7 +119,7 @@ def test_act_1_one_trajectory_is_handed_over_and_kept() -> None:
 
     # No other phase hands a trajectory over to be driven.
     effects += accepted_at + acting + p.do(3000, "complete", OWN) + p.hear(3100, acceptance)
-    assert [e.state.phase for e in effects if any(i.acceptance for i in e.indications)] == [
+    assert [e.state.phase for e in effects if any(i.name == "accepted" for i in e.indications)] == [
         "ACTUATING"
     ]
     refusing = Stage().walk("receiver", "NEGOTIATING")
@@ -164,7 +163,7 @@ def test_end_5_malformed_bytes() -> None:
             assert (only.input, only.rule) == (None, "END-5"), what
             assert (only.messages, only.armed, only.stopped) == ((), (), ()), what
             (discarded,) = only.indications
-            assert (discarded.name, discarded.rule) == ("discarded", "END-5"), what
+            assert discarded.name == "discarded", what
             assert ": " in discarded.detail, what
             assert s.state is state, what
             assert list(s.station.timers.items()) == timers, what

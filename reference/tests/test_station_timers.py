@@ -28,8 +28,9 @@ from automcm_stage import (
     yes,
 )
 
-from automcm.messages import Cancel, encode
 from automcm.state import State, Timer, armed
+from automcm_spec.application import NoParticipants
+from automcm_spec.messages import Cancel, encode
 
 # -- repetition
 
@@ -58,7 +59,7 @@ def test_pre_1_nobody_answers() -> None:
     s = Stage()
     s.do(0, "request")
     (nobody,) = told(s.run(2100))
-    assert (nobody.name, nobody.rule, nobody.session) == ("no_participants", "PRE-1", OWN)
+    assert nobody == NoParticipants(session=OWN)
     assert s.at == ("none", "STANDALONE")
 
 
@@ -399,7 +400,7 @@ def test_end_7_no_request_during_the_backoff() -> None:
     s.do(0, "request")
     s.run(2100)
     (early,) = s.do(2799, "request")
-    assert [(i.name, i.rule) for i in early.indications] == [("refused", "END-7")]
+    assert [(i.name, early.rule) for i in early.indications] == [("refused", "END-7")]
     assert s.at == ("none", "STANDALONE")
     *_, again = s.do(2800, "request")
     assert again.rule == "ADV-1"

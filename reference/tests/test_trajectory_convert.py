@@ -18,9 +18,9 @@ from test_trajectory_cases import (
     turned,
 )
 
-from automcm import messages
 from automcm.trajectory import convert
 from automcm.trajectory.core import Floats, Trajectory, from_message, to_message
+from automcm_spec import messages
 
 V_EPS = 0.1
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from test_trajectory_cases import moved, numbers, plans, raises, sampled, trajectories
 
 from automcm.codec import FRAME_BYTES, JSON
-from automcm.messages import Intention
 from automcm.trajectory import collide, thin
 from automcm.trajectory.core import Trajectory, TrajectoryError, to_message
+from automcm_spec.messages import Intention
 
 
 def points(of: Trajectory) -> int:

@@ -11,16 +11,16 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
 from automcm_spec.conditions import recording
+from automcm_spec.messages import MessageType
 from automcm_spec.reachable import steps
 from automcm_spec.rules import RULES, kind
 from automcm_spec.station import Input, OpenStation, State, Station
 from automcm_traces.engine import Engine
 from automcm_traces.explain import NEEDED
-from automcm_traces.form import TYPES
 from automcm_traces.log import Receive, Send
 from automcm_traces.reader import Log, LogError, LogStream, at_line, name_of, one_line
 from automcm_traces.step import Diverges, Step
@@ -28,7 +28,7 @@ from automcm_traces.track import CannotTell, Track
 
 Json = Any
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
-ALL_TYPES = (*TYPES, "CAM")
+ALL_TYPES = (*get_args(MessageType), "CAM")
 REMEMBERED = 20_000
 """Questions to the specification that are counted before it is asked them."""
 Question: TypeAlias = tuple[int, tuple[int, ...], State, Input | None]

@@ -10,13 +10,13 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator
 
+from automcm_spec.messages import RELIABLE
 from automcm_spec.parameters import DEFAULTS, longest_session
 from automcm_traces.log import Event, Send, TimerArm, TimerEnd
 from automcm_traces.reader import Log
 from automcm_traces.timeline import Moment, Session, Spell, Timeline
 from automcm_traces.world import World
 
-RELIABLE = ("Intention", "Prescription", "Acceptance", "Fin", "Cancel")
 Finding = tuple[bool | None, str]
 """Whether it holds (None: cannot tell), and where or why not."""
 

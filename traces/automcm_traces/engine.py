@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, Self
 from automcm_spec.parameters import DEFAULTS, LIMITS, TIMERS, durations, lease_lasts
 from automcm_spec.rules import RULES
 from automcm_spec.station import Input, Outcome, State, Station
-from automcm_traces.form import malformed, well_formed
 from automcm_traces.inputs import Asked, asked, marked_and_newer
 from automcm_traces.log import (
     ApplicationIndication,
@@ -25,6 +24,7 @@ from automcm_traces.log import (
     Send,
     TimerArm,
     TimerEnd,
+    malformed,
 )
 from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges, Late, Step, Supposition
@@ -147,9 +147,10 @@ class Engine:
     def takes(self, m: dict[str, Json]) -> bool:
         """Whether the current step calls for this message to be sent."""
         step = self._step
-        return step is not None and any(
-            difference(e, m, self.track, step.content, step.fresh) is None for e in step.messages
-        )
+        if step is None or malformed(m):
+            return False
+        new = step.content, step.fresh
+        return any(difference(e, m, self.track, *new) is None for e in step.messages)
 
     def timers_to_change(self) -> tuple[list[Json], list[tuple[Json, int | None]]]:
         """The timers that the current step still stops, and those that it arms, each with its
@@ -262,14 +263,16 @@ class Engine:
 
     def _input(self, at: int, event: Event) -> None:
         match event:
-            case Receive(message=dict(m)) if well_formed(m):
-                if m["type"] == "CAM":
+            case Receive(message=None):
+                self.odd = Malformed(at, False, "raw bytes")
+            case Receive(message=dict(m)):
+                if wrong := malformed(m):  # END-5: nothing may follow but "discarded"
+                    mine = m.get("dst", self.track.me) == self.track.me
+                    self.odd = Malformed(at, mine, wrong)
+                elif m["type"] == "CAM":
                     self._cam_received(at, event, m)
                 else:
                     self._start(at, event.t_ms, event)
-            case Receive(message=m):  # END-5: nothing may follow but "discarded"
-                mine = m is not None and m.get("dst", self.track.me) == self.track.me
-                self.odd = Malformed(at, mine, malformed(m) or "" if m else "raw bytes")
             case TimerEnd(timer=timer):
                 self._expired(at, event, timer.model_dump(exclude_none=True))
             case _:
@@ -370,7 +373,7 @@ class Engine:
     def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
         event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
         step = self._current(at, t_ms, event, seen)
-        problems, wrong = [], None if well_formed(m) else malformed(m)
+        problems, wrong = [], malformed(m)
         for e in step.messages:
             problem = wrong or difference(e, m, self.track, step.content, step.fresh)
             if problem is None:
@@ -388,8 +391,8 @@ class Engine:
     def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
         wanted = self.track.marks
-        if not well_formed(m):
-            text = f"send CAM ({malformed(m)})"
+        if wrong := malformed(m):
+            text = f"send CAM ({wrong})"
             raise Diverges(at, text, "END-5", [], _by("END-5"), None, ("send", m))
         if m["src"] != self.track.me:
             text, wants = f"send CAM: src {m['src']}", [f"src {self.track.me}"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from automcm_spec.messages import ANSWER_REASONS
 from automcm_spec.station import Cam, Command, Entry, Expire, Input, Message, Restart, Timer
 from automcm_spec.station import Receive as Received
 from automcm_traces.log import ApplicationCommand, Event, Receive, TimerEnd
@@ -12,7 +13,7 @@ from automcm_traces.timers import timer_name
 from automcm_traces.track import UNBOUND, Track, number_of
 
 Json = Any
-REASONS = ("none", "busy", "unknown_session", "closed")
+REASONS = ("none", *ANSWER_REASONS)
 """The reasons that the specification tells apart; the others it passes on."""
 
 

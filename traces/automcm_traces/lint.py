@@ -16,8 +16,8 @@ from typing import Any, BinaryIO, Final, Literal
 from pydantic import ValidationError
 from pydantic_core import from_json
 
+from automcm_spec.messages import RELIABLE
 from automcm_spec.rules import RULES
-from automcm_traces import form
 from automcm_traces.log import (
     End,
     Event,
@@ -28,6 +28,7 @@ from automcm_traces.log import (
     Send,
     TimerArm,
     UnknownEvent,
+    problems,
     problems_of,
 )
 from automcm_traces.numbers import Numbers
@@ -63,8 +64,6 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "complete": ("warning", "what `complete` promises is there, as far as one can see"),
 }
 """By name: what breaks the format and what is merely odd, and what each check wants."""
-
-UNRELIABLE = ("CAM", "Ack")
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +313,7 @@ class _Lint:
         match event:
             case Send(message=message):
                 yield from self._transmission(event.tx)
-                self._reliable += message["type"] not in (*UNRELIABLE, "Advertisement")
+                self._reliable += message["type"] in RELIABLE
                 yield from self._message(message)
             case Receive(message=message) if message is not None:
                 yield from self._message(message)
@@ -339,8 +338,13 @@ class _Lint:
             yield self._found("tx", "tx", f"{tx} was used before: each transmission has its own")
 
     def _message(self, message: dict[str, Json]) -> Iterator[Finding]:
-        for field, problem in form.problems(message):
+        for field, problem in problems(message):
             yield self._found("message", f"message.{field}", problem)
+        broadcast = message["type"] in ("Advertisement", "CAM")
+        if broadcast and "dst" in message:
+            yield self._found("message", "message.dst", "a broadcast has none (END-5)")
+        elif not broadcast and "dst" not in message:
+            yield self._found("message", "message.dst", "missing: it is no broadcast (END-5)")
 
     def _end(self, end: End) -> Iterator[Finding]:
         if end.seq > self._seq:

@@ -21,7 +21,6 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    Strict,
     StrictBool,
     StrictInt,
     StrictStr,
@@ -30,9 +29,11 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator
+from pydantic_core import ErrorDetails, SchemaValidator
 from typing_extensions import TypeAliasType
 
+from automcm_spec import application
+from automcm_spec.messages import MESSAGE, Array, MessageType, StationId, fault, missing
 from automcm_spec.parameters import DEFAULTS, IN_HEADER, UNITS, longest_delay
 
 SCHEMA: Final = "automcm.trace/1"
@@ -76,14 +77,9 @@ def _join(outer: str, inner: str) -> str:
     return f"{outer}.{inner}" if outer and inner and not inner.startswith("[") else outer + inner
 
 
-def _refusal(field: str, problem: str) -> PydanticCustomError:
-    """An error at `field` of the model that is being validated."""
-    return PydanticCustomError("refused", "{problem}", {"field": field, "problem": problem})
-
-
 def _typed_message(message: dict[str, Value]) -> dict[str, Value]:
     if not isinstance(message.get("type"), str):
-        raise _refusal("type", "a message needs a string 'type'")
+        raise fault("type", "a message needs a string 'type'")
     return message
 
 
@@ -91,20 +87,16 @@ def _base64(text: str) -> str:
     try:
         base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError):
-        raise _refusal("", "not base64") from None
+        raise fault("", "not base64") from None
     return text
 
 
 def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
     if list(kinds) != sorted(set(kinds)):
-        raise _refusal("", "must be sorted and without repetition")
+        raise fault("", "must be sorted and without repetition")
     return kinds
 
 
-JsonArray = Strict(False)
-"""For a tuple that stands as an array in JSON; its items stay strict."""
-
-StationId = Annotated[int, Field(ge=1, le=2**32 - 1)]
 Natural = Annotated[int, Field(ge=0)]
 Positive = Annotated[int, Field(ge=1)]
 Percent = Annotated[int, Field(ge=0, le=99)]
@@ -133,7 +125,7 @@ class Part(BaseModel):
         if not isinstance(data, dict):
             return data
         if odd := not_plain(data):
-            raise _refusal(*odd)
+            raise fault(*odd)
         return {key: value for key, value in data.items() if not key.startswith("x_")}
 
 
@@ -177,7 +169,7 @@ class Header(Part):
     parameters: Parameters
     complete: Annotated[
         tuple[EventKind, ...],
-        JsonArray,
+        Array,
         Field(json_schema_extra={"uniqueItems": True}),
         AfterValidator(_sorted_kinds),
     ]
@@ -204,7 +196,7 @@ class Header(Part):
     def _known_version(cls, data: Any) -> Any:
         found = data.get("schema", SCHEMA) if isinstance(data, dict) else SCHEMA
         if found != SCHEMA:
-            raise _refusal("schema", f"unsupported version {found!r}, this is {SCHEMA!r}")
+            raise fault("schema", f"unsupported version {found!r}, this is {SCHEMA!r}")
         return data
 
 
@@ -214,7 +206,7 @@ class MessageKey(Part):
     type: Name
     to: StationId | None = None
     """Absent for a broadcast."""
-    session: Annotated[tuple[StationId, Natural], JsonArray]
+    session: Annotated[tuple[StationId, Natural], Array]
     """The prescriber's station id and the number of the session."""
     seq: Natural
 
@@ -254,17 +246,17 @@ class Command(Part):
     model_config = ConfigDict(extra="allow", json_schema_extra=_with_its_names)
 
     __pydantic_extra__: dict[str, Value]
-    name: Literal["request", "prescribe", "proceed", "accept", "refuse", "complete", "abort"]
+    name: Literal[application.names(application.Command)]  # type: ignore[valid-type]
 
     @model_validator(mode="after")
     def _names_what_it_means(self) -> Self:
         given = self.model_extra or {}
         session = given.get("session", [0, 0])
         if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
-            raise _refusal("session", "a station and a number are needed")
+            raise fault("session", "a station and a number are needed")
         for name in ("proposal", "target"):
             if type(given.get(name, 0)) is not int:
-                raise _refusal(name, "an integer is needed")
+                raise fault(name, "an integer is needed")
         return self
 
 
@@ -316,10 +308,10 @@ class Receive(EventBase):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.message is None) == (self.raw is None):
-            raise _refusal("message", "needs exactly one of 'message' and 'raw'")
+            raise fault("message", "needs exactly one of 'message' and 'raw'")
         advertised = self.message is not None and self.message["type"] == "Advertisement"
         if self.planned is not None and not advertised:
-            raise _refusal("planned", "only with an Advertisement")
+            raise fault("planned", "only with an Advertisement")
         return self
 
 
@@ -445,6 +437,25 @@ def unknown_event(error: ValidationError) -> bool:
     return first["type"] == "union_tag_invalid" and first["loc"] == ("event",)
 
 
+_VALIDATE: Final = MESSAGE.validator.validate_python
+
+
+def problems(m: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Each field in which a message is not what the protocol says (END-5), and what is wrong with
+    it; none if it is right.  Where it goes is not its form."""
+    try:
+        absent = missing(_VALIDATE(m))
+    except ValidationError as error:
+        return problems_of(error)
+    return [(name, "missing") for name in sorted(absent)] if absent else []
+
+
+def malformed(m: Mapping[str, Any]) -> str:
+    """The first of ``problems`` in words; empty if there is none."""
+    found = problems(m)
+    return ": ".join(found[0]) if found else ""
+
+
 _PROBLEMS = {
     "dict_type": "not a JSON object",
     "extra_forbidden": "unknown field",
@@ -477,6 +488,10 @@ def _problem(error: ErrorDetails) -> tuple[str, str]:
     return path, _PROBLEMS.get(error["type"], error["msg"])
 
 
+_TAGS = frozenset(("header", "end", *get_args(MessageType), "CAM"))
+"""What pydantic puts first into a path: which model was chosen for a line or a message."""
+
+
 def _path(error: ErrorDetails) -> str:
     """The path of an error without the tags pydantic adds for each discriminated union."""
     loc = error["loc"]
@@ -484,7 +499,7 @@ def _path(error: ErrorDetails) -> str:
         loc = loc[3:] if loc[1:2] == ("timer",) else loc[2:]
         if loc[:1] == ("timer",):
             loc = ("timer", *loc[2:])
-    elif loc[:1] in (("header",), ("end",)):
+    elif loc and loc[0] in _TAGS:
         loc = loc[1:]
     path = ""
     for part in loc:

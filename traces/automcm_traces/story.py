@@ -35,6 +35,7 @@ from automcm_spec.station import (
     State,
     Timer,
 )
+from automcm_traces.inputs import REASONS
 from automcm_traces.writer import LogWriter
 
 Json = Any
@@ -398,7 +399,7 @@ def _session(session: Session) -> list[int]:
 
 def plain(m: Message) -> Message:
     """A message as the radio of the model holds it (Plain in Network.tla)."""
-    told = m.reason in ("none", "busy", "unknown_session", "closed")
+    told = m.reason in REASONS
     return m if told else m._replace(reason="as_sent")
 
 

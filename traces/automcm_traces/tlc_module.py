@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, get_args
 
+from automcm_spec.application import Indication, names
+from automcm_spec.messages import CancelReason, MessageType, RefusalReason
 from automcm_spec.parameters import DEFAULTS, LIMITS, durations, lease_lasts
-from automcm_traces.form import REASONS, TYPES, problems
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -23,6 +24,7 @@ from automcm_traces.log import (
     Timer,
     TimerArm,
     TimerEnd,
+    malformed,
 )
 from automcm_traces.reader import Log
 from automcm_traces.track import PHASES, ROLES
@@ -33,12 +35,9 @@ LARGEST = 10**9
 UNTOLD = -1
 CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
 """Fields that the application gives and the station carries."""
-TOLD = (
-    *("choose", "no_participants", "verify", "undecided", "accepted", "propose", "fallback"),
-    *("finished", "refused", "discarded"),
-)
-NAMED = (*TYPES, "none")
-REASON = (*REASONS["Acceptance"], *REASONS["Cancel"], "none", "")
+TOLD = names(Indication)
+NAMED = (*get_args(MessageType), "none")
+REASON = (*get_args(RefusalReason), *get_args(CancelReason), "none", "")
 
 
 class TooLarge(Exception):
@@ -121,7 +120,7 @@ class Translation:
             case Receive():
                 return self._received(at, event)
             case Send(message={"type": "CAM"} as m):
-                if not _is_good(m):
+                if malformed(m):
                     return f"CamSent({at},0,{{}})"
                 return f"CamSent({at},{self.station(m['src'])},{self._marks(m)})"
             case Send(message=m):
@@ -152,7 +151,7 @@ class Translation:
     def _received(self, at: str, event: Receive) -> str:
         m = event.message
         assert m is not None
-        if not _is_good(m):
+        if malformed(m):
             mine = m.get("dst", self._me) == self._me  # else it may be dropped silently (MSG-1)
             return f"Malformed({at},{_bool(mine)})"
         if m["type"] == "CAM":
@@ -202,7 +201,7 @@ class Translation:
             f'{_bool(m.get("accepted") is True)},"{self._reason(m.get("reason", "none"))}",'
             f'<<"{self._safe(of.get("type", "none"), NAMED)}",{self._small(of.get("seq", 0))}>>,'
             f"{body},{self._content(m)},{self._lease(m)},"
-            f"{_bool(_is_good(m))})"
+            f"{_bool(not malformed(m))})"
         )
 
     def _lease(self, m: dict[str, Json]) -> int:
@@ -317,11 +316,6 @@ def _is_int(value: Json) -> bool:
 
 def _whole(value: Json) -> int:
     return int(value) if _is_int(value) else 0
-
-
-def _is_good(m: dict[str, Json]) -> bool:
-    """Whether it has the form of section 2.  Where it goes is for Station.tla to judge (END-5)."""
-    return all(name == "dst" for name, _ in problems(m))
 
 
 def _bool(value: bool) -> str:

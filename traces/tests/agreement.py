@@ -17,11 +17,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm.interface import Abort
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_spec import simulate
+from automcm_spec.application import Abort
 from automcm_spec.parameters import DEFAULTS, Parameters, durations, longest_delay
 from automcm_traces import story
 from automcm_traces.story_effects import Question, ask

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from automcm.links.simulated import Channel, Radio
-from automcm.messages import BROADCAST, decode
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.messages import BROADCAST, decode
 from automcm_spec.parameters import Parameters
 from automcm_traces.reader import Log, read
 

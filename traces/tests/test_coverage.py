@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
@@ -11,12 +12,12 @@ from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_spec.generate import TWO_PEERS, spec_hash
+from automcm_spec.messages import MessageType
 from automcm_spec.oracle import load
 from automcm_spec.rules import RULES, kind
 from automcm_spec.station import CONDITIONS
 from automcm_traces.coverage import EXIT, Coverage, exit_code, measure, possible, text
 from automcm_traces.explain import explain_file
-from automcm_traces.form import TYPES
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +110,7 @@ def test_every_figure_has_its_whole(covered: Coverage) -> None:
     for name, table in covered.tables().items():
         counted = getattr(covered, name)
         assert set(counted) <= set(table), name  # nothing was seen that is not possible
-    assert set(covered.tables()["sent"]) == {*TYPES, "CAM"}
+    assert set(covered.tables()["sent"]) == {*get_args(MessageType), "CAM"}
     json.dumps(covered.as_dict())
 
 

@@ -11,13 +11,13 @@ import pytest
 
 from automcm import logging
 from automcm.clock import VirtualClock
-from automcm.interface import Abort, Prescribe
 from automcm.links.simulated import Channel, Radio
-from automcm.messages import Cam, encode
 from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.station import Station
 from automcm.straight import LANE_CHANGE, Straight
+from automcm_spec.application import Abort, Prescribe
+from automcm_spec.messages import Cam, encode
 from automcm_spec.parameters import Parameters, in_header
 from automcm_traces.explain import exit_code, explain, explain_file, explain_files
 from automcm_traces.lint import report
@@ -200,7 +200,9 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
 ) -> None:
     number = find(logs[2], "receive", type="Prescription")
     wrong = edited(logs[2], number, tmp_path, v=2)
-    why = f"; the message of line {number} is malformed (v: 1 is wanted)"
+    why = (
+        f"; the message of line {number} is malformed (v: Input should be less than or equal to 1)"
+    )
     verdict = explain(read(wrong))
     assert (verdict.line, verdict.event) == (number, f"phase NEGOTIATING{why}")
     wrong.write_text(wrong.read_text().replace(', "phase": "NEGOTIATING", "role": "receiver"', ""))

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from merged_runs import Run, killed, records, rewritten, without_tx
 
-from automcm.interface import Abort
-from automcm.messages import Cam, Cancel, Fin, Message, encode
+from automcm_spec.application import Abort
+from automcm_spec.messages import Cam, Cancel, Fin, Message, encode
 from automcm_traces.clocks import Span
 from automcm_traces.hazards import Hazard
 from automcm_traces.hazards import hazard as hazard_of

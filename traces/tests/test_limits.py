@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from automcm.interface import Abort
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.application import Abort
 from automcm_spec.parameters import Parameters
 from automcm_traces.explain import Verdict, explain_file
 

@@ -140,6 +140,17 @@ CASES: list[tuple[str, list[Line | bytes], list[tuple[int, str, str]]]] = [
         [(2, "schema", "tx")],
     ),
     ("message", [HEADER, send(1, dst=0), arm(2), end(2)], [(2, "message", "message.dst")]),
+    (
+        "broadcast or not",
+        [
+            HEADER,
+            event(1, "send", tx="7:1", message={n: v for n, v in FIN.items() if n != "dst"}),
+            send(2, "7:2", type="Advertisement", scenario="", details={}),
+            arm(3),
+            end(3),
+        ],
+        [(2, "message", "message.dst"), (3, "message", "message.dst")],
+    ),
     ("no timer", [HEADER, send(1), end(1)], [(1, "complete", "complete")]),
     ("no send", [HEADER, arm(1), end(1)], [(1, "complete", "complete")]),
     (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from automcm_traces.log import Header, MessageTimer, Receive, Send, TimerArm
+from automcm_traces.log import Header, MessageTimer, Receive, Send, TimerArm, problems
 from automcm_traces.reader import LONGEST_LINE, LogError, Notice, read, records
 
 Line = dict[str, Any]
@@ -413,3 +413,34 @@ def test_random_bytes_raise_nothing_but_log_errors(tmp_path: Path, content: byte
 @given(lines=st.lists(damaged() | st.binary(max_size=30), max_size=3))
 def test_damaged_lines_raise_nothing_but_log_errors(tmp_path: Path, lines: list[bytes]) -> None:
     only_log_errors(tmp_path / "log", json.dumps(HEADER).encode() + b"\n" + b"".join(lines))
+
+
+COMMON: Line = {"v": 1, "src": 7, "dst": 8, "session": [7, 1], "seq": 1}
+PATH: Line = {"t0": 0, "points": [[0, 0, 0]]}
+CANCEL: Line = {**COMMON, "type": "Cancel", "reason": "abort"}
+YES: Line = {**COMMON, "type": "Acceptance", "proposal": 1, "accepted": True, "selected": PATH}
+
+
+@pytest.mark.parametrize(
+    ("message", "found"),
+    [
+        (CANCEL, []),
+        (YES, []),
+        ({**CANCEL, "reason": "closed", "seq": 0}, []),
+        ({"type": "Hello"}, [("type", "'Hello' is none of")]),
+        ({**CANCEL, "colour": 1}, [("colour", "unknown field")]),
+        ({**COMMON, "type": "Cancel"}, [("reason", "missing")]),
+        ({n: v for n, v in CANCEL.items() if n != "v"}, [("v", "missing")]),
+        ({**CANCEL, "src": 2**32}, [("src", "Input should be less than")]),
+        ({**CANCEL, "session": [7, True]}, [("session[1]", "Input should be a valid integer")]),
+        ({**CANCEL, "reason": "closed"}, [("seq", "0 if and only if the reason is closed")]),
+        ({**YES, "reason": "busy"}, [("reason", "present if and only if not accepted")]),
+        ({**YES, "selected": {"t0": 0, "points": []}}, [("selected.points", "Tuple should have")]),
+        ({**YES, "proposal": 0, "accepted": 1}, [("proposal", "Input"), ("accepted", "Input")]),
+    ],
+)
+def test_end_5_every_field_of_a_message_that_is_wrong_is_named(
+    message: Line, found: list[tuple[str, str]]
+) -> None:
+    for (field, problem), (wanted, begins) in zip(problems(message), found, strict=True):
+        assert (field, problem[: len(begins)]) == (wanted, begins)

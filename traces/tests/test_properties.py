@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from merged_runs import Run, records, rewritten
 
-from automcm.interface import Abort
-from automcm.messages import Acceptance, Ack, Message, MessageId, Prescription, encode
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.application import Abort
+from automcm_spec.messages import Acceptance, Ack, Message, MessageId, Prescription, encode
 from automcm_spec.parameters import Parameters
 from automcm_traces import durations
 from automcm_traces.properties import NAMES, SystemReport, agreement, commitment, judge

@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
-from automcm.interface import Abort
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.application import Abort
 from automcm_spec.parameters import Parameters
 from automcm_traces.explain import Verdict, explain
 from automcm_traces.reader import Log, read

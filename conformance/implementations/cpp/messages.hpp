@@ -1,4 +1,5 @@
-// The form of a message and of a command: which fields, with which values (docs/messages.md).
+// The form of a message and of a command: which fields, with which values. Written from
+// docs/messages.md alone: it is independent of automcm_spec.messages.
 //
 // What is malformed is so whoever sends it and whatever the station does; all of that is here.
 // What depends on the station is in station.hpp.

@@ -1,3 +1,6 @@
+// The form of a message, written from docs/messages.md alone: it is independent of
+// automcm_spec.messages.
+
 package main
 
 import (

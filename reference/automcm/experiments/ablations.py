@@ -15,11 +15,31 @@ from typing import Any
 
 from automcm.adapter import without
 from automcm.advertising import answer_closed
-from automcm.messages import Ack, Advertisement, Intention, MessageId, Reliable, Session, Trajectory
-from automcm.outcome import Heard, Me, Outcome, Row, Rules, ack, ignore, leave, leave_with, tell
+from automcm.outcome import (
+    Heard,
+    Me,
+    Outcome,
+    Row,
+    Rules,
+    ack,
+    ignore,
+    leave,
+    leave_with,
+    own,
+)
 from automcm.rules import RULES
 from automcm.service import McService
 from automcm.state import State, Timer
+from automcm_spec.application import Fallback, Verify
+from automcm_spec.messages import (
+    Ack,
+    Advertisement,
+    Intention,
+    MessageId,
+    Reliable,
+    Session,
+    Trajectory,
+)
 from automcm_spec.parameters import Parameters
 
 Then = Callable[[Me, State, Any], Outcome]
@@ -84,7 +104,7 @@ def any_cam(me: Me, st: State, i: Any) -> bool:
 
 def silent(me: Me, st: State, i: Any) -> Outcome:
     """ACT-2 without its Cancel."""
-    return leave_with(st, (), tell("fallback", st, reason="cam_loss"))
+    return leave_with(st, (), Fallback(session=own(st), reason="cam_loss"))
 
 
 def lease_anew(me: Me, st: State, i: Any) -> Outcome:
@@ -113,7 +133,7 @@ def _no_break_off() -> Rules:
 def abandon(me: Me, st: State, i: Any) -> Outcome:
     """Against NEG-9: no Ack of the Acceptance, no commitment."""
     if st.phase == "ACTUATING":
-        return Outcome(leave(st), told=tell("fallback", st, reason="timeout"))
+        return Outcome(leave(st), told=Fallback(session=own(st), reason="timeout"))
     return RULES["expire giveup"][2].then(me, st, i)
 
 
@@ -130,7 +150,8 @@ def take_over(me: Me, st: State, i: Any) -> Outcome:
         proposal=m.proposal,
         lease_ms=m.lease_ms,
     )
-    return Outcome(taken, (ack(me, m),), tell("verify", taken, proposal=m.proposal, prescription=m))
+    told = Verify(session=m.session, proposal=m.proposal, prescription=m)
+    return Outcome(taken, (ack(me, m),), told)
 
 
 STANDING = Trajectory(t0=0, points=((0, 0, 0), (1000, 0, 0)))

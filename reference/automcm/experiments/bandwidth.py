@@ -17,7 +17,7 @@ from automcm.experiments.bandwidth_claims import claims
 from automcm.experiments.bandwidth_page import figures, page
 from automcm.experiments.bandwidth_summary import MARKED, SPARSE_CAM_MS, summary
 from automcm.experiments.experiment import Experiment, Settings, Values
-from automcm.messages import Cam
+from automcm_spec.messages import Cam
 from automcm_spec.parameters import Parameters
 
 LOSSLESS = 2

@@ -16,10 +16,10 @@ from automcm import sizes
 from automcm.codec import JSON, CodecError, codec
 from automcm.experiments.experiment import ExperimentError, Values
 from automcm.links.simulated import Channel
-from automcm.messages import Cam, Cancel, Intention, Message, Session, Trajectory
 from automcm.road import Vehicle
 from automcm.scenarios.drive import Drive
 from automcm.scenarios.lane_change import LaneChange, intention
+from automcm_spec.messages import Cam, Cancel, Intention, Message, Session, Trajectory
 from automcm_spec.parameters import Parameters
 
 SPEED_KMH, GAP_M, BESIDE_M = 30.0, 22.0, 3.0

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from automcm.application import Choice, Drive, Proposal
-from automcm.interface import Abort, Command, Prescribe
 from automcm.road import STEP_S, Vehicle
 from automcm.scenarios import drive as driving
 from automcm.scenarios.drive import STEP_MS, FourVehicles
@@ -21,6 +20,7 @@ from automcm.simulation import Simulation
 from automcm.trajectory.core import to_message
 from automcm.trajectory.prescribe import prescribe
 from automcm.trajectory.thin import thin
+from automcm_spec.application import Abort, Command, Prescribe
 from automcm_spec.parameters import Parameters
 
 PRESCRIBER, A, B, C = 1, 2, 3, 4

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from automcm.experiments.hazards import Watched
-from automcm.interface import Abort
+from automcm_spec.application import Abort
 
 CUTS = {"cut forth": (True, False), "cut back": (False, True), "cut both ways": (True, True)}
 """Forth: what the prescriber sends no longer gets to the target; back: the other way."""

@@ -13,14 +13,14 @@ from pathlib import Path
 
 from automcm.application import Application
 from automcm.codec import JSON, Codec
-from automcm.interface import Abort, Complete
 from automcm.links.simulated import Channel
-from automcm.messages import Session
 from automcm.outcome import Expiry, Restart
 from automcm.service import McService, Observer
 from automcm.simulation import Simulation
 from automcm.state import State
 from automcm.station import Effects
+from automcm_spec.application import Abort, Accepted, Complete, Finished
+from automcm_spec.messages import Session
 from automcm_spec.parameters import Parameters
 
 EXCUSES = ("abort", "cam_loss", "restart", "crash")
@@ -157,9 +157,9 @@ class Watched(Simulation):
         elif isinstance(i, Complete) and effects.rule == "ACT-3":
             self.completed.add(i.session)
         for told in effects.indications:
-            if told.session is not None and told.name == "accepted":
+            if isinstance(told, Accepted):
                 self.agreed.add(told.session)
-            elif told.session is not None and told.name == "finished":
+            elif isinstance(told, Finished):
                 self.finished.add(told.session)
         if effects.state is not before:
             self._look()

@@ -20,11 +20,12 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
-from automcm import application, autoware, interface
+from automcm import application, autoware
 from automcm.links import LinkError
 from automcm.links import rosbridge as ros
-from automcm.messages import MessageError, Session, Trajectory, refusal, short
 from automcm.service import McService
+from automcm_spec import application as commands
+from automcm_spec.messages import MessageError, Session, Trajectory, refusal, short
 
 # After rosbridge, which says what to install if this is missing.
 # isort: split
@@ -286,7 +287,7 @@ class WebSocketBridge:
         else:
             self.refused("accept", "PRE-5")
 
-    def _command(self, command: interface.Command) -> None:
+    def _command(self, command: commands.Command) -> None:
         self._service.command(command)
         self._look(_OWN.get(command.name, "left"))
 
@@ -303,7 +304,7 @@ class WebSocketBridge:
 
     def _give_up(self, session: Session, reason: str) -> None:
         self._given_up = session, reason
-        self._service.command(interface.Abort(session=session))
+        self._service.command(commands.Abort(session=session))
 
     def _look(self, reason: str) -> None:
         """Say that a session is over of whose end the service tells nothing."""

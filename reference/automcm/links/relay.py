@@ -14,7 +14,7 @@ import itertools
 from automcm.clock import AsyncioClock
 from automcm.links.simulated import Channel, Radio, SimulatedLink
 from automcm.links.udp import LARGEST, Address, bind
-from automcm.messages import BROADCAST
+from automcm_spec.messages import BROADCAST
 
 STATIONS = 64
 IN_FLIGHT = 10_000

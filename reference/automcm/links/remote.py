@@ -11,14 +11,14 @@ import random
 from collections.abc import Sequence
 from typing import Any
 
-from automcm import interface
 from automcm.application import Advertised, Application, Drive
 from automcm.autoware import NO_TRAJECTORY, to_odometry, to_trajectory
 from automcm.clock import AsyncioClock, Clock
 from automcm.links import LinkError
 from automcm.links import rosbridge as ros
 from automcm.links.bridge import OWN_REASONS, QUEUE
-from automcm.messages import MessageError, Session, Trajectory
+from automcm_spec import application as commands
+from automcm_spec.messages import MessageError, Session, Trajectory
 
 # After rosbridge, which says what to install if this is missing.
 # isort: split
@@ -46,7 +46,7 @@ class RemoteApplication:
         application: Application,
         uri: str = f"ws://127.0.0.1:{ros.PORT}",
         *,
-        expect: Sequence[interface.Request] = (),
+        expect: Sequence[commands.Request] = (),
         period_ms: int = 100,
         attempts: int = 5,
         backoff_ms: tuple[int, int] = (100, 5000),
@@ -69,7 +69,7 @@ class RemoteApplication:
         """When the bridge was last heard, on the own clock."""
         self._lost_after_ms = 1500
         self._asked: tuple[Session, int] | None = None
-        self._last: interface.Command | None = None
+        self._last: commands.Command | None = None
         """The last answer or ending command: said again if it seems to have been lost."""
         self._loaded: Session | None = None
         self._over: Session | None = None
@@ -181,7 +181,7 @@ class RemoteApplication:
         self._time = max(self._time, self._clock.now() + self._offset)
         return self._time
 
-    def command(self, command: interface.Command, after_ms: int = 0) -> None:
+    def command(self, command: commands.Command, after_ms: int = 0) -> None:
         """Give a command, now or later.
 
         Without a connection a request is refused as ``unreachable``.  Any other is said again
@@ -191,7 +191,7 @@ class RemoteApplication:
             self._clock.at(self._clock.now() + after_ms, lambda: self.command(command))
             return
         message = ros.of_command(command)
-        if not isinstance(command, interface.Request):
+        if not isinstance(command, commands.Request):
             self._last = command
         elif self._outbox is None:
             refused = lambda: self._application.refused("request", "unreachable")  # noqa: E731
@@ -290,22 +290,22 @@ class RemoteApplication:
     def _let_go(self, session: Session) -> None:
         """Nothing was heard for too long: drive alone, and tell the bridge when it can be."""
         if not _ends(self._last, session):
-            self._last = interface.Abort(session=session)
+            self._last = commands.Abort(session=session)
         if session != self._over:
             self._loaded, self._over = None, session
             self._application.fallback(session, "bridge_loss")
         self._say_again()
 
 
-def _ends(command: interface.Command | None, session: Session) -> bool:
-    ending = interface.Complete | interface.Proceed | interface.Abort
+def _ends(command: commands.Command | None, session: Session) -> bool:
+    ending = commands.Complete | commands.Proceed | commands.Abort
     return isinstance(command, ending) and command.session == session
 
 
-def _answers(command: interface.Command, session: Session, proposal: int) -> bool:
+def _answers(command: commands.Command, session: Session, proposal: int) -> bool:
     if _ends(command, session):
         return True
-    answering = interface.Prescribe | interface.Accept | interface.Refuse
+    answering = commands.Prescribe | commands.Accept | commands.Refuse
     return isinstance(command, answering) and (command.session, command.proposal) == (
         session,
         proposal,

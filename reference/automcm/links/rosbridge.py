@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import Field, ValidationError
 from pydantic_core import from_json, to_json
 
-from automcm import application, interface
+from automcm import application
 from automcm.autoware import (
     NO_TRAJECTORY,
     AutowareTrajectory,
@@ -25,9 +25,18 @@ from automcm.autoware import (
     trajectory,
 )
 from automcm.links import LinkError
-from automcm.messages import Details, MessageError, Natural, Positive, StationId, refusal, short
-from automcm.messages import Session as SessionKey
-from automcm.phases import Phase, Role
+from automcm_spec import application as commands
+from automcm_spec.application import Phase, Role
+from automcm_spec.messages import (
+    Details,
+    MessageError,
+    Natural,
+    Positive,
+    StationId,
+    refusal,
+    short,
+)
+from automcm_spec.messages import Session as SessionKey
 
 try:
     from websockets.asyncio.connection import Connection
@@ -275,12 +284,12 @@ class Request(Message):
     details: Details = Field(default_factory=dict)
     planned: AutowareTrajectory = NO_TRAJECTORY
 
-    def command(self) -> interface.Request:
+    def command(self) -> commands.Request:
         """What it asks of the station.  Raises ValueError."""
         if len(to_json(self.details)) > MAX_DETAILS:
             raise MessageError(f"msg.details: more than {MAX_DETAILS} bytes")
         planned = trajectory(self.planned, "msg.planned") if self.planned.points else None
-        return interface.Request(scenario=self.scenario, details=self.details, planned=planned)
+        return commands.Request(scenario=self.scenario, details=self.details, planned=planned)
 
 
 class _OfSession(Message):
@@ -305,9 +314,9 @@ class Prescribe(_OfSession):
     hold_ms: Annotated[Duration, Field(ge=0)]
     lease_ms: Annotated[Duration, Field(ge=1)]
 
-    def command(self) -> interface.Prescribe:
+    def command(self) -> commands.Prescribe:
         """What it asks of the station.  Raises ValueError."""
-        return interface.Prescribe(
+        return commands.Prescribe(
             session=self.key,
             proposal=self.proposal,
             target=self.target,
@@ -323,9 +332,9 @@ class Proceed(_OfSession):
     topic = IN + "proceed"
     type = TYPES + "Proceed"
 
-    def command(self) -> interface.Proceed:
+    def command(self) -> commands.Proceed:
         """What it asks of the station.  Raises ValueError."""
-        return interface.Proceed(session=self.key)
+        return commands.Proceed(session=self.key)
 
 
 class Accept(_OfSession):
@@ -343,9 +352,9 @@ class Refuse(_OfSession):
     type = TYPES + "Refuse"
     proposal: Positive
 
-    def command(self) -> interface.Refuse:
+    def command(self) -> commands.Refuse:
         """What it asks of the station.  Raises ValueError."""
-        return interface.Refuse(session=self.key, proposal=self.proposal)
+        return commands.Refuse(session=self.key, proposal=self.proposal)
 
 
 class Complete(_OfSession):
@@ -354,9 +363,9 @@ class Complete(_OfSession):
     topic = IN + "complete"
     type = TYPES + "Complete"
 
-    def command(self) -> interface.Complete:
+    def command(self) -> commands.Complete:
         """What it asks of the station.  Raises ValueError."""
-        return interface.Complete(session=self.key)
+        return commands.Complete(session=self.key)
 
 
 class Abort(_OfSession):
@@ -365,22 +374,22 @@ class Abort(_OfSession):
     topic = IN + "abort"
     type = TYPES + "Abort"
 
-    def command(self) -> interface.Abort:
+    def command(self) -> commands.Abort:
         """What it asks of the station.  Raises ValueError."""
-        return interface.Abort(session=self.key)
+        return commands.Abort(session=self.key)
 
 
-def of_command(command: interface.Command) -> Input:
+def of_command(command: commands.Command) -> Input:
     """Raises MessageError for a trajectory that Autoware's form does not hold."""
     match command:
-        case interface.Request():
+        case commands.Request():
             planned = command.planned
             return Request(
                 scenario=command.scenario,
                 details=command.details,
                 planned=NO_TRAJECTORY if planned is None else to_trajectory(planned, "planned"),
             )
-        case interface.Prescribe():
+        case commands.Prescribe():
             return Prescribe(
                 session=to_session(command.session),
                 proposal=command.proposal,
@@ -389,15 +398,15 @@ def of_command(command: interface.Command) -> Input:
                 hold_ms=command.hold_ms,
                 lease_ms=command.lease_ms,
             )
-        case interface.Accept():
+        case commands.Accept():
             return Accept(session=to_session(command.session), proposal=command.proposal)
-        case interface.Refuse():
+        case commands.Refuse():
             return Refuse(session=to_session(command.session), proposal=command.proposal)
-        case interface.Proceed():
+        case commands.Proceed():
             return Proceed(session=to_session(command.session))
-        case interface.Complete():
+        case commands.Complete():
             return Complete(session=to_session(command.session))
-        case interface.Abort():
+        case commands.Abort():
             return Abort(session=to_session(command.session))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from automcm.clock import Clock
 from automcm.links import Receiver
-from automcm.messages import BROADCAST
+from automcm_spec.messages import BROADCAST
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ import socket
 from collections import OrderedDict
 
 from automcm.links import LinkError, Receiver
-from automcm.messages import BROADCAST
+from automcm_spec.messages import BROADCAST
 
 Address = tuple[str, int]
 

@@ -12,10 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automcm import messages
 from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
-from automcm.interface import Command, Request
-from automcm.messages import Session
 from automcm.road import LANE_WIDTH, ROAD_M, Vehicle
 from automcm.trajectory.collide import collision, common_time
 from automcm.trajectory.convert import convert
@@ -24,6 +21,9 @@ from automcm.trajectory.discover import Candidate, discover
 from automcm.trajectory.prescribe import prescribe
 from automcm.trajectory.thin import thin
 from automcm.trajectory.verify import Limits, Reason, verify
+from automcm_spec import messages
+from automcm_spec.application import Command, Request
+from automcm_spec.messages import Session
 
 SCENARIO = "lane_change"
 MARGIN_S = 10.0

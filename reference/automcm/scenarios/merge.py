@@ -11,10 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automcm import messages
 from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
-from automcm.interface import Command, Request
-from automcm.messages import Session
 from automcm.road import Vehicle
 from automcm.scenarios.lane_change import (
     LIMITS,
@@ -26,6 +23,9 @@ from automcm.scenarios.lane_change import (
 )
 from automcm.trajectory.core import Trajectory, TrajectoryError, to_message
 from automcm.trajectory.thin import thin
+from automcm_spec import messages
+from automcm_spec.application import Command, Request
+from automcm_spec.messages import Session
 
 SCENARIO = "merge"
 

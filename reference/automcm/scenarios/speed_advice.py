@@ -7,10 +7,10 @@ A receiver that has nothing but adaptive cruise control can be asked to set anot
 from __future__ import annotations
 
 from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
-from automcm.interface import Request
-from automcm.messages import Session, Trajectory
 from automcm.road import Vehicle
 from automcm.scenarios.lane_change import MARGIN_S, kinematics
+from automcm_spec.application import Request
+from automcm_spec.messages import Session, Trajectory
 
 SCENARIO = "speed_advice"
 

@@ -1,7 +1,7 @@
 """Trajectory kernels: pure functions on numpy arrays, in SI units (docs/kernels.md).
 
 Times are seconds, places metres (x forward, y left), speeds m/s, angles radians.  The messages
-carry integers (automcm.messages.Trajectory); ``from_message`` and ``to_message`` convert.
+carry integers (automcm_spec.messages.Trajectory); ``from_message`` and ``to_message`` convert.
 
 | module | kernel |
 |---|---|

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from automcm import messages
+from automcm_spec import messages
 
 Floats = NDArray[np.float64]
 LIMIT = 9e12

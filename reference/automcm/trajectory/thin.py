@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from automcm import messages
 from automcm.codec import FRAME_BYTES, JSON
 from automcm.trajectory.core import Floats, Trajectory, TrajectoryError, to_message, whole
+from automcm_spec import messages
 
 EVERY = 5
 """The paper: thinned to a fifth."""

@@ -8,13 +8,14 @@ within the bounds of docs/messages.md.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
     PlainValidator,
+    Strict,
     TypeAdapter,
     ValidationError,
     model_validator,
@@ -25,8 +26,8 @@ from typing_extensions import TypeAliasType
 BROADCAST = 0
 LIMIT = 2**53 - 1
 """The largest integer that every JSON reader holds exactly; the smallest is its negative."""
-MAX_TEXT = 65_507
-"""Characters in a text: no more than fit the largest UDP datagram."""
+MAX_BYTES = 65_507
+"""Bytes of the largest UDP datagram, and so of a message; no text has more characters."""
 MAX_MARKS = 255
 """Sessions in a CAM: more than a station can be in and have Fins of in its outbox (MEM-1)."""
 MAX_DEPTH = 32
@@ -36,11 +37,14 @@ Whole = Annotated[int, Field(ge=-LIMIT, le=LIMIT)]
 Natural = Annotated[int, Field(ge=0, le=LIMIT)]
 Positive = Annotated[int, Field(ge=1, le=LIMIT)]
 # With the bound pydantic also refuses a text that is no Unicode (a lone surrogate).
-Text = Annotated[str, Field(max_length=MAX_TEXT)]
+Text = Annotated[str, Field(max_length=MAX_BYTES)]
 StationId = Annotated[int, Field(ge=1, le=2**32 - 1)]
-Session = tuple[StationId, Positive]
+Array = Strict(False)
+"""For a tuple, which stands as an array in JSON; its items stay strict."""
+Session = Annotated[tuple[StationId, Positive], Array]
 """A session is ``(prescriber's station_id, number)``."""
 
+Point = Annotated[tuple[Whole, Whole, Whole], Array]
 Version = Annotated[int, Field(ge=1, le=1)]
 Plain = TypeAliasType("Plain", "Text | Whole | bool | list[Plain] | dict[Text, Plain]")
 """JSON without floats and nulls."""
@@ -61,8 +65,8 @@ def _details(value: Any) -> dict[str, Plain]:
 def _plain(value: Any, path: tuple[str | int, ...]) -> Any:
     kind = type(value)
     if kind is str:
-        if len(value) > MAX_TEXT:
-            raise _fault(path, f"a text of more than {MAX_TEXT} characters")
+        if len(value) > MAX_BYTES:
+            raise _fault(path, f"a text of more than {MAX_BYTES} characters")
         if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
             raise _fault(path, "a text that is no Unicode")
         return value
@@ -87,8 +91,12 @@ def _plain(value: Any, path: tuple[str | int, ...]) -> Any:
 
 
 def _fault(path: tuple[str | int, ...], problem: str) -> PydanticCustomError:
-    place = ".".join(map(str, path))
-    return PydanticCustomError("plain", "{problem}", {"place": place, "problem": problem})
+    return fault(".".join(map(str, path)), problem)
+
+
+def fault(field: str, problem: str) -> PydanticCustomError:
+    """An error at ``field`` of what is being validated."""
+    return PydanticCustomError("fault", "{problem}", {"field": field, "problem": problem})
 
 
 Details = Annotated[
@@ -109,8 +117,8 @@ CancelReason = Literal[
     "abort",
     "closed",
 ]
-ANSWER_REASONS = frozenset({"busy", "unknown_session"})
-"""Refusals that are answers: sent once for each copy, seq 0, never acknowledged."""
+ANSWER_REASONS = frozenset({"busy", "unknown_session", "closed"})
+"""With these a message is an answer: sent once for each copy, seq 0, never acknowledged."""
 
 
 class MessageError(ValueError):
@@ -125,7 +133,7 @@ class Trajectory(_Frozen):
     """Positions over time: ``t0`` in ms, points ``(dt_ms, x_mm, y_mm)``.  Opaque to the service."""
 
     t0: Whole
-    points: tuple[tuple[Whole, Whole, Whole], ...] = Field(min_length=1, fail_fast=True)
+    points: Annotated[tuple[Point, ...], Array] = Field(min_length=1, fail_fast=True)
 
 
 class MessageId(_Frozen):
@@ -182,11 +190,11 @@ class Acceptance(_Message):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.accepted != (self.reason is None):
-            raise ValueError("reason: present if and only if not accepted")
+            raise fault("reason", "present if and only if not accepted")
         if self.accepted != (self.selected is not None):
-            raise ValueError("selected: present if and only if accepted")
+            raise fault("selected", "present if and only if accepted")
         if (self.reason in ANSWER_REASONS) != (self.seq == 0):
-            raise ValueError("seq: 0 if and only if the reason is busy or unknown_session")
+            raise fault("seq", "0 if and only if the reason is busy or unknown_session")
         return self
 
 
@@ -206,7 +214,7 @@ class Cancel(_Message):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.reason == "closed") != (self.seq == 0):
-            raise ValueError("seq: 0 if and only if the reason is closed")
+            raise fault("seq", "0 if and only if the reason is closed")
         return self
 
 
@@ -229,11 +237,12 @@ class Cam(_Frozen):
     y_mm: Whole
     heading_mrad: Whole
     speed_mm_s: Whole
-    marks: tuple[Session, ...] = Field(fail_fast=True, max_length=MAX_MARKS)
+    marks: Annotated[tuple[Session, ...], Array] = Field(fail_fast=True, max_length=MAX_MARKS)
 
 
 Message = Advertisement | Intention | Prescription | Acceptance | Fin | Cancel | Ack
 Reliable = Intention | Prescription | Acceptance | Fin | Cancel
+RELIABLE = tuple(model.__name__ for model in get_args(Reliable))
 
 MESSAGE: TypeAdapter[Message | Cam] = TypeAdapter(
     Annotated[Message | Cam, Field(discriminator="type")]
@@ -247,7 +256,7 @@ def decode(data: bytes | str) -> Message | Cam:
     except ValidationError as error:
         raise refusal(error) from None
     given = message.model_fields_set
-    for name in _REQUIRED[type(message)] - given:
+    for name in missing(message):
         raise MessageError(f"{message.type}.{name}: Field required")
     for name in _OPTIONAL[type(message)]:
         if name in given and getattr(message, name) is None:
@@ -268,6 +277,11 @@ _OPTIONAL = {
 """Fields that are None here and absent on the wire."""
 
 
+def missing(message: Message | Cam) -> frozenset[str]:
+    """Fields that every message has on the wire and this one was made without."""
+    return _REQUIRED[type(message)] - message.model_fields_set
+
+
 def from_dict(fields: dict[str, Any]) -> Message | Cam:
     """The message with these fields, as Python values.  Raises MessageError as ``decode``."""
     try:
@@ -279,7 +293,7 @@ def from_dict(fields: dict[str, Any]) -> Message | Cam:
 def refusal(error: ValidationError, *outer: str) -> MessageError:
     """What pydantic found first, as a MessageError; ``outer`` is where the value stands."""
     first = error.errors(include_url=False, include_input=False)[0]
-    within = first.get("ctx", {}).get("place")
+    within = first.get("ctx", {}).get("field")
     place = ".".join(
         str(part) for part in (*outer, *first["loc"], within) if part not in (None, "")
     )
