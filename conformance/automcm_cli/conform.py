@@ -191,6 +191,7 @@ def replay(
     from automcm_conformance.protocol import ProtocolError
     from automcm_conformance.report import visible
     from automcm_conformance.words import exchange
+    from automcm_spec.bad_input import BadInput
 
     command = command_of(ctx)
     verdict, what, stderr, unanswered = "PASS", "", list[str](), False
@@ -210,7 +211,7 @@ def replay(
             unanswered = not error.answers
         finally:
             station.stop()
-    except (AdapterError, ProtocolError, records.ReplayError, OSError) as error:
+    except (AdapterError, ProtocolError, BadInput, OSError) as error:
         typer.echo(f"replay: {error}", err=True)
         raise typer.Exit(3) from None
     write_json(json_, {"case": about["case"], "verdict": verdict, "what": what})

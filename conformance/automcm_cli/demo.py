@@ -179,10 +179,12 @@ class Demo:
         assert process is not None and process.stdout is not None and process.stderr is not None
         async for line in process.stdout:
             try:
-                vehicle.take(json.loads(line))
-            except (ValueError, KeyError):
+                report = json.loads(line)
+            except ValueError:
                 vehicle.error = f"{vehicle.name}: no report: {line[:200].decode(errors='replace')}"
                 process.kill()
+            else:
+                vehicle.take(report)
             self.changed(self)
         errors = (await process.stderr.read()).decode(errors="replace").strip()
         code = await process.wait()
@@ -229,8 +231,8 @@ class Demo:
         self.verdicts = explain_files(self.logs, LATE_MS)
         for vehicle, verdict in zip(self.vehicles, self.verdicts, strict=True):
             if verdict.verdict != "allowed":
-                where = f"{verdict.file}:{verdict.line}"
-                self.problems.append(f"{where}: {verdict.verdict} at {verdict.event}")
+                where = f"{verdict.file}:{verdict.finding.at.line}"
+                self.problems.append(f"{where}: {verdict.verdict} at {verdict.finding.observed}")
             if not vehicle.killed:
                 self.problems += [f"{verdict.file}: {warning}" for warning in verdict.warnings]
 

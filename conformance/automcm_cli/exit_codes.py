@@ -15,8 +15,16 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+from automcm_spec.bad_input import BadInput
+
 UNWRITTEN, FAULT, CLOSED_PIPE = 3, 70, 141
 """Exit codes (``common.CODES``).  141 is what a shell makes of an end by SIGPIPE."""
+
+
+_OURS = (
+    "this is a fault of automcm, not a verdict: please report it with the lines above, the "
+    "command and what `automcm --version` says"
+)
 
 
 class OutputLost(BaseException):
@@ -76,16 +84,17 @@ def run(program: Callable[[], object]) -> int:
     try:
         code = _code_of(program)
         out.flush()
-        return code
+        return _told(_OURS, FAULT) if code == FAULT else code
     except OutputLost as lost:
         return CLOSED_PIPE if lost.closed_pipe else _told(str(lost), UNWRITTEN)
+    except BadInput as error:
+        return _told(str(error), UNWRITTEN)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _told(f"{where}{error.strerror or error}", UNWRITTEN)
     except Exception:
         traceback.print_exc()
-        about = "this is a fault of automcm, not a verdict: please report it with the lines above"
-        return _told(f"{about}, the command and what `automcm --version` says", FAULT)
+        return _told(_OURS, FAULT)
 
 
 def _code_of(program: Callable[[], object]) -> int:

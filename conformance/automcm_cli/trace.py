@@ -39,22 +39,23 @@ def explain(
     from automcm_traces import telling
 
     logs = files_of("explain", logs)
-    judge = explain_.explain_files
-    failures: tuple[type[Exception], ...] = ()
+    several = len(logs) > 1
+    asked = logs if several or engine == "oracle" else []
+    found = [explain_.explained(log, late, keep=several) for log in asked]
+    verdicts = explain_.verdicts(found)
     if engine == "tlc":
         from automcm_spec.tlc import TlcError
         from automcm_traces import tlc_engine
 
-        judge, failures = tlc_engine.explain_files, (TlcError,)
-    try:
-        verdicts = judge(logs, late)
-        system = explain_.together(logs) if len(logs) > 1 else None
-        written: list[dict[str, str]] = []
-        for verdict, log in zip(verdicts, logs, strict=True):
-            written.append(_prefix(verdict, log, out, written))
-    except failures as error:
-        typer.echo(f"explain: {error}", err=True)
-        raise typer.Exit(3) from None
+        try:
+            verdicts = tlc_engine.explain_files(logs, late)
+        except TlcError as error:
+            typer.echo(f"explain: {error}", err=True)
+            raise typer.Exit(3) from None
+    system = explain_.together(found) if several else None
+    written: list[dict[str, str]] = []
+    for verdict, log in zip(verdicts, logs, strict=True):
+        written.append(_prefix(verdict, log, out, written))
     told = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
     if system is None:
         write_json(json_, told[0])

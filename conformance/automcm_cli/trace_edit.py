@@ -74,7 +74,7 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
 
     Raises OSError; typer.BadParameter if that would overwrite a log that was given.
     """
-    from automcm_traces.reader import name_of
+    from automcm_spec.bad_input import name_of
 
     by_name = {name_of(path): path for path in given}
     paths: list[Path] = []
@@ -108,14 +108,14 @@ def compare(
     free to choose is not compared: numbers of sessions, transmission ids, the order of the effects
     of a step, times, CAMs. Exit code 0: the same; 1: they differ.
     """
+    from automcm_spec.bad_input import BadInput
     from automcm_traces import diff as diff_
-    from automcm_traces.reader import LogError
 
     pairs = station_pairs(stations)
     logs, others = files_of("diff", [a]), files_of("diff", [b])
     try:
         found = diff_.diff(logs, others, pairs)
-    except LogError as error:
+    except BadInput as error:
         typer.echo(f"diff: {error}", err=True)
         raise typer.Exit(3) from None
     write_json(json_, found.as_dict())

@@ -32,9 +32,9 @@ def export(
     A diagram has 400 messages at most, and says how many more there are. MCAP has a channel of
     JSON for each station; --to logs makes logs of it again, byte for byte.
     """
+    from automcm_spec.bad_input import BadInput
     from automcm_traces.mcap_file import McapError
     from automcm_traces.merge import MergeError
-    from automcm_traces.reader import LogError
     from automcm_traces.track import CannotTell
 
     try:
@@ -47,7 +47,7 @@ def export(
     except CannotTell as error:
         typer.echo(f"export: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None
-    except (LogError, McapError, MergeError, OSError) as error:
+    except (BadInput, McapError, MergeError, OSError) as error:
         typer.echo(f"export: {error}", err=True)
         raise typer.Exit(3) from None
     say_written(json_, [out / name for name in contents])

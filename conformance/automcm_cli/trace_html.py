@@ -68,12 +68,12 @@ def html(
     --to-line or both, so many lines of the first log, and of the others what stands between the
     first and the last message exchanged with these lines.
     """
+    from automcm_spec.bad_input import BadInput
     from automcm_spec.tlc import TlcError
     from automcm_traces.itf import ItfError
     from automcm_traces.page import html as html_
     from automcm_traces.page_data import judged
     from automcm_traces.page_run import PageError
-    from automcm_traces.reader import LogError
     from automcm_traces.story import StoryError
 
     pairs = station_pairs(stations)
@@ -88,7 +88,7 @@ def html(
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
         files.write(out, data)
-    except (ItfError, LogError, OSError, PageError, StoryError, TlcError) as error:
+    except (ItfError, BadInput, OSError, PageError, StoryError, TlcError) as error:
         typer.echo(f"html: {error}", err=True)
         raise typer.Exit(3) from None
     about = {"written": str(out), "bytes": len(data), "rows": len(page.nodes)}
@@ -107,7 +107,7 @@ def page_of(
     """The page of logs, or of one counterexample; with ``compare``, of two runs.  ``part`` is not
     for a counterexample.
 
-    Raises ItfError, LogError, OSError, PageError, StoryError, TlcError.
+    Raises ItfError, BadInput, OSError, PageError, StoryError, TlcError.
     """
     from automcm_traces import page_data
     from automcm_traces.page_run import check_size
@@ -133,9 +133,9 @@ def _part(first: int | None, last: int | None) -> Part | None:
 
 def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple[Run, str]:
     """A run, and its title."""
+    from automcm_spec.bad_input import Kept
     from automcm_traces.itf_log import behaviour
     from automcm_traces.page_run import PageError, load
-    from automcm_traces.reader import Kept
 
     itf = [path for path in paths if path.name.endswith(".json")]
     if not itf:

@@ -26,9 +26,9 @@ def itf(
     The counterexample is one of ours (automcm spec check, traces/counterexamples): TLC works out
     what its stations send.  In the ITF of a log each state is the station after a step.
     """
+    from automcm_spec.bad_input import BadInput
     from automcm_spec.tlc import TlcError
     from automcm_traces import itf as itf_
-    from automcm_traces.reader import LogError
     from automcm_traces.story import StoryError
     from automcm_traces.track import CannotTell
 
@@ -43,7 +43,7 @@ def itf(
     except CannotTell as error:
         typer.echo(f"{file}: CANNOT TELL: {error}", err=True)
         raise typer.Exit(4) from None
-    except (itf_.ItfError, LogError, OSError, StoryError, TlcError) as error:
+    except (itf_.ItfError, BadInput, OSError, StoryError, TlcError) as error:
         typer.echo(f"itf: {error}", err=True)
         raise typer.Exit(3) from None
     say_written(json_, [out / name for name in texts])

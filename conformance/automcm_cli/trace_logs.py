@@ -33,11 +33,12 @@ def files_of(command: str, logs: list[Path]) -> list[Path]:
 
     Standard input and pipes are kept in files till the end: a log is read more than once.
     """
-    from automcm_traces.reader import LogError, logs_below
+    from automcm_spec.bad_input import BadInput
+    from automcm_traces.reader import logs_below
 
     try:
         return logs_below([_kept(log) for log in logs])
-    except (LogError, OSError) as error:
+    except (BadInput, OSError) as error:
         typer.echo(f"{command}: {error}", err=True)
         raise typer.Exit(3) from None
 
@@ -51,7 +52,7 @@ def _kept(log: Path) -> Path:
     from shutil import copyfileobj
 
     from automcm_spec import scratch
-    from automcm_traces.reader import Kept
+    from automcm_spec.bad_input import Kept
 
     kept = ExitStack()
     atexit.register(kept.close)
@@ -126,8 +127,8 @@ def show(
     With several logs, what became of a message stands before it: x2002 lost on the way to 2002,
     ?2002 not yet there when that log ends, 2nd a second copy, unsent sent by nobody.
     """
+    from automcm_spec.bad_input import BadInput
     from automcm_traces import show as show_
-    from automcm_traces.reader import LogError
 
     wanted = show_.Filter(
         stations=frozenset(station or ()),
@@ -139,7 +140,7 @@ def show(
     )
     try:
         together = show_.Logs(files_of("show", logs))
-    except LogError as error:
+    except BadInput as error:
         typer.echo(f"show: {error}", err=True)
         raise typer.Exit(3) from None
     for warning in together.warnings:

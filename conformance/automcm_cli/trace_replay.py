@@ -33,12 +33,12 @@ def replay(
     """
     from automcm_conformance.replay_log import replay as replay_
     from automcm_conformance.report import visible
-    from automcm_traces.reader import LogError
+    from automcm_spec.bad_input import BadInput
 
     command = command_of(ctx)
     try:
         result = replay_(log, command, out, limit_s=limit, seed=seed)
-    except LogError as error:
+    except BadInput as error:
         verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
         write_json(json_, verdict | {"event": error.what, "exit_code": 3})
         typer.echo(f"replay: {error}", err=True)
@@ -54,7 +54,7 @@ def replay(
 
 
 def _text(result: Replayed) -> list[str]:
-    from automcm_traces.reader import at_line
+    from automcm_spec.bad_input import at_line
     from automcm_traces.telling import expected
 
     place = at_line(result.file, result.line)

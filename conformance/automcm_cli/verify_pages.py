@@ -7,11 +7,11 @@ from pathlib import Path
 
 from automcm_cli import spec, trace_html
 from automcm_spec import files, models
+from automcm_spec.bad_input import BadInput
 from automcm_spec.tlc import TlcError
 from automcm_traces.itf import ItfError
 from automcm_traces.page import html
 from automcm_traces.page_run import PageError
-from automcm_traces.reader import LogError
 from automcm_traces.story import StoryError
 
 FOLDER = Path("runs/verify")
@@ -29,7 +29,7 @@ def write(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Pat
         trace = spec.write_trace(verdict, folder)
         try:
             data = html(trace_html.page_of([trace], None))
-        except (ItfError, LogError, PageError, StoryError, TlcError):
+        except (ItfError, BadInput, PageError, StoryError, TlcError):
             written.append(trace)
             continue
         path = folder / f"{verdict.model.cfg}.html"

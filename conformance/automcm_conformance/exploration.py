@@ -30,13 +30,19 @@ class Exploration:
     coverage: dict[str, dict[str, list[int]]] = field(default_factory=dict)
     started: str = ""
     seconds: float = 0.0
+    broke: bool = False
+    """It was cut short by a fault of ours."""
 
     @property
     def exit_code(self) -> int:
-        """0 if nothing is wrong; 1 if a rule is broken; else 3."""
+        """0 if nothing is wrong; 70 if the kit broke; 1 if a rule is broken; else 3."""
+        if self.broke:
+            return 70
         verdicts = {case.verdict for case in self.cases}
         return 1 if "FAIL" in verdicts else 3 if verdicts or self.problems else 0
 
     def as_dict(self) -> dict[str, Json]:
         """For ``exploration.json``."""
-        return {"format": FORMAT, "exit_code": self.exit_code, **asdict(self)}
+        out = asdict(self)
+        out.pop("broke")
+        return {"format": FORMAT, "exit_code": self.exit_code, **out}

@@ -385,7 +385,7 @@ class Explorer:
         hello = self.runner.adapter.hello
         try:
             records.write_log(path, case, list(steps), hello.name, hello.version)
-        except (ValueError, TypeError, KeyError):
+        except ValueError:
             path = folder / f"{name}.txt"
             lines = (
                 f"{line.now} {line.who}: {line.text}\n" for line in words.exchange(list(steps))
@@ -472,6 +472,7 @@ def explore(
         raise
     except Exception as error:  # a fault of ours must not cost what was found so far
         traceback.print_exc()
+        found.broke = True
         found.problems.append(f"{BROKE}: {type(error).__name__}: {error}")
     finally:
         gc.unfreeze()

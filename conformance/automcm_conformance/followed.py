@@ -22,7 +22,7 @@ from automcm_spec.forms import canonical
 from automcm_spec.parameters import derived, forgotten_at, in_header, rank
 from automcm_spec.rules import RULES
 from automcm_traces.engine import Engine
-from automcm_traces.log import RECORD, Event
+from automcm_traces.log import RECORD, Event, not_plain
 from automcm_traces.reader import read
 from automcm_traces.step import Diverges, Step
 from automcm_traces.track import CannotTell, Track
@@ -82,7 +82,7 @@ class Followed:
             parameters=in_header(self._known),
             complete=COMPLETE,
         )
-        self._engine = Engine(read(path), late_ms=0)
+        self._engine = Engine(read(path).header, late_ms=0)
         self._timers: dict[str, Running] = {}
         self._ages: dict[str, int] = {}
         self._joined_at: dict[int, int] = {}
@@ -210,7 +210,7 @@ class Followed:
             try:
                 self._send(now, m)
             except Diverges as d:
-                raise self._diverges(d.event, ["nothing is sent"], "END-5") from None
+                raise self._diverges(d.finding.observed, ["nothing is sent"], "END-5") from None
 
     def _rest(self, now: int) -> None:
         """What was answered and nothing called for."""
@@ -264,11 +264,10 @@ class Followed:
     def _send(self, now: int, m: dict[str, Json]) -> None:
         self._transmissions += 1
         tx = f"{self.id}:{self._transmissions}"
-        try:
-            self._event(now, "send", tx=tx, message=m)
-        except (KeyError, TypeError, ValueError) as error:
-            text = f"send {m['type']}: it lacks or misuses a field: {error}"
-            raise self._diverges(text, ["a message as section 2 has it"]) from None
+        if odd := not_plain(m):  # the log cannot hold it
+            text = f"send {m['type']}: {': '.join(odd)}"
+            raise self._diverges(text, ["a message as section 2 has it"])
+        self._event(now, "send", tx=tx, message=m)
         self.sent.append((tx, m))
 
     def _event(self, now: int, ev: str, **fields: Json) -> None:

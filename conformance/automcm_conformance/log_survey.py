@@ -86,7 +86,7 @@ class Survey:
 def events(path: Path) -> Iterator[tuple[int, Event | None, End | str | Header]]:
     """Each record of a log with its line: an event, or header, end and warning.
 
-    Raises LogError.
+    Raises BadInput.
     """
     for entry in records(path):
         record = entry.record
@@ -99,7 +99,7 @@ def events(path: Path) -> Iterator[tuple[int, Event | None, End | str | Header]]
 
 
 def survey(path: Path) -> Survey:
-    """Read a log to its end.  Raises LogError."""
+    """Read a log to its end.  Raises BadInput."""
     found: Survey | None = None
     numbers: set[int] = set()
     for _, event, other in events(path):

@@ -114,7 +114,7 @@ def _log(runner: Runner, folder: Path, case: str, steps: list[Step]) -> str:
     hello = runner.adapter.hello
     try:
         records.write_log(path, case, steps, hello.name, hello.version)
-    except (ValueError, TypeError, KeyError):
+    except ValueError:
         path.unlink(missing_ok=True)
         return ""
     return str(path.relative_to(folder))

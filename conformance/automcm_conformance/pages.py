@@ -6,10 +6,10 @@ from pathlib import Path
 
 from automcm_conformance.results import Report
 from automcm_spec import files
+from automcm_spec.bad_input import BadInput
 from automcm_traces.page import html
 from automcm_traces.page_data import load
 from automcm_traces.page_run import PageError
-from automcm_traces.reader import LogError
 
 MOST = 20
 """Pages of one run; what is beyond has its log."""
@@ -26,7 +26,7 @@ def write(report: Report, folder: Path) -> None:
         logs = sorted(log.parent.glob("*.ndjson")) if several else [log]
         try:
             page = load(logs, f"{case.id}: {case.verdict}")
-        except (LogError, PageError):
+        except (BadInput, PageError):
             continue  # the log is there all the same
         if not several and page.runs[0].verdicts[0].verdict == "allowed":
             page.title = f"{case.id}, up to where it failed"  # which a log cannot always tell

@@ -21,7 +21,7 @@ from pydantic import (
     ValidationError,
     create_model,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError, from_json
 
 from automcm_spec import application, parameters
 from automcm_spec.application import Phase
@@ -266,7 +266,7 @@ class Answer(_Line):
     deadline: Time | None
     """The time in ms of the earliest timer that is armed; null if none is."""
     phase: Annotated[Phase | None, BeforeValidator(_present)] = None
-    cams: list[Cam] = []
+    cams: list[Cam] = Field(default_factory=list)
 
 
 class ErrorAnswer(_Line):
@@ -278,12 +278,30 @@ class ErrorAnswer(_Line):
 Read = TypeVar("Read", HelloAnswer, Answer)
 
 
+def _has_float(line: bytes) -> bool:
+    """Whether a number in a line may be no integer; to search by a pattern takes ten times as
+    long."""
+    if b"." in line or b"NaN" in line or b"Infinity" in line:
+        return True
+    digits = line.translate(_ZEROS)
+    return b"0e" in digits or b"0E" in digits
+
+
+_ZEROS = bytes.maketrans(b"123456789", b"000000000")
+
+
 def read_answer(line: bytes) -> Answer:
     """The answer to any command but hello and stop.
 
     Raises Refused for ``{"error": ...}``, else ProtocolError if the line is none.
     """
-    return _read(line, Answer)
+    try:
+        answer = Answer.model_validate_json(line)
+    except ValidationError:
+        return _read(line, Answer)  # says what is wrong
+    if (answer.messages or answer.indications or answer.cams) and _has_float(line):
+        return _read(line, Answer)
+    return answer
 
 
 def read_hello(line: bytes) -> HelloAnswer:
@@ -317,16 +335,16 @@ _DECODER = json.JSONDecoder(parse_float=_float, parse_constant=_float)
 
 def _parse(line: bytes) -> Json:
     try:
-        text = line.decode()
+        start = line.decode().strip()
     except UnicodeDecodeError:
         raise ProtocolError("this line is not UTF-8") from None
     try:
-        return _DECODER.decode(text)
+        from_json(line)  # refuses half of a surrogate pair, and what is nested too deep
+        return _DECODER.decode(start)
     except ProtocolError:
         raise
-    except (ValueError, RecursionError):
-        pass
-    start = text.strip()
+    except ValueError as error:
+        why = str(error)
     if not start:
         raise ProtocolError("this line is empty: an answer is one line, and nothing else is")
     if start in ("{", "["):
@@ -334,7 +352,7 @@ def _parse(line: bytes) -> Json:
     if start.startswith(("{'", "{messages")):
         raise ProtocolError("this line is not JSON: names and texts stand in double quotes")
     if start.startswith("{"):
-        raise ProtocolError("this line is not JSON, though it begins like an object")
+        raise ProtocolError(f"this line is not JSON, though it begins like an object: {why}")
     raise ProtocolError("this line is not JSON: did you mean to write it to standard error?")
 
 

@@ -9,16 +9,19 @@ from dataclasses import asdict
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
-from automcm_conformance.answers import differences
+from automcm_conformance.answers import are_marks, differences
 from automcm_conformance.exchange import Link, Mismatch, Step
 from automcm_conformance.process import AdapterError
-from automcm_conformance.protocol import INDICATIONS
+from automcm_conformance.protocol import INDICATIONS, read_answer
 from automcm_conformance.wire import Expected
 from automcm_spec import files
+from automcm_spec.bad_input import BadInput
+from automcm_traces.log import first_problem
 from automcm_traces.writer import LogWriter
 
 Json = Any
@@ -27,8 +30,18 @@ LIMITS = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 
 
-class ReplayError(ValueError):
-    """A file that is no replay; the text names the file and the field."""
+class _Line(BaseModel, extra="forbid"):
+    now: int
+    line: dict[str, Json]
+    expected: Expected
+
+
+class _Replay(BaseModel, extra="forbid"):
+    format: Literal["automcm.replay/1"]
+    case: str
+    rule: str
+    what: str
+    steps: list[_Line]
 
 
 def replay_text(case: str, rule: str, what: str, steps: Sequence[Step]) -> str:
@@ -54,28 +67,17 @@ def replay_text(case: str, rule: str, what: str, steps: Sequence[Step]) -> str:
 def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
     """What a replay file is about (``case``, ``rule``, ``what``) and its steps.
 
-    Raises ReplayError and OSError.
+    Raises BadInput and OSError.
     """
     try:
-        value = json.loads(path.read_bytes())
-        if value["format"] != FORMAT:
-            raise ReplayError(f"{path}: format: {FORMAT} is needed")
-        about = {name: str(value[name]) for name in ("case", "rule", "what")}
-        steps = [
-            Step(
-                int(s["now"]),
-                json.dumps(s["line"], separators=(",", ":")).encode() + b"\n",
-                Expected(**s["expected"]),
-            )
-            for s in value["steps"]
-        ]
-    except KeyError as error:
-        raise ReplayError(f"{path}: {error.args[0]}: missing") from None
-    except (TypeError, ValueError) as error:
-        if isinstance(error, ReplayError):
-            raise
-        raise ReplayError(f"{path}: no replay: {error}") from None
-    return about, steps
+        replay = _Replay.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise BadInput(path, 0, *first_problem(error), FORMAT) from None
+    about = {"case": replay.case, "rule": replay.rule, "what": replay.what}
+    return about, [
+        Step(s.now, json.dumps(s.line, separators=(",", ":")).encode() + b"\n", s.expected)
+        for s in replay.steps
+    ]
 
 
 def replayed(steps: Sequence[Step], link: Link) -> list[Step]:
@@ -119,12 +121,11 @@ def write_log(
         for step in steps:
             if not step.pairs and b'"advance"' not in step.line:
                 continue
-            command, answer = from_json(step.line), from_json(step.answer)
-            more = {"phase": answer["phase"]} if "phase" in answer else {}
-            messages, told = iter(answer["messages"]), map(bare, answer["indications"])
-            cams = answer.get("cams", [])
-            marks = step.expected.marks[:1]
-            before = [c for c in cams if not marks or sorted(c["marks"]) in marks]
+            command, answer = from_json(step.line), read_answer(step.answer)
+            more = {} if answer.phase is None else {"phase": answer.phase}
+            messages, told = iter(answer.messages), map(bare, answer.indications)
+            cams, marks = answer.cams, step.expected.marks
+            before = [c for c in cams if not marks or are_marks(marks[0], c.get("marks"))]
             send = partial(_send, log, reset["station"], count, step.now)
             send(before)
             for deed in step.deeds:

@@ -209,9 +209,10 @@ def text(two: Oracle, one: Oracle) -> str:
 def spec_hash(path: Path = PATH) -> str:
     """Of the specification that the file was made from; empty if there is no such file."""
     try:
-        return str(json.loads(path.read_bytes())["spec_hash"])
-    except (OSError, ValueError, KeyError, TypeError):
+        data = json.loads(path.read_bytes())
+    except (OSError, ValueError):
         return ""
+    return str(data.get("spec_hash", "")) if isinstance(data, dict) else ""
 
 
 def read(two: Oracle, path: Path = PATH) -> list[Answer]:

@@ -119,7 +119,7 @@ def replay(
     """Give the inputs of a log to the adapter ``command``; the new log goes into ``out``.
 
     ``limit_s`` is the real time an answer may take, ``seed`` that of ``reset``.  Raises
-    LogError and OSError.
+    BadInput and OSError.
     """
     found = survey(path)
     result = Replayed("allowed", str(path), total=found.inputs, notes=list(found.warnings))
@@ -134,9 +134,10 @@ def replay(
             if problem := process.stop():
                 result.notes.append(problem)
     except Diverges as d:
-        result.verdict, result.event, result.rule = "diverges", d.event, d.rule
-        result.expected = [w for w in d.wanted if not w.startswith(("arm ", "stop "))]
-        result.guard, result.log_line = d.guard, d.at
+        wrong = d.finding
+        result.verdict, result.event, result.rule = "diverges", wrong.observed, wrong.rule
+        result.expected = [w for w in wrong.expected if not w.startswith(("arm ", "stop "))]
+        result.guard, result.log_line = wrong.why.guard, wrong.at.line
     except CannotTell as error:
         result.verdict, result.event = "cannot_tell", str(error)
     except (AdapterError, ProtocolError) as error:

@@ -108,6 +108,8 @@ class Report:
     """What is not about one case: a process that ignored ``stop``, a run that was cut short."""
     started: str = ""
     seconds: float = 0.0
+    broke: bool = False
+    """The run was cut short by a fault of ours."""
 
     @property
     def counts(self) -> dict[str, int]:
@@ -122,18 +124,21 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """0 as expected; 1 if a FAIL, or an expected deviation that did not come, is unexpected;
-        else 3 if an ERROR is, or the kit broke; else 4: only INCONC."""
+        """0 as expected; 70 if the kit broke; 1 if a FAIL, or an expected deviation that did not
+        come, is unexpected; else 3 if an ERROR is; else 4: only INCONC."""
+        if self.broke:
+            return 70
         verdicts = {case.verdict for case in self.unexpected}
         if verdicts & {"FAIL", "PASS", "SKIP"}:
             return 1
-        if "ERROR" in verdicts or any(text.startswith(BROKE) for text in self.problems):
+        if "ERROR" in verdicts:
             return 3
         return 4 if verdicts else 0
 
     def as_dict(self) -> dict[str, Json]:
         """For ``report.json``."""
         out = asdict(self)
+        out.pop("broke")
         for case, result in zip(out["cases"], self.cases, strict=True):
             case["expected"] = result.expected
         return {

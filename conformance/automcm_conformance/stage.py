@@ -24,6 +24,7 @@ from automcm_conformance.results import Line, Verdict
 from automcm_conformance.wire import HOLD_MS
 from automcm_spec.parameters import derived, durations
 from automcm_spec.rules import handler, line
+from automcm_traces.finding import Finding
 from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell, Track
 
@@ -103,8 +104,10 @@ class Outcome:
     line: int = 0
 
 
-def hazard(tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int]]]) -> str:
-    """S-4, S-5 or S-8, and what is broken of it at this moment; empty if nothing is.
+def hazard(
+    tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int]]]
+) -> Finding | None:
+    """What is broken of S-4, S-5 or S-8 at this moment.
 
     ``excused``: for each station the sessions in which it aborted, lost CAMs or restarted.
     """
@@ -117,15 +120,23 @@ def hazard(tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int
                 t.proposal,
             )
             if not agreed and t.session not in excused[t.target]:
-                return f"S-5: {me} acts, and its target {t.target} is not committed to that"
+                return _broken(
+                    "S-5", f"{me} acts, and its target {t.target} is not committed to that"
+                )
         for other, o in acting.items():
             words = {o.target, other} if o.role == "prescriber" and other != me else set()
             if t.role == "prescriber" and t.target in words:
-                return f"S-8: {me} and {other} act, both on what {t.target} has agreed to"
+                text = f"{me} and {other} act, both on what {t.target} has agreed to"
+                return _broken("S-8", text)
             pair = {t.session[0], tracks[t.session[0]].target} if t.session else set()
             if o.session == t.session and other != me and pair != {me, other}:
-                return f"S-4: {me} and {other} act in one session, and are no pair in it"
-    return ""
+                text = f"{me} and {other} act in one session, and are no pair in it"
+                return _broken("S-4", text)
+    return None
+
+
+def _broken(name: str, text: str) -> Finding:
+    return Finding("property", property=name, observed=f"{name}: {text}")
 
 
 class Stage:
@@ -173,7 +184,7 @@ class Stage:
             return self._not_allowed(folder, d)
         except _Unsafe as error:
             what = str(error)
-            return self._out(folder, "FAIL", what, rule=error.rule, what=what)
+            return self._out(folder, "FAIL", what, rule=error.finding.property, what=what)
         except CannotTell as error:
             return self._elsewhere(folder, f"{self._at}: {error}")
         except (AdapterError, ProtocolError) as error:
@@ -203,20 +214,20 @@ class Stage:
         return Outcome(verdict, reason, lines=lines, log=logs, **more)
 
     def _not_allowed(self, folder: Path, d: Diverges) -> Outcome:
-        what = f"{self._at}: {d.event}"
+        what = f"{self._at}: {d.finding.observed}"
         found = self._stations.get(self._at)
         last = None if found is None else found.last
-        if last is not None and d.rule == last.rule:
-            operator, where = handler(last.input), line(d.rule, last.input)
+        if last is not None and d.finding.rule == last.rule:
+            operator, where = handler(last.input), line(d.finding.rule, last.input)
         else:
             operator, where = "", 0
         return self._out(
             folder,
             "FAIL",
             what,
-            rule=d.rule,
+            rule=d.finding.rule,
             what=what,
-            allowed=[w for w in d.wanted if not w.startswith(("arm ", "stop "))],
+            allowed=[w for w in d.finding.expected if not w.startswith(("arm ", "stop "))],
             came=[said.text for said in self._lines[-1:] if said.who == "station"],
             operator=operator,
             line=where,
@@ -277,15 +288,16 @@ class Stage:
         tracks = {station: followed.track for station, followed in self._stations.items()}
         excused = {station: followed.excused for station, followed in self._stations.items()}
         found = hazard(tracks, excused)
-        if found:
-            raise _Unsafe(found[:3], found)
+        if found is not None:
+            raise _Unsafe(found)
 
     def _check_ends(self) -> None:
         """The play has lasted longer than its sessions may."""
         for station, followed in self._stations.items():
             t = followed.track
             if t.phase != "STANDALONE":
-                raise _Unsafe("L-1", f"L-1: {station} is still in {t.phase} at {self._now} ms")
+                text = f"{station} is still in {t.phase} at {self._now} ms"
+                raise _Unsafe(_broken("L-1", text))
         raise CannotTell(f"messages are still being sent at {self._now} ms")
 
     # -- stations, radio and applications
@@ -372,11 +384,11 @@ class Stage:
 
 
 class _Unsafe(Exception):
-    """A property is broken: ``rule`` names it."""
+    """A property is broken."""
 
-    def __init__(self, rule: str, text: str) -> None:
-        super().__init__(text)
-        self.rule = rule
+    def __init__(self, finding: Finding) -> None:
+        super().__init__(finding.observed)
+        self.finding = finding
 
 
 def _trajectory(a: int, b: int) -> Json:

@@ -67,6 +67,7 @@ class Runner:
         self.parts: list[Part] = []
         self.ended = ""
         """Why the run was ended from outside, or by a fault of the kit."""
+        self.broke = False
         self.enough = 0
         """So many cases that did not pass end the run; 0: none do."""
         self.runs, self.starts = RUNS, STARTS

@@ -110,6 +110,7 @@ def report(
         runner.seed,
         list(selectors),
         problems,
+        broke=runner.broke,
     )
 
 

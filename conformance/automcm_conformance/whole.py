@@ -50,7 +50,7 @@ def conform(
         raise
     except Exception as error:  # a fault of ours must not cost what was found so far
         traceback.print_exc()
-        runner.ended = f"{BROKE}: {type(error).__name__}: {error}"
+        runner.broke, runner.ended = True, f"{BROKE}: {type(error).__name__}: {error}"
     finally:
         adapter.stop()
     return report(runner, folder, spec, selectors, expected)

@@ -8,6 +8,7 @@ from pydantic_core import from_json, to_json
 
 from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.exchange import Step
+from automcm_conformance.protocol import ProtocolError, read_answer
 from automcm_conformance.results import Line
 from automcm_conformance.wire import Expected
 
@@ -72,14 +73,14 @@ def said(line: bytes) -> str:
 def answered(line: bytes) -> str:
     """What the station answers."""
     try:
-        a = from_json(line)
-        parts = [message(m) for m in a["messages"]]
-        parts += [f"tells {_indication(i)}" for i in a["indications"]]
-        parts += [message(m) for m in a.get("cams", [])]
-        parts += [str(a["phase"])] if "phase" in a else []
-        parts.append(f"next deadline {_text(a['deadline'])}")
-    except (ValueError, TypeError, KeyError, AttributeError):
+        a = read_answer(line)
+    except ProtocolError:
         return line[:400].decode(errors="replace")
+    parts = [message(m) for m in a.messages]
+    parts += [f"tells {_indication(i)}" for i in a.indications]
+    parts += [message(m) for m in a.cams]
+    parts += [a.phase] if a.phase is not None else []
+    parts.append(f"next deadline {_text(a.deadline)}")
     return "; ".join(parts)
 
 

@@ -25,7 +25,10 @@ def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
     outcome = run(scenario, REFERENCE, empty)
     verdicts = [explain_file(file) for file in files]
     return {
-        "verdicts": [{"verdict": v.verdict, "rule": v.rule, "event": v.event} for v in verdicts],
+        "verdicts": [
+            {"verdict": v.verdict, "rule": v.finding.rule, "event": v.finding.observed}
+            for v in verdicts
+        ],
         "played": [outcome.verdict, outcome.what],
         "met": sorted({*covered.rules, *covered.phases}),
     }

@@ -350,7 +350,9 @@ class Cell:
         verdict = explain_file(log, max(LATE_MS, *late))  # it says itself when it was late
         self.verdict = verdict.verdict
         if self.verdict == "unreadable" or (self.verdict == "diverges" and not why.diverges):
-            self.problems.append(f"log {self.verdict}: line {verdict.line}: {verdict.event}")
+            self.problems.append(
+                f"log {self.verdict}: line {verdict.finding.at.line}: {verdict.finding.observed}"
+            )
 
 
 async def matrix(faults: Sequence[str], jobs: int, folder: Path) -> list[Cell]:

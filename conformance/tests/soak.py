@@ -212,7 +212,10 @@ class Soak:
             verdicts[verdict.verdict] += 1
             events += verdict.events
             if verdict.verdict in ("diverges", "unreadable"):
-                problems.append(f"{path.name}:{verdict.line}: {verdict.verdict}: {verdict.event}")
+                problems.append(
+                    f"{path.name}:{verdict.finding.at.line}: {verdict.verdict}: "
+                    f"{verdict.finding.observed}"
+                )
         odd = {code: n for code, n in self.codes.items() if code not in (0, 3, -signal.SIGKILL)}
         problems += [f"{n} processes ended with {code}" for code, n in odd.items()]
         print(f"faults: {dict(sorted(self.done.items()))}")

@@ -361,13 +361,16 @@ STEP = {"now": 1, "line": {"cmd": "stop"}, "expected": {}}
     ("text", "says"),
     [
         (None, "No such file"),
-        ("[", "no replay"),
-        ("[]", "no replay"),
-        ('{"format": "automcm.replay/2"}', "format: automcm.replay/1 is needed"),
+        ("[", "not JSON"),
+        ("[]", "not a JSON object"),
+        ('{"format": "automcm.replay/2"}', "format: Input should be 'automcm.replay/1'"),
         (json.dumps(REPLAY | {"steps": [{"now": 1}]}), "line: missing"),
         (json.dumps({k: v for k, v in REPLAY.items() if k != "rule"}), "rule: missing"),
-        (json.dumps(REPLAY | {"steps": 7}), "no replay"),
-        (json.dumps(REPLAY | {"steps": [STEP | {"expected": {"other": 1}}]}), "no replay"),
+        (json.dumps(REPLAY | {"steps": 7}), "steps: "),
+        (
+            json.dumps(REPLAY | {"steps": [STEP | {"expected": {"other": 1}}]}),
+            "expected.other",
+        ),
     ],
 )
 def test_a_file_that_is_no_replay_is_3(tmp_path: Path, text: str | None, says: str) -> None:

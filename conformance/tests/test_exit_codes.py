@@ -327,6 +327,23 @@ def test_a_fault_of_ours_is_70_and_says_how_to_report_it() -> None:
     assert lines[-2] == "KeyError: 'what'" and "please report it" in lines[-1]
 
 
+def test_a_fault_of_the_follower_is_no_verdict_on_the_log() -> None:
+    log = CORPUS / "pair" / "1001.ndjson"
+    done = in_a_program(
+        "from automcm_cli.main import app\nfrom automcm_traces.engine import Engine\n"
+        "def broken(*_): raise KeyError('ours')\nEngine.feed = broken\n"
+        f"sys.argv = ['automcm', 'trace', 'explain', {str(log)!r}]\nprogram = app"
+    )
+    assert done.returncode == exit_codes.FAULT and "KeyError: 'ours'" in done.stderr
+    assert "please report it" in done.stderr.splitlines()[-1]
+
+
+def test_bad_input_that_nobody_caught_is_3_and_named() -> None:
+    text = "from automcm_spec.bad_input import BadInput\n"
+    done = in_a_program(f"{text}def program(): raise BadInput('a.json', 3, 'x', 'is odd', 'form')")
+    assert (done.returncode, done.stderr) == (3, "automcm: a.json:3: x: is odd [form]\n")
+
+
 def test_a_file_that_nobody_caught_is_3_and_named() -> None:
     done = in_a_program("def program(): open('/none/such')")
     assert done.returncode == exit_codes.UNWRITTEN

@@ -143,7 +143,7 @@ def test_what_is_wrong_with_a_log_through_a_pipe_names_the_pipe(tmp_path: Path) 
         code, _, err = html_of(pipe, "--out", tmp_path / "page.html")
     assert code == 3 and err.startswith(f"html: {pipe}:1: not JSON") and err.count("\n") == 1
     code, _, err = html_of("-", "--out", tmp_path / "page.html", data=b"")
-    assert (code, err) == (3, "html: -: empty file\n")
+    assert (code, err) == (3, "html: -: empty file [order]\n")
     code, out, _ = html_of("-", "--out", tmp_path / "page.html", "--json", "-", data=rubbish)
     (told,) = json.loads(out)["logs"]
     assert code == 0 and (told["file"], told["line"]) == ("-", 2)

@@ -178,7 +178,7 @@ def test_the_failing_prefix_of_an_edited_log(logs: Path, tmp_path: Path) -> None
     )
     lines[at]["message"]["proposal"] += 1
     prefix = written(tmp_path / "prefix.ndjson", lines[: at + 1])
-    assert explain_files([prefix])[0].line == at + 1
+    assert explain_files([prefix])[0].finding.at.line == at + 1
     code, result = replay(prefix, REFERENCE, tmp_path)
     assert (code, result["verdict"], result["same"]) == (0, "allowed", False)
     assert result["difference"]["line"] == at + 1
@@ -236,8 +236,12 @@ def test_a_wrong_station_diverges(name: str, logs: Path, tmp_path: Path) -> None
     assert records(source)[result["line"] - 1]["ev"] in ("receive", "command")
     assert result["input"] and result["exchange"] and result["inputs"] < result["total"]
     again = explain_files([Path(result["log"])])[0]
-    assert (again.verdict, again.line) == ("diverges", result["log_line"])
-    assert (again.rule, again.event, result["in_log"]) == (rule, result["event"], True)
+    assert (again.verdict, again.finding.at.line) == ("diverges", result["log_line"])
+    assert (again.finding.rule, again.finding.observed, result["in_log"]) == (
+        rule,
+        result["event"],
+        True,
+    )
 
 
 def test_a_wrong_deadline_is_in_no_log(logs: Path, tmp_path: Path) -> None:

@@ -26,7 +26,8 @@ from automcm.straight import Straight
 from automcm_spec.messages import Fin, Session
 from automcm_spec.parameters import Parameters
 from automcm_spec.rules import RULES as RULE_IDS
-from automcm_traces.explain import together
+from automcm_traces.properties import judge
+from automcm_traces.reader import read
 
 Json = Any
 B = 1540
@@ -91,7 +92,7 @@ def test_t_2_hazards_and_bound_are_those_that_the_logs_are_judged_by(
         logs.mkdir()
         fault = Fault(kind, 4000 + 37 * seed, 8000)
         found = simulate([fault], loss=loss, seed=seed, logs=logs)
-        judged = together(sorted(logs.iterdir()))
+        judged = judge([read(path) for path in sorted(logs.iterdir())])
         theirs = [h for h in judged.hazards if h.length is None or h.length.best > 0]
         excuses = {"aborts": "abort", "loses the CAMs": "cam_loss", "restarts": "restart"}
         assert [

@@ -13,6 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import TypeAdapter, ValidationError
+
 from automcm_spec import generate, models, oracle, scratch, tlc, toolchain
 from automcm_spec.models import PROPERTY_IDS, Model
 from automcm_spec.mutants import Mutant
@@ -130,6 +132,9 @@ class _Found:
     seconds: float
 
 
+_KEPT = TypeAdapter(tuple[str, How | Literal["invalid"] | None, str, float])
+
+
 class Cache:
     """The runs done so far, a line of JSON each, so that an interrupted run loses nothing.
 
@@ -143,10 +148,10 @@ class Cache:
         if path is not None and path.is_file():
             for line in path.read_text(encoding="utf-8").splitlines():
                 try:
-                    key, *rest = json.loads(line)
-                    self._found[key] = _Found(*rest)
-                except (ValueError, TypeError):
+                    key, how, what, seconds = _KEPT.validate_json(line)
+                except ValidationError:
                     continue  # the line that was being written when the run ended
+                self._found[key] = _Found(how, what, seconds)
 
     def get(self, key: str) -> _Found | None:
         """What was found before, if anything."""
@@ -266,7 +271,7 @@ class _Run:
         started = time.monotonic()
         try:
             data, _ = generate.build(graph, tla=folder, workers=1, stop=self.stop)
-        except (tlc.TlcError, ValueError, KeyError, StopIteration) as error:
+        except (tlc.TlcError, ValueError, KeyError) as error:  # a mutant may print any graph
             if self.stop.stopped:
                 raise _Stopped from error
             return _Found("graph", f"{graph.name} cannot be written out", 0)

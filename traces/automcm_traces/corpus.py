@@ -194,7 +194,8 @@ def _of_counterexamples(corpus: Path, files: list[str]) -> list[Entry]:
         station = Path(file).stem
         story = f"{model.cfg} breaks {model.property}, station {station}: {model.why}"
         source = f"spec/models/{model.cfg}.cfg"
+        found = verdict.finding
         entries.append(
-            Entry(file, story, verdict.verdict, verdict.line, verdict.rule, source=source)
+            Entry(file, story, verdict.verdict, found.at.line, found.rule, source=source)
         )
     return entries

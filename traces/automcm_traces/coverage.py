@@ -7,24 +7,25 @@ can no longer be told or read.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
+from automcm_spec.bad_input import BadInput, at_line, one_line
 from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
 from automcm_spec.conditions import recording
 from automcm_spec.messages import MessageType
 from automcm_spec.reachable import steps
 from automcm_spec.rules import RULES, kind
 from automcm_spec.station import Input, OpenStation, State, Station
-from automcm_traces.engine import Engine
-from automcm_traces.explain import NEEDED
-from automcm_traces.log import Receive, Send
-from automcm_traces.reader import Log, LogError, LogStream, at_line, name_of, one_line
-from automcm_traces.step import Diverges, Step
-from automcm_traces.track import CannotTell, Track
+from automcm_traces.finding import Finding, cannot_tell, unreadable
+from automcm_traces.follow import Ending, Follower, Watcher, follow
+from automcm_traces.log import Event, Receive, Send
+from automcm_traces.reader import LogStream
+from automcm_traces.step import Step
+from automcm_traces.track import INITIAL, Track
 
 Json = Any
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
@@ -89,64 +90,28 @@ class Coverage:
     def add(self, path: Path, late_ms: int | None = None) -> None:
         """Count one log, read as it is followed.  ``late_ms`` is as for ``Engine``."""
         self.logs += 1
-        at = 0
         try:
             stream = LogStream(path)
-            engine = Engine(Log(stream.file, stream.header, [], None, False, []), late_ms)
-            engine.observer = self._observer(engine.track)
-            for at, event in stream:
-                self.events += 1
-                match event:
-                    case Send(message=m):
-                        self.sent[str(m["type"])] += 1
-                    case Receive(message=m) if m is not None:
-                        self.received[str(m["type"])] += 1
-                engine.feed(at, event)
-                if isinstance(event, Send) and event.message["type"] == "CAM":
-                    self._count(engine.track, engine.track.state, None)
-            if stream.gap is not None:
-                at = stream.gap[0]
-                raise CannotTell(stream.gap[1])
-            if stream.end is not None:
-                if stream.end.lost_records:
-                    raise CannotTell(f"the log lost {stream.end.lost_records} records")
-                engine.finish()
-        except LogError as error:
-            self._problem(path, error.line, "unreadable", error.problem)
-        except Diverges as error:
-            # Where not all is promised, what is not in the log may have led there.
-            missing = ", ".join(sorted({*NEEDED} - engine.promised))
-            if missing:
-                text = f"{error.event}; the log does not promise {missing}"
-                self._problem(path, error.at, "cannot_tell", text)
-            else:
-                self._problem(path, error.at, "diverges", error.event)
-        except CannotTell as error:
-            self._problem(path, at, "cannot_tell", str(error))
-        except (KeyError, TypeError, IndexError, ValueError) as error:
-            text = f"a message lacks or misuses a field: {error}"
-            self._problem(path, at, "unreadable", text)
+        except BadInput as error:
+            self._problem(unreadable(error), 0)
+            return
+        ending = follow(stream, late_ms, [_Counter(self)], one=True)
+        found = ending.finding
+        if ending.lacking and ending.diverges:  # what is not in the log may have led there
+            text = f"{found.observed}; the log does not promise {', '.join(ending.lacking)}"
+            found = cannot_tell(stream.file, found.at.line, text)
+        if found.kind != "nothing":
+            self._problem(found, ending.line)
 
-    def _problem(self, path: Path, line: int, what: Problem, why: str) -> None:
-        self.problems.append((name_of(path), line, what, one_line(why)))
+    def _problem(self, found: Finding, last: int) -> None:
+        what: Problem = "diverges"
+        if found.kind == "cannot_tell" or found.kind == "unreadable":
+            what = found.kind
+        line = found.at.line or last
+        self.problems.append((found.at.file, line, what, one_line(found.observed)))
 
-    def _observer(self, track: Track) -> Callable[[Step, Track], None]:
-        before = track.state
-
-        def took(step: Step, track: Track) -> None:
-            nonlocal before
-            was, before = before, track.state
-            self.steps += 1
-            self.rules[step.rule] += 1
-            self.phases[was.phase] += 1
-            self.inputs[kind(step.input)] += 1
-            if step.changes:
-                self.ways[f"{was.phase} -> {before.phase}"] += 1
-            self._count(track, was, step.input)
-
-        return took
-
-    def _count(self, track: Track, st: State, i: Input | None) -> None:
+    def count(self, track: Track, st: State, i: Input | None) -> None:
+        """Count a question to the specification."""
         self._asked[track.me, (track.max_rounds, *track.limits), st, i] += 1
         if len(self._asked) >= REMEMBERED:
             self._ask()
@@ -190,6 +155,42 @@ class Coverage:
             "conditions": self.conditions.as_list(),
             **self.tables(),
         }
+
+
+class _Counter(Watcher):
+    """Counts what one log exercises."""
+
+    def __init__(self, coverage: Coverage) -> None:
+        self._c = coverage
+        self._before = INITIAL
+        self._events = 0
+
+    def event(self, line: int, event: Event, engine: Follower) -> None:
+        self._message(event)
+        if isinstance(event, Send) and event.message["type"] == "CAM":
+            self._c.count(engine.track, engine.track.state, None)
+
+    def ended(self, ending: Ending) -> None:
+        self._c.events += ending.events
+        if ending.events > self._events:  # the one that was not allowed
+            self._message(ending.recent[-1][1])
+
+    def _message(self, event: Event) -> None:
+        self._events += 1
+        if isinstance(event, Send):
+            self._c.sent[str(event.message["type"])] += 1
+        elif isinstance(event, Receive) and event.message is not None:
+            self._c.received[str(event.message["type"])] += 1
+
+    def step(self, step: Step, track: Track) -> None:
+        was, self._before = self._before, track.state
+        self._c.steps += 1
+        self._c.rules[step.rule] += 1
+        self._c.phases[was.phase] += 1
+        self._c.inputs[kind(step.input)] += 1
+        if step.changes:
+            self._c.ways[f"{was.phase} -> {track.state.phase}"] += 1
+        self._c.count(track, was, step.input)
 
 
 def measure(paths: Iterable[Path], late_ms: int | None = None) -> Coverage:

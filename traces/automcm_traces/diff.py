@@ -14,8 +14,9 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.bad_input import BadInput
 from automcm_traces.canonical import Canonical, Deed, DeedStep
-from automcm_traces.reader import Log, LogError, read
+from automcm_traces.reader import Log, read
 from automcm_traces.same import same
 from automcm_traces.show import Logs
 from automcm_traces.words import fitted, safe, said
@@ -119,7 +120,7 @@ def diff(a: Sequence[Path], b: Sequence[Path], stations: Mapping[int, int] | Non
     """Compare logs with those of the same stations.
 
     ``stations`` says for a station of A which of B it is, where that has another id; a single log
-    on each side is compared whatever the ids.  Raises LogError, for two logs of one station too.
+    on each side is compared whatever the ids.  Raises BadInput, for two logs of one station too.
     """
     found = diff_logs([read(path) for path in a], [read(path) for path in b], stations)
     found.first = _first(a, found.stations)
@@ -152,7 +153,7 @@ def _by_station(given: Sequence[Log]) -> dict[int, Log]:
         station = log.header.station
         if station in logs:
             other = logs[station].file
-            raise LogError(log.file, 1, "station", f"{station} is the station of {other} too")
+            raise BadInput(log.file, 1, "station", f"{station} is the station of {other} too")
         logs[station] = log
     return dict(sorted(logs.items()))
 

@@ -7,15 +7,16 @@ The compiled specification is asked what would have to be otherwise in it for wh
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from automcm_spec.conditions import Taken, in_the_way, record
 from automcm_spec.rules import handler
 from automcm_spec.station import Entry, Expire, Input, Outcome, Station, Timer
 from automcm_traces.alphabet import SOMEBODY, alphabet
+from automcm_traces.finding import Why
 from automcm_traces.inputs import timer_of
-from automcm_traces.step import Diverges, Why
+from automcm_traces.step import Diverges
 from automcm_traces.timers import short
 from automcm_traces.track import NOTHING_TOLD, NUMBERED, PHASES, ROLES, Track
 
@@ -31,25 +32,26 @@ KINDS = ("expire", "command", "receive", "cam", "restart")
 
 def why(d: Diverges, track: Track) -> Why:
     """What is known of a divergence of a station that was in the state of ``track``."""
-    told, wanted = _state(track), _wanted(d)
+    told, wanted = Why(d.finding.why.guard, state=_state(track)), _wanted(d)
     if not wanted or wanted == ("send", "CAM"):
-        return Why(state=told)
+        return told
     question = Question(track, d.step.given if d.step is not None else None)
     about = d.seen[1] if d.seen and isinstance(d.seen[1], Mapping) else {}
     if wanted[0] == "expire":
         timer = _timer(track, about)
         if timer is None or not (nearest := question.unarmed(timer)):
-            return Why(state=told)
+            return told
         phases = question.arms(timer) if len(timer) == 1 else []
-        return Why(nearest, (f"a step into {', '.join(phases)}",) if phases else (), told)
+        into = (f"a step into {', '.join(phases)}",) if phases else ()
+        return replace(told, nearest=nearest, causes=into)
     if d.step is not None and (nearest := question.nearest(d.step.input, wanted)):
-        return Why(nearest, (), told)
+        return replace(told, nearest=nearest)
     if wanted[0] == "without" or wanted[1] in (track.phase, track.role):
-        return Why(state=told)
+        return told
     near = sorted(alphabet(track, about), key=_order)
     causes = question.causes(near, wanted, about.get("dst", 0))
     nearest = "" if causes else Question(track).elsewhere(near, wanted)
-    return Why(nearest, causes, told, of_last_input=False)
+    return replace(told, nearest=nearest, causes=causes, of_last_input=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,11 +17,11 @@ from automcm_traces.reader import Log
 from automcm_traces.timeline import Moment, Session, Spell, Timeline
 from automcm_traces.world import World
 
-Finding = tuple[bool | None, str]
+Checked = tuple[bool | None, str]
 """Whether it holds (None: cannot tell), and where or why not."""
 
 
-def durations(world: World) -> Iterator[Finding]:
+def durations(world: World) -> Iterator[Checked]:
     """T-1: each session that begins in a log lasts at most its bound."""
     for station, line in world.timelines.items():
         p = {"max_rounds": DEFAULTS["max_rounds"]} | world.log(station).header.known
@@ -47,7 +47,7 @@ def durations(world: World) -> Iterator[Finding]:
             yield lasted <= bound + late, text + (f", and timers {late} ms late" if late else "")
 
 
-def sendings(log: Log) -> Iterator[Finding]:
+def sendings(log: Log) -> Iterator[Checked]:
     """T-3: a reliable message is sent at most N times by its timer."""
     giveup, resend = map(log.header.known.get, ("t_giveup", "t_resend"))
     if giveup is None or not resend:
@@ -75,7 +75,7 @@ def _timed(event: object, timed: bool) -> bool:
     return timed if isinstance(event, TimerArm | TimerEnd) else False
 
 
-def leases(world: World) -> Iterator[Finding]:
+def leases(world: World) -> Iterator[Checked]:
     """T-4: the lease of a prescriber that acts does not outlive that of its target."""
     for line in world.timelines.values():
         for acts in line.spells("ACTUATING", "prescriber"):
@@ -87,7 +87,7 @@ def leases(world: World) -> Iterator[Finding]:
                 yield _lease(world, acts, held)
 
 
-def _lease(world: World, acts: Spell, held: Spell) -> Finding:
+def _lease(world: World, acts: Spell, held: Spell) -> Checked:
     own, other = (_armed(world.log(s.station), s.start.at) for s in (acts, held))
     where = world.timelines[acts.station].where(acts.start)
     if own is None or other is None:
@@ -121,7 +121,7 @@ def _follows(event: Event) -> bool:
     return isinstance(event, Send | TimerArm | TimerEnd) and not expired
 
 
-def orders(world: World) -> Iterator[Finding]:
+def orders(world: World) -> Iterator[Checked]:
     """T-5: when a session is forgotten, or a quarantine ends, nobody advertises a session that the
     station has been in, and nothing to its prescriber is left to be sent.
 
@@ -142,7 +142,7 @@ def orders(world: World) -> Iterator[Finding]:
             yield _forgets(world, line, m, known)
 
 
-def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Finding:
+def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Checked:
     where = line.where(m)
     for p in sorted({p for p, _ in known}):
         if p == line.station:

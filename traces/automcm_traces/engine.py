@@ -26,7 +26,6 @@ from automcm_traces.log import (
     TimerEnd,
     malformed,
 )
-from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges, Late, Step, Supposition
 from automcm_traces.timers import (
     match,
@@ -96,8 +95,7 @@ class Engine:
     section 3 allows a copy to be under way.
     """
 
-    def __init__(self, log: Log | Header, late_ms: int | None = None) -> None:
-        header = log.header if isinstance(log, Log) else log
+    def __init__(self, header: Header, late_ms: int | None = None) -> None:
         p = header.known
         self._durations = durations(p)
         self._clock_drift = p.get("clock_drift", 0)
@@ -183,7 +181,7 @@ class Engine:
     # -- events
 
     def feed(self, at: int, event: Event) -> None:
-        """The next event.  Raises Diverges, CannotTell, or KeyError for a malformed message."""
+        """The next event.  Raises Diverges, CannotTell."""
         match event:
             case Send(message=message) if message["type"] == "CAM":
                 self.finish()
@@ -453,7 +451,8 @@ class Engine:
         """Note a deadline; CAMs that were not observed may put off theirs without end (ACT-5)."""
         if timer["name"] == "cam" and not {"receive", "timer"} & self.promised:
             last = None
-        self.timers[timer_key(timer)] = Deadline(first, last)
+        rule = TIMERS[timer["name"]].rule if timer["name"] in TIMERS else ""
+        self.timers[timer_key(timer)] = Deadline(first, last, rule)
 
     def _timers_as_told(self, step: Step) -> None:
         """What the step stops and arms, where the log does not promise to say it."""
@@ -480,14 +479,13 @@ class Engine:
     def _missed(self, at: int, t_ms: int) -> None:
         """A timer that should have fired long before: the first of them."""
         late = [
-            (d.last, name)
+            (d.last, name, d.rule)
             for name, d in self.timers.items()
             if d.last is not None and t_ms > d.last + self._late_ms
         ]
         if late:
-            due_ms, name = min(late)
+            due_ms, name, rule = min(late)
             wanted = [f"expire {name} at {due_ms} ms"]
-            rule = TIMERS[name.split("(")[0]].rule
             raise Late(at, f"{name} was due at {due_ms} ms", rule, wanted, _by(rule))
 
 

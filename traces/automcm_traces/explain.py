@@ -3,44 +3,42 @@
 from __future__ import annotations
 
 import json
-from collections import Counter, deque
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+from automcm_spec.bad_input import BadInput, name_of
 from automcm_traces.delivery import forged_receptions
 from automcm_traces.divergence import why
-from automcm_traces.engine import Engine
+from automcm_traces.finding import NOTHING_WRONG, At, Finding, Kind, cannot_tell, unreadable
+from automcm_traces.follow import Watcher, follow
 from automcm_traces.log import Event, Header
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, name_of, one_line, read
+from automcm_traces.reader import Log, LogStream
 from automcm_traces.same import same
 from automcm_traces.sessions import Session, Sessions
-from automcm_traces.step import Diverges, Supposition, Why
-from automcm_traces.track import CannotTell
-
-if TYPE_CHECKING:
-    from automcm_traces.possible import Possible
+from automcm_traces.step import Supposition
+from automcm_traces.timeline import Recorder, Timeline
 
 Json = Any
-NEEDED = ("command", "receive", "restart", "send", "timer")
-"""Kinds of event with all of which a log says what the one state of its station is."""
-RECENT = 8
-"""Events before a divergence that are shown."""
+Answer = Literal["allowed", "diverges", "cannot_tell", "unreadable"]
+ANSWERS: dict[Kind, Answer] = {
+    "nothing": "allowed",
+    "cannot_tell": "cannot_tell",
+    "unreadable": "unreadable",
+}
+"""By what was found; anything else is a divergence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """The answer to one question: was it allowed?"""
 
-    verdict: Literal["allowed", "diverges", "cannot_tell", "unreadable"]
     file: str
-    line: int = 0
-    event: str = ""
-    rule: str = ""
-    expected: tuple[str, ...] = ()
-    guard: str = ""
+    finding: Finding = NOTHING_WRONG
+    """What is wrong, or why that is not known."""
     possible_states: int = 1
     """States of the specification that were possible before the event, or at the end."""
     events: int = 0
@@ -56,23 +54,28 @@ class Verdict:
     """The last events up to the divergence, with their lines."""
     seen: int = 0
     """The last line that was read: that of the divergence, or of the event that showed it."""
-    why: Why = field(default_factory=Why)
     only_if: tuple[Supposition, ...] = ()
     """What must have happened unseen for the log to be allowed."""
 
+    @property
+    def verdict(self) -> Answer:
+        """In a word."""
+        return ANSWERS.get(self.finding.kind, "diverges")
+
     def as_dict(self) -> dict[str, Json]:
         """As in ``--json``."""
+        found = self.finding
         return {
             "verdict": self.verdict,
             "file": self.file,
-            "line": self.line,
-            "event": self.event,
-            "rule": self.rule,
-            "expected": list(self.expected),
-            "guard": self.guard,
-            "nearest": self.why.nearest,
-            "allowed_after": list(self.why.causes),
-            "state": self.why.state,
+            "line": found.at.line,
+            "event": found.observed,
+            "rule": found.rule,
+            "expected": list(found.expected),
+            "guard": found.why.guard,
+            "nearest": found.why.nearest,
+            "allowed_after": list(found.why.causes),
+            "state": found.why.state,
             "possible_states": self.possible_states,
             "only_if": [supposition.as_dict() for supposition in self.only_if],
             "events": self.events,
@@ -82,119 +85,50 @@ class Verdict:
         }
 
 
-def explain(log: Log | LogStream, late_ms: int | None = None) -> Verdict:
-    """The verdict on one log; ``late_ms`` is as for ``Engine``.  Of a LogStream no more than the
-    last events is kept in memory.
-    """
-    verdict = _judged(log, late_ms)
-    if isinstance(log, LogStream):
-        _read_to_the_end(log)
-    lost = log.end.lost_records if log.end is not None else 0
-    if lost and verdict.verdict in ("allowed", "diverges"):
-        but = f"; but for that: {verdict.event}" if verdict.verdict == "diverges" else ""
-        text = f"the log lost {lost} records{but}"
-        verdict = replace(verdict, verdict="cannot_tell", event=text)
-    return replace(verdict, warnings=tuple(log.warnings), header=log.header)
-
-
-def _judged(log: Log | LogStream, late_ms: int | None) -> Verdict:
-    missing, sessions = tuple(log.header.unobserved), Sessions()
-    about: dict[str, Any] = {"unobserved": missing}
-    recent: deque[tuple[int, Event]] = deque(maxlen=RECENT)
-    at = events = states = 0
-    try:
-        follow = _follower(log.header, late_ms, sessions)
-    except CannotTell as error:
-        return Verdict("cannot_tell", log.file, 1, str(error), **about)
-    try:
-        for at, event in _events(log):
-            events += 1
-            recent.append((at, event))
-            states = follow.states
-            follow.feed(at, event)
-        if isinstance(log, LogStream) and log.gap is not None:
-            at, missing_records = log.gap
-            raise CannotTell(f"records are missing before this line: {missing_records}")
-        if not at:
-            raise CannotTell("the log holds no event")
-        if log.ended:
-            follow.finish()
-        states = follow.states
-    except Diverges as d:
-        wanted = tuple(d.wanted)
-        return Verdict(
-            "diverges",
-            log.file,
-            d.at,
-            d.event + _late(at, recent[-1][1].late_ms),
-            d.rule,
-            wanted,
-            d.guard,
-            states,
-            events,
-            sessions=tuple(sessions.kept),
-            number_of_sessions=sessions.number,
-            recent=tuple(recent),
-            seen=at,
-            why=why(d, follow.track),
-            **about,
-        )
-    except CannotTell as error:
-        return Verdict("cannot_tell", log.file, at, str(error), events=events, **about)
-    except LogError as error:
-        return Verdict("unreadable", log.file, error.line, error.what, events=events, **about)
-    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
-        text = one_line(f"a message lacks or misuses a field: {error}")
-        return Verdict("unreadable", log.file, at, text, events=events, **about)
-    return Verdict(
-        "allowed",
+def explain(
+    log: Log | LogStream,
+    late_ms: int | None = None,
+    watchers: Sequence[Watcher] = (),
+    events: Iterable[tuple[int, Event]] | None = None,
+) -> Verdict:
+    """The verdict on one log; the arguments are those of ``follow``."""
+    sessions = Sessions()
+    ending = follow(log, late_ms, [sessions, *watchers], events=events)
+    found, engine, diverges = ending.finding, ending.engine, ending.diverges
+    if not ending.events and found.kind == "nothing":
+        found = cannot_tell(log.file, 0, "the log holds no event")
+    if diverges is not None and engine is not None:
+        found = replace(found, why=why(diverges, engine.track))
+    verdict = Verdict(
         log.file,
-        possible_states=states,
-        only_if=follow.only_if,
-        events=events,
+        found,
+        events=ending.events,
+        warnings=tuple(log.warnings),
+        unobserved=tuple(log.header.unobserved),
+        header=log.header,
+    )
+    if engine is None or not ending.followed:
+        return verdict
+    return replace(
+        verdict,
+        possible_states=engine.states,
         sessions=tuple(sessions.kept),
         number_of_sessions=sessions.number,
-        **about,
+        recent=tuple(ending.recent) if diverges else (),
+        seen=ending.line if diverges else 0,
+        only_if=() if diverges else engine.only_if,
     )
 
 
-def _late(line: int, ms: int | None) -> str:
-    return f"; the station says that it was {ms} ms late (late_ms, line {line})" if ms else ""
-
-
-def _follower(header: Header, late_ms: int | None, sessions: Sessions) -> Engine | Possible:
-    if set(NEEDED) <= set(header.complete):
-        engine = Engine(header, late_ms)
-        engine.observer = sessions
-        return engine
-    from automcm_traces.possible import Possible
-
-    return Possible(header, late_ms)
-
-
-def _events(log: Log | LogStream) -> Iterator[tuple[int, Event]]:
-    return iter(log) if isinstance(log, LogStream) else iter(log.events)
-
-
-def _read_to_the_end(log: LogStream) -> None:
-    """What the log says of itself at its end counts for the whole of it."""
-    try:
-        for _ in log:
-            pass
-    except LogError:
-        pass  # it has been told, or comes after the divergence
-
-
-def forged(logs: Sequence[Log]) -> dict[str, Verdict]:
+def forged(logs: Sequence[Log]) -> dict[str, Finding]:
     """By file: the first message received that is not the one its sender logged under that id."""
     return {
-        file: Verdict(
-            "diverges",
-            file,
-            at,
-            f"receive {e.message and e.message['type']} {e.tx}: not what its sender sent",
+        file: Finding(
             "forged",
-            tuple(_as_sent(original, e.message or {})) if original else (),
+            "forged",
+            at=At(file, at),
+            expected=tuple(_as_sent(original, e.message or {})) if original else (),
+            observed=f"receive {e.message and e.message['type']} {e.tx}: not what its sender sent",
         )
         for file, (at, e, original) in forged_receptions(logs).items()
     }
@@ -212,46 +146,80 @@ def _json(value: Json) -> str:
     return "nothing" if value is None else json.dumps(value)
 
 
-def explain_file(path: str | Path, late_ms: int | None = None) -> Verdict:
-    """The verdict on the log in a file, however long."""
+@dataclass(slots=True)
+class Explained:
+    """A file, read and followed once."""
+
+    path: Path
+    verdict: Verdict
+    log: Log | None = None
+    """Up to where it can be read; None if it has no header, or is not kept."""
+    whole: bool = False
+    """All of it can be read."""
+    timeline: Timeline | None = None
+    refused: BadInput | None = None
+    """Why it is no log at all."""
+
+
+def explained(
+    path: Path, late_ms: int | None = None, keep: bool = True, watchers: Sequence[Watcher] = ()
+) -> Explained:
+    """Read a file and follow it; ``keep`` its events and its timeline."""
     try:
-        log = LogStream(path)
-    except LogError as error:
-        return Verdict("unreadable", name_of(path), error.line, error.what)
-    return explain(log, late_ms)
+        stream = LogStream(path)
+    except BadInput as error:
+        return Explained(path, Verdict(name_of(path), unreadable(error)), refused=error)
+    if not keep:
+        return Explained(path, explain(stream, late_ms, watchers))
+    recorder, events = Recorder(stream), list[tuple[int, Event]]()
+    verdict = explain(stream, late_ms, [recorder, *watchers], _kept(stream, events))
+    return Explained(path, verdict, stream.log(events), stream.whole, recorder.made)
+
+
+def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
+    for event in stream:
+        events.append(event)
+        yield event
+
+
+def explain_file(path: Path, late_ms: int | None = None) -> Verdict:
+    """The verdict on the log in a file, however long."""
+    return explained(path, late_ms, keep=False).verdict
 
 
 def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """A verdict for each file; with several, messages are compared with what was sent."""
-    verdicts = [explain_file(path, late_ms) for path in paths]
-    if len(paths) == 1:
-        return verdicts
-    logs: list[Log] = []
-    for path in paths:
-        try:
-            logs.append(read(path))
-        except LogError:
-            continue  # its verdict says so
+    return verdicts([explained(path, late_ms, keep=len(paths) > 1) for path in paths])
+
+
+def verdicts(found: Sequence[Explained]) -> list[Verdict]:
+    """With several logs, those in which a message is forged before anything else is wrong too."""
+    return with_forged([one.verdict for one in found], _whole(found))
+
+
+def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdict]:
+    """The verdicts on logs by themselves, and on what they received of one another."""
     foreign = forged(logs)
-    for n, verdict in enumerate(verdicts):
-        other = foreign.get(verdict.file)
-        if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
-            verdicts[n] = replace(other, warnings=verdict.warnings, header=verdict.header)
-    return verdicts
+    return [
+        Verdict(v.file, other, warnings=v.warnings, header=v.header)
+        if (other := foreign.get(v.file)) is not None
+        and (v.verdict == "allowed" or other.at.line <= v.finding.at.line)
+        else v
+        for v in verdicts
+    ]
 
 
-def together(paths: Sequence[Path]) -> SystemReport:
+def together(found: Sequence[Explained]) -> SystemReport:
     """What the logs of one run say together; one that cannot be read is left out."""
-    logs = []
-    for path in paths:
-        try:
-            logs.append(read(path))
-        except LogError:
-            continue  # its own verdict says so
-    return judge(logs)
+    timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
+    return judge(_whole(found), timelines)
 
 
-EXIT = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
+def _whole(found: Sequence[Explained]) -> list[Log]:
+    return [one.log for one in found if one.log is not None and one.whole]
+
+
+EXIT: dict[Answer, int] = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
 
 
 def exit_code(verdicts: Sequence[Verdict]) -> int:

@@ -36,7 +36,7 @@ def marked_and_newer(t: Track, m: dict[str, Json]) -> tuple[bool, bool]:
 
 
 def asked(t: Track, event: Event) -> Asked:
-    """What a logged input asks.  Raises KeyError for a field that a message lacks."""
+    """What a logged input asks; a message in it is well-formed."""
     match event:
         case Receive(message=dict(m)):
             return received(t, event, m)

@@ -17,13 +17,13 @@ from automcm_spec.parameters import derived
 from automcm_spec.paths import MODELS
 from automcm_spec.rules import handler, line
 from automcm_spec.station import Message, State, Timer
-from automcm_traces import itf, story
-from automcm_traces.engine import Engine
+from automcm_traces import itf, itf_form, story
+from automcm_traces.follow import Watcher, follow
 from automcm_traces.reader import Log
-from automcm_traces.step import Diverges, Step
+from automcm_traces.step import Step
 from automcm_traces.story_effects import ask, cfg_of
 from automcm_traces.story_steps import Move, happenings
-from automcm_traces.track import Track
+from automcm_traces.track import CannotTell, Track
 
 Json = Any
 TICK_MS = 100
@@ -111,13 +111,11 @@ def _behaviour(value: Json, models_dir: Path) -> Behaviour:
         raise itf.ItfError(
             f"{model.cfg} has no logs: in {model.module} a station receives what nobody has sent"
         )
+    itf_form.check(states)
     moves, ticks = [], 0
-    for index, (one, two) in enumerate(pairwise(states), 1):
-        try:
-            ticks += two.meta["input"] in TICKS
-            moves.append(_move(one, two, ticks))
-        except (KeyError, TypeError, IndexError, ValueError) as error:
-            raise itf.ItfError(f"state {index}: not a step of a station: {error!r}") from None
+    for one, two in pairwise(states):
+        ticks += two.meta["input"] in TICKS
+        moves.append(_move(one, two, ticks))
     return Behaviour(model.cfg, model.module, cfg_of(model.cfg, models_dir), moves)
 
 
@@ -188,37 +186,39 @@ def from_log(log: Log) -> str:
     Station.tla.  A log that diverges ends with the last step that is allowed, and the
     description says so.  Raises automcm_traces.track.CannotTell.
     """
-    events = {at: event.model_dump(exclude_none=True) for at, event in log.events}
-    engine = Engine(log)
-    states = [itf.ItfState(_values(engine.track))]
-
-    def step(done: Step, track: Track) -> None:
-        event = events[done.at]
-        shown = ("message", "planned", "command", "timer", "raw")
-        meta: dict[str, Json] = {
-            "action": handler(done.input),
-            "args": {name: _frozen(event[name]) for name in shown if name in event},
-            "rule": done.rule,
-            "t_ms": done.t_ms,
-            "line": done.at,
-            "location": {"module": "Station", "line": line(done.rule, done.input)},
-        }
-        states.append(itf.ItfState(_values(track), meta))
-
-    engine.observer = step
+    watcher = _Steps(log)
+    followed = follow(log, watchers=[watcher], one=True)
+    if not followed.followed:
+        raise CannotTell(followed.finding.observed)
     ending = ""
-    try:
-        for at, event in log.events:
-            engine.feed(at, event)
-        if log.ended:
-            engine.finish()
-    except Diverges as d:
-        ending = f" It diverges at line {d.at}: {d.event}."
+    if followed.diverges is not None:
+        found = followed.diverges.finding
+        ending = f" It diverges at line {found.at.line}: {found.observed}."
     about = {
         "description": f"Station {log.header.station} of run {log.header.run}.{ending}",
         "source": Path(log.file).name,
     }
-    return itf.dumps(itf.to_itf(states, about))
+    return itf.dumps(itf.to_itf(watcher.states, about))
+
+
+class _Steps(Watcher):
+    """Keeps the state after each step."""
+
+    def __init__(self, log: Log) -> None:
+        self.states = [itf.ItfState(_values(Track(log.header.station)))]
+
+    def step(self, step: Step, track: Track) -> None:
+        event = {} if step.event is None else step.event.model_dump(exclude_none=True)
+        shown = ("message", "planned", "command", "timer", "raw")
+        meta: dict[str, Json] = {
+            "action": handler(step.input),
+            "args": {name: _frozen(event[name]) for name in shown if name in event},
+            "rule": step.rule,
+            "t_ms": step.t_ms,
+            "line": step.at,
+            "location": {"module": "Station", "line": line(step.rule, step.input)},
+        }
+        self.states.append(itf.ItfState(_values(track), meta))
 
 
 def _values(t: Track) -> dict[str, Json]:

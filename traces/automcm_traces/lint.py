@@ -16,8 +16,10 @@ from typing import Any, BinaryIO, Final, Literal
 from pydantic import ValidationError
 from pydantic_core import from_json
 
+from automcm_spec.bad_input import BadInput, at_line, name_of, one_line
 from automcm_spec.messages import RELIABLE
 from automcm_spec.rules import RULES
+from automcm_traces.finding import At, Finding
 from automcm_traces.log import (
     End,
     Event,
@@ -32,16 +34,7 @@ from automcm_traces.log import (
     problems_of,
 )
 from automcm_traces.numbers import Numbers
-from automcm_traces.reader import (
-    LONGEST_LINE,
-    LogError,
-    NotJsonError,
-    at_line,
-    cut,
-    name_of,
-    one_line,
-    parse,
-)
+from automcm_traces.reader import LONGEST_LINE, NotJsonError, cut, parse
 from automcm_traces.track import PHASES, ROLES
 
 Json = Any
@@ -66,54 +59,46 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
 """By name: what breaks the format and what is merely odd, and what each check wants."""
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing wrong; ``line`` is 0 and ``field`` empty where the whole file or line is meant."""
+def level(found: Finding) -> Level:
+    """An error breaks the format; a warning does not."""
+    return CHECKS[found.rule][0]
 
-    file: str
-    line: int
-    field: str
-    check: str
-    problem: str
 
-    @property
-    def level(self) -> Level:
-        """An error breaks the format; a warning does not."""
-        return CHECKS[self.check][0]
+def as_dict(found: Finding) -> dict[str, Json]:
+    """As in ``--json``."""
+    return {
+        "file": found.at.file,
+        "line": found.at.line,
+        "field": found.at.field,
+        "check": found.rule,
+        "level": level(found),
+        "problem": found.observed,
+    }
 
-    def as_dict(self) -> dict[str, Json]:
-        """As in ``--json``."""
-        return {
-            "file": self.file,
-            "line": self.line,
-            "field": self.field,
-            "check": self.check,
-            "level": self.level,
-            "problem": self.problem,
-        }
 
-    def __str__(self) -> str:
-        place = at_line(self.file, self.line)
-        warning = "warning: " if self.level == "warning" else ""
-        field = f"{self.field}: " if self.field else ""
-        return one_line(f"{place}: {warning}{field}{self.problem} [{self.check}]")
+def said(found: Finding) -> str:
+    """A line for a person."""
+    warning = "warning: " if level(found) == "warning" else ""
+    field = f"{found.at.field}: " if found.at.field else ""
+    place = at_line(found.at.file, found.at.line)
+    return one_line(f"{place}: {warning}{field}{found.observed} [{found.rule}]")
 
 
 def lint(path: str | Path) -> Iterator[Finding]:
     """Everything wrong with the log at ``path``, in the order of its lines.
 
-    Raises LogError if it is no log at all: it cannot be opened, is empty, or its first line is
+    Raises BadInput if it is no log at all: it cannot be opened, is empty, or its first line is
     no JSON object.
     """
     try:
         with open(path, "rb") as stream:
             yield from _Lint(name_of(path)).findings(stream)
     except FileNotFoundError:
-        raise LogError(path, 0, "", "no such file") from None
+        raise BadInput(path, 0, "", "no such file") from None
     except IsADirectoryError:
-        raise LogError(path, 0, "", "is a directory, not a log") from None
+        raise BadInput(path, 0, "", "is a directory, not a log") from None
     except OSError as error:
-        raise LogError(path, 0, "", f"cannot be read: {error.strerror}") from None
+        raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +109,7 @@ class Report:
     findings: list[Finding]
     errors: int
     warnings: int
-    unreadable: LogError | None = None
+    unreadable: BadInput | None = None
     """Why it is no log at all."""
 
     @property
@@ -142,7 +127,7 @@ class Report:
             "errors": self.errors,
             "warnings": self.warnings,
             "unreadable": str(self.unreadable or ""),
-            "findings": [finding.as_dict() for finding in self.findings],
+            "findings": [as_dict(finding) for finding in self.findings],
         }
 
 
@@ -152,10 +137,10 @@ def report(path: str | Path, most: int = 0) -> Report:
     levels: Counter[str] = Counter()
     try:
         for finding in lint(path):
-            levels[finding.level] += 1
+            levels[level(finding)] += 1
             if not most or len(kept) < most:
                 kept.append(finding)
-    except LogError as error:
+    except BadInput as error:
         return Report(name_of(path), kept, levels["error"], levels["warning"], error)
     return Report(name_of(path), kept, levels["error"], levels["warning"])
 
@@ -171,7 +156,7 @@ def exit_code(reports: Sequence[Report]) -> int:
 
 def text(report: Report) -> str:
     """A report for a person: a line for each finding, and one for the file."""
-    lines = [str(finding) for finding in report.findings]
+    lines = [said(finding) for finding in report.findings]
     left = report.errors + report.warnings - len(report.findings)
     file = one_line(report.file)
     if left:
@@ -211,14 +196,14 @@ class _Lint:
             self._line += 1
             if len(line) > LONGEST_LINE:
                 if self._line == 1:
-                    raise LogError(self._file, 1, "", f"longer than {LONGEST_LINE} bytes")
+                    raise BadInput(self._file, 1, "", f"longer than {LONGEST_LINE} bytes", "text")
                 yield self._found("text", "", f"longer than {LONGEST_LINE} bytes")
                 while line and not line.endswith(b"\n"):
                     line = stream.readline(LONGEST_LINE)
                 continue
             yield from self._one(line)
         if self._line == 0:
-            raise LogError(self._file, 0, "", "empty file")
+            raise BadInput(self._file, 0, "", "empty file", "order")
         yield from self._whole()
 
     def _one(self, line: bytes) -> Iterator[Finding]:
@@ -226,12 +211,11 @@ class _Lint:
             record = parse(line, first=self._line == 1)
         except NotJsonError as error:
             if self._line == 1:
-                raise LogError(self._file, 1, "", error.problem) from None
+                raise BadInput(self._file, 1, "", error.problem, error.rule) from None
             if cut(line) and not self._ended:
                 yield self._found("cut", "", "the last line is cut")
             else:
-                text = error.problem.startswith(("not UTF-8", "empty"))
-                yield self._found("text" if text else "json", "", error.problem)
+                yield self._found(error.rule, "", error.problem)
             return
         except ValidationError as error:
             yield from self._refused(line, error)
@@ -247,7 +231,7 @@ class _Lint:
         """Not a record; seq and t_ms are followed all the same, or each line after it is wrong."""
         value = from_json(line)
         if self._line == 1 and not isinstance(value, dict):
-            raise LogError(self._file, 1, "", "not a JSON object")
+            raise BadInput(self._file, 1, "", "not a JSON object", "json")
         for field, problem in problems_of(error):
             yield self._found("schema" if isinstance(value, dict) else "json", field, problem)
         if not isinstance(value, dict):
@@ -371,7 +355,7 @@ class _Lint:
             yield self._promise(problem)
 
     def _promise(self, problem: str) -> Finding:
-        return Finding(self._file, 1, "complete", "complete", problem)
+        return Finding("format", "complete", at=At(self._file, 1, "complete"), observed=problem)
 
     def _found(self, check: str, field: str, problem: str) -> Finding:
-        return Finding(self._file, self._line, field, check, problem)
+        return Finding("format", check, at=At(self._file, self._line, field), observed=problem)

@@ -97,8 +97,9 @@ def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
     return kinds
 
 
-Natural = Annotated[int, Field(ge=0)]
-Positive = Annotated[int, Field(ge=1)]
+Natural = Annotated[int, Field(ge=0, le=2**53 - 1)]
+"""No more than a float holds exactly, as in a message (docs/messages.md)."""
+Positive = Annotated[int, Field(ge=1, le=2**53 - 1)]
 Percent = Annotated[int, Field(ge=0, le=99)]
 Name = Annotated[str, Field(min_length=1)]
 Transmission = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,9}:[0-9]{1,19}$")]
@@ -273,7 +274,7 @@ class EventBase(Part):
     """What every event has."""
 
     rec: Literal["event"]
-    seq: Annotated[int, Field(ge=1)]
+    seq: Positive
     """1 for the first event, then one more each: the only order within a station."""
     t_ms: Natural
     """The station's monotonic clock in milliseconds; never decreases."""

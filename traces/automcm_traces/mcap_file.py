@@ -13,8 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.bad_input import name_of, one_line
 from automcm_traces.log import SCHEMA, End, Header
-from automcm_traces.reader import Notice, name_of, one_line, records
+from automcm_traces.reader import Notice, records
 
 Json = Any
 TOPIC = "/automcm/"
@@ -51,7 +52,7 @@ def _module(name: str) -> Any:
 def written(paths: Sequence[Path]) -> bytes:
     """These logs in one MCAP, the same bytes for the same logs.
 
-    Raises McapError, LogError for a log that cannot be read to its end, OSError.
+    Raises McapError, BadInput for a log that cannot be read to its end, OSError.
     """
     library = _module("writer")
     stream = io.BytesIO()
@@ -99,15 +100,14 @@ def logs(path: Path) -> dict[str, bytes]:
     names: dict[int, str] = {}
     with open(path, "rb") as stream:
         try:
-            messages = reader.make_reader(stream).iter_messages(log_time_order=False)
-            for _, channel, message in messages:
-                if channel.topic.startswith(TOPIC) and channel.message_encoding == "json":
-                    names[channel.id] = _name(channel.topic, channel.metadata.get("file", ""))
-                    line = message.sequence, bytes(message.data)
-                    found.setdefault(channel.id, []).append(line)
+            messages = list(reader.make_reader(stream).iter_messages(log_time_order=False))
         except Exception as error:  # the library lets pass whatever a broken file causes
             text = f"{type(error).__name__}: {error}"
             raise McapError(one_line(f"{path}: is no MCAP that can be read: {text}")) from None
+    for _, channel, message in messages:
+        if channel.topic.startswith(TOPIC) and channel.message_encoding == "json":
+            names[channel.id] = _name(channel.topic, channel.metadata.get("file", ""))
+            found.setdefault(channel.id, []).append((message.sequence, bytes(message.data)))
     if not found:
         raise McapError(f"{path}: has no channel {TOPIC}STATION with JSON")
     texts: dict[str, bytes] = {}

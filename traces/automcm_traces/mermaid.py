@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
+from automcm_spec.bad_input import printable
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -12,7 +13,6 @@ from automcm_traces.log import (
     Restart,
     Send,
 )
-from automcm_traces.reader import printable
 from automcm_traces.show import Row
 from automcm_traces.words import said
 

@@ -199,7 +199,7 @@ def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:
     verdict = next(v for v in run.verdicts if v.file == log.file)
     if verdict.verdict != "diverges":
         return -1
-    at = next((k for k, (line, _) in enumerate(log.events) if line == verdict.line), -1)
+    at = next((k for k, (line, _) in enumerate(log.events) if line == verdict.finding.at.line), -1)
     return row_of.get((first + i, at), -1)
 
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 from automcm_spec.parameters import durations, lease_lasts
 from automcm_spec.rules import handler, line
-from automcm_traces.engine import Engine
-from automcm_traces.explain import NEEDED
-from automcm_traces.log import Event, Restart, TimerArm, TimerEnd
+from automcm_traces.follow import Ending, Watcher
+from automcm_traces.log import Restart, TimerArm, TimerEnd
 from automcm_traces.reader import Log
-from automcm_traces.step import Diverges, Step
+from automcm_traces.step import Step
 from automcm_traces.timers import timer_key
-from automcm_traces.track import CannotTell, Track
+from automcm_traces.track import Track
 
 Json = Any
 WHOLE = 100
@@ -62,15 +60,6 @@ class Followed:
         return found
 
 
-def follow(log: Log, whole: Iterable[tuple[int, Event]] | None = None) -> Followed:
-    """Follow a log as far as the specification allows it.  If it is a part, ``whole`` are the
-    events of the whole log: those before are followed, and not kept."""
-    found = Followed()
-    leases = _states(log, log.events if whole is None else whole, found)
-    _bars(log, found, leases)
-    return found
-
-
 def values(t: Track) -> dict[str, Json]:
     """The variables of a station, named as in Station.tla, as plain JSON."""
     return {
@@ -94,64 +83,55 @@ def values(t: Track) -> dict[str, Json]:
     }
 
 
-def _states(log: Log, events: Iterable[tuple[int, Event]], found: Followed) -> dict[int, int]:
-    """Follow; returns, by the line of an input, the lease in force after it."""
-    lacking = set(NEEDED) - set(log.header.complete)
-    leases: dict[int, int] = {}
-    if lacking:
-        kinds = ", ".join(sorted(lacking))
-        found.why_not = f"the log does not promise to hold every event of kind {kinds}"
-        return leases
-    last: dict[str, Json] = {}
-    shown = range(log.events[0][0], log.events[-1][0] + 1) if log.events else range(0)
-    latest = 0
+class States(Watcher):
+    """Keeps the states after the steps of a log; of a part of it, of those in these lines."""
 
-    def after(step: Step, track: Track) -> None:
-        nonlocal last, latest
-        latest = step.at
-        if step.at not in shown:
+    def __init__(self, shown: range) -> None:
+        self.found, self._shown = Followed(), shown
+        self._leases: dict[int, tuple[str, int]] = {}
+        """By the line of an input, role and lease after it."""
+        self._last: dict[str, Json] = {}
+
+    def step(self, step: Step, track: Track) -> None:
+        """One more state."""
+        if step.at not in self._shown:
             return
         now = values(track)
-        whole = len(found.steps) % WHOLE == 0
-        changed = {k: v for k, v in now.items() if whole or last.get(k) != v}
-        found.steps.append(step.at)
-        found.rules.append(step.rule)
-        found.places.append((handler(step.input), line(step.rule, step.input)))
-        found.states.append(changed)
-        drift = log.header.known.get("clock_drift", 0)
-        leases[step.at] = lease_lasts(drift, track.role, track.lease_ms) if track.lease_ms else 0
-        last = now
+        whole = len(self.found.steps) % WHOLE == 0
+        changed = {k: v for k, v in now.items() if whole or self._last.get(k) != v}
+        self._decided(step, changed)
+        self._leases[step.at] = track.role, track.lease_ms
+        self._last = now
 
-    try:
-        engine = Engine(log)
-        engine.observer = after
-        for at, event in events:
-            engine.feed(at, event)
-            if latest >= shown.stop:
-                break  # only the input after it says that the last step is over
-        if log.ended:
-            engine.finish()
-    except Diverges as d:
-        found.why_not = f"the log leaves the specification at line {d.at}"
-        new = d.step is not None and (not found.steps or found.steps[-1] < d.step.at)
-        if d.step is not None and new and d.step.at in shown:
-            _decided(found, d.step)
-    except CannotTell as error:
-        found.why_not = str(error)
-    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
-        found.why_not = f"a message lacks or misuses a field: {error}"
-    return leases
+    def ended(self, ending: Ending) -> None:
+        """Why there are no more states; they are known up to a divergence all the same."""
+        found, d = self.found, ending.diverges
+        if ending.lacking:
+            kinds = ", ".join(sorted(ending.lacking))
+            found.why_not = f"the log does not promise to hold every event of kind {kinds}"
+        elif d is not None:
+            found.why_not = f"the log leaves the specification at line {d.finding.at.line}"
+            new = d.step is not None and (not found.steps or found.steps[-1] < d.step.at)
+            if d.step is not None and new and d.step.at in self._shown:
+                whole = len(found.steps) % WHOLE == 0
+                self._decided(d.step, found.state(len(found.steps) - 1) if whole else {})
+        elif ending.finding.kind == "cannot_tell":
+            found.why_not = ending.finding.observed
 
+    def _decided(self, step: Step, changed: dict[str, Json]) -> None:
+        """A step; if it does not go on as it must, its state is that before."""
+        self.found.states.append(changed)
+        self.found.steps.append(step.at)
+        self.found.rules.append(step.rule)
+        self.found.places.append((handler(step.input), line(step.rule, step.input)))
 
-def _decided(found: Followed, step: Step) -> None:
-    """The step that did not go on as it must: its rule is known, its state is that before."""
-    found.states.append(found.state(len(found.steps) - 1) if len(found.steps) % WHOLE == 0 else {})
-    found.steps.append(step.at)
-    found.rules.append(step.rule)
-    found.places.append((handler(step.input), line(step.rule, step.input)))
+    def followed(self, log: Log) -> Followed:
+        """What is shown of the log, or of a part of it."""
+        _bars(log, self.found, self._leases)
+        return self.found
 
 
-def _bars(log: Log, found: Followed, leases: dict[int, int]) -> None:
+def _bars(log: Log, found: Followed, leases: dict[int, tuple[str, int]]) -> None:
     """Every timer armed, with its end: expiry, stop, armed anew, a restart, or none."""
     open_: dict[str, Bar] = {}
     done: list[Bar] = found.bars
@@ -173,7 +153,9 @@ def _bars(log: Log, found: Followed, leases: dict[int, int]) -> None:
                 close(key, n, REARMED)
                 wanted = lasts[timer.name]
                 if timer.name == "lease":
-                    wanted = leases.get(step or 0) or None
+                    role, lease_ms = leases.get(step or 0, ("", 0))
+                    drift = log.header.known.get("clock_drift", 0)
+                    wanted = lease_lasts(drift, role, lease_ms) if lease_ms else None
                 spec_ms = -1 if wanted is None else wanted
                 open_[key] = Bar(n, -1, OPEN, event.deadline - event.t_ms, spec_ms)
             case TimerEnd(timer=timer, op=op):

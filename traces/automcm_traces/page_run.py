@@ -5,20 +5,21 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
+from automcm_spec.bad_input import BadInput, name_of
 from automcm_traces.clocks import Clocks
-from automcm_traces.explain import Verdict, explain_file, explain_files, together
+from automcm_traces.explain import Verdict, explained, together, verdicts
 from automcm_traces.log import Event, Receive, Send
 from automcm_traces.merge import Merged, MergeError, merge
-from automcm_traces.page_follow import Followed, follow
+from automcm_traces.page_follow import Followed, States
 from automcm_traces.properties import SystemReport
-from automcm_traces.reader import Log, LogError, LogStream, name_of
+from automcm_traces.reader import Log, LogStream
 
 Json = Any
 MOST_LOGS = 200
@@ -122,28 +123,47 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
     Of a ``part``, only that is held in memory. Each verdict is still the one on the whole log, but
     the logs are not judged together.
 
-    Raises PageError, and LogError if no log has a header.
+    Raises PageError, and BadInput if no log has a header.
     """
     if len(paths) > MOST_LOGS:
         raise PageError(f"{len(paths)} logs; a page shows at most {MOST_LOGS}")
+    logs: list[tuple[Path, Log]] = []
+    note = ""
     if part is None:
         check_size(paths)
-        logs, note = _whole_logs(paths), ""
     else:
         logs, note = _parts(paths, part)
+    lines = {path: range(log.events[0][0], log.events[-1][0] + 1) for path, log in logs}
+    every = range(sys.maxsize) if part is None else range(0)
+    states = {path: States(lines.get(path, every)) for path in paths}
+    found = [explained(path, late_ms, part is None, [states[path]]) for path in paths]
+    if part is None:
+        logs = [(one.path, one.log) for one in found if one.log is not None]
+        refused = [one.refused for one in found if one.refused is not None]
+        if refused and not logs:
+            raise refused[0]
     try:
         merged = merge([_unpromised(log) if part else log for _, log in logs])
     except MergeError as error:
         raise PageError(str(error)) from None
-    verdicts = explain_files(paths, late_ms) if part is None else _alone(paths, late_ms)
-    system = together(paths) if len(paths) > 1 and part is None else None
+    alone = [one.verdict for one in found]
+    judged = part is None and len(paths) > 1
     named = sorted(_named(merged) - set(merged.stations))
     crowded = len(named) > GHOSTS
     of_file = {log.file: (path, log) for path, log in logs}
-    followed = [_follow(*of_file[log.file], part) for log in merged.logs]
+    followed = [states[of_file[log.file][0]].followed(of_file[log.file][1]) for log in merged.logs]
     vendor = {file: _vendor(path, log, part) for file, (path, log) in of_file.items()}
     ghosts = [] if crowded else named
-    run = Run(merged, verdicts, system, followed, ghosts, crowded, vendor, note=note)
+    run = Run(
+        merged,
+        verdicts(found) if judged else alone,
+        together(found) if judged else None,
+        followed,
+        ghosts,
+        crowded,
+        vendor,
+        note=note,
+    )
     run.before = {file: _before(log) for file, (_, log) in of_file.items()}
     return run
 
@@ -151,13 +171,13 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
 def check_size(paths: Sequence[Path]) -> None:
     """Refuse logs that are too long for a page, before any of them is held in memory.
 
-    Raises PageError, and LogError for what cannot be read.
+    Raises PageError, and BadInput for what cannot be read.
     """
     lines = size = 0
     for path in paths:
         try:
             if not S_ISREG(os.stat(path).st_mode):
-                raise LogError(path, 0, "", "is no file; a page reads a log more than once")
+                raise BadInput(path, 0, "", "is no file; a page reads a log more than once")
             with open(path, "rb") as stream:
                 while block := stream.read(2**20):
                     lines += block.count(b"\n")
@@ -165,7 +185,7 @@ def check_size(paths: Sequence[Path]) -> None:
         except FileNotFoundError:
             continue  # its verdict says so
         except OSError as error:
-            raise LogError(path, 0, "", f"cannot be read: {error.strerror}") from None
+            raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
     what = name_of(paths[0]) if len(paths) == 1 else f"{len(paths)} logs"
     choose = "choose a part of the first log with --from-line and --to-line"
     if lines - 2 * len(paths) > MOST_EVENTS:
@@ -176,25 +196,10 @@ def check_size(paths: Sequence[Path]) -> None:
         raise PageError(f"{what}: {size >> 20} MiB; {most}: {choose}")
 
 
-def _whole_logs(paths: Sequence[Path]) -> list[tuple[Path, Log]]:
-    """The logs that have a header, each up to where it can be read."""
-    logs: list[tuple[Path, Log]] = []
-    refused: list[LogError] = []
-    for path in paths:
-        try:
-            stream = LogStream(path)
-            logs.append((path, _log(stream, _readable(stream))))
-        except LogError as error:
-            refused.append(error)  # its verdict says so
-    if refused and not logs:
-        raise refused[0]
-    return logs
-
-
 def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], str]:
     """What is shown of each log, and which lines those are.
 
-    Raises PageError if that is nothing, or too much, and LogError if the first has no header.
+    Raises PageError if that is nothing, or too much, and BadInput if the first has no header.
     """
     first = paths[0]
     own = _lines(first, part.first, part.last, 0)
@@ -206,7 +211,7 @@ def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], s
     for path in paths[1:]:
         try:
             at = [line for line, event in _readable(LogStream(path)) if _tx(event) in exchanged]
-        except LogError:
+        except BadInput:
             continue  # its verdict says so
         if at:
             held = sum(len(log.events) for _, log in logs)
@@ -223,7 +228,7 @@ def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], s
 
 
 def _lines(path: Path, first: int, last: int, held: int) -> Log:
-    """The events in these lines; ``held`` are in memory already.  Raises PageError, LogError."""
+    """The events in these lines; ``held`` are in memory already.  Raises PageError, BadInput."""
     stream = LogStream(path)
     events: list[tuple[int, Event]] = []
     for line, event in _readable(stream):
@@ -234,22 +239,15 @@ def _lines(path: Path, first: int, last: int, held: int) -> Log:
             if len(events) + held > MOST_EVENTS:
                 most = f"a page shows at most {MOST_EVENTS:,}"
                 raise PageError(f"more than {MOST_EVENTS:,} events in this part; {most}")
-    return _log(stream, events)
+    return stream.log(events)
 
 
 def _readable(stream: LogStream) -> Iterator[tuple[int, Event]]:
     """The events up to where the log can be read; its verdict says where and why."""
     try:
         yield from stream
-    except LogError:
+    except BadInput:
         return
-
-
-def _log(stream: LogStream, events: Iterable[tuple[int, Event]]) -> Log:
-    kept = list(events)
-    return Log(
-        stream.file, stream.header, kept, stream.end, stream.truncated, list(stream.warnings)
-    )
 
 
 def _tx(event: Event) -> str | None:
@@ -261,17 +259,8 @@ def _unpromised(log: Log) -> Log:
     return replace(log, header=log.header.model_copy(update={"complete": []}))
 
 
-def _alone(paths: Sequence[Path], late_ms: int | None) -> list[Verdict]:
-    return [explain_file(path, late_ms) for path in paths]
-
-
 def _before(log: Log) -> int:
     return log.events[0][1].seq - 1 if log.events else 0
-
-
-def _follow(path: Path, log: Log, part: Part | None) -> Followed:
-    """Follow a log; of a part, what stands before it is read and forgotten."""
-    return follow(log, None if part is None else _readable(LogStream(path)))
 
 
 def _vendor(path: Path, log: Log, part: Part | None) -> dict[int, Json]:

@@ -31,7 +31,6 @@ from automcm_traces.log import (
     TimerArm,
     TimerEnd,
 )
-from automcm_traces.reader import Log
 from automcm_traces.step import Deadline, Diverges, Late, Supposition
 from automcm_traces.timers import named, short, timer_key
 from automcm_traces.track import NOTHING_TOLD, NUMBERED, CannotTell, Track
@@ -79,8 +78,8 @@ class _Supposing(Engine):
 class Possible:
     """Every station that the log so far allows; as Engine, for logs that promise less."""
 
-    def __init__(self, log: Log | Header, late_ms: int | None = None) -> None:
-        first = _Supposing(log, late_ms)
+    def __init__(self, header: Header, late_ms: int | None = None) -> None:
+        first = _Supposing(header, late_ms)
         if "send" not in first.promised:
             raise CannotTell("the log does not promise to hold all that the station sends")
         self._promised = first.promised
@@ -268,7 +267,7 @@ def _merge(engines: dict[Json, _Supposing], engine: _Supposing) -> None:
     for key, a in other.timers.items():
         b = engine.timers[key]
         last = None if a.last is None or b.last is None else max(a.last, b.last)
-        other.timers[key] = Deadline(min(a.first, b.first), last)
+        other.timers[key] = a._replace(first=min(a.first, b.first), last=last)
     if other.step is not None and engine.step is not None:
         other.step.since_ms = min(other.step.since_ms, engine.step.since_ms)
         other.step.t_ms = max(other.step.t_ms, engine.step.t_ms)
@@ -293,7 +292,8 @@ def _rank(d: Diverges, engine: _Supposing) -> tuple[float, int]:
     """How little of the log a station explains: a timer that is late, or the fields of a message
     in another form; more if the event is not called for and something else is lacking; without
     end if nothing is.  An unseen restart counts too."""
-    lacks = 0 if list(d.wanted) in ([], [NOTHING]) else len(d.wanted)
+    wanted = d.finding.expected
+    lacks = 0 if wanted in ((), (NOTHING,)) else len(wanted)
     restarts = sum(one.what == "restart" for one in engine.supposed)
     if isinstance(d, Late):
         return 1 + restarts, 0

@@ -10,13 +10,13 @@ no log tells is listed as not told, with the reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, combinations, groupby, pairwise, product
 from typing import Any, Literal
 
 from automcm_traces import durations
-from automcm_traces.durations import Finding
+from automcm_traces.durations import Checked
 from automcm_traces.hazards import CannotJudge, Hazard, hazard
 from automcm_traces.merge import MergeError
 from automcm_traces.reader import Log
@@ -140,15 +140,16 @@ class SystemReport:
         return "\n".join([*lines, *(f"note: {notice}" for notice in self.notices)])
 
 
-def judge(logs: Sequence[Log]) -> SystemReport:
-    """What the logs of one run say together; whatever they hold, there is a report."""
+def judge(logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None) -> SystemReport:
+    """What the logs of one run say together; whatever they hold, there is a report.
+
+    ``timelines`` are those known already, by file.
+    """
     files = tuple(log.file for log in logs)
     try:
-        return _report(World(logs))
+        return _report(World(logs, timelines))
     except MergeError as error:
         return SystemReport(files=files, problem=str(error))
-    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
-        return SystemReport(files=files, problem=f"a message lacks or misuses a field: {error}")
 
 
 def _report(world: World) -> SystemReport:
@@ -194,7 +195,7 @@ def _unequal(world: World) -> Iterator[str]:
             yield f"{name} differs ({told}); the bounds assume equal parameters"
 
 
-def _judged(name: str, found: Iterable[Finding], partly: Sequence[str]) -> Judged:
+def _judged(name: str, found: Iterable[Checked], partly: Sequence[str]) -> Judged:
     answers = list(found)
     bad = tuple(text for holds, text in answers if holds is False)
     open_ = tuple(text for holds, text in answers if holds is None)
@@ -230,7 +231,7 @@ def _pairs(lines: Iterable[Timeline]) -> Iterator[tuple[Timeline, Moment, Moment
             yield line, a, b
 
 
-def one_session(lines: Iterable[Timeline]) -> Iterator[Finding]:
+def one_session(lines: Iterable[Timeline]) -> Iterator[Checked]:
     """S-1: from one session to another only through STANDALONE."""
     for line, a, b in _pairs(lines):
         if a.session is not None and b.session is not None:
@@ -238,7 +239,7 @@ def one_session(lines: Iterable[Timeline]) -> Iterator[Finding]:
             yield a.session == b.session, text
 
 
-def commitment(lines: Iterable[Timeline]) -> Iterator[Finding]:
+def commitment(lines: Iterable[Timeline]) -> Iterator[Checked]:
     """S-2: a commitment is not replaced, and ends only by what may end it."""
     for line, a, b in _pairs(lines):
         if (a.phase, a.role) != ("ACTUATING", "receiver"):
@@ -250,7 +251,7 @@ def commitment(lines: Iterable[Timeline]) -> Iterator[Finding]:
         yield kept or left, f"{line.where(b)}: the commitment to {a.session} ends by {b.cause}"
 
 
-def no_cross_effect(lines: Iterable[Timeline]) -> Iterator[Finding]:
+def no_cross_effect(lines: Iterable[Timeline]) -> Iterator[Checked]:
     """S-7: a message of another session changes nothing of the own one (END-4)."""
     for line, a, b in _pairs(lines):
         foreign = a.session is not None and b.about is not None and b.about != a.session
@@ -258,14 +259,14 @@ def no_cross_effect(lines: Iterable[Timeline]) -> Iterator[Finding]:
             yield a.own == b.own, f"{line.where(b)}: {b.cause} of session {b.about} has an effect"
 
 
-def accepted(world: World) -> Iterator[Finding]:
+def accepted(world: World) -> Iterator[Checked]:
     """S-3: a prescriber acts on an Acceptance of its session and proposal that its target sent."""
     for station, line in world.timelines.items():
         for acts in line.spells("ACTUATING", "prescriber"):
             yield _accepted(world, station, acts)
 
 
-def _accepted(world: World, station: int, acts: Spell) -> Finding:
+def _accepted(world: World, station: int, acts: Spell) -> Checked:
     target, where = acts.start.target, world.timelines[station].where(acts.start)
     if world.merged.place(target) is None:
         return None, f"{where}: no log of station {target}"
@@ -280,7 +281,7 @@ def _accepted(world: World, station: int, acts: Spell) -> Finding:
     return False, f"{where}: acts on an Acceptance that station {target} never sent"
 
 
-def agreement(world: World) -> Iterator[Finding]:
+def agreement(world: World) -> Iterator[Checked]:
     """S-4: two that act in one session are its prescriber and its target, with one proposal."""
     spells = [
         spell
@@ -306,7 +307,7 @@ def agreement(world: World) -> Iterator[Finding]:
         yield apart, text if apart is False else f"{text}; the clocks do not tell whether at once"
 
 
-def exclusive(world: World) -> Iterator[Finding]:
+def exclusive(world: World) -> Iterator[Checked]:
     """S-8: no two prescribers act on the word of one receiver, nor does it act as a prescriber."""
     acts = [list(line.spells("ACTUATING", "prescriber")) for line in world.timelines.values()]
     for a, b in chain.from_iterable(product(*pair) for pair in combinations(acts, 2)):
@@ -319,7 +320,7 @@ def exclusive(world: World) -> Iterator[Finding]:
         yield apart, text if apart is False else f"{text}; the clocks do not tell whether at once"
 
 
-def acknowledged(world: World) -> Iterator[Finding]:
+def acknowledged(world: World) -> Iterator[Checked]:
     """S-6: what an Ack took from an outbox had been received by its addressee."""
     got = world.received()
     for station, line in world.timelines.items():
@@ -335,7 +336,7 @@ def _acknowledged(
     to: int,
     key: str,
     got: dict[tuple[int, int, str], int],
-) -> Finding:
+) -> Checked:
     where, place = world.timelines[station].where(moment), world.merged.place(to)
     if place is None:
         return None, f"{where}: no log of station {to}"
@@ -349,10 +350,10 @@ def _acknowledged(
     return False, f"{where}: {key} is acknowledged, and was never received"
 
 
-def _hazards(world: World) -> tuple[list[Finding], list[Finding], list[Hazard]]:
+def _hazards(world: World) -> tuple[list[Checked], list[Checked], list[Hazard]]:
     """S-5 and T-2 for each time that a prescriber acts, and the hazards."""
-    excused: list[Finding] = []
-    bounded: list[Finding] = []
+    excused: list[Checked] = []
+    bounded: list[Checked] = []
     hazards: list[Hazard] = []
     for line in world.timelines.values():
         for acts in line.spells("ACTUATING", "prescriber"):

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path, PosixPath
+from pathlib import Path
 from typing import BinaryIO, Literal
 
 from pydantic import ValidationError
 
+from automcm_spec.bad_input import BadInput, name_of, one_line
 from automcm_traces.log import (
     End,
     Event,
@@ -20,36 +21,6 @@ from automcm_traces.log import (
 
 LONGEST_LINE = 16 * 2**20
 """Bytes; a longer line is refused rather than read into memory."""
-
-
-class Kept(PosixPath):
-    """A file that keeps a log that cannot be read again, or that was not one: messages name it as
-    ``given``, and never the file."""
-
-    given = ""
-
-
-def name_of(path: str | Path) -> str:
-    """How messages name a file."""
-    return path.given if isinstance(path, Kept) else str(path)
-
-
-class LogError(Exception):
-    """A log that cannot be read; the text is one line and names file, line and field.
-
-    `line` is 0 if the whole file is meant, `field` is "" if a whole line is.
-    """
-
-    def __init__(self, file: str | Path, line: int, field: str, problem: str) -> None:
-        self.file = name_of(file)
-        self.line = line
-        self.field = field
-        self.problem = problem
-        self.where = one_line(at_line(self.file, line))
-        """The file, and the line if one is meant."""
-        self.what = one_line(f"{field}: {problem}" if field else problem)
-        """The field, if one is meant, and what is wrong."""
-        super().__init__(f"{self.where}: {self.what}")
 
 
 @dataclass(frozen=True)
@@ -90,9 +61,12 @@ class Log:
         """Whether the end is there; without it events may be missing at the end."""
         return self.end is not None
 
+    def __iter__(self) -> Iterator[tuple[int, Event]]:
+        return iter(self.events)
+
 
 def read(path: str | Path) -> Log:
-    """Read the log at `path`; raises LogError."""
+    """Read the log at `path`; raises BadInput."""
     header: Header | None = None
     events: list[tuple[int, Event]] = []
     end: End | None = None
@@ -116,24 +90,24 @@ def read(path: str | Path) -> Log:
 def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
     """Read the log at `path` line by line: header, events, end, and notices where they belong.
 
-    Raises LogError where the log goes wrong, after what was good before. With `gaps`, missing
+    Raises BadInput where the log goes wrong, after what was good before. With `gaps`, missing
     records (`seq` jumps ahead) are a notice before the record that follows them, not an error.
     """
     try:
         with open(path, "rb") as stream:
             yield from _Reader(path, gaps).entries(stream)
     except FileNotFoundError:
-        raise LogError(path, 0, "", "no such file") from None
+        raise BadInput(path, 0, "", "no such file") from None
     except IsADirectoryError:
-        raise LogError(path, 0, "", "is a directory, not a log") from None
+        raise BadInput(path, 0, "", "is a directory, not a log") from None
     except OSError as error:
-        raise LogError(path, 0, "", f"cannot be read: {error.strerror}") from None
+        raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
 
 
 def logs_below(paths: Iterable[Path]) -> list[Path]:
     """The logs meant: a folder stands for every ``.ndjson`` below it, in the order of names.
 
-    Raises LogError for a folder without any.
+    Raises BadInput for a folder without any.
     """
     found: list[Path] = []
     for path in paths:
@@ -142,7 +116,7 @@ def logs_below(paths: Iterable[Path]) -> list[Path]:
             continue
         below = sorted(p for p in path.rglob("*.ndjson") if p.is_file())
         if not below:
-            raise LogError(path, 0, "", "holds no log (*.ndjson)")
+            raise BadInput(path, 0, "", "holds no log (*.ndjson)")
         found += below
     return found
 
@@ -154,8 +128,8 @@ MOST_WARNINGS = 20
 class LogStream:
     """A log read as it is asked for, never whole in memory, however long.
 
-    The header is read at once (LogError if it cannot be). Iterating, once, gives the events with
-    their lines, and raises LogError where a line cannot be read: what came before is good. It
+    The header is read at once (BadInput if it cannot be). Iterating, once, gives the events with
+    their lines, and raises BadInput where a line cannot be read: what came before is good. It
     ends before a gap, unless `past_gaps`. The other attributes are up to date with the last event
     given, and final at the end.
     """
@@ -169,6 +143,8 @@ class LogStream:
         """The line after the first gap, and what is missing: from here on one cannot tell."""
         self.warnings: list[str] = []
         """One line each: file, line and what is odd; the first MOST_WARNINGS."""
+        self.whole = False
+        """All of it was given."""
         self.overlooked = 0
         """How many warnings there were."""
         self.events = 0
@@ -198,6 +174,13 @@ class LogStream:
                 case event:
                     self.events += 1
                     yield entry.line, event
+        self.whole = self.gap is None
+
+    def log(self, events: Iterable[tuple[int, Event]]) -> Log:
+        """As a whole log, or a part of one: ``events`` are all that were given, or some."""
+        kept = list(events)
+        warnings = list(self.warnings)
+        return Log(self.file, self.header, kept, self.end, self.truncated, warnings)
 
     def _notice(self, line: int, notice: Notice) -> None:
         self.truncated = self.truncated or notice.kind == "truncated"
@@ -216,9 +199,10 @@ def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
     try:
         line.decode()
     except UnicodeDecodeError as error:
-        raise NotJsonError(f"not UTF-8 at byte {error.start + 1}{_known(line, first)}") from None
+        problem = f"not UTF-8 at byte {error.start + 1}{_known(line, first)}"
+        raise NotJsonError(problem, "text") from None
     if not line.strip():
-        raise NotJsonError("empty line")
+        raise NotJsonError("empty line", "text")
     try:
         return record(line)
     except ValidationError as error:
@@ -233,7 +217,7 @@ def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
 def _json_error(error: ValidationError, line: bytes, first: bool) -> Exception:
     _, problem = first_problem(error)
     known = _known(line, first)
-    return NotJsonError(problem + known) if problem.startswith("not JSON") else error
+    return NotJsonError(problem + known, "json") if problem.startswith("not JSON") else error
 
 
 _FILES = {
@@ -278,19 +262,19 @@ class _Reader:
         while line := stream.readline(LONGEST_LINE + 1):
             self._line += 1
             if len(line) > LONGEST_LINE:
-                raise self._error("", f"longer than {LONGEST_LINE} bytes")
+                raise self._error("", f"longer than {LONGEST_LINE} bytes", "text")
             try:
                 record = parse(line, first=self._line == 1)
             except NotJsonError as error:
                 if not self._header or self._end or not cut(line):
-                    raise self._error("", error.problem) from None
+                    raise self._error("", error.problem, error.rule) from None
                 yield Entry(self._line, Notice("truncated", "the last line is cut, ignored"))
                 break
             except ValidationError as error:
                 field, problem = first_problem(error)
                 if not self._header and field == "rec":
                     problem += ": the first line is no header of automcm.trace/1"
-                raise self._error(field, problem) from None
+                raise self._error(field, problem, "schema" if field else "json") from None
             if missing := self._check(record):
                 yield Entry(self._line, Notice("gap", f"seq: {missing}"))
             if isinstance(record, UnknownEvent):
@@ -299,7 +283,7 @@ class _Reader:
             else:
                 yield Entry(self._line, record)
         if self._line == 0:
-            raise LogError(self._path, 0, "", "empty file")
+            raise BadInput(self._path, 0, "", "empty file", "order")
         if not self._end:
             yield Entry(self._line, Notice("no_end", "the log has no end record"))
 
@@ -309,9 +293,9 @@ class _Reader:
             problem = "a second header" if self._header else "the first line is no header"
             if isinstance(record, Header):
                 problem += ": one file holds one log"
-            raise self._error("rec", problem)
+            raise self._error("rec", problem, "order")
         if self._end:
-            raise self._error("rec", "a record after the end")
+            raise self._error("rec", "a record after the end", "order")
         if isinstance(record, Header):
             self._header = True
             return ""
@@ -321,7 +305,7 @@ class _Reader:
             return gap
         gap = self._gap(record.seq, self._seq + 1, f"after {self._seq}, expected")
         if record.t_ms < self._t_ms:
-            raise self._error("t_ms", f"goes back from {self._t_ms} to {record.t_ms}")
+            raise self._error("t_ms", f"goes back from {self._t_ms} to {record.t_ms}", "t_ms")
         self._seq, self._t_ms = record.seq, record.t_ms
         return gap
 
@@ -330,32 +314,17 @@ class _Reader:
             return ""
         problem = f"{seq}, {but} {wanted}" if but.startswith("but") else f"{seq} {but} {wanted}"
         if seq < wanted or not self._gaps:
-            raise self._error("seq", problem)
+            raise self._error("seq", problem, "seq")
         return f"{problem}: {seq - wanted} missing"
 
-    def _error(self, field: str, problem: str) -> LogError:
-        return LogError(self._path, self._line, field, problem)
+    def _error(self, field: str, problem: str, rule: str) -> BadInput:
+        return BadInput(self._path, self._line, field, problem, rule)
 
 
 class NotJsonError(Exception):
-    """A line that is not even JSON; the text says why."""
+    """A line that is not even JSON; the text says why, `rule` is ``text`` or ``json``."""
 
-    def __init__(self, problem: str) -> None:
+    def __init__(self, problem: str, rule: str) -> None:
         super().__init__(problem)
         self.problem = problem
-
-
-def at_line(file: str, line: int) -> str:
-    """FILE:LINE, or the file alone if no line is meant (0)."""
-    return f"{file}:{line}" if line else file
-
-
-def printable(text: str) -> str:
-    """`text` with control characters and the like escaped."""
-    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
-
-
-def one_line(text: str) -> str:
-    """`text` with control characters and the like escaped, and not longer than a screen's worth."""
-    safe = printable(text)
-    return safe if len(safe) <= 1000 else safe[:1000] + "..."
+        self.rule = rule

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from automcm_spec.rules import RULES
+from automcm_traces.follow import Watcher
 from automcm_traces.step import Step
 from automcm_traces.track import Track
 
@@ -48,14 +49,14 @@ class Session:
         return f"{name}, lines {self.first} to {self.last}: {way}; ended by {self.rule}: {why}"
 
 
-@dataclass(slots=True)
-class Sessions:
-    """Watches the steps of a station (``Engine.observer``)."""
+class Sessions(Watcher):
+    """Watches the steps of a station."""
 
-    kept: list[Session] = field(default_factory=list)
-    number: int = 0
+    def __init__(self) -> None:
+        self.kept: list[Session] = []
+        self.number = 0
 
-    def __call__(self, step: Step, track: Track) -> None:
+    def step(self, step: Step, track: Track) -> None:
         """Follow a step."""
         current = self.kept[-1] if self.kept and not self.kept[-1].last else None
         if current is not None and current.session != track.session:

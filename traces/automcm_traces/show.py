@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.bad_input import BadInput, name_of
 from automcm_traces.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.numbers import Numbers
-from automcm_traces.reader import LogError, Notice, name_of, records
+from automcm_traces.reader import Notice, records
 from automcm_traces.words import Kind, fitted, kind, safe, said, session_of
 
 WIDTH = 80
@@ -76,7 +77,7 @@ class _Seen:
 class Logs:
     """Logs of one run, to be shown together.
 
-    Raises LogError if one has no readable header, or two are of the same station.
+    Raises BadInput if one has no readable header, or two are of the same station.
     """
 
     def __init__(self, paths: Sequence[Path], cams: bool = False) -> None:
@@ -86,7 +87,7 @@ class Logs:
         self.warnings: list[str] = []
         for path in paths:
             if path.is_fifo():
-                raise LogError(
+                raise BadInput(
                     path, 0, "", "is a pipe; it is read more than once, so save it first"
                 )
             header = next(iter(records(path))).record
@@ -94,7 +95,7 @@ class Logs:
             if header.station in self._paths:
                 other = self._paths[header.station]
                 problem = f"{header.station} is the station of {name_of(other)} too"
-                raise LogError(path, 1, "station", problem)
+                raise BadInput(path, 1, "station", problem)
             self._paths[header.station] = path
             runs.setdefault(header.run, path)
         if len(runs) > 1:
@@ -123,7 +124,7 @@ class Logs:
                         seen.all_sent = seen.all_received = False
                     case End(lost_records=lost):
                         whole = lost == 0
-        except LogError:
+        except BadInput:
             whole = False
         seen.all_sent = seen.all_sent and whole
         seen.all_received = seen.all_received and whole
@@ -161,7 +162,7 @@ class Logs:
                         yield Row(station, entry.line, None, f"-- end: {reason}{more}")
                     case event:
                         yield Row(station, entry.line, event)
-        except LogError as error:
+        except BadInput as error:
             problem = f"{error.field}: {error.problem}" if error.field else error.problem
             yield Row(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
 

@@ -19,10 +19,12 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from automcm_spec.bad_input import BadInput, at_line, name_of, one_line
 from automcm_traces.explain import Verdict, explain, explain_files, forged
+from automcm_traces.finding import Finding
 from automcm_traces.log import Receive, Send
 from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, LogError, LogStream, at_line, name_of, one_line
+from automcm_traces.reader import Log, LogStream
 from automcm_traces.show import Row
 from automcm_traces.sublog import Item, Sublog
 
@@ -48,14 +50,8 @@ class NothingToShrink(Exception):
 class Shrunk:
     """The smallest logs found, and what is wrong in them."""
 
-    what: str
-    """In one line."""
-    rule: str
-    """The rule, ``forged``, or the property of the system."""
-    file: str = ""
-    """The log that is wrong; empty if only all together are."""
-    line: int = 0
-    """The line of the event, in that file."""
+    finding: Finding
+    """What is wrong; without a file if only all logs together are."""
     logs: Candidate = ()
     before: dict[str, int] = field(default_factory=dict)
     """Events of each log that was given."""
@@ -66,16 +62,17 @@ class Shrunk:
     @property
     def line_now(self) -> int:
         """The line of the event in the smallest log; 0 if only all together are wrong."""
-        kept = [item.line for log in self.logs if log.file == self.file for item in log.items]
-        return kept.index(self.line) + 2 if self.line in kept else 0
+        at = self.finding.at
+        kept = [item.line for log in self.logs if log.file == at.file for item in log.items]
+        return kept.index(at.line) + 2 if at.line in kept else 0
 
     def as_dict(self) -> dict[str, Json]:
         """As in ``--json``."""
         return {
-            "what": self.what,
-            "rule": self.rule,
-            "file": self.file,
-            "line_before": self.line,
+            "what": self.finding.observed,
+            "rule": self.finding.rule or self.finding.property,
+            "file": self.finding.at.file,
+            "line_before": self.finding.at.line,
             "line": self.line_now,
             "tries": self.tries,
             "ended": self.ended,
@@ -91,9 +88,10 @@ class Shrunk:
 
     def text(self) -> list[str]:
         """For a person: what is left, as a table."""
-        where = f"{self.file}:{self.line}: " if self.file else ""
-        rule = f" [{self.rule}]" if self.rule else ""
-        lines = [one_line(f"{where}{self.what}{rule}")]
+        at, rule = self.finding.at, self.finding.rule or self.finding.property
+        where = f"{at.file}:{at.line}: " if at.file else ""
+        shown = f" [{rule}]" if rule else ""
+        lines = [one_line(f"{where}{self.finding.observed}{shown}")]
         for log in self.logs:
             lines.append(f"{log.file}: {len(log.items)} of {self.before[log.file]} events are left")
         gone = [file for file in self.before if file not in {log.file for log in self.logs}]
@@ -127,37 +125,38 @@ def shrink(
     """
     verdicts = explain_files(paths, late_ms)
     wrong = next((v for v in verdicts if v.verdict == "diverges"), None)
-    if wrong is not None and wrong.rule != "forged":
-        alone = Sublog.read(wrong.file, max(wrong.seen, wrong.line))
-        found = Shrunk(wrong.event, wrong.rule, wrong.file, wrong.line)
+    if wrong is not None and wrong.finding.kind != "forged":
+        alone = Sublog.read(wrong.file, max(wrong.seen, wrong.finding.at.line))
+        found = Shrunk(wrong.finding)
         found.before = {name_of(path): _events(path) for path in paths}
         return Search((alone,), diverges_as(wrong, late_ms), tries, say).run(found)
     for v in verdicts:
         if v.verdict == "unreadable":
-            raise NothingToShrink(f"{at_line(v.file, v.line)}: {v.event}", 3)
+            where = at_line(v.file, v.finding.at.line)
+            raise NothingToShrink(f"{where}: {v.finding.observed}", 3)
     told = next((v for v in verdicts if v.verdict == "cannot_tell"), None)
     text, code = "everything in the logs is allowed: there is nothing to shrink", 1
     if told is not None:
-        text, code = f"{told.file}:{told.line}: CANNOT TELL: {told.event}", 4
+        line, observed = told.finding.at.line, told.finding.observed
+        text, code = f"{told.file}:{line}: CANNOT TELL: {observed}", 4
     try:
         logs = tuple(Sublog.read(path) for path in paths)
-    except LogError:  # records are missing: its verdict says so
+    except BadInput:  # records are missing: its verdict says so
         raise NothingToShrink(text, code) from None
     before = {log.file: len(log.items) for log in logs}
     if wrong is not None:
-        found = Shrunk(wrong.event, "forged", wrong.file, wrong.line, before=before)
+        found = Shrunk(wrong.finding, before=before)
         return Search(logs, forged_as(wrong, verdicts, late_ms), tries, say).run(found)
     system = judge([log.log() for log in logs]) if len(paths) > 1 else None
-    violated = None if system is None else _violated(system)
+    violated = None if system is None else next(iter(_violations(system)), None)
     if violated is None:
         if code == 1 and system is not None and system.hazards:
             text = (
                 "a fault caused a hazard, but what the stations did is allowed: nothing to shrink"
             )
         raise NothingToShrink(text, code)
-    name, where = violated
-    found = Shrunk(where, name, before=before)
-    return Search(logs, violates_as(name, where, verdicts, late_ms), tries, say).run(found)
+    found = Shrunk(violated, before=before)
+    return Search(logs, violates_as(violated, verdicts, late_ms), tries, say).run(found)
 
 
 def _events(path: Path) -> int:
@@ -166,7 +165,7 @@ def _events(path: Path) -> int:
     try:
         for _ in (log := LogStream(path, past_gaps=True)):
             count = log.events
-    except LogError:
+    except BadInput:
         pass  # after what is shrunk
     return count
 
@@ -188,10 +187,11 @@ def diverges_as(wrong: Verdict, late_ms: int | None) -> Test:
 
 def _way(v: Verdict) -> tuple[Json, ...]:
     # What is missing after an input is what is wrong: nothing else may be left out there.
-    told = v.event.endswith("followed") or v.event.startswith(("phase", "role"))
-    missing = tuple(masked(e) for e in v.expected) if told else ()
-    around = v.guard, masked(v.why.state), masked(v.why.nearest)
-    return v.verdict, v.file, v.line, v.rule, masked(v.event), missing, around
+    found = v.finding
+    whole = found.kind in ("missing", "state")
+    missing = tuple(masked(e) for e in found.expected) if whole else ()
+    around = found.why.guard, masked(found.why.state), masked(found.why.nearest)
+    return found.kind, found.at, found.rule, masked(found.observed), missing, around
 
 
 def forged_as(wrong: Verdict, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
@@ -200,8 +200,7 @@ def forged_as(wrong: Verdict, verdicts: Sequence[Verdict], late_ms: int | None) 
 
     def same(logs: Sequence[Log]) -> bool:
         others = forged(logs)
-        found = others.pop(wrong.file, None)
-        if found is None or found.line != wrong.line or found.expected != wrong.expected:
+        if others.pop(wrong.file, None) != wrong.finding:
             return False
         return not others.keys() & good and all(
             _allowed(log, late_ms) for log in logs if log.file in good
@@ -210,8 +209,9 @@ def forged_as(wrong: Verdict, verdicts: Sequence[Verdict], late_ms: int | None) 
     return same
 
 
-def violates_as(name: str, where: str, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
+def violates_as(wrong: Finding, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
     """Whether the same property is violated in the same way, and no log has become worse."""
+    wanted = wrong.property, masked(wrong.observed)
     good = {v.file for v in verdicts if v.verdict == "allowed"}
 
     def same(logs: Sequence[Log]) -> bool:
@@ -219,7 +219,7 @@ def violates_as(name: str, where: str, verdicts: Sequence[Verdict], late_ms: int
             return False
         if forged(logs).keys() & good:
             return False
-        return (name, masked(where)) in [(n, masked(w)) for n, w in _violations(judge(logs))]
+        return wanted in [(f.property, masked(f.observed)) for f in _violations(judge(logs))]
 
     return same
 
@@ -228,15 +228,12 @@ def _allowed(log: Log, late_ms: int | None) -> bool:
     return explain(log, late_ms).verdict == "allowed"
 
 
-def _violated(report: SystemReport) -> tuple[str, str] | None:
-    return next(iter(_violations(report)), None)
-
-
-def _violations(report: SystemReport) -> list[tuple[str, str]]:
+def _violations(report: SystemReport) -> list[Finding]:
     """Each property that is violated, or ``forged`` or ``cycle``, and where."""
     found = [(j.property, w) for j in report.properties if j.outcome == "violated" for w in j.where]
     found += [("forged", text) for text in report.forged]
-    return found + [("cycle", text) for text in report.cycles]
+    found += [("cycle", text) for text in report.cycles]
+    return [Finding("property", property=name, observed=where) for name, where in found]
 
 
 def _down(n: int) -> range:
@@ -267,7 +264,7 @@ class Search:
 
     def run(self, found: Shrunk) -> Shrunk:
         """Fill in what is left."""
-        self.file, self.line = found.file, found.line
+        self.file, self.line, _ = found.finding.at
         self._sessions()
         self._logs()
         size = -1

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from automcm_spec.rules import RULES, handler, line
 from automcm_spec.station import State, Timer
+from automcm_traces.finding import At, Finding, Kind, Why
 from automcm_traces.log import Event
 from automcm_traces.track import Expected
 
@@ -15,7 +16,7 @@ Json = Any
 
 
 class Diverges(Exception):
-    """The log leaves the specification here.
+    """The log leaves the specification here: the finding, without its file.
 
     ``step`` is the step that did not go on as it must, None if nothing called for anything, and
     ``seen`` what the log has instead: ``("send", message)``, ``("arm" | "stop" | "expire",
@@ -23,6 +24,8 @@ class Diverges(Exception):
     ``off`` says of a message of which another form was called for in how many fields it is not
     that; 0 if none was.
     """
+
+    kind: Kind = "missing"
 
     def __init__(
         self,
@@ -36,37 +39,17 @@ class Diverges(Exception):
         off: int = 0,
     ) -> None:
         super().__init__(event)
-        self.at, self.event, self.rule, self.wanted, self.guard = at, event, rule, wanted, guard
+        found = Finding(self.kind, rule, "", At("", at), tuple(wanted), event, Why(guard))
+        if seen and self.kind == "missing":
+            found = replace(found, kind="state" if seen[0] in ("phase", "role") else "unexpected")
+        self.finding = found
         self.step, self.seen, self.off = step, seen, off
 
 
 class Late(Diverges):
     """Something happens long after a timer should have expired."""
 
-
-@dataclass(frozen=True, slots=True)
-class Why:
-    """What would have been allowed instead; texts for a person, empty where nothing is known."""
-
-    nearest: str = ""
-    causes: tuple[str, ...] = ()
-    """Inputs that would have led to what the log says."""
-    state: str = ""
-    """The station before the event."""
-    of_last_input: bool = True
-    """Whether the last input leads to what the log says, but for a guard.  If not, the rule that
-    decided it has nothing to do with that."""
-
-    def as_dict(self) -> dict[str, Json]:
-        """As in ``--json``."""
-        return {"nearest": self.nearest, "causes": list(self.causes), "state": self.state}
-
-    def lines(self) -> list[str]:
-        """One thing a line."""
-        found = [self.nearest] if self.nearest else []
-        if self.causes:
-            found.append(f"allowed after: {'; '.join(self.causes)}")
-        return [*found, f"state before: {self.state}"] if self.state else found
+    kind = "overdue"
 
 
 class Supposition(NamedTuple):
@@ -94,6 +77,8 @@ class Deadline(NamedTuple):
 
     first: int
     last: int | None
+    rule: str = ""
+    """What lets it expire."""
 
 
 @dataclass(slots=True)

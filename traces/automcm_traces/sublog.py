@@ -18,8 +18,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from automcm_spec.bad_input import name_of
 from automcm_traces.log import End, Event, Header, Record, Send, UnknownEvent, record
-from automcm_traces.reader import Log, NotJsonError, cut, name_of, parse, read
+from automcm_traces.reader import Log, NotJsonError, cut, parse, read
 from automcm_traces.words import session_of
 
 Json = Any
@@ -57,7 +58,7 @@ class Sublog:
         """The log in a file, whole or its first ``lines``; an event of an unknown kind is left
         out.  It has an end if the file has, in the part that is read or later.
 
-        Raises LogError, if the whole is to be read, and OSError.
+        Raises BadInput, if the whole is to be read, and OSError.
         """
         end = read(path).end if not lines else _end(path)
         with open(path, "rb") as stream:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec import files
+from automcm_spec.bad_input import at_line, printable
 from automcm_traces.explain import Verdict
-from automcm_traces.reader import at_line, printable
 from automcm_traces.show import Row, columns
 
 Json = Any
@@ -26,17 +26,18 @@ def text(verdict: Verdict) -> str:
 
 
 def _lines(verdict: Verdict) -> Iterator[str]:
-    where = at_line(verdict.file, verdict.line)
+    found = verdict.finding
+    where = at_line(verdict.file, found.at.line)
     match verdict.verdict:
         case "allowed":
             yield f"{verdict.file}: ALLOWED, {verdict.events} events"
             yield from _allowed(verdict)
         case "unreadable":
-            yield f"{where}: UNREADABLE: {verdict.event}"
+            yield f"{where}: UNREADABLE: {found.observed}"
         case "cannot_tell":
-            yield f"{where}: CANNOT TELL: {verdict.event}"
+            yield f"{where}: CANNOT TELL: {found.observed}"
         case "diverges":
-            yield f"{where}: DIVERGES at {verdict.event}"
+            yield f"{where}: DIVERGES at {found.observed}"
             yield from _diverges(verdict)
 
 
@@ -62,11 +63,12 @@ def expected(these: Sequence[str]) -> list[str]:
 
 
 def _diverges(verdict: Verdict) -> Iterator[str]:
-    yield from (f"  {line}" for line in expected(verdict.expected))
-    if verdict.guard:
-        by = "by" if verdict.why.of_last_input else "last input decided by"
-        yield f"  {by} {verdict.guard}"
-    yield from (f"  {line}" for line in verdict.why.lines())
+    yield from (f"  {line}" for line in expected(verdict.finding.expected))
+    why = verdict.finding.why
+    if why.guard:
+        by = "by" if why.of_last_input else "last input decided by"
+        yield f"  {by} {why.guard}"
+    yield from (f"  {line}" for line in why.lines())
     n = verdict.possible_states
     if n != 1 or verdict.unobserved:
         yield f"  {n} state{'' if n == 1 else 's'} of the specification fitted before"
@@ -86,10 +88,10 @@ def prefix(
 
     Raises OSError.
     """
-    lines = max(verdict.seen, verdict.line)
+    lines = max(verdict.seen, verdict.finding.at.line)
     folder.mkdir(parents=True, exist_ok=True)
     log = Path(verdict.file) if log is None else log
-    name = f"{log.stem}-{verdict.line}"
+    name = f"{log.stem}-{verdict.finding.at.line}"
     path, n = folder / f"{name}.ndjson", 1
     while path in taken:
         n += 1

@@ -1,7 +1,7 @@
 """A station's states over time, as its log tells them: what the system properties are judged on.
 
-The engine follows the log; what it knows of the station after each input is a ``Moment``.  A
-``Timeline`` ends where the log does, or where the engine cannot follow it any more.
+What is known of the station after each input is a ``Moment``.  A ``Timeline`` ends
+where the log does, or where the engine cannot follow it any more.
 """
 
 from __future__ import annotations
@@ -10,17 +10,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from automcm_traces.engine import Engine
+from automcm_traces.finding import cannot_tell
+from automcm_traces.follow import Ending, Follower, Watcher, follow
 from automcm_traces.log import Event, ForgetTimer, Receive, TimerArm, TimerEnd
-from automcm_traces.reader import Log
-from automcm_traces.step import Diverges, Step
-from automcm_traces.track import CannotTell, Track
+from automcm_traces.reader import Log, LogStream
+from automcm_traces.step import Step
+from automcm_traces.track import Track
 
 Json = Any
 Session = tuple[int, int]
-NEEDED = ("command", "receive", "restart", "send", "timer")
-"""Kinds of event with all of which a log says what the one state of its station is."""
-Ending = Literal["clean", "stopped", "diverges", "cannot_tell"]
+Ended = Literal["clean", "stopped", "diverges", "cannot_tell"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +79,7 @@ class Timeline:
     station: int
     file: str
     moments: list[Moment] = field(default_factory=list)
-    ending: Ending = "clean"
+    ending: Ended = "clean"
     why: str = ""
     """Why it ends, in words."""
     last: tuple[int, int, int] = (0, 0, 0)
@@ -131,71 +130,36 @@ def key_of(message: dict[str, Json]) -> str:
 
 def timeline(log: Log) -> Timeline:
     """The station's timeline; it ends early where the engine cannot follow the log."""
-    made = Timeline(log.header.station, log.file)
-    at, line, t_ms = 0, 0, 0
-    try:
-        missing = [kind for kind in NEEDED if kind not in log.header.complete]
-        if missing:
-            raise CannotTell(f"it does not promise to hold all of: {', '.join(missing)}")
-        if log.end is not None and log.end.lost_records:
-            raise CannotTell(f"it lost {log.end.lost_records} records")
-        engine = Engine(log)
-        recorder = _Recorder(made, log)
-        engine.observer = recorder.take
-        for at, (line, event) in enumerate(log.events):  # noqa: B007
-            engine.feed(line, event)
-            recorder.watch(event)
-            t_ms = event.t_ms
-        made.last = (at, line, t_ms)
-        _finish(engine, log)
-        if log.end is None or log.end.reason == "crash":
-            made.ending, made.why = "stopped", f"its log stops at {log.file}:{line}"
-        else:
-            made.why = f"its log ends at {log.file}:{line}"
-    except Diverges as d:
-        made.ending, made.why = "diverges", f"{log.file}:{d.at} diverges"
-    except CannotTell as error:
-        made.ending, made.why = "cannot_tell", f"{log.file}:{line}: {error}"
-    except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
-        made.ending, made.why = "cannot_tell", f"{log.file}:{line}: a message lacks {error}"
-    if made.ending in ("diverges", "cannot_tell"):
-        known = made.moments[-1] if made.moments else Moment(0, 0, 0)
-        made.last = (known.at, known.line, known.t_ms)
-    return made
+    recorder = Recorder(log)
+    follow(log, watchers=[recorder])
+    return recorder.made
 
 
-def _finish(engine: Engine, log: Log) -> None:
-    """The last step; without an end of the log its effects may not all be there."""
-    if log.ended:
-        engine.finish()
-        return
-    try:
-        engine.finish()
-    except Diverges:
-        return
+class Recorder(Watcher):
+    """Makes the timeline of a log while it is followed."""
 
-
-class _Recorder:
-    """Makes moments of what the engine tells."""
-
-    def __init__(self, made: Timeline, log: Log) -> None:
-        self._made = made
-        self._places = {line: k for k, (line, _) in enumerate(log.events)}
-        self._events = log.events
+    def __init__(self, log: Log | LogStream) -> None:
+        self.made = Timeline(log.header.station, log.file)
+        self._places: dict[int, int] = {}
+        """Of the events, by line."""
+        self._t_ms = 0
         self._outbox: list[Any] = []
         self._deadlines: dict[str, int] = {}
 
-    def watch(self, event: Event) -> None:
+    def event(self, line: int, event: Event, engine: Follower) -> None:
         """Keep the deadlines of armed timers, to see how late one expires."""
+        self._places[line] = len(self._places)
+        self._t_ms = event.t_ms
         if isinstance(event, TimerArm):
             self._deadlines[event.timer.model_dump_json()] = event.deadline
 
-    def take(self, step: Step, t: Track) -> None:
+    def step(self, step: Step, track: Track) -> None:
+        """One more moment."""
+        t = track
         kept = {id(e) for e in t.outbox}
         gone = [e for e in self._outbox if id(e) not in kept]
         self._outbox = list(t.outbox)
-        place = self._places.get(step.at, 0)
-        event = self._events[place][1]
+        event = step.event
         src, about = 0, None
         if isinstance(event, Receive) and event.message is not None:
             sender = event.message.get("src")
@@ -207,9 +171,9 @@ class _Recorder:
             if isinstance(event.timer, ForgetTimer):
                 forgot = event.timer.station or 0
             late = event.t_ms - self._deadlines.get(event.timer.model_dump_json(), event.t_ms)
-        self._made.moments.append(
+        self.made.moments.append(
             Moment(
-                place,
+                self._places[step.at],
                 step.at,
                 step.t_ms,
                 t.phase,
@@ -228,6 +192,28 @@ class _Recorder:
                 any(e.session[0] == forgot for e in t.outbox),
             )
         )
+
+    def ended(self, ending: Ending) -> None:
+        """Why there are no more moments."""
+        made, problem, line = self.made, ending.finding, ending.line
+        if ending.lacking or ending.lost:
+            missing = f"it does not promise to hold all of: {', '.join(ending.lacking)}"
+            why = missing if ending.lacking else f"it lost {ending.lost} records"
+            problem, line = cannot_tell(made.file, 0, why), 0
+            made.moments.clear()
+        if problem.kind == "cannot_tell":
+            made.ending, made.why = "cannot_tell", f"{made.file}:{line}: {problem.observed}"
+        elif ending.diverges is not None:
+            made.ending, made.why = "diverges", f"{made.file}:{problem.at.line} diverges"
+        else:
+            made.last = (max(len(self._places) - 1, 0), line, self._t_ms)
+            if ending.crashed:
+                made.ending, made.why = "stopped", f"its log stops at {made.file}:{line}"
+            else:
+                made.why = f"its log ends at {made.file}:{line}"
+            return
+        known = made.moments[-1] if made.moments else Moment(0, 0, 0)
+        made.last = (known.at, known.line, known.t_ms)
 
 
 def cause_of(value: Json) -> str:

@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec import scratch, tlc
+from automcm_spec.bad_input import BadInput, name_of
 from automcm_spec.parameters import LIMITS, TIMERS
 from automcm_spec.paths import TLA
 from automcm_spec.rules import RULES
-from automcm_traces.explain import Verdict, forged
+from automcm_traces.explain import Verdict, with_forged
+from automcm_traces.finding import At, Finding, Why, cannot_tell, unreadable
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -28,7 +30,7 @@ from automcm_traces.log import (
     TimerArm,
     TimerEnd,
 )
-from automcm_traces.reader import Log, LogError, LogStream, name_of
+from automcm_traces.reader import Log, LogStream
 from automcm_traces.timers import timer_name
 from automcm_traces.tlc_module import TooLarge, Translation, limits, module
 
@@ -63,7 +65,7 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
         except TooLarge as error:
             problem = str(error)
         if problem:
-            verdicts[n] = Verdict("cannot_tell", log.file, 0, problem, header=log.header)
+            verdicts[n] = Verdict(log.file, cannot_tell(log.file, 0, problem), header=log.header)
     for constants, group in groups.items():
         for batch in _batches(group, logs):
             answers = _run(constants, [translation for _, translation in batch])
@@ -75,12 +77,7 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
 def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
     """As ``automcm_traces.explain.explain_files``, with TLC in the place of the oracle."""
     verdicts, logs = _each(paths, late_ms)
-    foreign = forged(logs) if len(paths) > 1 else {}
-    for n, verdict in enumerate(verdicts):
-        other = foreign.get(verdict.file)
-        if other is not None and (verdict.verdict == "allowed" or other.line <= verdict.line):
-            verdicts[n] = replace(other, warnings=verdict.warnings, header=verdict.header)
-    return verdicts
+    return with_forged(verdicts, logs if len(paths) > 1 else [])
 
 
 def explain_each(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
@@ -95,8 +92,8 @@ def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], li
     for path in paths:
         try:
             logs[path], problem = _whole(LogStream(path))
-        except LogError as error:
-            problem = Verdict("unreadable", name_of(path), error.line, error.what)
+        except BadInput as error:
+            problem = Verdict(name_of(path), unreadable(error))
         if problem is not None:
             found[path] = problem
     for path, verdict in zip(logs, explain_batch(list(logs.values()), late_ms), strict=True):
@@ -114,16 +111,13 @@ def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
     problem: Verdict | None = None
     try:
         events.extend(stream)
-    except LogError as error:
-        problem = Verdict("unreadable", stream.file, error.line, error.what)
+    except BadInput as error:
+        problem = Verdict(stream.file, unreadable(error))
     if problem is None and stream.gap is not None:
         line, what = stream.gap
         text = f"records are missing before this line: {what}"
-        problem = Verdict("cannot_tell", stream.file, line, text)
-    log = Log(
-        stream.file, stream.header, events, stream.end, stream.truncated, list(stream.warnings)
-    )
-    return log, problem
+        problem = Verdict(stream.file, cannot_tell(stream.file, line, text))
+    return stream.log(events), problem
 
 
 def _beyond(log: Log) -> str:
@@ -194,7 +188,7 @@ def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
         "events": len(log.events),
     }
     if what == "ALLOWED":
-        return Verdict("allowed", log.file, **about)
+        return Verdict(log.file, **about)
     event = next(event for at, event in log.events if at == line)
     expected = tuple(_expected(translation, rule, wanted))
     if rule == "overdue":
@@ -202,7 +196,9 @@ def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
     if rule == "not armed" and isinstance(event, TimerEnd):
         rule = TIMERS[event.timer.name].rule
     guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
-    return Verdict("diverges", log.file, line, words(event), rule, expected, guard, **about)
+    at = At(log.file, line)
+    found = Finding("unexpected", rule, "", at, expected, words(event), Why(guard))
+    return Verdict(log.file, found, **about)
 
 
 def _expected(t: Translation, rule: str, wanted: Json) -> list[str]:

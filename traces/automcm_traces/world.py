@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from automcm_traces.clocks import Clocks, Span
@@ -11,7 +11,7 @@ from automcm_traces.delivery import Deliveries, Forged
 from automcm_traces.log import ApplicationIndication, Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.merge import Merged, merge
 from automcm_traces.reader import Log
-from automcm_traces.timeline import Moment, Session, Spell, key_of, session_of, timeline
+from automcm_traces.timeline import Moment, Session, Spell, Timeline, key_of, session_of, timeline
 
 Json = Any
 
@@ -22,11 +22,16 @@ class World:
     Raises MergeError if the logs are not those of one run.
     """
 
-    def __init__(self, logs: Sequence[Log]) -> None:
+    def __init__(
+        self, logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None
+    ) -> None:
         self.merged: Merged = merge(logs)
+        known = timelines or {}
         self.clocks = Clocks(self.merged)
         self.deliveries = Deliveries(self.merged, self.clocks)
-        self.timelines = {log.header.station: timeline(log) for log in self.merged.logs}
+        self.timelines = {
+            log.header.station: known.get(log.file) or timeline(log) for log in self.merged.logs
+        }
         self._forged = {found.at: found for found in self.deliveries.forged}
         self._acceptances: dict[int, dict[tuple[int, Session, int], int]] = {}
         self._leases: dict[int, dict[tuple[Session, int], int]] = {}

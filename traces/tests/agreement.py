@@ -394,7 +394,7 @@ def main(number: int) -> int:
             if verdict.verdict != "unreadable":  # both have the same reader
                 logs.append(read(path))
                 verdicts.append(verdict)
-            return verdict.verdict, verdict.line
+            return verdict.verdict, verdict.finding.at.line
 
         for n, lines in enumerate(good_logs(number, 1)):
             verdict, named = judge(lines, f"{n}-good")
@@ -411,10 +411,12 @@ def main(number: int) -> int:
             print(f"{counts[key]:6} {' | '.join(key)}")
         differ = 0
         for one, two in zip(verdicts, explain_batch(logs), strict=True):
-            if (one.verdict, one.line) != (two.verdict, two.line):
+            mine, theirs = one.finding, two.finding
+            if (one.verdict, mine.at.line) != (two.verdict, theirs.at.line):
                 differ += 1
-                print(f"{Path(one.file).name}: {one.verdict} at {one.line}: {one.event}")
-                print(f"    TLC: {two.verdict} at {two.line}: {two.event}")
+                where = Path(one.file).name
+                print(f"{where}: {one.verdict} at {mine.at.line}: {mine.observed}")
+                print(f"    TLC: {two.verdict} at {theirs.at.line}: {theirs.observed}")
     print(
         f"{len(logs)} logs, {sum(len(log.events) for log in logs)} events; engines differ: {differ}"
     )

@@ -115,7 +115,12 @@ def the_verdict_is_that_of_explain(browser: Browser, folder: Path) -> None:
             assert "DIVERGES" in page.inner_text("#verdict")
             told = page.inner_text("#judged").replace("\n", " ")
             assert "\\u000a" not in told, "a line feed of our own is not foreign"
-            for words in (verdict.event, *verdict.expected, verdict.guard, verdict.why.state):
+            for words in (
+                verdict.finding.observed,
+                *verdict.finding.expected,
+                verdict.finding.why.guard,
+                verdict.finding.why.state,
+            ):
                 assert " ".join(words.split()) in " ".join(told.split()), (log.name, words)
             wrong = page.text_content("#svg .row text:text-matches('^✗')")
             assert wrong.startswith("✗"), log.name
@@ -265,7 +270,11 @@ def what_is_downloaded_is_whole(browser: Browser, folder: Path) -> None:
         assert root.tag.endswith("svg") and "var(--" not in got["save-svg"]
         (folder / "prefix.ndjson").write_text(got["save-log"])
         again, first = explain_file(folder / "prefix.ndjson"), explain_file(log)
-        assert (again.verdict, again.line, again.rule) == (first.verdict, first.line, first.rule)
+        assert (again.verdict, again.finding.at.line, again.finding.rule) == (
+            first.verdict,
+            first.finding.at.line,
+            first.finding.rule,
+        )
         assert got["save-mermaid"].startswith("sequenceDiagram\n")
 
 

@@ -46,8 +46,8 @@ def test_each_edit_is_caught_at_its_line_or_there_is_a_reason(
         verdict = judged(edited, tmp_path)
         kinds.add(kind)
         caught += verdict.verdict != "allowed"
-        if not reason(lines, edited, kind, line, verdict.verdict, verdict.line):
-            odd.append((n, kind, line, verdict.verdict, verdict.line))
+        if not reason(lines, edited, kind, line, verdict.verdict, verdict.finding.at.line):
+            odd.append((n, kind, line, verdict.verdict, verdict.finding.at.line))
     assert kinds == set(KINDS) and caught > NUMBER
     assert odd == []
 

@@ -41,8 +41,8 @@ def test_the_index_names_every_log_and_no_other() -> None:
 def test_what_is_wrong_is_named_at_its_line(entry: Entry) -> None:
     beside = [CORPUS / entry.beside] if entry.beside else []
     verdict = explain_files([*beside, CORPUS / entry.file])[-1]
-    assert (verdict.verdict, verdict.line) == (entry.verdict, entry.line), verdict
-    assert verdict.rule == entry.rule or entry.verdict != "diverges", verdict
+    assert (verdict.verdict, verdict.finding.at.line) == (entry.verdict, entry.line), verdict
+    assert verdict.finding.rule == entry.rule or entry.verdict != "diverges", verdict
 
 
 @pytest.mark.parametrize("kind", ["behaviours", "four-vehicles", "pair"])
@@ -60,7 +60,7 @@ def test_good_logs_are_allowed(kind: str) -> None:
 def test_counterexamples_are_judged_as_the_index_says() -> None:
     entries = of("counterexamples")
     found = [explain_files([CORPUS / entry.file])[0] for entry in entries]
-    assert [(v.verdict, v.line, v.rule) for v in found] == [
+    assert [(v.verdict, v.finding.at.line, v.finding.rule) for v in found] == [
         (entry.verdict, entry.line, entry.rule) for entry in entries
     ]
 
@@ -94,7 +94,7 @@ def transitions(path: Path) -> set[str]:
     """The digests of the transitions that a log takes, with the ids of the models again."""
     log = read(path)
     events = dict(log.events)
-    engine = Engine(log)
+    engine = Engine(log.header)
     me, before, found = log.header.station, renaming.state(engine.track.state, of_model), set()
     sent = {
         (m["type"], m.get("dst", 0), *m["session"], m["seq"]): (

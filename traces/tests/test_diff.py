@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from automcm_spec.bad_input import BadInput
 from automcm_traces.corpus_bad import Log as Edited
 from automcm_traces.diff import Compared, diff, text
-from automcm_traces.reader import LogError
 
 Json = Any
 CORPUS = Path(__file__).parents[1] / "corpus"
@@ -269,7 +269,7 @@ def test_parameters_that_differ_are_told() -> None:
 
 
 def test_two_logs_of_one_station_and_an_unreadable_one_are_refused() -> None:
-    with pytest.raises(LogError, match="is the station of"):
+    with pytest.raises(BadInput, match="is the station of"):
         diff([PAIR / "2002.ndjson", CORPUS / "bad/ack_twice.ndjson"], of(PAIR))
-    with pytest.raises(LogError, match="empty"):
+    with pytest.raises(BadInput, match="empty"):
         diff(of(PAIR), [CORPUS / "bad/empty.ndjson"])

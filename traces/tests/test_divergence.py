@@ -219,8 +219,8 @@ def test_act_3_a_fin_of_a_receiver_is_not_blamed_on_the_last_input(tmp_path: Pat
     path = tmp_path / "log.ndjson"
     path.write_text("".join(json.dumps(record) + "\n" for record in log))
     verdict = explain_file(path)
-    assert (verdict.line, verdict.rule) == (n + 4, "NEG-9")
-    said = verdict.why.nearest
+    assert (verdict.finding.at.line, verdict.finding.rule) == (n + 4, "NEG-9")
+    said = verdict.finding.why.nearest
     assert said.startswith("nearest allowed: ACT-3 send Fin (OnComplete) by command complete,")
     assert guards(said) == [('st.role = "prescriber"', True)] and "st.role = receiver" in said
     assert "  last input decided by NEG-9: " in text(verdict)
@@ -231,7 +231,7 @@ def test_a_divergence_of_a_complete_log_loads_no_graph() -> None:
     code = (
         "import sys\n"
         "from automcm_traces.explain import explain_file\n"
-        "print(explain_file(sys.argv[1]).why.causes)\n"
+        "print(explain_file(sys.argv[1]).finding.why.causes)\n"
         "print('automcm_spec.oracle' in sys.modules)\n"
         "print(next(line for line in open('/proc/self/status') if 'VmHWM' in line))\n"
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from automcm_traces.engine import Engine
-from automcm_traces.explain import NEEDED
+from automcm_traces.follow import NEEDED
 from automcm_traces.log import RECORD
 from automcm_traces.reader import Log, read
 from automcm_traces.track import INITIAL, CannotTell, Entry

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,25 @@ from automcm.straight import LANE_CHANGE, Straight
 from automcm_spec.application import Abort, Prescribe
 from automcm_spec.messages import Cam, encode
 from automcm_spec.parameters import Parameters, in_header
-from automcm_traces.explain import exit_code, explain, explain_file, explain_files
+from automcm_traces import reader
+from automcm_traces.engine import Engine
+from automcm_traces.explain import (
+    exit_code,
+    explain,
+    explain_file,
+    explain_files,
+    explained,
+    together,
+)
 from automcm_traces.lint import report
+from automcm_traces.log import Event
+from automcm_traces.page_run import load
 from automcm_traces.reader import read
 from automcm_traces.telling import text
 from automcm_traces.writer import LogWriter
 
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
+CORPUS = Path(__file__).parents[1] / "corpus"
 STATIONS = (1001, 2002, 3003, 4004)
 
 
@@ -69,6 +82,29 @@ def test_four_stations_with_loss_are_allowed(logs: list[Path]) -> None:
     verdicts = explain_files(logs)
     assert [v.verdict for v in verdicts] == ["allowed"] * 4
     assert exit_code(verdicts) == 0 and all(v.events > 100 for v in verdicts)
+
+
+def test_each_log_of_several_is_read_and_followed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    read_, fed = Counter[bytes](), Counter[tuple[int, int]]()
+
+    def parse(line: bytes, **first: bool) -> Any:
+        read_[line] += 1
+        return real_parse(line, **first)
+
+    def feed(self: Engine, at: int, event: Event) -> None:
+        fed[self.track.me, at] += 1
+        real_feed(self, at, event)
+
+    real_parse, real_feed = reader.parse, Engine.feed
+    monkeypatch.setattr(reader, "parse", parse)
+    monkeypatch.setattr(Engine, "feed", feed)
+    paths = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
+    for way in (lambda: together([explained(path) for path in paths]), lambda: load(paths)):
+        way()
+        assert len(read_) > 200 and set(read_.values()) == {1}
+        assert len(fed) > 200 and set(fed.values()) == {1}
+        read_.clear()
+        fed.clear()
 
 
 def test_msg_1_stations_that_overhear_everything_are_allowed(
@@ -156,7 +192,7 @@ def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path:
                 tried.add((path, message["type"], name))
                 changed = edited(path, number, tmp_path, **{name: mutated(message[name])})
                 verdict = explain(read(changed))
-                where = (verdict.verdict, verdict.line)
+                where = (verdict.verdict, verdict.finding.at.line)
                 assert where == ("diverges", number), (message["type"], name, verdict)
     assert {type_ for _, type_, _ in tried} >= {"Advertisement", "Intention", "Prescription"}
     assert {type_ for _, type_, _ in tried} >= {"Acceptance", "Fin", "Cancel", "Ack"}
@@ -165,7 +201,11 @@ def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path:
 def test_forged_marks_of_a_cam_are_named_act_5(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[0], "send", type="CAM", marks=[[1001, 1]])
     verdict = explain(read(edited(logs[0], number, tmp_path, marks=[])))
-    assert (verdict.verdict, verdict.line, verdict.rule) == ("diverges", number, "ACT-5")
+    assert (verdict.verdict, verdict.finding.at.line, verdict.finding.rule) == (
+        "diverges",
+        number,
+        "ACT-5",
+    )
 
 
 def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_path: Path) -> None:
@@ -173,12 +213,12 @@ def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_pat
     changed = edited(logs[2], number, tmp_path, hold_ms=1)
     assert explain(read(changed)).verdict == "allowed"  # alone, nothing is wrong with it
     verdicts = explain_files([logs[0], changed])
-    assert (verdicts[1].verdict, verdicts[1].line, verdicts[1].rule) == (
+    assert (verdicts[1].verdict, verdicts[1].finding.at.line, verdicts[1].finding.rule) == (
         "diverges",
         number,
         "forged",
     )
-    assert verdicts[1].expected == ("hold_ms: 2000 was sent, not 1",)
+    assert verdicts[1].finding.expected == ("hold_ms: 2000 was sent, not 1",)
 
 
 def test_the_small_logs_of_the_page_are_what_it_says(tmp_path: Path) -> None:
@@ -192,7 +232,8 @@ def test_the_small_logs_of_the_page_are_what_it_says(tmp_path: Path) -> None:
         assert report(path, 0).verdict == "clean"
         found.append(explain_file(path))
     assert [v.verdict for v in found] == ["cannot_tell", "allowed", "diverges"]
-    assert found[2].line == 7 and f"`{found[2].event}`" in " ".join(page.split())
+    last = found[2].finding
+    assert last.at.line == 7 and f"`{last.observed}`" in " ".join(page.split())
 
 
 def test_what_is_called_for_by_a_malformed_message_is_said(
@@ -204,11 +245,14 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
         f"; the message of line {number} is malformed (v: Input should be less than or equal to 1)"
     )
     verdict = explain(read(wrong))
-    assert (verdict.line, verdict.event) == (number, f"phase NEGOTIATING{why}")
+    assert (verdict.finding.at.line, verdict.finding.observed) == (
+        number,
+        f"phase NEGOTIATING{why}",
+    )
     wrong.write_text(wrong.read_text().replace(', "phase": "NEGOTIATING", "role": "receiver"', ""))
     verdict = explain(read(wrong))
-    assert (verdict.line, verdict.rule) == (number + 1, "END-5")
-    assert verdict.event == f"send Ack to 1001: nothing called for it{why}"
+    assert (verdict.finding.at.line, verdict.finding.rule) == (number + 1, "END-5")
+    assert verdict.finding.observed == f"send Ack to 1001: nothing called for it{why}"
 
 
 def without_line(path: Path, number: int, tmp_path: Path) -> Path:
@@ -226,14 +270,17 @@ def without_line(path: Path, number: int, tmp_path: Path) -> Path:
 def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[0], "send", type="Ack")
     verdict = explain(read(without_line(logs[0], number, tmp_path)))
-    assert (verdict.verdict, verdict.rule) == ("diverges", "ADV-5")
-    assert verdict.expected[0].startswith("send Ack") and "OnIntention" in verdict.guard
+    assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-5")
+    assert (
+        verdict.finding.expected[0].startswith("send Ack")
+        and "OnIntention" in verdict.finding.why.guard
+    )
 
 
 def test_a_timer_left_out_is_missed(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "timer", op="arm")
     verdict = explain(read(without_line(logs[2], number, tmp_path)))
-    assert verdict.verdict == "diverges" and "arm" in verdict.expected[0]
+    assert verdict.verdict == "diverges" and "arm" in verdict.finding.expected[0]
 
 
 def shifted(path: Path, number: int, tmp_path: Path, **change: Any) -> Path:
@@ -249,8 +296,8 @@ def test_a_wrong_deadline_is_named(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "timer", op="arm")
     deadline = json.loads(logs[2].read_text().splitlines()[number - 1])["deadline"]
     verdict = explain(read(shifted(logs[2], number, tmp_path, deadline=deadline + 1)))
-    assert (verdict.verdict, verdict.line) == ("diverges", number)
-    assert f"until {deadline} ms" in verdict.expected[0]
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
+    assert f"until {deadline} ms" in verdict.finding.expected[0]
 
 
 def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
@@ -262,7 +309,10 @@ def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
     number = find(path, "timer", op="expire")
     t_ms = json.loads(path.read_text().splitlines()[number - 1])["t_ms"]
     verdict = explain(read(shifted(path, number, tmp_path, t_ms=t_ms - 1)))
-    assert (verdict.verdict, verdict.line) == ("diverges", number) and "too early" in verdict.event
+    assert (verdict.verdict, verdict.finding.at.line) == (
+        "diverges",
+        number,
+    ) and "too early" in verdict.finding.observed
 
 
 def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
@@ -271,7 +321,7 @@ def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> N
     path = tmp_path / "partial.ndjson"
     path.write_text(json.dumps(header) + "\n" + rest)
     verdict = explain(read(path))
-    assert verdict.verdict == "cannot_tell" and "sends" in verdict.event
+    assert verdict.verdict == "cannot_tell" and "sends" in verdict.finding.observed
     assert exit_code([verdict]) == 4 and "CANNOT TELL" in text(verdict)
 
 
@@ -279,7 +329,7 @@ def test_a_log_that_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path
     path = tmp_path / "lost.ndjson"
     path.write_text(logs[1].read_text().replace('"lost_records":0', '"lost_records":5'))
     verdict = explain(read(path))
-    assert verdict.verdict == "cannot_tell" and "lost 5 records" in verdict.event
+    assert verdict.verdict == "cannot_tell" and "lost 5 records" in verdict.finding.observed
 
 
 def test_end_5_a_message_without_its_fields_calls_for_nothing(
@@ -293,9 +343,9 @@ def test_end_5_a_message_without_its_fields_calls_for_nothing(
     path = tmp_path / "bad.ndjson"
     path.write_text("\n".join(lines) + "\n")
     verdict = explain(read(path))
-    assert (verdict.verdict, verdict.line) == ("diverges", number)
-    assert verdict.event.startswith("phase INTENDING; the message of line")
-    assert verdict.expected == ("phase STANDALONE",)
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
+    assert verdict.finding.observed.startswith("phase INTENDING; the message of line")
+    assert verdict.finding.expected == ("phase STANDALONE",)
 
 
 def test_files_that_are_no_logs_are_unreadable(tmp_path: Path) -> None:
@@ -320,7 +370,7 @@ def test_a_log_without_events_says_nothing(logs: list[Path], tmp_path: Path) -> 
     lines = logs[2].read_text().splitlines(keepends=True)
     path.write_text(lines[0] + '{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
     verdict = explain(read(path))
-    assert verdict.verdict == "cannot_tell" and "no event" in verdict.event
+    assert verdict.verdict == "cannot_tell" and "no event" in verdict.finding.observed
 
 
 def alone(folder: Path, parameters: Parameters, **commands: Any) -> Path:
@@ -427,5 +477,8 @@ def test_a_late_timer_is_told_with_what_the_station_says_of_it(
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
     verdict = explain_file(path)
     assert verdict.verdict == "diverges"
-    assert f"the station says that it was 900 ms late (late_ms, line {n + 1})" in verdict.event
-    assert "late_ms" not in explain_file(path, 1000).event
+    assert (
+        f"the station says that it was 900 ms late (late_ms, line {n + 1})"
+        in verdict.finding.observed
+    )
+    assert "late_ms" not in explain_file(path, 1000).finding.observed

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from automcm_spec.bad_input import BadInput
 from automcm_traces import mcap_file
 from automcm_traces.corpus_bad import Log as Edited
 from automcm_traces.log import Receive
 from automcm_traces.mcap_file import McapError
 from automcm_traces.mermaid import diagram
-from automcm_traces.reader import LogError
 from automcm_traces.show import Logs
 
 CORPUS = Path(__file__).parents[1] / "corpus"
@@ -121,7 +121,7 @@ def test_the_name_of_a_channel_leaves_the_folder_alone(tmp_path: Path) -> None:
 
 def test_a_log_that_cannot_be_read_does_not_become_an_mcap() -> None:
     pytest.importorskip("mcap")
-    with pytest.raises(LogError):
+    with pytest.raises(BadInput):
         mcap_file.written([CORPUS / "bad/time_backwards.ndjson"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,9 @@ def test_the_itf_of_a_log_says_by_what_each_state_was_reached() -> None:
 def test_the_itf_of_a_log_that_diverges_ends_there_and_says_so() -> None:
     path = CORPUS / "bad" / "wrong_addressee.ndjson"
     value = json.loads(from_log(read(path)))
-    assert f"diverges at line {explain(read(path)).line}" in value["#meta"]["description"]
+    assert (
+        f"diverges at line {explain(read(path)).finding.at.line}" in value["#meta"]["description"]
+    )
     assert len(value["states"]) == 1
 
 
@@ -195,3 +198,23 @@ def test_a_step_that_the_model_does_not_take_is_no_story() -> None:
 
     with pytest.raises(StoryError, match="leads to"):
         happenings([wrong], partial(ask, found.module, found.cfg), False)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda s: s["st"]["#tup"][0].pop("phase"), "state 1: not a step of a station: st.0.phase"),
+        (lambda s: s["st"]["#tup"].pop(), "state 1: not a step of a station: st: not of"),
+        (lambda s: s["#meta"].pop("input"), "state 1: not a step of a station: input"),
+        (lambda s: s["#meta"].update(station=9), "state 1: not a step of a station: station"),
+    ],
+)
+def test_a_state_that_is_none_is_named_with_its_field(
+    change: Any, says: str, tmp_path: Path
+) -> None:
+    value = json.loads((COUNTEREXAMPLES / "no_lease.itf.json").read_text())
+    change(value["states"][1])
+    path = tmp_path / "odd.itf.json"
+    path.write_text(json.dumps(value))
+    with pytest.raises(itf.ItfError, match=re.escape(f"{path}: {says}")):
+        behaviour(path)

@@ -64,4 +64,4 @@ def test_mem_1_a_station_that_is_full_must_not_record(tmp_path: Path) -> None:
     paths = logs(tmp_path, {})
     verdicts = [told(path, max_participants=1) for path in paths]
     assert "diverges" in {verdict.verdict for verdict in verdicts}
-    assert {v.rule for v in verdicts if v.verdict == "diverges"} == {"MEM-1"}
+    assert {v.finding.rule for v in verdicts if v.verdict == "diverges"} == {"MEM-1"}

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
-from automcm_traces.lint import CHECKS, exit_code, lint, report, text
+from automcm_spec.bad_input import BadInput
+from automcm_traces.lint import CHECKS, exit_code, level, lint, report, text
 from automcm_traces.numbers import Numbers
-from automcm_traces.reader import LONGEST_LINE, LogError, read
+from automcm_traces.reader import LONGEST_LINE, read
 
 Line = dict[str, Any]
 HEADER: Line = {
@@ -57,7 +58,7 @@ def write(folder: Path, *lines: Line | bytes) -> Path:
 
 def found(folder: Path, *lines: Line | bytes) -> list[tuple[int, str, str]]:
     """Line, check and field of each finding."""
-    return [(f.line, f.check, f.field) for f in lint(write(folder, *lines))]
+    return [(f.at.line, f.rule, f.at.field) for f in lint(write(folder, *lines))]
 
 
 def test_a_good_log_is_clean(tmp_path: Path) -> None:
@@ -175,8 +176,8 @@ def test_every_check_is_shown_here() -> None:
 
 def test_the_documentation_has_every_check() -> None:
     text = (Path(__file__).parents[2] / "docs/trace-format.md").read_text()
-    for name, (level, wanted) in CHECKS.items():
-        assert f"| `{name}` | {level} | {wanted} |" in text
+    for name, (kind, wanted) in CHECKS.items():
+        assert f"| `{name}` | {kind} | {wanted} |" in text
 
 
 def test_what_is_clean_can_be_read_and_what_cannot_be_read_is_not_clean(tmp_path: Path) -> None:
@@ -185,8 +186,8 @@ def test_what_is_clean_can_be_read_and_what_cannot_be_read_is_not_clean(tmp_path
         path = write(tmp_path, *lines)
         try:
             read(path)
-        except LogError as error:
-            assert error.line in {f.line for f in lint(path) if f.level == "error"}
+        except BadInput as error:
+            assert error.line in {f.at.line for f in lint(path) if level(f) == "error"}
 
 
 def test_a_line_that_is_too_long_is_passed_over(tmp_path: Path) -> None:
@@ -228,7 +229,7 @@ def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> 
 
 def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> None:
     path = write(tmp_path, HEADER, event(1), event(2), event(2), event(1), event(2), end(2))
-    assert [finding.problem for finding in lint(path) if finding.check == "seq"] == [
+    assert [finding.observed for finding in lint(path) if finding.rule == "seq"] == [
         "2 a second time",
         "goes back from 2 to 1",
     ]
@@ -265,7 +266,7 @@ def test_a_long_log_is_linted_in_bounded_memory(tmp_path: Path) -> None:
     sends = [send(n, f"7:{n}", x_padding="x" * 400) for n in range(1, 10_001)]
     path = write(tmp_path, {**HEADER, "complete": []}, *sends)
     tracemalloc.start()
-    assert sum(1 for f in lint(path) if f.check != "message") == 1  # no end
+    assert sum(1 for f in lint(path) if f.rule != "message") == 1  # no end
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1_000_000

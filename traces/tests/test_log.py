@@ -8,8 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from automcm_spec.bad_input import BadInput
 from automcm_traces.log import Header, MessageTimer, Receive, Send, TimerArm, problems
-from automcm_traces.reader import LONGEST_LINE, LogError, Notice, read, records
+from automcm_traces.reader import LONGEST_LINE, Notice, read, records
 
 Line = dict[str, Any]
 
@@ -60,10 +61,10 @@ def write(folder: Path, *lines: Line | bytes) -> Path:
     return path
 
 
-def refused(folder: Path, *lines: Line | bytes) -> LogError:
+def refused(folder: Path, *lines: Line | bytes) -> BadInput:
     """The error of reading a log of these lines; every one must be a single readable line."""
     path = write(folder, *lines)
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(BadInput) as caught:
         read(path)
     text = str(caught.value)
     assert text.isprintable()
@@ -187,6 +188,7 @@ def test_refuses_a_header_that_lacks(tmp_path: Path, field: str) -> None:
         (RESTART, {"seq": 0}, "seq", "greater"),
         (RESTART, {"seq": 1.0}, "seq", "float"),
         (RESTART, {"t_ms": -1}, "t_ms", "greater"),
+        (RESTART, {"t_ms": 2**53}, "t_ms", "less"),
         (RESTART, {"t_ms": None}, "t_ms", "null"),
         (RESTART, {"message": MESSAGE}, "message", "unknown field"),
         (RESTART, {"rule": 3}, "rule", "string"),
@@ -294,21 +296,22 @@ def test_refuses_a_log(
 
 def test_the_text_of_an_error_names_file_line_and_field(tmp_path: Path) -> None:
     error = refused(tmp_path, HEADER, {**RESTART, "seq": 4})
-    assert str(error) == f"{tmp_path}/7.ndjson:2: seq: 4 after 0, expected 1"
+    assert str(error) == f"{tmp_path}/7.ndjson:2: seq: 4 after 0, expected 1 [seq]"
+    assert (error.path, error.line, error.rule) == (f"{tmp_path}/7.ndjson", 2, "seq")
 
 
 def test_refuses_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"none\.ndjson: no such file$"):
+    with pytest.raises(BadInput, match=r"none\.ndjson: no such file$"):
         read(tmp_path / "none.ndjson")
 
 
 def test_refuses_a_directory(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="is a directory"):
+    with pytest.raises(BadInput, match="is a directory"):
         read(tmp_path)
 
 
 def test_refuses_a_file_below_a_file(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match="cannot be read"):
+    with pytest.raises(BadInput, match="cannot be read"):
         read(write(tmp_path, HEADER) / "log")
 
 
@@ -359,7 +362,7 @@ def test_records_gives_what_is_good_before_it_fails(tmp_path: Path) -> None:
     stream = records(write(tmp_path, HEADER, RESTART, RESTART))
     assert isinstance(next(stream).record, Header)
     assert next(stream).line == 2
-    with pytest.raises(LogError):
+    with pytest.raises(BadInput):
         next(stream)
 
 
@@ -394,7 +397,7 @@ def only_log_errors(path: Path, content: bytes) -> None:
     path.write_bytes(content)
     try:
         log = read(path)
-    except LogError as error:
+    except BadInput as error:
         assert str(error).isprintable()
     else:
         assert all(warning.isprintable() for warning in log.warnings)

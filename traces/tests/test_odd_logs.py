@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import random
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,16 +11,23 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from automcm_spec.bad_input import BadInput
 from automcm_traces import tlc_engine
+from automcm_traces.coverage import measure
+from automcm_traces.engine import Engine
 from automcm_traces.explain import explain_file, explain_files
-from automcm_traces.lint import report
+from automcm_traces.lint import CHECKS, report
 from automcm_traces.log import RECORD
 from automcm_traces.mermaid import diagram
+from automcm_traces.page_run import load
+from automcm_traces.properties import judge
+from automcm_traces.reader import read
 from automcm_traces.same import same
 from automcm_traces.schema import schema
 from automcm_traces.show import Logs
 from automcm_traces.shrink import shrink
 from automcm_traces.telling import prefix, text
+from automcm_traces.timeline import timeline
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 Line = dict[str, Any]
@@ -60,8 +68,8 @@ def test_true_is_not_1(values: tuple[object, ...], tmp_path: Path) -> None:
     path = changed(tmp_path / "log.ndjson", lane(*values))
     assert explain_file(right).verdict == "allowed"
     found = explain_file(path)
-    assert (found.verdict, "details" in found.event) == ("diverges", True)
-    assert tlc_engine.explain_files([path])[0].line == found.line
+    assert (found.verdict, "details" in found.finding.observed) == ("diverges", True)
+    assert tlc_engine.explain_files([path])[0].finding.at.line == found.finding.at.line
 
 
 def test_true_received_where_1_was_sent_is_forged(tmp_path: Path) -> None:
@@ -72,7 +80,7 @@ def test_true_received_where_1_was_sent_is_forged(tmp_path: Path) -> None:
 
     one = changed(tmp_path / "1001.ndjson", lane(1))
     other = changed(tmp_path / "2002.ndjson", received, "pair/2002")
-    assert [v.rule for v in explain_files([one, other])] == ["", "forged"]
+    assert [v.finding.rule for v in explain_files([one, other])] == ["", "forged"]
 
 
 OWN = """\
@@ -102,7 +110,10 @@ def test_end_5_a_malformed_message_that_is_sent_diverges(tmp_path: Path) -> None
         lines[2]["message"]["session"] = [1001]
 
     found = explain_file(changed(tmp_path / "log.ndjson", change))
-    assert (found.verdict, found.line) == ("diverges", 3) and "session" in found.event
+    assert (found.verdict, found.finding.at.line) == (
+        "diverges",
+        3,
+    ) and "session" in found.finding.observed
 
 
 @pytest.mark.parametrize(
@@ -140,8 +151,8 @@ def test_a_timer_whose_message_is_not_told(tmp_path: Path) -> None:
     path = changed(tmp_path / "log.ndjson", change, "pair/2002")
     assert report(path).verdict == "clean"
     found = explain_file(path)
-    assert (found.verdict, found.event) == ("diverges", "expire resend: not armed")
-    assert tlc_engine.explain_files([path])[0].line == found.line
+    assert (found.verdict, found.finding.observed) == ("diverges", "expire resend: not armed")
+    assert tlc_engine.explain_files([path])[0].finding.at.line == found.finding.at.line
 
 
 @pytest.fixture
@@ -157,7 +168,10 @@ def test_a_prefix_whose_last_line_lacks_its_line_feed(cut: Path, tmp_path: Path)
     found = explain_file(cut)
     again = explain_file(prefix(found, tmp_path / "out"))
     assert found.verdict == again.verdict == "diverges"
-    assert (again.line, again.event) == (found.line, found.event)
+    assert (again.finding.at.line, again.finding.observed) == (
+        found.finding.at.line,
+        found.finding.observed,
+    )
 
 
 def test_a_last_line_without_line_feed_is_shrunk_too(cut: Path) -> None:
@@ -188,3 +202,50 @@ def test_control_characters_of_a_log_stay_in_it(tmp_path: Path) -> None:
     logs = Logs([path])
     drawn = "\n".join(diagram(logs.rows(), logs.stations))
     assert "owned" in drawn and "\x1b" not in drawn and "\n  S1-" not in drawn
+
+
+WAYS: dict[str, Callable[[Path], object]] = {
+    "explain": explain_file,
+    "timeline": lambda path: timeline(read(path)),
+    "judge": lambda path: judge([read(path)]),
+    "page": lambda path: load([path]),
+    "coverage": lambda path: measure([path]),
+}
+
+
+@pytest.mark.parametrize("fault", [KeyError, TypeError, IndexError, ValueError, AttributeError])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_fault_of_ours_is_not_blamed_on_the_log(
+    way: str, fault: type[Exception], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise fault("ours")
+
+    monkeypatch.setattr(Engine, "feed", broken)
+    with pytest.raises(fault, match="ours"):
+        WAYS[way](CORPUS / "pair/1001.ndjson")
+
+
+ODD_VALUES = (0, -1, 7, 2**53, 10**30, True, None, 1.5, "", "CAM", [], [1001, "1"], [[1], 2], {})
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_no_odd_field_ends_with_an_exception_of_ours(seed: int, tmp_path: Path) -> None:
+    draw = random.Random(seed)
+
+    def odd(lines: list[Line]) -> None:
+        inside: Any = draw.choice(lines[: draw.choice((1, len(lines)))])
+        for _ in range(draw.randrange(4)):
+            parts = [v for v in inside.values() if isinstance(v, dict)]
+            inside = draw.choice(parts) if parts else inside
+        name = draw.choice([*inside, "session", "planned", "dst"])
+        inside.pop(name, None)
+        if draw.random() < 0.8:
+            inside[name] = draw.choice(ODD_VALUES)
+
+    path = changed(tmp_path / "log.ndjson", odd, draw.choice(("pair/1001", "pair/2002")))
+    for way in WAYS.values():
+        try:
+            way(path)
+        except BadInput as error:
+            assert error.path == str(path) and error.line and error.rule in CHECKS

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+import sys
 import tracemalloc
 from collections import Counter
 from collections.abc import Callable
@@ -18,10 +19,12 @@ from merged_runs import killed, records, rewritten
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.bad_input import BadInput
 from automcm_spec.parameters import Parameters
 from automcm_traces import page_run
 from automcm_traces.engine import Engine
-from automcm_traces.explain import explain_file, explain_files, together
+from automcm_traces.explain import explain_file, explain_files
+from automcm_traces.follow import follow
 from automcm_traces.itf_log import from_log
 from automcm_traces.log import TimerArm
 from automcm_traces.page import html
@@ -35,10 +38,11 @@ from automcm_traces.page_arrows import (
     UNSENT,
 )
 from automcm_traces.page_data import IS_CAM, OF_CAM, as_dict, load
-from automcm_traces.page_follow import EXPIRED, RESTARTED, Followed, follow
+from automcm_traces.page_follow import EXPIRED, RESTARTED, Followed, States
 from automcm_traces.page_pack import Shapes, compact
 from automcm_traces.page_run import MOST_EVENTS, MOST_LOGS, PageError, Part
-from automcm_traces.reader import LogError, read
+from automcm_traces.properties import judge
+from automcm_traces.reader import Log, read
 from automcm_traces.timers import timer_key
 from automcm_traces.words import said
 
@@ -155,7 +159,7 @@ def test_all_five_kinds_of_arrow_are_told_apart(lossy: list[Path]) -> None:
     data = as_dict(page)
     arrows = fives(data["arrows"])
     assert {kind for _, kind, *_ in arrows} >= {0, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT}
-    found, system = events(data), together(lossy)
+    found, system = events(data), judge([read(path) for path in lossy])
     for way, counts in system.deliveries.items():
         source, to = map(int, way.split("-"))
         places = [data["logs"][i]["station"] for i in (0, 1)] + data["runs"][0]["ghosts"]
@@ -185,10 +189,16 @@ def number(value: Json) -> int:
     return int(value["#bigint"]) if isinstance(value, dict) else int(value)
 
 
+def followed_by(log: Log) -> Followed:
+    states = States(range(sys.maxsize))
+    follow(log, watchers=[states])
+    return states.followed(log)
+
+
 @pytest.mark.parametrize("path", FOUR + sorted((CORPUS / "pair").glob("*.ndjson")))
 def test_the_states_are_those_of_the_specification(path: Path) -> None:
     """As many and the same as in the log's ITF."""
-    followed = follow(read(path))
+    followed = followed_by(read(path))
     itf = json.loads(from_log(read(path)))["states"][1:]
     assert [s["#meta"]["line"] for s in itf] == followed.steps
     for n, state in enumerate(itf):
@@ -204,13 +214,13 @@ def test_the_states_are_those_of_the_specification(path: Path) -> None:
 @pytest.mark.parametrize("path", FOUR)
 def test_the_deadline_beside_a_timer_is_that_of_the_specification(path: Path) -> None:
     log = read(path)
-    engine, due = Engine(log), {}
+    engine, due = Engine(log.header), {}
     for n, (at, event) in enumerate(log.events):
         engine.feed(at, event)
         if isinstance(event, TimerArm):
             key = timer_key(event.timer.model_dump(exclude_none=True))
             due[n] = engine.timers[key].first - event.t_ms
-    bars = follow(log).bars
+    bars = followed_by(log).bars
     assert {bar.armed for bar in bars} == set(due)
     for bar in bars:
         told = bar.spec_ms >= 0
@@ -232,7 +242,7 @@ def test_a_restart_ends_all_timers_but_the_quarantine(tmp_path: Path) -> None:
     at = next(n for n, r in enumerate(lines) if r.get("op") == "arm") + 1
     restart = {"rec": "event", "t_ms": lines[at - 1]["t_ms"], "ev": "restart"}
     log = rewritten(tmp_path / "a.ndjson", [*lines[:at], restart, lines[-1]])
-    assert [bar.how for bar in follow(log).bars] == [RESTARTED]
+    assert [bar.how for bar in followed_by(log).bars] == [RESTARTED]
 
 
 def test_what_the_header_does_not_tell_has_no_deadline(tmp_path: Path) -> None:
@@ -261,21 +271,23 @@ def test_the_verdict_is_that_of_explain_and_its_row_is_marked(entry: Json) -> No
     path = CORPUS / entry["file"]
     try:
         data = data_of(html(load([path])))
-    except LogError:
+    except BadInput:
         assert entry["verdict"] == "unreadable"
         return
     (told,) = explain_files([path])
     assert data["runs"][0]["verdicts"] == [json.loads(json.dumps(told.as_dict()))]
     row = data["logs"][0]["diverges"]
     if told.verdict == "diverges":
-        assert events(data)[row][1] == told.line
+        assert events(data)[row][1] == told.finding.at.line
     else:
         assert row == -1
 
 
 def test_several_logs_are_also_judged_together() -> None:
     data = data_of(html(load(FOUR)))
-    assert data["runs"][0]["system"] == json.loads(json.dumps(together(FOUR).as_dict()))
+    assert data["runs"][0]["system"] == json.loads(
+        json.dumps(judge([read(path) for path in FOUR]).as_dict())
+    )
 
 
 def test_the_operators_that_decided_are_there_and_no_others() -> None:
@@ -417,7 +429,7 @@ def test_what_cannot_be_shown_is_said(tmp_path: Path) -> None:
         load([FOUR[0], CORPUS / "pair" / "2002.ndjson"])
     with pytest.raises(PageError, match=f"at most {MOST_LOGS}"):
         load(FOUR * 100)
-    with pytest.raises(LogError, match="no such file"):
+    with pytest.raises(BadInput, match="no such file"):
         load([tmp_path / "nothing"])
 
 
@@ -564,10 +576,12 @@ def test_a_log_without_a_message_of_the_part_is_left_out_and_named(tmp_path: Pat
 def test_a_divergence_before_a_part_is_the_reason_that_no_state_is_known() -> None:
     log = CORPUS / "bad" / "wrong_proposal.ndjson"
     (verdict,) = explain_files([log])
-    page = load([log], part=Part(verdict.line + 1, len(records(log))))
-    assert page.followed[0].steps == [] and page.followed[0].why_not.endswith(str(verdict.line))
+    page = load([log], part=Part(verdict.finding.at.line + 1, len(records(log))))
+    assert page.followed[0].steps == [] and page.followed[0].why_not.endswith(
+        str(verdict.finding.at.line)
+    )
     assert as_dict(page)["logs"][0]["diverges"] == -1
-    assert page.runs[0].verdicts[0].line == verdict.line
+    assert page.runs[0].verdicts[0].finding.at.line == verdict.finding.at.line
 
 
 def test_a_log_without_events_is_a_page_all_the_same() -> None:
@@ -586,7 +600,7 @@ def test_act_4_a_prescribers_lease_is_due_with_its_margin(tmp_path: Path) -> Non
     wanted = {}
     for station in (1001, 2002):
         log = read(tmp_path / f"{station}.ndjson")
-        for bar in follow(log).bars:
+        for bar in followed_by(log).bars:
             event = log.events[bar.armed][1]
             if isinstance(event, TimerArm) and event.timer.name == "lease":
                 wanted[station] = (bar.logged_ms, bar.spec_ms)

@@ -83,7 +83,7 @@ def test_what_is_left_of_an_allowed_log_is_allowed(
 ) -> None:
     for records in logs:
         verdict = judged(records, kinds, tmp_path)
-        assert verdict.verdict == "allowed", (verdict.line, verdict.event)
+        assert verdict.verdict == "allowed", (verdict.finding.at.line, verdict.finding.observed)
         assert verdict.possible_states >= 1
         assert set(verdict.unobserved).isdisjoint(kinds)
 
@@ -134,7 +134,7 @@ def test_without_what_is_sent_nothing_can_be_told(
     kinds: tuple[str, ...], logs: list[Records], tmp_path: Path
 ) -> None:
     verdict = judged(logs[0], kinds, tmp_path)
-    assert verdict.verdict == "cannot_tell" and "sends" in verdict.event
+    assert verdict.verdict == "cannot_tell" and "sends" in verdict.finding.observed
 
 
 def _proposal(m: dict[str, Any]) -> None:
@@ -165,9 +165,11 @@ def test_of_a_message_in_another_form_the_field_is_named(
     first = next(r for r in records if r.get("message", {}).get("accepted") and r["ev"] == "send")
     wrong(first["message"])
     verdict = judged(records, ("receive", "send"), tmp_path)
-    assert verdict.verdict == "diverges" and why in verdict.event, verdict.event
-    assert verdict.rule == "NEG-2"
-    assert "proposal=2, accepted" in verdict.expected[0], verdict.expected
+    assert verdict.verdict == "diverges" and why in verdict.finding.observed, (
+        verdict.finding.observed
+    )
+    assert verdict.finding.rule == "NEG-2"
+    assert "proposal=2, accepted" in verdict.finding.expected[0], verdict.finding.expected
 
 
 def test_what_is_still_missing_is_told_before_what_could_be_unseen(
@@ -181,7 +183,7 @@ def test_what_is_still_missing_is_told_before_what_could_be_unseen(
     )
     del records[ack]
     verdict = judged(records, ("receive", "send"), tmp_path)
-    assert verdict.rule == "NEG-1" and verdict.expected[0].startswith("send Ack")
+    assert verdict.finding.rule == "NEG-1" and verdict.finding.expected[0].startswith("send Ack")
 
 
 def _no_ack(records: Records) -> None:
@@ -256,7 +258,7 @@ def test_rel_1_a_retransmission_too_early_is_seen_without_timers(
     later = (n for n, r in enumerate(records) if r.get("t_ms", 0) > early["t_ms"])
     records.insert(next(later), early)
     verdict = judged(records, ("receive", "send"), tmp_path)
-    assert verdict.verdict == "diverges" and "Advertisement" in verdict.event
+    assert verdict.verdict == "diverges" and "Advertisement" in verdict.finding.observed
 
 
 def test_rel_1_a_retransmission_left_out_is_seen_without_timers(
@@ -378,7 +380,7 @@ def test_nothing_unseen_jumps_over_a_timer(
     """The timers are not logged; the header tells how long they last."""
     verdict = judged([*build(*pair, late), END], ("receive", "send"), tmp_path)
     assert verdict.verdict == ("diverges" if late else "allowed"), verdict
-    assert verdict.rule == (rule if late else "")
+    assert verdict.finding.rule == (rule if late else "")
 
 
 @pytest.fixture(scope="module")
@@ -405,9 +407,9 @@ def test_pre_2_the_cancel_that_lacks_is_named(
         return m.get("type") == "Cancel" and m.get("dst", m.get("to")) == lacks
 
     verdict = judged([r for r in chooses if not about(r)], kinds, tmp_path)
-    assert (verdict.verdict, verdict.rule) == ("diverges", "PRE-2")
-    assert verdict.expected[0] == f"send Cancel to {lacks} session=1001/1 (not_selected)"
-    assert not any("Prescription to" in wanted for wanted in verdict.expected)
+    assert (verdict.verdict, verdict.finding.rule) == ("diverges", "PRE-2")
+    assert verdict.finding.expected[0] == f"send Cancel to {lacks} session=1001/1 (not_selected)"
+    assert not any("Prescription to" in wanted for wanted in verdict.finding.expected)
 
 
 @pytest.mark.parametrize("kinds", [("send", "timer"), ("receive", "send", "timer")], ids="+".join)

@@ -170,7 +170,7 @@ def lines_of(world: World, station: int) -> list[Any]:
     return world.timelines[station].moments
 
 
-def outcome(findings: Iterable[durations.Finding]) -> set[bool | None]:
+def outcome(findings: Iterable[durations.Checked]) -> set[bool | None]:
     return {holds for holds, _ in findings}
 
 

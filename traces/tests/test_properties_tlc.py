@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from automcm_traces.clocks import Span
-from automcm_traces.durations import Finding
+from automcm_traces.durations import Checked
 from automcm_traces.hazards import Hazard, hazard
 from automcm_traces.itf import ItfState, from_itf
 from automcm_traces.log import Header
@@ -134,7 +134,7 @@ def moment(n: int, t: int, station: int, x: Any, before: Any, state: ItfState) -
     )
 
 
-def broken(findings: Iterable[Finding]) -> list[str]:
+def broken(findings: Iterable[Checked]) -> list[str]:
     return [text for holds, text in findings if holds is not True]
 
 

@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from automcm_spec.bad_input import BadInput
 from automcm_traces.lint import lint
 from automcm_traces.log import RECORD, Header, record
-from automcm_traces.reader import MOST_WARNINGS, LogError, LogStream, Notice, read, records
+from automcm_traces.reader import MOST_WARNINGS, LogStream, Notice, read, records
 
 Line = dict[str, Any]
 HEADER: Line = {
@@ -75,13 +76,13 @@ def test_an_unknown_event_after_missing_ones_is_a_gap(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seq", [1, 2])
 def test_a_seq_that_repeats_or_goes_back_is_no_gap(tmp_path: Path, seq: int) -> None:
     path = write(tmp_path, HEADER, restart(1), restart(2), restart(seq))
-    with pytest.raises(LogError, match=f"{seq} after 2, expected 3$"):
+    with pytest.raises(BadInput, match=rf"{seq} after 2, expected 3 \[seq\]$"):
         list(LogStream(path))
 
 
 def test_who_reads_a_whole_log_gets_no_gaps(tmp_path: Path) -> None:
     path = write(tmp_path, HEADER, restart(1), restart(4), end(4))
-    with pytest.raises(LogError, match=r"4 after 1, expected 2$"):
+    with pytest.raises(BadInput, match=r"4 after 1, expected 2 \[seq\]$"):
         read(path)
     notices = [e.record for e in records(path, gaps=True) if isinstance(e.record, Notice)]
     assert [notice.kind for notice in notices] == ["gap"]
@@ -102,7 +103,7 @@ def test_what_is_good_before_rubbish_is_given(tmp_path: Path, rubbish: bytes, pr
         log = LogStream(write(tmp_path, HEADER, restart(1), rubbish))
     events = iter(log)
     assert next(events)[0] == 2
-    with pytest.raises(LogError, match=problem) as caught:
+    with pytest.raises(BadInput, match=problem) as caught:
         next(events)
     assert caught.value.line == 3
 
@@ -127,7 +128,7 @@ def test_a_last_line_that_was_being_written_is_cut(tmp_path: Path, tail: bytes) 
     ],
 )
 def test_the_wrong_file_is_named_for_what_it_is(tmp_path: Path, start: bytes, said: str) -> None:
-    with pytest.raises(LogError, match=said) as caught:
+    with pytest.raises(BadInput, match=said) as caught:
         LogStream(write(tmp_path, start))
     assert caught.value.line == 1
 
@@ -137,13 +138,13 @@ def test_the_wrong_file_is_named_for_what_it_is(tmp_path: Path, start: bytes, sa
 )
 def test_only_the_first_bytes_of_a_file_say_what_file_it_is(tmp_path: Path, line: bytes) -> None:
     path = write(tmp_path, HEADER, restart(1), line, restart(2), end(2))
-    with pytest.raises(LogError) as caught:
+    with pytest.raises(BadInput) as caught:
         list(LogStream(path))
-    (finding,) = (f for f in lint(path) if f.line == 3)
-    for problem in (caught.value.problem, finding.problem):
+    (finding,) = (f for f in lint(path) if f.at.line == 3)
+    for problem in (caught.value.problem, finding.observed):
         assert problem.startswith("not ") and "this is" not in problem
     if not line.startswith(b"PK"):
-        assert finding.check == "text" and finding.problem == "not UTF-8 at byte " + str(
+        assert finding.rule == "text" and finding.observed == "not UTF-8 at byte " + str(
             next(n for n in range(1, len(line)) if not utf_8(line[:n]))
         )
 
@@ -158,7 +159,7 @@ def utf_8(data: bytes) -> bool:
 
 def test_two_logs_in_one_file_are_refused(tmp_path: Path) -> None:
     path = write(tmp_path, HEADER, restart(1), end(1), {**HEADER, "station": 8}, restart(1))
-    with pytest.raises(LogError, match="a second header: one file holds one log") as caught:
+    with pytest.raises(BadInput, match="a second header: one file holds one log") as caught:
         list(LogStream(path))
     assert caught.value.line == 4
 

@@ -15,8 +15,8 @@ from rich.cells import cell_len
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
+from automcm_spec.bad_input import BadInput
 from automcm_traces.log import RECORD, Receive, Send
-from automcm_traces.reader import LogError
 from automcm_traces.show import Filter, Logs, Row, Shown, before, columns
 from automcm_traces.words import fitted, safe, said
 
@@ -246,14 +246,14 @@ def test_the_last_rows_know_the_phase_before_them(tmp_path: Path) -> None:
 def test_two_logs_of_one_station_are_refused_and_two_runs_are_warned_of(tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     one, same = log(tmp_path, 7), log(tmp_path / "b", 7)
-    with pytest.raises(LogError, match="7 is the station of"):
+    with pytest.raises(BadInput, match="7 is the station of"):
         Logs([one, same])
     assert Logs([one, log(tmp_path, 8, run="s")]).warnings == ["not one run: 'r' and 's'"]
 
 
 def test_a_pipe_is_refused_before_it_is_read(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(LogError, match="is a pipe"):
+    with pytest.raises(BadInput, match="is a pipe"):
         Logs([tmp_path / "pipe"])
 
 

@@ -19,8 +19,10 @@ from automcm_spec.oracle import Answer, Oracle, load
 from automcm_spec.rules import kind
 from automcm_spec.station import Cam, Entry, Expire, Input
 from automcm_traces.corpus_bad import Log as Edited
-from automcm_traces.explain import explain_file, explain_files, together
+from automcm_traces.explain import explain_file, explain_files
 from automcm_traces.lint import report
+from automcm_traces.properties import judge
+from automcm_traces.reader import read
 from automcm_traces.shrink import NothingToShrink, Shrunk, masked, shrink
 from automcm_traces.sublog import Sublog
 
@@ -173,7 +175,7 @@ def test_ten_long_failing_logs_shrink_to_nearly_the_shortest(
     path = tmp_path / "long.ndjson"
     path.write_bytes(log.text())
     found = shrink([path])
-    assert (found.rule, found.ended) == (rule, False)
+    assert (found.finding.rule, found.ended) == (rule, False)
     (small,) = found.logs
     role = "prescriber" if station == 1001 else "receiver"
     bound = shortest(rule, role, phase, cause, last_step)
@@ -209,11 +211,11 @@ def test_every_bad_log_keeps_its_fault(entry: dict[str, Json], tmp_path: Path) -
     found = shrink(paths)
     small = written(found, tmp_path)
     after = explain_files(small)
-    assert (after[0].verdict, after[0].rule) == ("diverges", before.rule)
-    assert after[0].line == found.line_now
-    assert after[0].event.split()[:2] == before.event.split()[:2]
+    assert (after[0].verdict, after[0].finding.rule) == ("diverges", before.finding.rule)
+    assert after[0].finding.at.line == found.line_now
+    assert after[0].finding.observed.split()[:2] == before.finding.observed.split()[:2]
     assert [v.verdict for v in after[1:]] == ["allowed"] * (len(after) - 1)
-    assert masked(after[0].why.state) == masked(before.why.state)
+    assert masked(after[0].finding.why.state) == masked(before.finding.why.state)
     for path, given in zip(small, paths, strict=False):
         assert report(path).errors <= report(given).errors
     original = explain_steps(paths)
@@ -232,7 +234,7 @@ def test_a_forged_message_is_shrunk_with_the_log_of_its_sender() -> None:
     found = shrink([CORPUS / "bad/forged_content.ndjson", CORPUS / "pair/1001.ndjson"])
     assert [Path(log.file).name for log in found.logs] == ["forged_content.ndjson", "1001.ndjson"]
     assert sum(len(log.items) for log in found.logs) <= 47
-    tx = next(i.event.tx for i in found.logs[0].items if i.line == found.line)  # type: ignore[union-attr]
+    tx = next(i.event.tx for i in found.logs[0].items if i.line == found.finding.at.line)  # type: ignore[union-attr]
     assert tx in [getattr(item.event, "tx", "") for item in found.logs[1].items]
 
 
@@ -247,12 +249,12 @@ def test_logs_that_violate_a_property_only_together_are_shrunk_together(tmp_path
     paths = sorted((CORPUS / "counterexamples/memory_dropped").iterdir())
     assert {v.verdict for v in explain_files(paths)} == {"allowed"}
     found = shrink(paths)
-    assert found.rule == "S-4"
+    assert found.finding.property == "S-4"
     assert len(found.logs) == 2
     assert sum(len(log.items) for log in found.logs) < sum(found.before.values())
     small = written(found, tmp_path)
     assert {v.verdict for v in explain_files(small)} == {"allowed"}
-    judged = {j.property: j.outcome for j in together(small).properties}
+    judged = {j.property: j.outcome for j in judge([read(path) for path in small]).properties}
     assert judged["S-4"] == "violated"
 
 
@@ -285,7 +287,7 @@ def test_a_log_of_other_promises_keeps_them(tmp_path: Path) -> None:
     small = written(found, tmp_path / "small")[0]
     assert json.loads(small.read_bytes().splitlines()[0]) == log.at(1)
     assert explain_file(small).verdict == "diverges"
-    assert explain_file(small).rule == before.rule
+    assert explain_file(small).finding.rule == before.finding.rule
 
 
 def test_an_end_stays_and_what_is_without_stays_without(tmp_path: Path) -> None:

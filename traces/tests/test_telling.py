@@ -57,16 +57,16 @@ def joins_again(folder: Path) -> Verdict:
 
 def test_adv_4_the_nearest_allowed_and_the_guard_in_the_way(tmp_path: Path) -> None:
     verdict = joins_again(tmp_path)
-    assert (verdict.verdict, verdict.rule) == ("diverges", "ADV-4")
-    nearest = verdict.why.nearest
+    assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-4")
+    nearest = verdict.finding.why.nearest
     assert "ADV-3 send Intention" in nearest and "Bound(st)" in nearest
     assert nearest in text(verdict)
 
 
 def test_adv_5_a_missing_ack_names_the_guard_that_would_excuse_it(tmp_path: Path) -> None:
     verdict = without_ack(tmp_path)
-    assert (verdict.verdict, verdict.rule) == ("diverges", "ADV-5")
-    assert "without send Ack" in verdict.why.nearest
+    assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-5")
+    assert "without send Ack" in verdict.finding.why.nearest
 
 
 def test_rel_1_an_effect_without_a_step_names_what_would_have_caused_it(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_rel_1_an_effect_without_a_step_names_what_would_have_caused_it(tmp_path
     del log[expiry]
     verdict = explain_file(written(log, tmp_path))
     assert verdict.verdict == "diverges"
-    assert "expire resend(Advertisement)" in verdict.why.causes
+    assert "expire resend(Advertisement)" in verdict.finding.why.causes
 
 
 def test_a_timer_that_is_not_armed_says_when_it_is(tmp_path: Path) -> None:
@@ -88,9 +88,9 @@ def test_a_timer_that_is_not_armed_says_when_it_is(tmp_path: Path) -> None:
     expiry = {"rec": "event", "t_ms": log[cam]["t_ms"], "ev": "timer", "op": "expire"}
     log.insert(cam + 1, expiry | {"timer": {"name": "hold"}})
     verdict = explain_file(written(log, tmp_path))
-    assert verdict.verdict == "diverges" and verdict.rule == "ADV-7"
-    assert verdict.why.causes == ("a step into WAITING",)
-    assert "blocked by guard" in verdict.why.nearest
+    assert verdict.verdict == "diverges" and verdict.finding.rule == "ADV-7"
+    assert verdict.finding.why.causes == ("a step into WAITING",)
+    assert "blocked by guard" in verdict.finding.why.nearest
 
 
 def test_the_last_events_and_the_session_are_shown(tmp_path: Path) -> None:
@@ -105,7 +105,11 @@ def test_the_prefix_diverges_in_the_same_way(wrong: Any, tmp_path: Path) -> None
     verdict = wrong(tmp_path)
     path = prefix(verdict, tmp_path / "new" / "folder")
     again = explain_file(path)
-    assert (again.line, again.event, again.rule) == (verdict.line, verdict.event, verdict.rule)
+    assert (again.finding.at.line, again.finding.observed, again.finding.rule) == (
+        verdict.finding.at.line,
+        verdict.finding.observed,
+        verdict.finding.rule,
+    )
     assert not again.warnings
     assert len(records(path)) < len(records(Path(verdict.file)))
     assert replay(path) == f"automcm trace replay {path} -- YOUR_ADAPTER"
@@ -116,9 +120,12 @@ def test_what_is_missing_at_the_end_is_in_the_prefix(tmp_path: Path) -> None:
     fin = place(log, "receive", "Fin")
     log[fin + 1 : -1] = []
     verdict = explain_file(written(log, tmp_path))
-    assert (verdict.verdict, verdict.line) == ("diverges", fin + 1)
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", fin + 1)
     again = explain_file(prefix(verdict, tmp_path / "prefix"))
-    assert (again.line, again.event) == (verdict.line, verdict.event)
+    assert (again.finding.at.line, again.finding.observed) == (
+        verdict.finding.at.line,
+        verdict.finding.observed,
+    )
 
 
 def test_several_sessions_of_one_log_are_told_apart() -> None:

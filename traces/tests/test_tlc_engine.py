@@ -373,21 +373,24 @@ def test_a_wrong_log_diverges_at_its_line_by_the_rule_that_both_engines_name(
     name: str, judged: dict[str, tuple[int, Verdict, Verdict]]
 ) -> None:
     line, other, verdict = judged[name]
-    assert (verdict.verdict, verdict.line) == ("diverges", line), verdict
-    assert (verdict.line, verdict.rule) == (other.line, other.rule), other
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", line), verdict
+    assert (verdict.finding.at.line, verdict.finding.rule) == (
+        other.finding.at.line,
+        other.finding.rule,
+    ), other
 
 
 def test_a_divergence_says_what_was_called_for(
     judged: dict[str, tuple[int, Verdict, Verdict]],
 ) -> None:
     *_, verdict = judged["new_content_skips_a_seq"]
-    assert (verdict.event, verdict.rule) == ("send Acceptance to 1001", "NEG-3")
+    assert (verdict.finding.observed, verdict.finding.rule) == ("send Acceptance to 1001", "NEG-3")
     assert "send Acceptance to 1001 session=1001/1 (proposal=1, refused, unsafe)" in (
-        verdict.expected
+        verdict.finding.expected
     )
-    assert verdict.guard.startswith("NEG-3: ")
+    assert verdict.finding.why.guard.startswith("NEG-3: ")
     *_, verdict = judged["act_5_a_cam_lacks_the_mark"]
-    assert (verdict.rule, verdict.expected) == ("ACT-5", ("marks 1001/1",))
+    assert (verdict.finding.rule, verdict.finding.expected) == ("ACT-5", ("marks 1001/1",))
 
 
 # -- logs that are right, though they look odd
@@ -451,7 +454,7 @@ def test_without_timers_and_commands_a_wrong_log_still_diverges(
     stripped = without("command", "timer")(records)
     line = find(stripped, "send", type="Acceptance") + 1
     (verdict,) = explain_batch([written(stripped, tmp_path / "log")])
-    assert (verdict.verdict, verdict.line) == ("diverges", line)
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", line)
 
 
 def test_what_tlc_cannot_tell(good: dict[str, Records], tmp_path: Path) -> None:
@@ -461,7 +464,7 @@ def test_what_tlc_cannot_tell(good: dict[str, Records], tmp_path: Path) -> None:
         written(lost, tmp_path / "lost"),
         written(without("send")(copy.deepcopy(good[RECEIVER])), tmp_path / "unsent"),
     ]
-    verdicts = [(v.verdict, v.line) for v in explain_batch(logs)]
+    verdicts = [(v.verdict, v.finding.at.line) for v in explain_batch(logs)]
     assert verdicts == [("cannot_tell", 0), ("cannot_tell", 0)]
 
 
@@ -472,7 +475,11 @@ def test_end_5_a_received_message_without_a_field_must_be_reported(
     n = find(odd, "receive", type="Prescription")
     del odd[n]["message"]["session"]
     (verdict,) = explain_batch([written(odd, tmp_path / "odd")])
-    assert (verdict.verdict, verdict.line, verdict.rule) == ("diverges", n + 1, "END-5")
+    assert (verdict.verdict, verdict.finding.at.line, verdict.finding.rule) == (
+        "diverges",
+        n + 1,
+        "END-5",
+    )
 
 
 def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -> None:
@@ -482,8 +489,8 @@ def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:20] + lines[30:]))
     (verdict,) = explain_files([path])
-    assert (verdict.verdict, verdict.line) == ("cannot_tell", 21)
-    assert verdict.event.startswith("records are missing before this line")
+    assert (verdict.verdict, verdict.finding.at.line) == ("cannot_tell", 21)
+    assert verdict.finding.observed.startswith("records are missing before this line")
 
 
 # -- agreement
@@ -498,7 +505,8 @@ def test_tlc_gives_each_log_of_the_corpus_its_verdict_line_and_rule(first: int, 
     index = [entry for entry in index if "beside" not in entry][first::every]
     verdicts = explain_each([CORPUS / entry["file"] for entry in index])
     found = [
-        (entry["file"], v.verdict, v.line, v.rule) for entry, v in zip(index, verdicts, strict=True)
+        (entry["file"], v.verdict, v.finding.at.line, v.finding.rule)
+        for entry, v in zip(index, verdicts, strict=True)
     ]
     assert found == [(e["file"], e["verdict"], e["line"], e.get("rule", "")) for e in index]
     assert len(found) > 760 // every
@@ -540,7 +548,7 @@ def test_both_engines_agree_on_verdict_line_and_rule(
     ]
     oracle = [explain(log) for log in logs]
     tlc = explain_batch(logs)
-    assert [(v.verdict, v.line, v.rule) for v in tlc] == [
-        (v.verdict, v.line, v.rule) for v in oracle
+    assert [(v.verdict, v.finding.at.line, v.finding.rule) for v in tlc] == [
+        (v.verdict, v.finding.at.line, v.finding.rule) for v in oracle
     ]
     assert {v.verdict for v in tlc} == {"allowed", "diverges"}

@@ -11,6 +11,9 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
 
 from automcm.experiments import NAMES, experiment, figures
 from automcm.experiments.experiment import Cell, Experiment, ExperimentError, Values
@@ -29,22 +32,27 @@ def assemble(made: Experiment, about: Values, cells: Sequence[Cell]) -> Values:
     return report
 
 
+class _Report(BaseModel):
+    experiment: str
+    profile: str
+    seed: int
+    settings: Values
+    version: Any
+    code: Any
+    cells: list[Cell]
+
+
 def load(path: Path) -> Values:
     """A report, its summary and claims made anew.
 
     Raises ExperimentError for a file that is none; OSError.
     """
     try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-        made = experiment(report["experiment"])
-        cells = [Cell(cell["values"], cell["result"]) for cell in report["cells"]]
-        about = {
-            name: report[name]
-            for name in ("experiment", "profile", "seed", "settings", "version", "code")
-        }
-    except (ValueError, KeyError, TypeError) as error:
+        found = _Report.model_validate_json(path.read_bytes())
+        made = experiment(found.experiment)
+    except (ValidationError, ExperimentError) as error:
         raise ExperimentError(f"{path}: is no report of an experiment: {error!r}") from None
-    return assemble(made, about, cells)
+    return assemble(made, found.model_dump(exclude={"cells"}), found.cells)
 
 
 def write(report: Values, folder: Path) -> list[Path]:

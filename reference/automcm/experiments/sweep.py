@@ -18,6 +18,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from automcm.experiments import experiment
 from automcm.experiments.experiment import Cell, Experiment, ExperimentError, Settings, Values
 from automcm_spec import children, files
@@ -27,6 +29,9 @@ FREE_BYTES = 50_000_000
 CONNECT_S = 10.0
 """For so long a Dask scheduler is waited for."""
 SOURCES = Path(__file__).resolve().parents[1]
+
+
+CELL = TypeAdapter(Cell)
 
 
 def canonical(value: Any) -> str:
@@ -136,12 +141,14 @@ def resumed(kept: Path, about: Values) -> dict[str, Values]:
     found = {}
     for number, line in enumerate(lines, 1):
         try:
-            value = json.loads(line)
             if number > 1:
-                found[canonical(value["values"])] = value["result"]
-        except (ValueError, KeyError, TypeError):
+                cell = CELL.validate_json(line)
+                found[canonical(cell.values)] = cell.result
+                continue
+            value = json.loads(line)
+        except ValueError:
             raise ExperimentError(f"{kept}:{number}: is no finished cell") from None
-        if number == 1 and value != about:
+        if value != about:
             names = [
                 name
                 for name in about

@@ -1,0 +1,87 @@
+"""Answers of a station: what is odd in one is the station's, a fault of the kit is the kit's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from automcm_conformance import answers, records
+from automcm_conformance.protocol import ProtocolError
+from automcm_conformance.wire import Expected
+from automcm_spec.bad_input import BadInput
+
+NOTHING: dict[str, Any] = {"messages": [], "indications": [], "deadline": None}
+FIN = {"v": 1, "type": "Fin", "src": 1, "dst": 2, "session": [1, 1], "seq": 3}
+
+
+def line(**fields: Any) -> bytes:
+    return json.dumps(NOTHING | fields).encode() + b"\n"
+
+
+@pytest.mark.parametrize("marks", [None, 7, "x", {"a": 1}, [[1, 1], 7], [[1, 1], "x"], [7, {}]])
+def test_act_5_odd_marks_are_a_difference(marks: Any) -> None:
+    expected = Expected(marks=[[[1, 1], [1, 2]]])
+    cam = {"type": "CAM", "generation_ms": 5}
+    assert not answers.differences(expected, line(cams=[cam | {"marks": [[1, 2], [1, 1]]}]))
+    ((part, text),) = answers.differences(expected, line(cams=[cam | {"marks": marks}]))
+    assert part == "cams" and text.endswith(f"not {marks}")
+
+
+def test_half_of_a_surrogate_pair_is_no_answer() -> None:
+    with pytest.raises(ProtocolError, match="not JSON"):
+        answers.differences(Expected(), line(messages=[FIN | {"x": "\ud800"}]))
+
+
+@pytest.mark.parametrize("number", ["1.5", "20.0", "1e3", "12E3", "NaN", "-Infinity"])
+def test_a_message_holds_no_float(number: str) -> None:
+    text = line(cams=[{"type": "CAM", "generation_ms": 5, "x_mm": 0}]).decode()
+    assert not answers.differences(Expected(), text.encode())
+    with pytest.raises(ProtocolError, match="float"):
+        answers.differences(Expected(), text.replace('"x_mm": 0', f'"x_mm": {number}').encode())
+
+
+def test_a_fault_of_the_kit_is_no_wrong_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("ours")
+
+    monkeypatch.setattr(answers, "_messages", broken)
+    with pytest.raises(KeyError, match="ours"):
+        answers.differences(Expected(), line(messages=[FIN]))
+
+
+STEP = {"now": 0, "line": {}, "expected": {}}
+REPLAY: dict[str, Any] = {"format": records.FORMAT, "case": "c", "rule": "r", "what": "w"}
+
+
+@pytest.mark.parametrize(
+    ("value", "field"),
+    [
+        ([], ""),
+        (REPLAY, "steps"),
+        (REPLAY | {"steps": [], "format": "x"}, "format"),
+        (REPLAY | {"steps": [], "case": 7}, "case"),
+        (REPLAY | {"steps": [STEP, STEP | {"now": "x"}]}, "steps[1].now"),
+        (REPLAY | {"steps": [STEP | {"line": []}]}, "steps[0].line"),
+        (REPLAY | {"steps": [STEP | {"expected": {"marks": 1}}]}, "steps[0].expected.marks"),
+    ],
+)
+def test_a_file_that_is_no_replay_is_named_with_its_field(
+    value: Any, field: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "replay.json"
+    path.write_text(json.dumps(value))
+    with pytest.raises(BadInput) as caught:
+        records.read_replay(path)
+    assert (caught.value.path, caught.value.field) == (str(path), field)
+    assert caught.value.rule == records.FORMAT
+
+
+def test_a_replay_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "replay.json"
+    path.write_text(json.dumps(REPLAY | {"steps": [STEP]}))
+    about, (step,) = records.read_replay(path)
+    assert about == {"case": "c", "rule": "r", "what": "w"}
+    assert (step.now, step.line, step.expected) == (0, b"{}\n", Expected())
