@@ -1,11 +1,26 @@
-"""A table of Markdown, for the pages of the experiments."""
+"""The pages of the experiments: templates in ``pages``, filled with figures of a report."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from automcm.experiments.intervals import wilson
+
+ENVIRONMENT = Environment(
+    loader=FileSystemLoader(Path(__file__).parent / "pages"),
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[object]], left: int = 1) -> list[str]:
-    """Its lines; the first ``left`` columns are texts, the others figures, to the right."""
-    ruler = ["---" if n < left else "---:" for n in range(len(heads))]
-    return [f"| {' | '.join(map(str, row))} |" for row in (heads, ruler, *rows)]
+def page(name: str, **values: Any) -> list[str]:
+    """The lines of the page ``pages/NAME.md.j2``; a value that it lacks is jinja2's error."""
+    return ENVIRONMENT.get_template(f"{name}.md.j2").render(values).splitlines()
+
+
+ENVIRONMENT.filters["fmt"] = format
+ENVIRONMENT.globals["wilson"] = wilson
