@@ -1,4 +1,5 @@
-"""What holds for all tests: how long they are traced, and what their examples are drawn from.
+"""What holds for all tests: how long they are traced, what their examples are drawn from, and that
+they may be coroutines.
 
 A test is traced for half a second, and then runs at its own speed: what loops a lot would take two
 to four times as long, and covers the same lines again.  So the coverage that is printed is a little
@@ -7,6 +8,8 @@ less than all.
 
 from __future__ import annotations
 
+import asyncio
+import inspect
 import signal
 import sys
 from collections.abc import Generator
@@ -17,6 +20,8 @@ from hypothesis.internal.conjecture.providers import Constants, HypothesisProvid
 
 TRACED_S = 0.5
 """Of its processor time, with its fixtures."""
+COROUTINE_S = 60
+"""A test that is a coroutine fails after that time."""
 
 
 @pytest.hookimpl(wrapper=True)
@@ -43,3 +48,14 @@ def pytest_configure(config: pytest.Config) -> None:
     modules are loaded, and that depends on the tests that ran before."""
     if config.getoption("--hypothesis-profile") == "ci":
         HypothesisProvider._local_constants = property(lambda self: Constants())
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Runs a test that is a coroutine."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    names = inspect.signature(pyfuncitem.obj).parameters
+    test = pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in names})
+    asyncio.run(asyncio.wait_for(test, COROUTINE_S))
+    return True

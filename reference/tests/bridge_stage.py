@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import json
 import math
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from websockets.asyncio.client import ClientConnection, connect
@@ -25,10 +25,6 @@ BRIDGED, OTHER = 1001, 2002
 QUICK = Parameters(t_timeout=300, t_resend=100, t_decide=1000, t_cam_loss=1100, t_cam=50)
 PATIENCE = 20
 """Seconds after which a test has failed; nothing is asserted about how long anything takes."""
-
-
-def run(test: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(test, 3 * PATIENCE))
 
 
 class Recorder(Straight):

@@ -17,7 +17,6 @@ from bridge_stage import (
     committed,
     holds,
     plans,
-    run,
 )
 
 from automcm import autoware
@@ -31,111 +30,97 @@ from automcm_spec.messages import Trajectory
 # -- whole sessions
 
 
-def test_prescriber() -> None:
-    async def test() -> None:
-        other = Recorder()
-        async with World(other) as world, client(world, "state", "drive", "choice") as it:
-            await it.until("drive", mode="alone", session={"prescriber": 0, "number": 0})
-            await it.until("state", driver=True)
-            await it.publish("request", scenario="lane_change", details={"lane": 2})
-            choice = await it.until("choice")
-            (planned,) = choice["planned"]
-            assert (planned["station_id"], choice["proposal"]) == (OTHER, 1)
-            first, second = planned["trajectory"]["points"]
-            assert second["pose"]["position"] == {"x": 8.333, "y": 0.0, "z": 0.0}
-            assert first["longitudinal_velocity_mps"] == pytest.approx(8.333)
-            session = choice["session"]
-            assert session == {"prescriber": BRIDGED, "number": 1}
-            await it.publish(
-                "prescribe",
-                session=session,
-                proposal=1,
-                target=OTHER,
-                prescribed=SLOWER,
-                hold_ms=0,
-                lease_ms=20_000,
-            )
-            drive = await it.until("drive", mode="coordinated", role="prescriber")
-            last = drive["selected"]["points"][-1]
-            assert last["pose"]["position"] == {"x": 5.5, "y": 0.125, "z": 0.0}
-            assert last["time_from_start"] == {"sec": 1, "nanosec": 0}
-            await it.until("state", phase="ACTUATING", session=session)
-            await it.publish("complete", session=session)
-            await it.until("drive", mode="alone", session=session, reason="completed")
-            await holds(lambda: "finished" in other.names())
-            assert other.names() == ["load", "finished"]
-            assert other.told[0][1].selected == Trajectory(
-                t0=0, points=((0, 0, 0), (1000, 5500, 125))
-            )
-            cam = world.other.neighbours[BRIDGED]
-            assert (cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s) == (
-                12500,
-                -3250,
-                100,
-                8333,
-            )
-
-    run(test())
+async def test_prescriber() -> None:
+    other = Recorder()
+    async with World(other) as world, client(world, "state", "drive", "choice") as it:
+        await it.until("drive", mode="alone", session={"prescriber": 0, "number": 0})
+        await it.until("state", driver=True)
+        await it.publish("request", scenario="lane_change", details={"lane": 2})
+        choice = await it.until("choice")
+        (planned,) = choice["planned"]
+        assert (planned["station_id"], choice["proposal"]) == (OTHER, 1)
+        first, second = planned["trajectory"]["points"]
+        assert second["pose"]["position"] == {"x": 8.333, "y": 0.0, "z": 0.0}
+        assert first["longitudinal_velocity_mps"] == pytest.approx(8.333)
+        session = choice["session"]
+        assert session == {"prescriber": BRIDGED, "number": 1}
+        await it.publish(
+            "prescribe",
+            session=session,
+            proposal=1,
+            target=OTHER,
+            prescribed=SLOWER,
+            hold_ms=0,
+            lease_ms=20_000,
+        )
+        drive = await it.until("drive", mode="coordinated", role="prescriber")
+        last = drive["selected"]["points"][-1]
+        assert last["pose"]["position"] == {"x": 5.5, "y": 0.125, "z": 0.0}
+        assert last["time_from_start"] == {"sec": 1, "nanosec": 0}
+        await it.until("state", phase="ACTUATING", session=session)
+        await it.publish("complete", session=session)
+        await it.until("drive", mode="alone", session=session, reason="completed")
+        await holds(lambda: "finished" in other.names())
+        assert other.names() == ["load", "finished"]
+        assert other.told[0][1].selected == Trajectory(t0=0, points=((0, 0, 0), (1000, 5500, 125)))
+        cam = world.other.neighbours[BRIDGED]
+        assert (cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s) == (
+            12500,
+            -3250,
+            100,
+            8333,
+        )
 
 
-def test_receiver() -> None:
-    async def test() -> None:
-        other = Recorder()
-        topics = ("state", "drive", "proposal", "advertised")
-        async with World(other) as world, client(world, *topics) as it:
-            drive = await committed(world, it)
-            session = {"prescriber": OTHER, "number": 1}
-            assert drive["session"] == session and drive["role"] == "receiver"
-            selected = autoware.trajectory(ros.read(ros.Drive, drive).selected)
-            assert selected == other.trajectory(70)
-            times = [autoware.Time(**drive[name]).ms for name in ("start", "until")]
-            assert times[1] - times[0] == other.lease_ms
-            await it.until("drive", mode="alone", session=session, reason="finished")
-            told = [f["msg"] for f in it.seen if f.get("topic", "").endswith("advertised")]
-            assert told[0]["concerned"] and told[0]["details"] == {"lane": 2}
-            assert other.names() == ["load"]
-
-    run(test())
+async def test_receiver() -> None:
+    other = Recorder()
+    topics = ("state", "drive", "proposal", "advertised")
+    async with World(other) as world, client(world, *topics) as it:
+        drive = await committed(world, it)
+        session = {"prescriber": OTHER, "number": 1}
+        assert drive["session"] == session and drive["role"] == "receiver"
+        selected = autoware.trajectory(ros.read(ros.Drive, drive).selected)
+        assert selected == other.trajectory(70)
+        times = [autoware.Time(**drive[name]).ms for name in ("start", "until")]
+        assert times[1] - times[0] == other.lease_ms
+        await it.until("drive", mode="alone", session=session, reason="finished")
+        told = [f["msg"] for f in it.seen if f.get("topic", "").endswith("advertised")]
+        assert told[0]["concerned"] and told[0]["details"] == {"lane": 2}
+        assert other.names() == ["load"]
 
 
-def test_refuse_and_proceed() -> None:
-    async def test() -> None:
-        other = Recorder(refuse_first=1)
-        topics = ("state", "drive", "proposal", "choice", "refused")
-        async with World(other) as world, client(world, *topics) as it:
-            await plans(it)
-            await it.until("state", driver=True)
-            world.other.command(LANE_CHANGE)
-            asked = await it.until("proposal", proposal=1)
-            await it.publish("refuse", session=asked["session"], proposal=1)
-            asked = await it.until("proposal", proposal=2)
-            await it.publish("accept", session=asked["session"], proposal=1)  # not this one
-            await it.until("refused", command="accept", rule="PRE-5")
-            await it.publish("abort", session=asked["session"])
-            await it.until("drive", mode="alone", session=asked["session"], reason="aborted")
-            await holds(lambda: other.told[-1:] == [("fallback", (OTHER, 1), "abort")])
-            await it.publish("request", scenario="lane_change")
-            choice = await it.until("choice")
-            await it.publish("proceed", session=choice["session"])
-            await it.until("drive", mode="alone", session=choice["session"], reason="proceeded")
-            await it.publish("complete", session=choice["session"])
-            await it.until("refused", command="complete", rule="CMD-1")
-
-    run(test())
+async def test_refuse_and_proceed() -> None:
+    other = Recorder(refuse_first=1)
+    topics = ("state", "drive", "proposal", "choice", "refused")
+    async with World(other) as world, client(world, *topics) as it:
+        await plans(it)
+        await it.until("state", driver=True)
+        world.other.command(LANE_CHANGE)
+        asked = await it.until("proposal", proposal=1)
+        await it.publish("refuse", session=asked["session"], proposal=1)
+        asked = await it.until("proposal", proposal=2)
+        await it.publish("accept", session=asked["session"], proposal=1)  # not this one
+        await it.until("refused", command="accept", rule="PRE-5")
+        await it.publish("abort", session=asked["session"])
+        await it.until("drive", mode="alone", session=asked["session"], reason="aborted")
+        await holds(lambda: other.told[-1:] == [("fallback", (OTHER, 1), "abort")])
+        await it.publish("request", scenario="lane_change")
+        choice = await it.until("choice")
+        await it.publish("proceed", session=choice["session"])
+        await it.until("drive", mode="alone", session=choice["session"], reason="proceeded")
+        await it.publish("complete", session=choice["session"])
+        await it.until("refused", command="complete", rule="CMD-1")
 
 
-def test_without_a_fresh_plan_nothing_concerns_it() -> None:
-    async def test() -> None:
-        other = Recorder()
-        bridge = WebSocketBridge(port=0, plan_ms=0)
-        async with World(other, bridge) as world, client(world, "state", "advertised") as it:
-            await plans(it)
-            await it.until("state", driver=True)
-            world.other.command(LANE_CHANGE)
-            assert not (await it.until("advertised"))["concerned"]
-            await holds(lambda: other.told == [("fallback", (OTHER, 1), "no_participants")])
-
-    run(test())
+async def test_without_a_fresh_plan_nothing_concerns_it() -> None:
+    other = Recorder()
+    bridge = WebSocketBridge(port=0, plan_ms=0)
+    async with World(other, bridge) as world, client(world, "state", "advertised") as it:
+        await plans(it)
+        await it.until("state", driver=True)
+        world.other.command(LANE_CHANGE)
+        assert not (await it.until("advertised"))["concerned"]
+        await holds(lambda: other.told == [("fallback", (OTHER, 1), "no_participants")])
 
 
 # -- connections that are lost
@@ -160,55 +145,43 @@ async def learns(bridge: WebSocketBridge) -> dict[str, Any]:
             return await it.until("drive")
 
 
-def test_reconnects_and_learns_that_it_has_fallen_back() -> None:
-    async def test() -> None:
-        told = await learns(WebSocketBridge(port=0))
-        assert (told["mode"], told["reason"]) == ("alone", "abort")
-        assert told["session"] == {"prescriber": OTHER, "number": 1}
-
-    run(test())
+async def test_reconnects_and_learns_that_it_has_fallen_back() -> None:
+    told = await learns(WebSocketBridge(port=0))
+    assert (told["mode"], told["reason"]) == ("alone", "abort")
+    assert told["session"] == {"prescriber": OTHER, "number": 1}
 
 
-def test_a_bridge_without_latches_would_not_tell() -> None:
-    async def test() -> None:
-        with pytest.raises(TimeoutError):
-            await learns(Forgetful(port=0))
-
-    run(test())
+async def test_a_bridge_without_latches_would_not_tell() -> None:
+    with pytest.raises(TimeoutError):
+        await learns(Forgetful(port=0))
 
 
-def test_reconnects_and_goes_on() -> None:
-    async def test() -> None:
-        other = Recorder(maneuver_ms=60_000)
-        async with World(other) as world:
-            async with client(world, "state", "drive", "proposal") as it:
-                before = await committed(world, it)
-            async with client(world, "drive") as it:
-                assert await it.until("drive", mode="coordinated") == before
-                await holds(lambda: other.names() == ["load"])
-                world.other.command(other.told[0][1].complete())
-                await it.until("drive", mode="alone", reason="finished")
-
-    run(test())
+async def test_reconnects_and_goes_on() -> None:
+    other = Recorder(maneuver_ms=60_000)
+    async with World(other) as world:
+        async with client(world, "state", "drive", "proposal") as it:
+            before = await committed(world, it)
+        async with client(world, "drive") as it:
+            assert await it.until("drive", mode="coordinated") == before
+            await holds(lambda: other.names() == ["load"])
+            world.other.command(other.told[0][1].complete())
+            await it.until("drive", mode="alone", reason="finished")
 
 
-def test_an_open_question_is_asked_again() -> None:
-    async def test() -> None:
-        async with World(Recorder(maneuver_ms=60_000)) as world:
-            async with client(world, "state", "proposal") as it:
-                await plans(it)
-                await it.until("state", driver=True)
-                world.other.command(LANE_CHANGE)
-                asked = await it.until("proposal")
-            async with client(world, "proposal", "drive") as it:
-                assert await it.until("proposal") == asked
-                await it.publish("accept", session=asked["session"], proposal=asked["proposal"])
-                await it.until("drive", mode="coordinated")
-            async with client(world, "state", "proposal", "drive") as it:
-                await it.until("drive", mode="coordinated")
-                assert not [f for f in it.seen if f.get("topic", "").endswith("proposal")]
-
-    run(test())
+async def test_an_open_question_is_asked_again() -> None:
+    async with World(Recorder(maneuver_ms=60_000)) as world:
+        async with client(world, "state", "proposal") as it:
+            await plans(it)
+            await it.until("state", driver=True)
+            world.other.command(LANE_CHANGE)
+            asked = await it.until("proposal")
+        async with client(world, "proposal", "drive") as it:
+            assert await it.until("proposal") == asked
+            await it.publish("accept", session=asked["session"], proposal=asked["proposal"])
+            await it.until("drive", mode="coordinated")
+        async with client(world, "state", "proposal", "drive") as it:
+            await it.until("drive", mode="coordinated")
+            assert not [f for f in it.seen if f.get("topic", "").endswith("proposal")]
 
 
 class Patient(WebSocketBridge):
@@ -220,31 +193,28 @@ class Patient(WebSocketBridge):
 
 @pytest.mark.parametrize("connected", [False, True])
 @pytest.mark.parametrize("bridge", [WebSocketBridge, Patient])
-def test_silent_driving_software_frees_the_peer(
+async def test_silent_driving_software_frees_the_peer(
     bridge: type[WebSocketBridge], connected: bool
 ) -> None:
     """END-1, whether it is gone or only says nothing any more."""
 
-    async def test() -> None:
-        other = Recorder(maneuver_ms=60_000)
-        async with World(other, bridge(port=0)) as world:
-            async with client(world, "state", "drive", "proposal") as it:
-                await committed(world, it)
-            async with contextlib.AsyncExitStack() as stack:
-                if connected:
-                    silent = client(world, "drive", drives=False)
-                    await (await stack.enter_async_context(silent)).publish("kinematics", pose={})
-                if bridge is Patient:
-                    await asyncio.sleep(1.5)
-                    assert world.bridged.state.bound
-                    return
-                await holds(lambda: other.names() == ["load", "fallback"])
-                assert other.told[-1] == ("fallback", (OTHER, 1), "abort")
-                await holds(lambda: not world.bridged.state.bound)
-            async with client(world, "drive") as it:
-                await it.until("drive", mode="alone", reason="no_driver")
-
-    run(test())
+    other = Recorder(maneuver_ms=60_000)
+    async with World(other, bridge(port=0)) as world:
+        async with client(world, "state", "drive", "proposal") as it:
+            await committed(world, it)
+        async with contextlib.AsyncExitStack() as stack:
+            if connected:
+                silent = client(world, "drive", drives=False)
+                await (await stack.enter_async_context(silent)).publish("kinematics", pose={})
+            if bridge is Patient:
+                await asyncio.sleep(1.5)
+                assert world.bridged.state.bound
+                return
+            await holds(lambda: other.names() == ["load", "fallback"])
+            assert other.told[-1] == ("fallback", (OTHER, 1), "abort")
+            await holds(lambda: not world.bridged.state.bound)
+        async with client(world, "drive") as it:
+            await it.until("drive", mode="alone", reason="no_driver")
 
 
 def test_nobody_ever_drove() -> None:
@@ -258,16 +228,13 @@ def test_nobody_ever_drove() -> None:
     assert simulation.services[BRIDGED].state.phase == "STANDALONE"
 
 
-def test_one_connection_drives() -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world, client(world, "state", drives=False) as watcher:
-            async with client(world, "state") as it:
-                await it.until("state", driver=True)
-                await watcher.publish("request", scenario="lane_change")
-                assert "another connection is the driver" in await watcher.status()
-                await watcher.until("state", phase="STANDALONE", driver=True)
-            await watcher.until("state", driver=False)
+async def test_one_connection_drives() -> None:
+    async with World(Recorder()) as world, client(world, "state", drives=False) as watcher:
+        async with client(world, "state") as it:
+            await it.until("state", driver=True)
             await watcher.publish("request", scenario="lane_change")
-            await watcher.until("state", phase="ADVERTISING", driver=True)
-
-    run(test())
+            assert "another connection is the driver" in await watcher.status()
+            await watcher.until("state", phase="STANDALONE", driver=True)
+        await watcher.until("state", driver=False)
+        await watcher.publish("request", scenario="lane_change")
+        await watcher.until("state", phase="ADVERTISING", driver=True)

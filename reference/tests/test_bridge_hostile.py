@@ -24,7 +24,6 @@ from bridge_stage import (
     holds,
     plans,
     points,
-    run,
 )
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -58,14 +57,11 @@ def test_no_such_port() -> None:
         WebSocketBridge(port=65_536)
 
 
-def test_port_in_use() -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world:
-            port = world.bridge.port
-            with pytest.raises(LinkError, match=f"cannot listen on ws://127.0.0.1:{port}: "):
-                await World(Recorder(), WebSocketBridge(port=port)).bridge.open()
-
-    run(test())
+async def test_port_in_use() -> None:
+    async with World(Recorder()) as world:
+        port = world.bridge.port
+        with pytest.raises(LinkError, match=f"cannot listen on ws://127.0.0.1:{port}: "):
+            await World(Recorder(), WebSocketBridge(port=port)).bridge.open()
 
 
 @pytest.mark.parametrize(
@@ -75,13 +71,10 @@ def test_port_in_use() -> None:
         ("nonsense", "no addr"),
     ],
 )
-def test_unreachable(uri: str, problem: str) -> None:
-    async def test() -> None:
-        application = RemoteApplication(Recorder(), uri, attempts=2, backoff_ms=(1, 2))
-        with pytest.raises(LinkError, match=problem):
-            await application.run()
-
-    run(test())
+async def test_unreachable(uri: str, problem: str) -> None:
+    application = RemoteApplication(Recorder(), uri, attempts=2, backoff_ms=(1, 2))
+    with pytest.raises(LinkError, match=problem):
+        await application.run()
 
 
 def test_without_websockets_it_says_what_to_install() -> None:
@@ -138,18 +131,15 @@ FULL_POSE = {
         (None, "msg"),
     ],
 )
-def test_rubbish(sent: Any, problem: str) -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world, client(world, drives=False) as it:
-            if isinstance(sent, str | bytes):
-                await it.socket.send(sent)
-            else:
-                await it.op(op="publish", topic="/v2x/mcm/input/abort", msg=sent)
-            assert problem in await it.status()
-            await it.subscribe("state")
-            await it.until("state", driver=False)
-
-    run(test())
+async def test_rubbish(sent: Any, problem: str) -> None:
+    async with World(Recorder()) as world, client(world, drives=False) as it:
+        if isinstance(sent, str | bytes):
+            await it.socket.send(sent)
+        else:
+            await it.op(op="publish", topic="/v2x/mcm/input/abort", msg=sent)
+        assert problem in await it.status()
+        await it.subscribe("state")
+        await it.until("state", driver=False)
 
 
 @pytest.mark.parametrize(
@@ -165,98 +155,80 @@ def test_rubbish(sent: Any, problem: str) -> None:
         ({"speed": 1.0}, "speed: Extra"),
     ],
 )
-def test_a_point_out_of_bounds(point: dict[str, Any], problem: str) -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world, client(world, drives=False) as it:
-            trajectory = {"points": [FULL_POINT | point]}
-            await it.publish("plan", scenarios=["a"], trajectory=trajectory)
-            assert f"msg.trajectory.points.0.{problem}" in await it.status()
-
-    run(test())
+async def test_a_point_out_of_bounds(point: dict[str, Any], problem: str) -> None:
+    async with World(Recorder()) as world, client(world, drives=False) as it:
+        trajectory = {"points": [FULL_POINT | point]}
+        await it.publish("plan", scenarios=["a"], trajectory=trajectory)
+        assert f"msg.trajectory.points.0.{problem}" in await it.status()
 
 
-def test_infinity_by_exponent_is_refused() -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world, client(world, drives=False) as it:
-            await it.socket.send(
-                '{"op":"publish","id":"mine","topic":"/v2x/mcm/input/kinematics",'
-                '"msg":{"pose":{"pose":{"position":{"x":1e400}}}}}'
-            )
-            status = await it.read(lambda fields: fields["op"] == "status")
-            assert "msg.pose.pose.position.x" in status["msg"] and status["id"] == "mine"
-
-    run(test())
+async def test_infinity_by_exponent_is_refused() -> None:
+    async with World(Recorder()) as world, client(world, drives=False) as it:
+        await it.socket.send(
+            '{"op":"publish","id":"mine","topic":"/v2x/mcm/input/kinematics",'
+            '"msg":{"pose":{"pose":{"position":{"x":1e400}}}}}'
+        )
+        status = await it.read(lambda fields: fields["op"] == "status")
+        assert "msg.pose.pose.position.x" in status["msg"] and status["id"] == "mine"
 
 
-def test_times_must_grow_and_points_are_bounded() -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world, client(world, drives=False) as it:
-            standing = points((0, 0.0, 0.0), (1, 1.0, 0.0), (1, 2.0, 0.0))
-            await it.publish("plan", scenarios=["a"], trajectory=standing)
-            assert "msg.trajectory.points.2.time_from_start" in await it.status()
-            many = points(*((n, 0.0, 0.0) for n in range(autoware.MAX_POINTS + 1)))
-            await it.publish("plan", scenarios=["a"], trajectory=many)
-            assert "msg.trajectory.points" in await it.status()
-            full = {"time_from_start": {"sec": 0, "nanosec": 0}, "pose": FULL_POSE} | dict.fromkeys(
-                list(autoware.TrajectoryPoint.model_fields)[2:], 1 / 3
-            )
-            way = [full | {"time_from_start": {"sec": n}} for n in range(autoware.MAX_POINTS)]
-            await it.publish("plan", scenarios=["a"], trajectory={"points": way})
-            await it.publish("request", scenario="a", details={"a": ["x" * 100] * 100})
-            assert "msg.details" in await it.status()
-            await it.publish("request", scenario="a", details={"a": 1.5})
-            assert "msg.details.a" in await it.status()
-            await it.subscribe("state")
-            await it.until("state", driver=True, phase="STANDALONE")
-
-    run(test())
+async def test_times_must_grow_and_points_are_bounded() -> None:
+    async with World(Recorder()) as world, client(world, drives=False) as it:
+        standing = points((0, 0.0, 0.0), (1, 1.0, 0.0), (1, 2.0, 0.0))
+        await it.publish("plan", scenarios=["a"], trajectory=standing)
+        assert "msg.trajectory.points.2.time_from_start" in await it.status()
+        many = points(*((n, 0.0, 0.0) for n in range(autoware.MAX_POINTS + 1)))
+        await it.publish("plan", scenarios=["a"], trajectory=many)
+        assert "msg.trajectory.points" in await it.status()
+        full = {"time_from_start": {"sec": 0, "nanosec": 0}, "pose": FULL_POSE} | dict.fromkeys(
+            list(autoware.TrajectoryPoint.model_fields)[2:], 1 / 3
+        )
+        way = [full | {"time_from_start": {"sec": n}} for n in range(autoware.MAX_POINTS)]
+        await it.publish("plan", scenarios=["a"], trajectory={"points": way})
+        await it.publish("request", scenario="a", details={"a": ["x" * 100] * 100})
+        assert "msg.details" in await it.status()
+        await it.publish("request", scenario="a", details={"a": 1.5})
+        assert "msg.details.a" in await it.status()
+        await it.subscribe("state")
+        await it.until("state", driver=True, phase="STANDALONE")
 
 
-def test_too_long_a_message_ends_the_connection_only() -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world:
-            async with client(world, drives=False) as it:
-                await it.socket.send("x" * (ros.MAX_IN + 1))
-                with pytest.raises(ConnectionClosed, match="1009"):
-                    await it.status()
-            async with client(world, "state", drives=False) as it:
-                await it.until("state")
-
-    run(test())
+async def test_too_long_a_message_ends_the_connection_only() -> None:
+    async with World(Recorder()) as world:
+        async with client(world, drives=False) as it:
+            await it.socket.send("x" * (ros.MAX_IN + 1))
+            with pytest.raises(ConnectionClosed, match="1009"):
+                await it.status()
+        async with client(world, "state", drives=False) as it:
+            await it.until("state")
 
 
-def test_web_pages_are_refused() -> None:
-    async def test() -> None:
-        async with World(Recorder(), WebSocketBridge(port=0, origins=["https://ours"])) as world:
-            with pytest.raises(InvalidStatus, match="403"):
-                await connect(world.uri, additional_headers={"Origin": "https://theirs"})
-            async with connect(world.uri, additional_headers={"Origin": "https://ours"}):
-                pass
-
-    run(test())
+async def test_web_pages_are_refused() -> None:
+    async with World(Recorder(), WebSocketBridge(port=0, origins=["https://ours"])) as world:
+        with pytest.raises(InvalidStatus, match="403"):
+            await connect(world.uri, additional_headers={"Origin": "https://theirs"})
+        async with connect(world.uri, additional_headers={"Origin": "https://ours"}):
+            pass
 
 
-def test_clients_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_clients_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("automcm.links.bridge.HANDSHAKE_S", 3 * PATIENCE)
 
-    async def test() -> None:
-        async with World(Recorder(), WebSocketBridge(port=0, max_clients=2)) as world:
-            async with client(world, drives=False), client(world, "state", drives=False) as it:
-                await it.until("state")
-                with pytest.raises(InvalidStatus, match="503"):
-                    await connect(world.uri)
-            server = world.bridge._server
-            assert server is not None
-            with contextlib.ExitStack() as silent:
-                many = range(MAX_SOCKETS + 20)
-                sockets = [silent.enter_context(raw(world, handshake=False)) for _ in many]
-                await holds(lambda: sum(map(cut_off, sockets)) >= 20)
-                await holds(lambda: len(server.handler_tasks) <= MAX_SOCKETS)
-            await holds(lambda: len(server.handler_tasks) == 0)
-            async with client(world, "state", drives=False) as it:
-                await it.until("state")
-
-    run(test())
+    async with World(Recorder(), WebSocketBridge(port=0, max_clients=2)) as world:
+        async with client(world, drives=False), client(world, "state", drives=False) as it:
+            await it.until("state")
+            with pytest.raises(InvalidStatus, match="503"):
+                await connect(world.uri)
+        server = world.bridge._server
+        assert server is not None
+        with contextlib.ExitStack() as silent:
+            many = range(MAX_SOCKETS + 20)
+            sockets = [silent.enter_context(raw(world, handshake=False)) for _ in many]
+            await holds(lambda: sum(map(cut_off, sockets)) >= 20)
+            await holds(lambda: len(server.handler_tasks) <= MAX_SOCKETS)
+        await holds(lambda: len(server.handler_tasks) == 0)
+        async with client(world, "state", drives=False) as it:
+            await it.until("state")
 
 
 def raw(world: World, handshake: bool = True) -> socket.socket:
@@ -333,79 +305,67 @@ RUBBISH = frame(b"rubbish") * 200
 QUIET_FLOOD = frame(b'{"op":"unadvertise","topic":"/v2x/mcm/input/plan"}') * 200
 
 
-def test_a_session_during_a_flood() -> None:
+async def test_a_session_during_a_flood() -> None:
     """The flood is never answered, so it goes on, and goes on during a whole session."""
 
-    async def test() -> None:
-        other = Recorder()
-        async with World(other) as world, client(world, "state", "drive", "proposal") as it:
-            with flooding(world, QUIET_FLOOD, QUIET_FLOOD) as lost:
-                await holds(lambda: len(world.bridge._clients) == 3)
-                await committed(world, it)
-                await it.until("drive", mode="alone", reason="finished")
-                assert lost() == 0
-
-    run(test())
+    other = Recorder()
+    async with World(other) as world, client(world, "state", "drive", "proposal") as it:
+        with flooding(world, QUIET_FLOOD, QUIET_FLOOD) as lost:
+            await holds(lambda: len(world.bridge._clients) == 3)
+            await committed(world, it)
+            await it.until("drive", mode="alone", reason="finished")
+            assert lost() == 0
 
 
-def test_who_floods_and_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_floods_and_does_not_read_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is rubbish is answered; who does not read the answers has no room for more."""
     monkeypatch.setattr(ros, "MAX_OUT", 2**18)
 
-    async def test() -> None:
-        async with World(Recorder()) as world, client(world, "state") as it:
-            with flooding(world, RUBBISH, frame(b"x" * 125, opcode=9) * 100) as lost:
-                async with asyncio.timeout(2 * PATIENCE):
-                    while lost() < 2:
-                        await it.until("state")
-            await it.until("state", driver=True)
-            await holds(lambda: len(world.bridge._clients) == 1)
-
-    run(test())
+    async with World(Recorder()) as world, client(world, "state") as it:
+        with flooding(world, RUBBISH, frame(b"x" * 125, opcode=9) * 100) as lost:
+            async with asyncio.timeout(2 * PATIENCE):
+                while lost() < 2:
+                    await it.until("state")
+        await it.until("state", driver=True)
+        await holds(lambda: len(world.bridge._clients) == 1)
 
 
-def test_who_stalls_is_cut_off_and_nobody_else() -> None:
-    async def test() -> None:
-        async with World(Recorder()) as world, client(world, "proposal", "state") as it:
-            stalled = raw(world)
-            stalled.sendall(frame(b'{"op":"subscribe","topic":"/v2x/mcm/output/proposal"}'))
-            await holds(lambda: len(world.bridge._clients) == 2)
-            await holds(lambda: all(each.topics for each in world.bridge._clients))
-            way = Trajectory(t0=0, points=tuple((n, n, n) for n in range(autoware.MAX_POINTS)))
-            asked = 0
-            while len(world.bridge._clients) == 2:
-                asked += 1
-                assert asked < 100
-                world.bridge.verify(Proposal((OTHER, 1), asked, way, 0, 1000))
-                await it.until("proposal", proposal=asked)
-            stalled.close()
-            await it.until("state", driver=True)
-
-    run(test())
+async def test_who_stalls_is_cut_off_and_nobody_else() -> None:
+    async with World(Recorder()) as world, client(world, "proposal", "state") as it:
+        stalled = raw(world)
+        stalled.sendall(frame(b'{"op":"subscribe","topic":"/v2x/mcm/output/proposal"}'))
+        await holds(lambda: len(world.bridge._clients) == 2)
+        await holds(lambda: all(each.topics for each in world.bridge._clients))
+        way = Trajectory(t0=0, points=tuple((n, n, n) for n in range(autoware.MAX_POINTS)))
+        asked = 0
+        while len(world.bridge._clients) == 2:
+            asked += 1
+            assert asked < 100
+            world.bridge.verify(Proposal((OTHER, 1), asked, way, 0, 1000))
+            await it.until("proposal", proposal=asked)
+        stalled.close()
+        await it.until("state", driver=True)
 
 
 # -- what does not fit
 
 
-def test_a_proposal_that_cannot_be_shown_is_refused() -> None:
-    async def test() -> None:
-        class Winding(Recorder):
-            def trajectory(self, per_cent: int = 100) -> Trajectory:
-                return Trajectory(t0=0, points=tuple((n, 0, 0) for n in range(1001)))
+async def test_a_proposal_that_cannot_be_shown_is_refused() -> None:
+    class Winding(Recorder):
+        def trajectory(self, per_cent: int = 100) -> Trajectory:
+            return Trajectory(t0=0, points=tuple((n, 0, 0) for n in range(1001)))
 
-            def _proposal(self, choice: Any) -> Any:
-                self.told.append(("choose", choice.proposal))
-                return super()._proposal(choice)
+        def _proposal(self, choice: Any) -> Any:
+            self.told.append(("choose", choice.proposal))
+            return super()._proposal(choice)
 
-        other = Winding()
-        async with World(other) as world, client(world, "state", "proposal", "drive") as it:
-            await plans(it)
-            await it.until("state", driver=True)
-            world.other.command(LANE_CHANGE)
-            await holds(lambda: "fallback" in other.names())
-            assert other.names() == ["choose", "choose", "choose", "fallback"]
-            await it.until("drive", mode="alone", reason="no_agreement")
-            await it.publish("request", scenario="lane_change")  # and so is what it plans
-            await it.until("drive", mode="alone", reason="unreadable")
-
-    run(test())
+    other = Winding()
+    async with World(other) as world, client(world, "state", "proposal", "drive") as it:
+        await plans(it)
+        await it.until("state", driver=True)
+        world.other.command(LANE_CHANGE)
+        await holds(lambda: "fallback" in other.names())
+        assert other.names() == ["choose", "choose", "choose", "fallback"]
+        await it.until("drive", mode="alone", reason="no_agreement")
+        await it.publish("request", scenario="lane_change")  # and so is what it plans
+        await it.until("drive", mode="alone", reason="unreadable")

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
-from bridge_stage import BRIDGED, OTHER, PATIENCE, Recorder, World, holds, run
+from bridge_stage import BRIDGED, OTHER, PATIENCE, Recorder, World, holds
 
 from automcm.application import Application, Kinematics
 from automcm.links.bridge import WebSocketBridge
@@ -33,133 +33,112 @@ async def remote(world: World, application: Application, **more: Any) -> AsyncIt
         assert isinstance(result, asyncio.CancelledError)
 
 
-def test_remote_prescriber() -> None:
-    async def test() -> None:
-        other, mine = Recorder(refuse_first=1), Recorder(target=OTHER)
-        async with World(other) as world, remote(world, mine) as it:
-            it.command(LANE_CHANGE)
-            await holds(lambda: "finished" in other.names())
-            assert other.names() == ["load", "finished"]
-            assert mine.names() == ["load"]
-            assert mine.told[0][1].selected == mine.trajectory(40) == other.told[0][1].selected
-            await holds(lambda: not world.bridged.state.bound)
-            it.command(Abort(session=(BRIDGED, 1)))
-            await holds(lambda: ("refused", "abort", "CMD-1") in mine.told)
-
-    run(test())
+async def test_remote_prescriber() -> None:
+    other, mine = Recorder(refuse_first=1), Recorder(target=OTHER)
+    async with World(other) as world, remote(world, mine) as it:
+        it.command(LANE_CHANGE)
+        await holds(lambda: "finished" in other.names())
+        assert other.names() == ["load", "finished"]
+        assert mine.names() == ["load"]
+        assert mine.told[0][1].selected == mine.trajectory(40) == other.told[0][1].selected
+        await holds(lambda: not world.bridged.state.bound)
+        it.command(Abort(session=(BRIDGED, 1)))
+        await holds(lambda: ("refused", "abort", "CMD-1") in mine.told)
 
 
 @pytest.mark.parametrize("expect", [(), (LANE_CHANGE,)])
-def test_remote_receiver(expect: Any) -> None:
-    async def test() -> None:
-        other, mine = Recorder(), Recorder()
-        async with World(other) as world, remote(world, mine, expect=expect):
-            world.other.command(LANE_CHANGE)
-            await holds(lambda: "finished" in mine.names())
-            assert mine.names() == ["load", "finished"] and other.names() == ["load"]
-            assert mine.told[0][1].selected == other.told[0][1].selected
-            await holds(lambda: world.other.neighbours[BRIDGED].speed_mm_s == mine.speed_mm_s)
-
-    run(test())
+async def test_remote_receiver(expect: Any) -> None:
+    other, mine = Recorder(), Recorder()
+    async with World(other) as world, remote(world, mine, expect=expect):
+        world.other.command(LANE_CHANGE)
+        await holds(lambda: "finished" in mine.names())
+        assert mine.names() == ["load", "finished"] and other.names() == ["load"]
+        assert mine.told[0][1].selected == other.told[0][1].selected
+        await holds(lambda: world.other.neighbours[BRIDGED].speed_mm_s == mine.speed_mm_s)
 
 
-def test_remote_reconnects_within_a_commitment() -> None:
-    async def test() -> None:
-        other, mine = Recorder(maneuver_ms=60_000), Recorder()
-        async with World(other) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
-            world.other.command(LANE_CHANGE)
-            await holds(lambda: mine.names() == ["load"])
-            before = it._socket
-            before.transport.abort()
-            await holds(lambda: it._socket not in (None, before) and it.connected.is_set())
-            await holds(lambda: other.names() == ["load"])
-            world.other.command(other.told[0][1].complete())
-            await holds(lambda: "finished" in mine.names())
-            assert mine.names() == ["load", "finished"]
-
-    run(test())
+async def test_remote_reconnects_within_a_commitment() -> None:
+    other, mine = Recorder(maneuver_ms=60_000), Recorder()
+    async with World(other) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
+        world.other.command(LANE_CHANGE)
+        await holds(lambda: mine.names() == ["load"])
+        before = it._socket
+        before.transport.abort()
+        await holds(lambda: it._socket not in (None, before) and it.connected.is_set())
+        await holds(lambda: other.names() == ["load"])
+        world.other.command(other.told[0][1].complete())
+        await holds(lambda: "finished" in mine.names())
+        assert mine.names() == ["load", "finished"]
 
 
-def test_remote_falls_back_by_itself() -> None:
-    async def test() -> None:
-        other, mine = Recorder(maneuver_ms=60_000), Recorder()
-        async with World(other) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
-            world.other.command(LANE_CHANGE)
-            await holds(lambda: mine.names() == ["load"])
-            port = world.bridge.port
-            await world.bridge.close()
-            await holds(lambda: len(mine.told) == 2)
-            assert mine.told[-1] == ("fallback", (OTHER, 1), "bridge_loss")
-            await holds(lambda: other.told[-1:] == [("fallback", (OTHER, 1), "abort")])
-            it.command(LANE_CHANGE)
-            await holds(lambda: mine.told[-1:] == [("refused", "request", "unreachable")])
-            world.bridge._port = port
-            await world.bridge.open()
-            await asyncio.wait_for(it.connected.wait(), PATIENCE)
-            await holds(lambda: not world.bridged.state.quarantine)  # ACT-6: it broke its word
-            it.command(LANE_CHANGE)
-            await holds(lambda: world.bridged.state.bound)
-            assert len(mine.told) == 3  # the bridge's "alone" is no news
-
-    run(test())
+async def test_remote_falls_back_by_itself() -> None:
+    other, mine = Recorder(maneuver_ms=60_000), Recorder()
+    async with World(other) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
+        world.other.command(LANE_CHANGE)
+        await holds(lambda: mine.names() == ["load"])
+        port = world.bridge.port
+        await world.bridge.close()
+        await holds(lambda: len(mine.told) == 2)
+        assert mine.told[-1] == ("fallback", (OTHER, 1), "bridge_loss")
+        await holds(lambda: other.told[-1:] == [("fallback", (OTHER, 1), "abort")])
+        it.command(LANE_CHANGE)
+        await holds(lambda: mine.told[-1:] == [("refused", "request", "unreachable")])
+        world.bridge._port = port
+        await world.bridge.open()
+        await asyncio.wait_for(it.connected.wait(), PATIENCE)
+        await holds(lambda: not world.bridged.state.quarantine)  # ACT-6: it broke its word
+        it.command(LANE_CHANGE)
+        await holds(lambda: world.bridged.state.bound)
+        assert len(mine.told) == 3  # the bridge's "alone" is no news
 
 
-def test_remote_that_let_go_says_so() -> None:
+async def test_remote_that_let_go_says_so() -> None:
     """The bridge goes quiet, but hears: the vehicle drives alone, so the session must end."""
 
-    async def test() -> None:
-        class Quiet(WebSocketBridge):
-            quiet = False
+    class Quiet(WebSocketBridge):
+        quiet = False
 
-            def _publish(self, topic: str, text: str) -> None:
-                if not self.quiet:
-                    super()._publish(topic, text)
+        def _publish(self, topic: str, text: str) -> None:
+            if not self.quiet:
+                super()._publish(topic, text)
 
-        other, mine, bridge = Recorder(maneuver_ms=60_000), Recorder(), Quiet(port=0)
-        async with World(other, bridge) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
-            world.other.command(LANE_CHANGE)
-            await holds(lambda: mine.names() == ["load"])
-            bridge.quiet, before = True, it._socket
-            await holds(lambda: mine.told[-1:] == [("fallback", (OTHER, 1), "bridge_loss")])
-            await holds(lambda: other.told[-1:] == [("fallback", (OTHER, 1), "abort")])
-            await holds(lambda: it._socket not in (None, before))
-
-    run(test())
+    other, mine, bridge = Recorder(maneuver_ms=60_000), Recorder(), Quiet(port=0)
+    async with World(other, bridge) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
+        world.other.command(LANE_CHANGE)
+        await holds(lambda: mine.names() == ["load"])
+        bridge.quiet, before = True, it._socket
+        await holds(lambda: mine.told[-1:] == [("fallback", (OTHER, 1), "bridge_loss")])
+        await holds(lambda: other.told[-1:] == [("fallback", (OTHER, 1), "abort")])
+        await holds(lambda: it._socket not in (None, before))
 
 
-def test_an_answer_that_was_lost_is_said_again() -> None:
-    async def test() -> None:
-        class Deaf(WebSocketBridge):
-            deaf = True
+async def test_an_answer_that_was_lost_is_said_again() -> None:
+    class Deaf(WebSocketBridge):
+        deaf = True
 
-            def _accept(self, message: Any) -> None:
-                if self.deaf:
-                    self.deaf = False
-                    it._socket.transport.abort()
-                else:
-                    super()._accept(message)
+        def _accept(self, message: Any) -> None:
+            if self.deaf:
+                self.deaf = False
+                it._socket.transport.abort()
+            else:
+                super()._accept(message)
 
-        other, mine = Recorder(), Recorder()
-        async with (
-            World(other, Deaf(port=0)) as world,
-            remote(world, mine, expect=[LANE_CHANGE]) as it,
-        ):
-            world.other.command(LANE_CHANGE)
-            await holds(lambda: mine.names() == ["load", "finished"])
-
-    run(test())
+    other, mine = Recorder(), Recorder()
+    async with (
+        World(other, Deaf(port=0)) as world,
+        remote(world, mine, expect=[LANE_CHANGE]) as it,
+    ):
+        world.other.command(LANE_CHANGE)
+        await holds(lambda: mine.names() == ["load", "finished"])
 
 
-def test_an_exception_of_the_application_ends_the_run() -> None:
-    async def test() -> None:
-        class Broken(Recorder):
-            def kinematics(self, now_ms: int) -> Kinematics:
-                if now_ms > 200:
-                    raise RuntimeError("no position")
-                return Kinematics()
+async def test_an_exception_of_the_application_ends_the_run() -> None:
+    class Broken(Recorder):
+        def kinematics(self, now_ms: int) -> Kinematics:
+            if now_ms > 200:
+                raise RuntimeError("no position")
+            return Kinematics()
 
-        async with World(Recorder()) as world:
-            with pytest.raises(RuntimeError, match="no position"):
-                await RemoteApplication(Broken(), world.uri).run()
-
-    run(test())
+    async with World(Recorder()) as world:
+        with pytest.raises(RuntimeError, match="no position"):
+            await RemoteApplication(Broken(), world.uri).run()

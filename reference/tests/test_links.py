@@ -8,7 +8,7 @@ import math
 import random
 import socket
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -216,12 +216,8 @@ def test_alarms_ring_in_order_and_may_be_called_off() -> None:
 # -- sockets
 
 
-def run(what: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    asyncio.run(asyncio.wait_for(what(), 30))
-
-
 async def until(so: Callable[[], bool]) -> None:
-    """Let the loop run until it is so; the time limit of ``run`` ends it otherwise."""
+    """Let the loop run until it is so; the time limit of the test ends it otherwise."""
     while not so():
         await asyncio.sleep(0.01)
 
@@ -257,112 +253,97 @@ def finished(made: list[McService]) -> bool:
     )
 
 
-def test_a_session_over_udp_with_broadcast_and_unicast() -> None:
-    async def session() -> None:
-        where = ("127.255.255.255", free_port())
-        links = [UdpLink(broadcast=where) for _ in range(3)]
-        made = services(links, AsyncioClock())
-        await until(lambda: all(len(link._addresses) == 2 for link in links))
+async def test_a_session_over_udp_with_broadcast_and_unicast() -> None:
+    where = ("127.255.255.255", free_port())
+    links = [UdpLink(broadcast=where) for _ in range(3)]
+    made = services(links, AsyncioClock())
+    await until(lambda: all(len(link._addresses) == 2 for link in links))
+    made[0].command(LANE_CHANGE)
+    await until(lambda: finished(made))
+    assert made[0].statistics.rules["NEG-6"] == 1
+    assert made[0].statistics.sent["Cancel"] > 0
+    for service in made:
+        s = service.statistics
+        assert s.elsewhere == s.malformed == s.broken == 0  # unicast went to its addressee
+        assert set(links[service.station_id - 1]._addresses) == {1, 2, 3} - {service.station_id}
+        service.close()
+
+
+async def test_a_session_through_a_lossy_relay_where_all_overhear_all() -> None:
+    relay = Relay(channel=Channel(loss=0.2, duplicate=0.2, delay_ms=(1, 10)), seed=3)
+    clock = AsyncioClock()
+    links = [UdpLink(via=relay.address) for _ in range(3)]
+    made = services(links, clock)
+    made[0].command(LANE_CHANGE)
+    await until(lambda: not any(s.state.bound or s.state.outbox for s in made))
+    assert relay.radio.lost > 0
+    assert sum(s.statistics.elsewhere for s in made) > 0  # MSG-1
+    for service in made:
+        service.close()
+    relay.close()
+
+
+async def test_end_5_rubbish_and_a_flood_stop_no_session() -> None:
+    where = ("127.255.255.255", free_port())
+    made = services([UdpLink(broadcast=where) for _ in range(2)], AsyncioClock())
+    chance = random.Random(1)
+    with bind("127.0.0.1", 0) as flood:
         made[0].command(LANE_CHANGE)
+        for _ in range(200):
+            for _ in range(10):
+                flood.sendto(chance.randbytes(chance.randrange(0, 1500)), where)
+            forged = Cam(
+                src=chance.randrange(1, 2**32),
+                generation_ms=0,
+                x_mm=0,
+                y_mm=0,
+                heading_mrad=0,
+                speed_mm_s=0,
+                marks=(),
+            )
+            flood.sendto(encode(forged), where)
+            await asyncio.sleep(0.002)
         await until(lambda: finished(made))
-        assert made[0].statistics.rules["NEG-6"] == 1
-        assert made[0].statistics.sent["Cancel"] > 0
-        for service in made:
-            s = service.statistics
-            assert s.elsewhere == s.malformed == s.broken == 0  # unicast went to its addressee
-            assert set(links[service.station_id - 1]._addresses) == {1, 2, 3} - {service.station_id}
-            service.close()
-
-    run(session)
+    assert made[1].statistics.malformed > 100
+    for service in made:
+        assert len(service.neighbours) <= 256
+        service.close()
 
 
-def test_a_session_through_a_lossy_relay_where_all_overhear_all() -> None:
-    async def session() -> None:
-        relay = Relay(channel=Channel(loss=0.2, duplicate=0.2, delay_ms=(1, 10)), seed=3)
-        clock = AsyncioClock()
-        links = [UdpLink(via=relay.address) for _ in range(3)]
-        made = services(links, clock)
-        made[0].command(LANE_CHANGE)
-        await until(lambda: not any(s.state.bound or s.state.outbox for s in made))
-        assert relay.radio.lost > 0
-        assert sum(s.statistics.elsewhere for s in made) > 0  # MSG-1
-        for service in made:
-            service.close()
-        relay.close()
-
-    run(session)
-
-
-def test_end_5_rubbish_and_a_flood_stop_no_session() -> None:
-    async def session() -> None:
-        where = ("127.255.255.255", free_port())
-        made = services([UdpLink(broadcast=where) for _ in range(2)], AsyncioClock())
-        chance = random.Random(1)
-        with bind("127.0.0.1", 0) as flood:
-            made[0].command(LANE_CHANGE)
-            for _ in range(200):
-                for _ in range(10):
-                    flood.sendto(chance.randbytes(chance.randrange(0, 1500)), where)
-                forged = Cam(
-                    src=chance.randrange(1, 2**32),
-                    generation_ms=0,
-                    x_mm=0,
-                    y_mm=0,
-                    heading_mrad=0,
-                    speed_mm_s=0,
-                    marks=(),
-                )
-                flood.sendto(encode(forged), where)
-                await asyncio.sleep(0.002)
-            await until(lambda: finished(made))
-        assert made[1].statistics.malformed > 100
-        for service in made:
-            assert len(service.neighbours) <= 256
-            service.close()
-
-    run(session)
-
-
-def test_mem_1_a_link_remembers_so_many_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_mem_1_a_link_remembers_so_many_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(udp_, "ADDRESSES", 5)
 
-    async def many() -> None:
-        where = ("127.255.255.255", free_port())
-        link = UdpLink(broadcast=where)
-        got: list[int] = []
-        link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
-        with bind("127.0.0.1", 0) as sender:
-            for n in range(1, 9):
-                sender.sendto(b"%d" % n, where)
-            await until(lambda: len(got) == 8)
-        assert list(link._addresses) == [4, 5, 6, 7, 8]
-        link.close()
-
-    run(many)
+    where = ("127.255.255.255", free_port())
+    link = UdpLink(broadcast=where)
+    got: list[int] = []
+    link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
+    with bind("127.0.0.1", 0) as sender:
+        for n in range(1, 9):
+            sender.sendto(b"%d" % n, where)
+        await until(lambda: len(got) == 8)
+    assert list(link._addresses) == [4, 5, 6, 7, 8]
+    link.close()
 
 
-def test_mem_1_a_relay_takes_so_many_stations_and_forgets_silent_ones(
+async def test_mem_1_a_relay_takes_so_many_stations_and_forgets_silent_ones(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(relay_, "STATIONS", 2)
 
-    async def many() -> None:
-        relay = Relay()
-        sockets = [bind("127.0.0.1", 0) for _ in range(3)]
-        for sock in sockets:
-            sock.sendto(b"", relay.address)
-        await until(lambda: len(relay._stations) == 2)
-        await asyncio.sleep(0.05)
-        assert len(relay._stations) == 2
-        for where in relay._heard:
-            relay._heard[where] -= relay_.SILENCE_MS + 1
-        sockets[2].sendto(b"x", relay.address)
-        await until(lambda: list(relay._stations) == [sockets[2].getsockname()])
-        for sock in sockets:
-            sock.close()
-        relay.close()
-
-    run(many)
+    relay = Relay()
+    sockets = [bind("127.0.0.1", 0) for _ in range(3)]
+    for sock in sockets:
+        sock.sendto(b"", relay.address)
+    await until(lambda: len(relay._stations) == 2)
+    await asyncio.sleep(0.05)
+    assert len(relay._stations) == 2
+    for where in relay._heard:
+        relay._heard[where] -= relay_.SILENCE_MS + 1
+    sockets[2].sendto(b"x", relay.address)
+    await until(lambda: list(relay._stations) == [sockets[2].getsockname()])
+    for sock in sockets:
+        sock.close()
+    relay.close()
 
 
 def test_a_port_in_use_is_named() -> None:
@@ -373,26 +354,23 @@ def test_a_port_in_use_is_named() -> None:
         bind(*taken.getsockname())
 
 
-def test_messages_of_one_id_from_two_addresses_make_it_broadcast() -> None:
-    async def two() -> None:
-        where = ("127.255.255.255", free_port())
-        link = UdpLink(broadcast=where)
-        got: list[int] = []
-        link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
-        with bind("127.0.0.1", 0) as owner, bind("127.0.0.1", 0) as forger:
-            owner.sendto(b"7", where)
-            await until(lambda: len(got) == 1)
-            link.send(b"x", 7, "")
-            await until(lambda: _has(owner))
-            forger.sendto(b"7", where)
-            await until(lambda: len(got) == 2)
-            link.send(b"y", 7, "")
-            owner.sendto(b"7", where)
-            await until(lambda: len(got) == 3)
-            assert not _has(owner) and not _has(forger) and link._addresses[7] is None
-        link.close()
-
-    run(two)
+async def test_messages_of_one_id_from_two_addresses_make_it_broadcast() -> None:
+    where = ("127.255.255.255", free_port())
+    link = UdpLink(broadcast=where)
+    got: list[int] = []
+    link.open(lambda data, tx: got.append(int(data)) or int(data))  # type: ignore[func-returns-value]
+    with bind("127.0.0.1", 0) as owner, bind("127.0.0.1", 0) as forger:
+        owner.sendto(b"7", where)
+        await until(lambda: len(got) == 1)
+        link.send(b"x", 7, "")
+        await until(lambda: _has(owner))
+        forger.sendto(b"7", where)
+        await until(lambda: len(got) == 2)
+        link.send(b"y", 7, "")
+        owner.sendto(b"7", where)
+        await until(lambda: len(got) == 3)
+        assert not _has(owner) and not _has(forger) and link._addresses[7] is None
+    link.close()
 
 
 def _has(sock: socket.socket) -> bool:
@@ -402,7 +380,7 @@ def _has(sock: socket.socket) -> bool:
         return False
 
 
-def test_a_relay_without_reordering_keeps_the_order_and_a_seed_decides_what_is_lost() -> None:
+async def test_a_relay_without_reordering_keeps_the_order_and_a_seed_decides_what_is_lost() -> None:
     async def relayed(seed: int, loss: float) -> list[bytes]:
         relay = Relay(channel=Channel(loss=loss, delay_ms=(5, 5)), seed=seed)
         with bind("127.0.0.1", 0) as sender, bind("127.0.0.1", 0) as hearer:
@@ -420,13 +398,10 @@ def test_a_relay_without_reordering_keeps_the_order_and_a_seed_decides_what_is_l
         relay.close()
         return got
 
-    async def compare() -> None:
-        assert await relayed(1, 0.0) == [b"%03d" % n for n in range(200)]
-        some = await relayed(1, 0.5)
-        assert 60 < len(some) < 140
-        assert await relayed(1, 0.5) == some != await relayed(2, 0.5)
-
-    run(compare)
+    assert await relayed(1, 0.0) == [b"%03d" % n for n in range(200)]
+    some = await relayed(1, 0.5)
+    assert 60 < len(some) < 140
+    assert await relayed(1, 0.5) == some != await relayed(2, 0.5)
 
 
 @pytest.mark.parametrize(
@@ -463,33 +438,24 @@ def test_an_address_is_host_and_port(text: str) -> None:
     assert address("localhost:9") == ("127.0.0.1", 9)
 
 
-def test_what_the_system_refuses_to_send_is_counted() -> None:
-    async def send() -> None:
-        link = UdpLink(broadcast=("127.255.255.255", free_port()))
-        link.open(lambda data, tx: None)
-        link.send(b"x" * 70_000, BROADCAST, "")
-        assert link.unsent == 1
-        link.close()
-
-    run(send)
+async def test_what_the_system_refuses_to_send_is_counted() -> None:
+    link = UdpLink(broadcast=("127.255.255.255", free_port()))
+    link.open(lambda data, tx: None)
+    link.send(b"x" * 70_000, BROADCAST, "")
+    assert link.unsent == 1
+    link.close()
 
 
-def test_the_time_for_which_the_host_slept_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def run() -> None:
-        clock, rung = AsyncioClock(), list[int]()
-        before, asked = clock.now(), time.clock_gettime
-        asleep = {time.CLOCK_BOOTTIME: 9.95}
-        monkeypatch.setattr(
-            time, "clock_gettime", lambda which: asked(which) + asleep.get(which, 0)
-        )
-        later = clock.now() + 30
-        assert later - before >= 9_950
-        clock.at(later, lambda: rung.append(clock.now()))
-        while not rung:
-            await asyncio.sleep(0.01)
-        assert later <= rung[0] < later + 9_950  # not as much later once more
-
-    asyncio.run(run())
+async def test_the_time_for_which_the_host_slept_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, rung = AsyncioClock(), list[int]()
+    before, asked = clock.now(), time.clock_gettime
+    asleep = {time.CLOCK_BOOTTIME: 9.95}
+    monkeypatch.setattr(time, "clock_gettime", lambda which: asked(which) + asleep.get(which, 0))
+    later = clock.now() + 30
+    assert later - before >= 9_950
+    clock.at(later, lambda: rung.append(clock.now()))
+    await until(lambda: bool(rung))
+    assert later <= rung[0] < later + 9_950  # not as much later once more
 
 
 def test_a_listener_without_a_free_descriptor_ends_no_station() -> None:

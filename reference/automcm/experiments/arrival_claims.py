@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from automcm.experiments.experiment import Cell, Claim, Values, Verdict, chosen
+from automcm.experiments.experiment import Cell, Claim, Values, chosen, graded
 from automcm.experiments.intervals import Z, mean, quantile
 
 SPEEDS_KMH = (30, 50)
@@ -190,18 +190,14 @@ def gain_claim(found: Values, speed_kmh: int) -> Claim:
     here, tried = found["speeds"][name], found["tried"]
     least, greatest = tried["least_s"][name], tried["greatest_s"][name]
     fitted = abs(here["gain_s"] - gain) <= NEAR_S
-    verdict: Verdict = "in shape only"
-    if here["low_s"] <= 0:
-        verdict = "not reproduced"
-    elif fitted and gain - NEAR_S <= least and greatest <= gain + NEAR_S:
-        verdict = "reproduced"
+    whatever = fitted and gain - NEAR_S <= least and greatest <= gain + NEAR_S
     says = "the baseline is calibrated to it" if fitted else "the baseline as calibrated misses it"
     return Claim(
         f"at {speed_kmh} km/h the receiver arrives earlier with coordination",
         f"approximately {gain:.0f} s, {share:.0%} faster",
         f"{here['gain_s']:.2f} s (95 % interval {here['low_s']:.2f} to {here['high_s']:.2f}); "
         f"{here['reduction']:.1%} less time, {here['ratio']:.1%} more speed",
-        verdict,
+        graded(here["low_s"] > 0 and whatever, here["low_s"] > 0),
         f"{says}; {least:.1f} to {greatest:.1f} s over the {tried['baselines']} baselines tried",
     )
 
@@ -210,36 +206,31 @@ def order_claim(found: Values) -> Claim:
     """The gain grows with the speed: whatever the baseline, or with the calibrated one."""
     slow, fast = (found["speeds"][str(speed_kmh)] for speed_kmh in SPEEDS_KMH)
     tried = found["tried"]
-    verdict: Verdict = "not reproduced"
-    if fast["low_s"] > slow["high_s"]:
-        verdict = "reproduced" if tried["grows"] == tried["baselines"] else "in shape only"
+    grows = fast["low_s"] > slow["high_s"]
     return Claim(
         "the gain grows with the speed",
         "5 s at 30 km/h, 7 s at 50 km/h",
         f"{slow['gain_s']:.2f} s and {fast['gain_s']:.2f} s",
-        verdict,
+        graded(grows and tried["grows"] == tried["baselines"], grows),
         f"so in {tried['grows']} of the {tried['baselines']} baselines tried",
     )
 
 
 def way_claim(found: Values, target_m: float) -> Claim:
     """Whether seconds and per cent fit the way, by either reading, as they are rounded."""
-    verdict: Verdict = "not reproduced"
-    texts, both = [], []
+    texts, both, fits, exist = [], [], [], []
     for reading, text in (("reduction", "less time"), ("ratio", "more speed")):
         ranges = [found["ways"][str(speed_kmh)][reading] for speed_kmh in SPEEDS_KMH]
         texts.append(f"{ranges[0][0]:.0f} m and {ranges[1][0]:.0f} m read as {text}")
         low, high = max(r[1] for r in ranges), min(r[2] for r in ranges)
         both.append(f"{low:.0f} to {high:.0f} m" if low <= high else "no way")
-        if low <= target_m <= high:
-            verdict = "reproduced"
-        elif low <= high and verdict == "not reproduced":
-            verdict = "in shape only"
+        fits.append(low <= target_m <= high)
+        exist.append(low <= high)
     return Claim(
         "seconds and per cent at 30 and at 50 km/h belong to one way",
         f"{target_m:.0f} m",
         "; ".join(texts),
-        verdict,
+        graded(any(fits), any(exist)),
         f"as the figures are rounded {both[0]} would do as less time, {both[1]} as more speed; "
         "the clock starts at the signal, so the way timed is shorter than the way driven",
     )
@@ -254,18 +245,13 @@ def braking_claim(found: Values) -> Claim:
     trials = [found["speeds"][str(speed_kmh)]["trials"] for speed_kmh in SPEEDS_KMH]
     most, least = max(one["after"] for one in with_), min(one["after"] for one in without)
     stops = [one["stopped"] for one in without]
-    verdict: Verdict = "not reproduced"
-    if most <= LITTLE and stops == trials:
-        verdict = "reproduced"
-    elif most < least:
-        verdict = "in shape only"
     return Claim(
         "with coordination little or no deceleration when lanes are changed; without, a stop",
         "no figure",
         f"median of the hardest braking {with_[0]['after']:.1f} and {with_[1]['after']:.1f} m/s² "
         f"with, {without[0]['after']:.1f} and {without[1]['after']:.1f} m/s² without; "
         f"{sum(stops)} of {sum(trials)} stop without",
-        verdict,
+        graded(most <= LITTLE and stops == trials, most < least),
         "the stop is part of the baseline, the little braking is not",
     )
 

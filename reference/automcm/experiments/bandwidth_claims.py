@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from automcm.experiments.bandwidth_air import CODECS, FORMS
 from automcm.experiments.bandwidth_summary import drive
-from automcm.experiments.experiment import Claim, Values, Verdict
+from automcm.experiments.experiment import Claim, Values, Verdict, graded
 
 TEN, MANY = 10.0, 3.0
 """The paper's ratio of a message with a trajectory to a CAM; and what is still many times."""
@@ -36,11 +36,6 @@ def claims(report: Values) -> list[Claim]:
 def _larger(s: Values) -> Claim:
     etsi = s["etsi"]
     least = min(etsi["ratio"], *(r for name in CODECS for r in s["ratios"][name].values()))
-    verdict: Verdict = "not reproduced"
-    if least > TEN:
-        verdict = "reproduced"
-    elif least > MANY:
-        verdict = "in shape only"
     return Claim(
         "a message with a trajectory is far larger than a CAM",
         "more than 10 times (encoding and number of points not given)",
@@ -50,7 +45,7 @@ def _larger(s: Values) -> Claim:
             for name, of in s["ratios"].items()
         )
         + f"; in UPER {etsi['ratio']:.1f} times an ETSI CAM of {etsi['cam']} bytes",
-        verdict,
+        graded(least > TEN, least > MANY),
         f"in our UPER a point takes {etsi['here_per_point']:.1f} bytes, being told from the one "
         f"before; from {etsi['needed_per_point']:.1f} on it is ten times the ETSI CAM",
     )
@@ -59,17 +54,13 @@ def _larger(s: Values) -> Claim:
 def _intentions(two: Values, four: Values) -> Claim:
     counts = _ratio(two["count"], four["count"], "Intention")
     amounts = [_ratio(two["bytes"][n], four["bytes"][n], "Intention") for n in CODECS]
-    verdict: Verdict = "not reproduced"
-    if abs(counts - 3) < 1e-9 and all(abs(amount / 3 - 1) < SAME for amount in amounts):
-        verdict = "reproduced"
-    elif min(amounts) > 1.5:
-        verdict = "in shape only"
+    three = abs(counts - 3) < 1e-9 and all(abs(amount / 3 - 1) < SAME for amount in amounts)
     return Claim(
         "with four vehicles there are three times as many Intentions as with two",
         "3 times (VI-A says Fig. 7a; it must be 7b)",
         f"{counts:g} times as many messages; bytes: "
         + _each([f"{amount:.2f} times" for amount in amounts]),
-        verdict,
+        graded(three, min(amounts) > 1.5),
         "three receivers answer",
     )
 
@@ -78,11 +69,7 @@ def _equal(two: Values, four: Values) -> Claim:
     kinds = ("Prescription", "Acceptance", "Fin")
     counts = [_ratio(two["count"], four["count"], kind) for kind in kinds]
     amounts = [_ratio(two["bytes"][n], four["bytes"][n], kind) for n in CODECS for kind in kinds]
-    verdict: Verdict = "not reproduced"
-    if all(abs(ratio - 1) < SAME for ratio in (*counts, *amounts)):
-        verdict = "reproduced"
-    elif all(abs(ratio - 1) < SAME for ratio in counts):
-        verdict = "in shape only"
+    same, alike = (all(abs(r - 1) < SAME for r in ratios) for ratios in (counts, amounts))
     return Claim(
         "Prescription, Acceptance and Fin take the same with four vehicles as with two",
         "the same",
@@ -92,24 +79,20 @@ def _equal(two: Values, four: Values) -> Claim:
             for kind in kinds
         )
         + " (JSON)",
-        verdict,
+        graded(same and alike, same),
         "they pass between the prescriber and its target alone",
     )
 
 
 def _cancels(two: Values, four: Values) -> Claim:
-    verdict: Verdict = "not reproduced"
-    if not two["cancelled"] and four["cancelled"] == [2, 4]:
-        verdict = "reproduced"
-    elif not two["cancelled"] and four["cancelled"]:
-        verdict = "in shape only"
+    none = not two["cancelled"]
     names = {1: "the prescriber", 2: "A", 3: "B", 4: "C"}
     return Claim(
         "the receivers that are not chosen get a Cancel",
         "A and C; none with two vehicles",
         f"{_to([names[n] for n in four['cancelled']])}; "
         f"{_to(['the receiver' for _ in two['cancelled']])} with two vehicles",
-        verdict,
+        graded(none and four["cancelled"] == [2, 4], none and four["cancelled"]),
     )
 
 
@@ -122,11 +105,6 @@ def _saves(s: Values) -> Claim:
     ]
     factors = [saving["factor"] for saving in savings]
     with_cams = [saving["with_cams"] for saving in savings]
-    verdict: Verdict = "not reproduced"
-    if min(factors) > 1:
-        verdict = "reproduced"
-    elif max(factors) > 1:
-        verdict = "in shape only"
     return Claim(
         "event-driven messages save bandwidth against Intentions of all vehicles all the time",
         "effectively (no figure)",
@@ -137,7 +115,7 @@ def _saves(s: Values) -> Claim:
             f"with {n} vehicles"
             for n in (2, 4)
         ),
-        verdict,
+        graded(min(factors) > 1, max(factors) > 1),
         f"without CAMs; with CAMs at 10 Hz on both sides {min(with_cams):.1f} to "
         f"{max(with_cams):.1f} times",
     )

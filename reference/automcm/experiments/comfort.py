@@ -7,7 +7,6 @@ fault's moment goes over a grid within each stage of the maneuver.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from random import Random
 from typing import Annotated
 
@@ -42,12 +41,10 @@ from automcm.experiments.comfort_measures import (
     tracks,
 )
 from automcm.experiments.experiment import Experiment, Settings, Values
-from automcm.experiments.intervals import mean
 from automcm.road import STEP_S, Driving
 from automcm.scenarios.drive import FourVehicles
 from automcm_spec.parameters import Parameters
 
-COUNTS = ("moved", "touched", "hard")
 DRAWN_STEPS = 5
 """Fig. 6 is drawn from every fifth step of the road."""
 DRAWN_S = 25.0
@@ -117,7 +114,7 @@ def run(values: Values, seed: int) -> Values:
         drawn = setting.drawn(random.getrandbits(31), s["spread_m"])
         for name, cost in trial(drawn, values["stage"], (n + 0.5) / trials).items():
             drives.setdefault(name, []).append(cost)
-    return {name: together(costs) for name, costs in drives.items()}
+    return {name: comfort_claims.together(costs) for name, costs in drives.items()}
 
 
 def trial(setting: Setting, stage: str, share: float) -> dict[str, Values]:
@@ -161,6 +158,7 @@ def cost(
     moved = bool(found[PRESCRIBER].y[-1] != found[PRESCRIBER].y[0])
     near = [distance(n, found) for n in (PRESCRIBER, B, C)]
     values: Values = {
+        "drives": 1,
         "moved": int(moved),
         "touched": int(any(d.gap < 0 for d in near)),
         "hard": int(any(braking(found[n]) > HARD for n in (PRESCRIBER, B, C))),
@@ -177,22 +175,6 @@ def cost(
             values[f"{name} needless_m"] = max(0.0, values[f"{name} lost_m"] - need_m)
             values[f"{name} needless_s"] = max(0.0, slowed(track, alone[n]) - need_s)
     return values
-
-
-def together(costs: Sequence[Values]) -> Values:
-    """Of several drives: sums of counts, means of m and s, the worst of the rest."""
-    found: Values = {"drives": len(costs)}
-    for name in costs[0]:
-        values = [cost[name] for cost in costs]
-        if name in COUNTS:
-            found[name] = sum(values)
-        elif name in ("gap_m", "ttc_s"):
-            found[name] = round(min(values), 3)
-        elif name.endswith(("braking", "jerk")):
-            found[name] = round(max(values), 3)
-        else:
-            found[name] = round(mean(values), 3)
-    return found
 
 
 def fig6(setting: Setting) -> Values:

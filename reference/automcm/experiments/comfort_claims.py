@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from automcm.experiments.comfort_courses import COURSES, PRESCRIBER, STAGES, B, C
 from automcm.experiments.comfort_measures import HARD
-from automcm.experiments.experiment import Cell, Claim, Values, Verdict, chosen
+from automcm.experiments.experiment import Cell, Claim, Values, beyond, chosen, graded
 from automcm.experiments.intervals import mean
 
 PLAIN = ("undisturbed", "open-ended", "uncoordinated")
@@ -52,24 +52,28 @@ def summary(cells: Sequence[Cell]) -> Values:
 
 
 def merged(cells: Sequence[Cell], name: str) -> Values:
-    """Of several cells with equally many drives: sums of counts, means of m and s, the worst of
-    the rest.  ``needless_m``: of B and C together."""
-    rows = [cell.result[name] for cell in cells]
+    """Of several cells with equally many drives.  ``needless_m``: of B and C together."""
+    found = together([cell.result[name] for cell in cells])
+    return found | {
+        "needless_m": round(found["B needless_m"] + found["C needless_m"], 3),
+        "braking": max(found["B braking"], found["C braking"]),
+    }
+
+
+def together(rows: Sequence[Values]) -> Values:
+    """Of several drives: sums of counts, means of m and s, the worst of the rest."""
     found: Values = {}
     for what in rows[0]:
         values = [row[what] for row in rows]
         if what in ("drives", "moved", "touched", "hard"):
             found[what] = sum(values)
         elif what in ("gap_m", "ttc_s"):
-            found[what] = min(values)
+            found[what] = round(min(values), 3)
         elif what.endswith(("braking", "jerk")):
-            found[what] = max(values)
+            found[what] = round(max(values), 3)
         else:
             found[what] = round(mean(values), 3)
-    return found | {
-        "needless_m": round(found["B needless_m"] + found["C needless_m"], 3),
-        "braking": max(found["B braking"], found["C braking"]),
-    }
+    return found
 
 
 def claims(report: Values) -> list[Claim]:
@@ -85,11 +89,6 @@ def _each(fig6: Values, text: str, **values: Sequence[object]) -> str:
         for n, speed in enumerate(fig6)
     ]
     return "; ".join(parts)
-
-
-def graded(all_: bool, some: bool) -> Verdict:
-    """Reproduced if all of it came out, in shape only if some did."""
-    return "reproduced" if all_ else "in shape only" if some else "not reproduced"
 
 
 def _fig6(fig6: Values) -> list[Claim]:
@@ -220,7 +219,7 @@ def _beyond(all_: Values) -> list[Claim]:
         mean([all_[name + rules]["B lost_m"] for name in silent]) for rules in ("", WITHOUT)
     )
     return [
-        _claim(
+        beyond(
             "Coordination spares B a hard braking",
             f"hardest {b['B braking']:.1f} m/s² and jerk {b['B jerk']:.1f} m/s³; without "
             f"{alone['B braking']:.1f} and {alone['B jerk']:.1f}; way lost {b['B lost_m']:.1f} "
@@ -228,7 +227,7 @@ def _beyond(all_: Values) -> list[Claim]:
             b["B braking"] < alone["B braking"] and b["B jerk"] < alone["B jerk"],
             "without it, the stop is a rule of the model (road.Late)",
         ),
-        _claim(
+        beyond(
             "The fallback on CAM loss has its price where only the radio fails (ACT-2)",
             f"needless way lost by B and C {mean([all_[n]['needless_m'] for n in LINK]):.1f} m, "
             f"without the rule {mean([all_[n + WITHOUT]['needless_m'] for n in LINK]):.1f} m; "
@@ -236,7 +235,7 @@ def _beyond(all_: Values) -> list[Claim]:
             mean(more) > 0 and gave_up < went_on,
             "a prescriber that hears nothing cannot know that B still makes room",
         ),
-        _claim(
+        beyond(
             "It pays where B no longer makes room (ACT-2, END-1)",
             f"way lost by B {hard:.1f} m on average, without the rules {harder:.1f} m",
             hard < harder,
@@ -244,7 +243,3 @@ def _beyond(all_: Values) -> list[Claim]:
             "it was chosen is taken for nobody in the way",
         ),
     ]
-
-
-def _claim(claim: str, here: str, holds: bool, why: str) -> Claim:
-    return Claim(claim, "-", here, "beyond the paper" if holds else "not reproduced", why)

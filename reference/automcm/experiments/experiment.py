@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -50,7 +50,14 @@ class Claim:
     why: str = ""
 
 
-S = TypeVar("S", bound=Settings)
+def graded(all_: bool, some: bool) -> Verdict:
+    """Reproduced if all of it came out, in shape only if some did."""
+    return "reproduced" if all_ else "in shape only" if some else "not reproduced"
+
+
+def beyond(claim: str, here: str, holds: bool, why: str) -> Claim:
+    """A claim that the paper has no figure for."""
+    return Claim(claim, "-", here, "beyond the paper" if holds else "not reproduced", why)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from automcm.experiments.experiment import Cell, Claim, Values, Verdict, chosen
+from automcm.experiments.experiment import Cell, Claim, Values, chosen, graded
 from automcm.experiments.intervals import mean, wilson
 from automcm.experiments.loss_sessions import BIN_MS
 from automcm.trajectory import success
@@ -256,11 +256,6 @@ def _rises(found: Values) -> Claim:
     of = {t: late(found, t) for t in T_TIMEOUTS}
     fits = [_fits(of[t], t) for t in T_TIMEOUTS]
     halves = [100.0 if of[t]["half"] is None else of[t]["half"] for t in T_TIMEOUTS]
-    verdict: Verdict = "not reproduced"
-    if all(fits):
-        verdict = "reproduced"
-    elif halves == sorted(set(halves)):
-        verdict = "in shape only"
     here = ", ".join(
         f"{_percent(of[t]['knee'])} to {_percent(of[t]['half'])} ({t / 1000:g} s)"
         for t in T_TIMEOUTS
@@ -269,7 +264,7 @@ def _rises(found: Values) -> Claim:
         "arrival times increase rapidly with the loss, later with a longer time-out",
         "from 10% (0 s), 60% (1 s), 70% (2 s)",
         f"a tenth to a half of the drives in the slowest class at {here}",
-        verdict,
+        graded(all(fits), halves == sorted(set(halves))),
         "four messages must get there once each; if each needed its Ack as well, success would "
         "fall where the paper's does",
     )
@@ -289,7 +284,7 @@ def _longer(found: Values) -> Claim:
         "t_timeout = 2 s is the most robust",
         "success falls below 90% at "
         + ", ".join(f"{_percent(best[t])} ({t / 1000:g} s)" for t in T_TIMEOUTS),
-        "reproduced" if ordered and better else "not reproduced",
+        graded(ordered and better > 0, False),
         f"a longer one is better beyond doubt in {better} of {len(pairs)} comparisons",
     )
 
@@ -300,14 +295,13 @@ def _explained(found: Values) -> Claim:
 
     apart = {n: found["deviation"][n]["largest"] for n in MODELS}
     nearest = min(apart, key=lambda name: apart[name])
-    verdict: Verdict = "reproduced" if fits("eq2") == len(T_TIMEOUTS) else "not reproduced"
     return Claim(
         "Eq. 2 explains from which loss on coordination fails",
         "p = 1 - λ^(t_timeout/t_resend)",
         f"the paper's knees fit {fits('eq2')} of 3 of Eq. 2 and {fits('three_exchanges')} of 3 of "
         f"three exchanges with Acks; what is measured here differs from Eq. 2 by up to "
         f"{apart['eq2']:.0%}, least ({apart[nearest]:.1%}) from {NAMES[nearest]}",
-        verdict,
+        graded(fits("eq2") == len(T_TIMEOUTS), False),
         "with t_timeout = 0 Eq. 2 gives no success at all; one message is not a coordination",
     )
 
@@ -315,11 +309,7 @@ def _explained(found: Values) -> Claim:
 def _robust(found: Values) -> Claim:
     of = {t: next(p for p in found["points"][str(t)] if p["loss"] == ROBUST) for t in (1000, 2000)}
     lowest = min(p["low"] for p in of.values())
-    verdict: Verdict = "not reproduced"
-    if lowest >= WANTED:
-        verdict = "reproduced"
-    elif min(p["share"] for p in of.values()) >= KNEE:
-        verdict = "in shape only"
+    some = min(p["share"] for p in of.values()) >= KNEE
     return Claim(
         "robust below 20% loss with a time-out of 1 or 2 s",
         "robust",
@@ -327,7 +317,7 @@ def _robust(found: Values) -> Claim:
         + ", ".join(
             f"{p['agreed']} of {p['trials']} agree ({t / 1000:g} s)" for t, p in of.items()
         ),
-        verdict,
+        graded(lowest >= WANTED, some),
     )
 
 

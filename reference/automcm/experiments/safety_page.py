@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from automcm.experiments import markdown
 from automcm.experiments.ablations import BY_NAME, WHOLE
-from automcm.experiments.experiment import Claim, Values
+from automcm.experiments.experiment import Claim, Values, beyond
 from automcm.experiments.safety_road import UNCOORDINATED
 from automcm.experiments.safety_tables import HARD
 
@@ -23,25 +23,25 @@ def claims(report: Values) -> list[Claim]:
     within = sum(row["longest_ms"] <= row["bound_ms"] for row in own)
     drives = f"{whole['hazards']} hazards in {whole['drives']} drives"
     found = [
-        _claim(
+        beyond(
             "No hazard lasts longer than B = D + L (T-2)",
             f"longest {whole['longest_ms']} ms of {drives}; B = {b} ms",
             whole["beyond"] == 0 and whole["hazards"] > 0,
             f"{whole['beyond']} were longer",
         ),
-        _claim(
+        beyond(
             "B is reached, so that no smaller bound could be claimed",
             f"longest {whole['longest_ms']} of {b} ms",
             whole["longest_ms"] >= REACHED * b,
             "a target that goes silent just after a CAM",
         ),
-        _claim(
+        beyond(
             "Without an abort, CAM loss, restart or crash of the target there is no hazard (S-5)",
             f"{whole['unexcused']} of {drives}",
             whole["unexcused"] == 0 and whole["hazards"] > 0,
             "whatever the radio and the prescriber do",
         ),
-        _claim(
+        beyond(
             "With a perfect radio each fault class keeps to a bound of its own",
             f"{within} of {len(own)} classes",
             within == len(own),
@@ -57,16 +57,12 @@ def claims(report: Values) -> list[Claim]:
     return [*found, *_mechanism_claim(s), *_road_claim(s)]
 
 
-def _claim(claim: str, here: str, holds: bool, why: str) -> Claim:
-    return Claim(claim, "-", here, "beyond the paper" if holds else "not reproduced", why)
-
-
 def _class_claim(s: Values, claim: str, fault: str, without: str) -> Claim:
     row, other = (
         next(r for r in s["classes"] if (r["ablation"], r["fault"]) == (name, fault))
         for name in (WHOLE.name, without)
     )
-    return _claim(
+    return beyond(
         claim,
         f"longest {row['longest_ms']} ms with it, {other['longest_ms']} ms without",
         row["longest_ms"] <= row["bound_ms"] < other["longest_ms"],
@@ -79,7 +75,7 @@ def _mechanism_claim(s: Values) -> list[Claim]:
     bad = [row for row in rows if row["unexcused"] or row["beyond"]]
     seen = [row for row in rows if row["shows"]]
     return [
-        _claim(
+        beyond(
             "Mechanisms without which random faults lead to hazards that S-5 or T-2 forbid",
             f"{len(bad)} of {len(rows)}; {len(seen)} of {len(rows)} show some effect",
             len(bad) > 0,
@@ -92,7 +88,7 @@ def _road_claim(s: Values) -> list[Claim]:
     whole = _road_sum(s["road"], WHOLE.name)
     alone = _road_sum(s["road"], UNCOORDINATED)
     return [
-        _claim(
+        beyond(
             "With faults, too, a prescriber moves over only where there is room",
             f"{whole['near']} of {whole['moved']} with less than 2 m; "
             f"without coordination {alone['near']} of {alone['moved']}",
