@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
 from pydantic import Field, ValidationError
 from pydantic_core import from_json, to_json
@@ -68,11 +68,24 @@ Note = Annotated[str, Field(max_length=256)]
 
 
 class Message(Ros):
-    """A message with a topic of its own."""
+    """A message with a topic of its own, which is named as the message is."""
 
+    folder: ClassVar[str] = ""
     topic: ClassVar[str]
     type: ClassVar[str]
     header: Header = Header()
+
+    def __init_subclass__(cls) -> None:
+        """Name topic and type."""
+        cls.topic, cls.type = cls.folder + cls.__name__.lower(), TYPES + cls.__name__
+
+
+class _Output(Message):
+    folder = OUT
+
+
+class _Input(Message):
+    folder = IN
 
 
 class Session(Ros):
@@ -100,11 +113,9 @@ def stamped(ms: int) -> Header:
 # -- from the bridge to the driving software
 
 
-class State(Message):
+class State(_Output):
     """What the station does, and that the service is there."""
 
-    topic = OUT + "state"
-    type = TYPES + "State"
     station_id: StationId
     phase: Phase
     role: Role
@@ -114,11 +125,9 @@ class State(Message):
     lost_after_ms: Natural
 
 
-class Drive(Message):
+class Drive(_Output):
     """What holds now: ``coordinated`` drives ``selected``, ``alone`` says why the last ended."""
 
-    topic = OUT + "drive"
-    type = TYPES + "Drive"
     mode: Literal["coordinated", "alone"]
     session: Session = Session()
     reason: Note = ""
@@ -153,11 +162,9 @@ class Planned(Ros):
     trajectory: AutowareTrajectory
 
 
-class Choice(Message):
+class Choice(_Output):
     """Whom to ask for what?"""
 
-    topic = OUT + "choice"
-    type = TYPES + "Choice"
     session: Session
     proposal: Positive
     planned: list[Planned] = Field(default_factory=list)
@@ -187,11 +194,9 @@ class Choice(Message):
         return application.Choice(session, self.proposal, planned, self.target, self.reason)
 
 
-class Proposal(Message):
+class Proposal(_Output):
     """Is it safe to drive this?"""
 
-    topic = OUT + "proposal"
-    type = TYPES + "Proposal"
     session: Session
     proposal: Positive
     prescribed: AutowareTrajectory
@@ -216,11 +221,9 @@ class Proposal(Message):
         return application.Proposal(session, self.proposal, prescribed, self.hold_ms, self.lease_ms)
 
 
-class Advertised(Message):
+class Advertised(_Output):
     """Another station wants to make a maneuver."""
 
-    topic = OUT + "advertised"
-    type = TYPES + "Advertised"
     session: Session
     scenario: str
     details: Details
@@ -247,11 +250,9 @@ class Advertised(Message):
         return application.Advertised(session, self.scenario, self.details, planned)
 
 
-class Refused(Message):
+class Refused(_Output):
     """A command changed nothing, by ``rule``."""
 
-    topic = OUT + "refused"
-    type = TYPES + "Refused"
     command: Note
     rule: Note
 
@@ -266,20 +267,16 @@ class OdometryIn(Odometry):
     type: ClassVar[str] = "nav_msgs/msg/Odometry"
 
 
-class Plan(Message):
+class Plan(_Input):
     """For these scenarios the vehicle plans this; without points they do not concern it."""
 
-    topic = IN + "plan"
-    type = TYPES + "Plan"
     scenarios: list[Scenario] = Field(max_length=MAX_SCENARIOS, fail_fast=True)
     trajectory: AutowareTrajectory
 
 
-class Request(Message):
+class Request(_Input):
     """Open a session (ADV-1)."""
 
-    topic = IN + "request"
-    type = TYPES + "Request"
     scenario: Scenario
     details: Details = Field(default_factory=dict)
     planned: AutowareTrajectory = NO_TRAJECTORY
@@ -292,7 +289,7 @@ class Request(Message):
         return commands.Request(scenario=self.scenario, details=self.details, planned=planned)
 
 
-class _OfSession(Message):
+class _OfSession(_Input):
     session: Session
 
     @property
@@ -306,8 +303,6 @@ class _OfSession(Message):
 class Prescribe(_OfSession):
     """The choice of a target, or the next proposal to it (PRE-2, NEG-7)."""
 
-    topic = IN + "prescribe"
-    type = TYPES + "Prescribe"
     proposal: Positive
     target: StationId
     prescribed: AutowareTrajectory
@@ -329,9 +324,6 @@ class Prescribe(_OfSession):
 class Proceed(_OfSession):
     """Nobody is in the way (PRE-3)."""
 
-    topic = IN + "proceed"
-    type = TYPES + "Proceed"
-
     def command(self) -> commands.Proceed:
         """What it asks of the station.  Raises ValueError."""
         return commands.Proceed(session=self.key)
@@ -340,16 +332,12 @@ class Proceed(_OfSession):
 class Accept(_OfSession):
     """The proposal is safe (NEG-2); the selected trajectory is the prescribed one."""
 
-    topic = IN + "accept"
-    type = TYPES + "Accept"
     proposal: Positive
 
 
 class Refuse(_OfSession):
     """The proposal is not safe (NEG-3)."""
 
-    topic = IN + "refuse"
-    type = TYPES + "Refuse"
     proposal: Positive
 
     def command(self) -> commands.Refuse:
@@ -360,9 +348,6 @@ class Refuse(_OfSession):
 class Complete(_OfSession):
     """The prescriber's maneuver is done (ACT-3)."""
 
-    topic = IN + "complete"
-    type = TYPES + "Complete"
-
     def command(self) -> commands.Complete:
         """What it asks of the station.  Raises ValueError."""
         return commands.Complete(session=self.key)
@@ -370,9 +355,6 @@ class Complete(_OfSession):
 
 class Abort(_OfSession):
     """Break off (END-1)."""
-
-    topic = IN + "abort"
-    type = TYPES + "Abort"
 
     def command(self) -> commands.Abort:
         """What it asks of the station.  Raises ValueError."""
@@ -412,13 +394,8 @@ def of_command(command: commands.Command) -> Input:
 
 Input = OdometryIn | Plan | Request | Prescribe | Proceed | Accept | Refuse | Complete | Abort
 Output = State | Drive | Choice | Proposal | Advertised | Refused
-INPUTS: dict[str, type[Input]] = {
-    c.topic: c
-    for c in (OdometryIn, Plan, Request, Prescribe, Proceed, Accept, Refuse, Complete, Abort)
-}
-OUTPUTS: dict[str, type[Output]] = {
-    c.topic: c for c in (State, Drive, Choice, Proposal, Advertised, Refused)
-}
+INPUTS: dict[str, type[Input]] = {c.topic: c for c in get_args(Input)}
+OUTPUTS: dict[str, type[Output]] = {c.topic: c for c in get_args(Output)}
 
 # -- the envelope
 
