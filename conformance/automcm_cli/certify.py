@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import Json, needs_repository, progress, write_json
+from automcm_cli.common import Json, code_3, needs_repository, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_cli.source_mutants import Generated, Mutant
@@ -61,7 +61,7 @@ def certify(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     asked = Asked(out, seed, cases, tuple(suite or ()), jobs)
-    try:
+    with code_3("certify", OracleError, WalkError, OSError, SyntaxError, ValueError):
         made, chosen = _chosen(station, mutant, class_, mutants, seed)
         if list_:
             for each in chosen:
@@ -80,9 +80,6 @@ def certify(
                 else:
                     others, problems = certificate.run_cpp(asked, say)
                     rows, count = rows + others, count + len(others)
-    except (OracleError, WalkError, OSError, SyntaxError, ValueError) as error:
-        typer.echo(f"certify: {error}", err=True)
-        raise typer.Exit(3) from None
     found = certificate.of(asked, made, count, rows, problems, notes)
     write_json(json_, found.as_dict())
     if page:

@@ -43,6 +43,16 @@ def needs_repository(command: str) -> None:
         raise typer.Exit(3)
 
 
+@contextmanager
+def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
+    """Ends ``command`` with code 3 and one line if one of these errors is raised."""
+    try:
+        yield
+    except errors as error:
+        typer.echo(f"{command}: {error}", err=True)
+        raise typer.Exit(3) from None
+
+
 def write_json(target: Path | None, value: Any) -> None:
     """Write a report for ``--json``; nothing without a target.  Ends with code 3 on failure."""
     if target is None:

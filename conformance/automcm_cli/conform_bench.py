@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
 from automcm_spec import children, scratch
 
 if TYPE_CHECKING:
@@ -47,25 +47,25 @@ def conform(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None
     rows, notes = [], []
-    try:
-        with progress() as say, scratch.folder("bench") as folder:
-            oracle = load(ONE_PEER.path, spec_hash())
-            python = [sys.executable, "-m", "automcm_cli", "adapter"]
-            echo = [sys.executable, "-m", "automcm_conformance.echo"]
-            rows.append(bench.measure("Python", python, echo, oracle, chosen, say))
-            say("building the C++ station")
-            built = cpp or _build(folder)
-            if built is None:
-                notes.append("C++ left out: it needs g++, cmake and nlohmann-json3-dev")
-            else:
-                station, floor = [str(built / "station")], [str(built / "echo")]
-                rows.append(bench.measure("C++", station, floor, oracle, chosen, say))
-                if must:
-                    seconds = _all_must(station, folder)
-                    notes.append(f"all MUST cases on the C++ station: {seconds:.1f} s")
-    except (AdapterError, ProtocolError, OracleError, OSError) as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(3) from None
+    with (
+        code_3("bench", AdapterError, ProtocolError, OracleError, OSError),
+        progress() as say,
+        scratch.folder("bench") as folder,
+    ):
+        oracle = load(ONE_PEER.path, spec_hash())
+        python = [sys.executable, "-m", "automcm_cli", "adapter"]
+        echo = [sys.executable, "-m", "automcm_conformance.echo"]
+        rows.append(bench.measure("Python", python, echo, oracle, chosen, say))
+        say("building the C++ station")
+        built = cpp or _build(folder)
+        if built is None:
+            notes.append("C++ left out: it needs g++, cmake and nlohmann-json3-dev")
+        else:
+            station, floor = [str(built / "station")], [str(built / "echo")]
+            rows.append(bench.measure("C++", station, floor, oracle, chosen, say))
+            if must:
+                seconds = _all_must(station, folder)
+                notes.append(f"all MUST cases on the C++ station: {seconds:.1f} s")
     notes.append(f"memory of the kit: {bench.memory_mb()} MB at most")
     write_json(json_, {"rows": [row.as_dict() for row in rows], "notes": notes})
     if str(json_) != "-":

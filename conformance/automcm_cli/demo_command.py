@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import Json, write_json
+from automcm_cli.common import Json, code_3, write_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -56,12 +56,8 @@ def demo(
         seed=seed,
         listen_ms=listen,
     )
-    try:
-        with _live(shown):
-            asyncio.run(shown.run())
-    except (LinkError, OSError) as error:
-        typer.echo(f"demo: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("demo", LinkError, OSError), _live(shown):
+        asyncio.run(shown.run())
     write_json(json_, shown.as_dict())
     if str(json_) != "-":
         _summary(shown)

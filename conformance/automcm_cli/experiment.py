@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, write_json
+from automcm_cli.common import CODES, Json, code_3, progress, write_json
 from automcm_spec import files
 
 if TYPE_CHECKING:
@@ -90,15 +90,12 @@ def render(
     from automcm.experiments.experiment import ExperimentError
 
     found = sorted(folder.glob(f"*/{report.RESULTS}"))
-    try:
+    with code_3("experiment", ExperimentError, OSError):
         if not found:
             raise ExperimentError(f"{folder}: no folder in it has a {report.RESULTS}")
         for path in found:
             for written in report.write(report.load(path), path.parent):
                 typer.echo(f"written {written}")
-    except (ExperimentError, OSError) as error:
-        typer.echo(f"experiment: {error}", err=True)
-        raise typer.Exit(3) from None
 
 
 def _run(
@@ -123,35 +120,31 @@ def _run(
     except ExperimentError as error:
         raise typer.BadParameter(str(error)) from None
     reports = []
-    try:
-        with progress() as say:
-            for one, chosen in zip(made, settings, strict=True):
-                begun = time.monotonic()
-                about = sweep.header(one, profile, seed, chosen)
-                folder = out / one.name
-                cells = sweep.sweep(
-                    one,
-                    about,
-                    folder,
-                    workers=workers,
-                    scheduler=scheduler,
-                    again=again,
-                    say=_counted(one.name, say),
-                )
-                made_of_them = report.assemble(one, about, cells)
-                written = report.write(made_of_them, folder)
-                reports.append(made_of_them)
-                if str(json_) != "-":
-                    took = time.monotonic() - begun
-                    _show(made_of_them, len(cells), took, [path.name for path in written], folder)
-            if len(reports) == len(ABOUT):
-                whole = out.with_suffix(".md")
-                files.write(whole, report.evaluation(out))
-                if str(json_) != "-":
-                    typer.echo(f"written {whole}")
-    except (ExperimentError, OSError) as error:
-        typer.echo(f"experiment: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("experiment", ExperimentError, OSError), progress() as say:
+        for one, chosen in zip(made, settings, strict=True):
+            begun = time.monotonic()
+            about = sweep.header(one, profile, seed, chosen)
+            folder = out / one.name
+            cells = sweep.sweep(
+                one,
+                about,
+                folder,
+                workers=workers,
+                scheduler=scheduler,
+                again=again,
+                say=_counted(one.name, say),
+            )
+            made_of_them = report.assemble(one, about, cells)
+            written = report.write(made_of_them, folder)
+            reports.append(made_of_them)
+            if str(json_) != "-":
+                took = time.monotonic() - begun
+                _show(made_of_them, len(cells), took, [path.name for path in written], folder)
+        if len(reports) == len(ABOUT):
+            whole = out.with_suffix(".md")
+            files.write(whole, report.evaluation(out))
+            if str(json_) != "-":
+                typer.echo(f"written {whole}")
     write_json(json_, reports)
     broken = [text for one in reports for text in one["summary"].get("broken", [])]
     for text in broken:

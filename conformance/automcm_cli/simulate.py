@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.common import CODES, Json, code_3, write_json
 
 if TYPE_CHECKING:
     from automcm.scenarios.drive import Drive
@@ -46,15 +46,12 @@ def lane_change(
         until_s=seconds,
         seed=seed,
     )
-    try:
+    with code_3("simulate", OSError):
         out.mkdir(parents=True, exist_ok=True)
         for old in out.glob("[1-4].ndjson"):
             old.unlink()
         drive = setting.run(channel=Channel(loss=loss), logs=out)
         plots = _plots(drive, out)
-    except OSError as error:
-        typer.echo(f"simulate: {error}", err=True)
-        raise typer.Exit(3) from None
     report = _report(drive)
     write_json(json_, report | {"plots": [str(path) for path in plots]})
     if str(json_) != "-":

@@ -7,7 +7,15 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, needs_repository, progress, write_json
+from automcm_cli.common import (
+    CODES,
+    Json,
+    code_3,
+    console_of,
+    needs_repository,
+    progress,
+    write_json,
+)
 
 app = typer.Typer()
 
@@ -102,12 +110,8 @@ def spec_pages(
     from automcm_spec.tlc import TlcError
     from automcm_traces.itf import ItfError
 
-    try:
-        with progress() as say:
-            written = spec_pages.write(models.load(), out, say)
-    except (ItfError, models.ModelError, OSError, TlcError) as error:
-        typer.echo(f"pages: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("pages", ItfError, models.ModelError, OSError, TlcError), progress() as say:
+        written = spec_pages.write(models.load(), out, say)
     typer.echo(f"{len(written)} pages in {out}")
 
 
@@ -175,15 +179,12 @@ def _check_distributed(asked: list[Any], host: str, json_: Path | None) -> None:
     from automcm_spec.tlc import TlcError
 
     found = []
-    try:
+    with code_3("check", TlcError):
         for model in asked:
             with progress() as say:
                 found.append(shared_.check(model, host, say))
             if str(json_) != "-":
                 typer.echo(shared_.shown(found[-1]))
-    except TlcError as error:
-        typer.echo(f"check: {error}", err=True)
-        raise typer.Exit(3) from None
     write_json(json_, [shared_.as_dict(one) for one in found])
     raise typer.Exit(1 if any(one.problem for one in found) else 0)
 
@@ -202,13 +203,9 @@ def spec_worker(
     from automcm_spec import distributed
     from automcm_spec.tlc import TlcError
 
-    try:
-        with progress() as say:
-            say(f"working for {server}")
-            computed = distributed.work(server, threads=threads, host=host)
-    except TlcError as error:
-        typer.echo(f"worker: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("worker", TlcError), progress() as say:
+        say(f"working for {server}")
+        computed = distributed.work(server, threads=threads, host=host)
     typer.echo(f"{computed:,} states computed here")
 
 
@@ -236,7 +233,7 @@ def spec_simulate(
     from automcm_spec.models import ModelError
     from automcm_spec.tlc import TlcError
 
-    try:
+    with code_3("simulate", TlcError, ModelError, walks.WalkError, OSError):
         known = walks.known()
         if name not in known:
             raise typer.BadParameter(spec_.unknown(name, list(known)), param_hint="MODEL")
@@ -250,9 +247,6 @@ def spec_simulate(
                 lively=lively,
                 on_progress=lambda n: say(f"{name}: {n:,} behaviours"),
             )
-    except (TlcError, ModelError, walks.WalkError, OSError) as error:
-        typer.echo(f"simulate: {error}", err=True)
-        raise typer.Exit(3) from None
     write_json(json_, found.as_dict())
     if str(json_) != "-":
         typer.echo(walks_.shown(found))
@@ -272,12 +266,8 @@ def spec_bench(
     from automcm_spec import bench
     from automcm_spec.tlc import TlcError
 
-    try:
-        with progress() as say:
-            report = bench.run(seconds, say)
-    except (TlcError, bench.BenchError, OSError) as error:
-        typer.echo(f"bench: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("bench", TlcError, bench.BenchError, OSError), progress() as say:
+        report = bench.run(seconds, say)
     write_json(json_, report.as_dict())
     if str(json_) != "-":
         bench_.show(report, console_of())

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
+from automcm_cli.common import code_3
 from automcm_cli.parameters import chosen
 
 if TYPE_CHECKING:
@@ -200,13 +201,10 @@ def station(
 def _bridge(port: int, host: str, allow_remote: bool) -> WebSocketBridge:
     from automcm.links import LinkError
 
-    try:
+    with code_3("station", LinkError):
         from automcm.links.bridge import WebSocketBridge
 
         return WebSocketBridge(host, port, allow_remote=allow_remote)
-    except LinkError as error:
-        typer.echo(f"station: {error}", err=True)
-        raise typer.Exit(3) from None
 
 
 def drive(
@@ -225,11 +223,8 @@ def drive(
     from automcm.process import stopping
     from automcm.straight import LANE_CHANGE, Straight
 
-    try:
+    with code_3("drive", LinkError):
         from automcm.links.remote import RemoteApplication
-    except LinkError as error:
-        typer.echo(f"drive: {error}", err=True)
-        raise typer.Exit(3) from None
 
     async def run(lines: Lines) -> None:
         over = stopping(for_ms)

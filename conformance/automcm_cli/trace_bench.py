@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, progress, table_of, write_json
+from automcm_cli.common import CODES, Json, code_3, progress, table_of, write_json
 from automcm_spec import scratch
 
 EVENTS = 50
@@ -155,12 +155,8 @@ def traces(
     from automcm_spec.tlc import TlcError
     from automcm_spec.toolchain import ToolError
 
-    try:
-        with progress() as say:
-            measured = measure(number, tlc, say)
-    except (TlcError, ToolError) as error:
-        typer.echo(f"bench traces: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("bench traces", TlcError, ToolError), progress() as say:
+        measured = measure(number, tlc, say)
     write_json(json_, measured.as_dict())
     if str(json_) == "-":
         return

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, progress, table_of, write_json
+from automcm_cli.common import CODES, Json, code_3, console_of, progress, table_of, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,16 +36,12 @@ def check(
     for name in kernel or []:
         if name not in vectors.KERNELS:
             raise typer.BadParameter(spec.unknown(name, vectors.KERNELS, "kernel"))
-    try:
-        with progress() as say:
-            results = []
-            for path in vectors.paths():
-                if not kernel or path.stem in kernel:
-                    say(path.stem)
-                    results += vectors.check(vector_adapter.call, vectors.load(path))
-    except vectors.VectorError as error:
-        typer.echo(f"vectors: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("vectors", vectors.VectorError), progress() as say:
+        results = []
+        for path in vectors.paths():
+            if not kernel or path.stem in kernel:
+                say(path.stem)
+                results += vectors.check(vector_adapter.call, vectors.load(path))
     write_json(json_, as_dict(results))
     if str(json_) != "-":
         show(results, console_of(200))
