@@ -9,7 +9,6 @@ from typing import Any
 from automcm_conformance import exact, vectors
 from automcm_conformance.paths import VECTORS
 
-Replacements = tuple[tuple[str, str], ...]
 CASES = [case for path in vectors.paths() for case in vectors.load(path)]
 SUCCESS = (VECTORS / "success.json").read_text()
 SHARE = "share = min(max(share, Fraction(0)), Fraction(1))"
@@ -30,291 +29,268 @@ OTHERS = 'for name in ("leader", "follower"):'
 RETURN = 'return {"t": t, "xy": [list(each) for each in xy]}'
 EXCHANGE = "exchange = 1 - (1 - both) ** sendings"
 
-MUTATIONS: dict[str, dict[str, Replacements]] = {
+MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "convert": {
         "sum-from-zero": (
-            (
-                "    v = speed[first]\n",
-                "    v = speed[first]\n    now += distance(path[0], path[1]) / v\n",
-            ),
+            "    v = speed[first]\n",
+            "    v = speed[first]\n    now += distance(path[0], path[1]) / v\n",
         ),
         "term-without-k": (
-            ("            now += length / v\n", ""),
-            (
-                "            t.append(now)\n            xy",
-                "            t.append(now + len(t) * length / v)\n            xy",
-            ),
+            "            now += length / v\n",
+            "",
+            "            t.append(now)\n            xy",
+            "            t.append(now + len(t) * length / v)\n            xy",
         ),
-        "speed-of-the-end": (("now += length / v", "now += length / speed[n]"),),
-        "mean-speed": (("now += length / v", "now += 2 * length / (v + speed[n])"),),
-        "forgets-t0": (('now = number(given["t0"])', "now = Fraction(0)"),),
-        "nearest-corner": ((SHARE, SHARE + "\n        share = Fraction(round(share))"),),
-        "endless-line": ((SHARE, "share = share + 0"),),
+        "speed-of-the-end": ("now += length / v", "now += length / speed[n]"),
+        "mean-speed": ("now += length / v", "now += 2 * length / (v + speed[n])"),
+        "forgets-t0": ('now = number(given["t0"])', "now = Fraction(0)"),
+        "nearest-corner": (SHARE, SHARE + "\n        share = Fraction(round(share))"),
+        "endless-line": (SHARE, "share = share + 0"),
         "whole-path": (
-            (
-                'first, here = projection(path, place(given["position"]))',
-                "first, here = 0, path[0]",
-            ),
+            'first, here = projection(path, place(given["position"]))',
+            "first, here = 0, path[0]",
         ),
-        "later-on-tie": (("away < best", "away <= best"),),
-        "along-x": (("length = distance(here, path[n])", "length = abs(path[n][0] - here[0])"),),
+        "later-on-tie": ("away < best", "away <= best"),
+        "along-x": ("length = distance(here, path[n])", "length = abs(path[n][0] - here[0])"),
         "sum-of-sides": (
-            ("length = distance(here, path[n])", "length = sum(map(abs, minus(path[n], here)))"),
+            "length = distance(here, path[n])",
+            "length = sum(map(abs, minus(path[n], here)))",
         ),
-        "keeps-zero-length": (("        if length:\n", "        if True:\n"),),
+        "keeps-zero-length": ("        if length:\n", "        if True:\n"),
         "speed-of-the-part-before": (
-            ("(n + (share == 1), point)", "(n, point)"),
-            (
-                "        here, v = path[n], speed[n]",
-                "        here, v = path[n], speed[n] if length else v",
-            ),
+            "(n + (share == 1), point)",
+            "(n, point)",
+            "        here, v = path[n], speed[n]",
+            "        here, v = path[n], speed[n] if length else v",
         ),
-        "forgets-stop": (("Trajectory(t, xy, v < v_eps)", "Trajectory(t, xy, False)"),),
-        "always-stops": (("Trajectory(t, xy, v < v_eps)", "Trajectory(t, xy, True)"),),
+        "forgets-stop": ("Trajectory(t, xy, v < v_eps)", "Trajectory(t, xy, False)"),
+        "always-stops": ("Trajectory(t, xy, v < v_eps)", "Trajectory(t, xy, True)"),
         "drives-through-stop": (
-            ("        if v < v_eps:\n            break", "        v = max(v, v_eps)"),
+            "        if v < v_eps:\n            break",
+            "        v = max(v, v_eps)",
         ),
-        "stops-at-v-eps": (("        if v < v_eps:", "        if v <= v_eps:"),),
-        "stops-only-at-zero": (("        if v < v_eps:", "        if v == 0:"),),
-        "fixed-v-eps": (('v_eps = number(given["v_eps"])', 'v_eps = Fraction("0.1")'),),
-        "speed-after-projection": (("v = speed[first]", "v = speed[first + 1]"),),
-        "takes-any-speeds": (("if len(speed) != len(path):", "if False:"),),
-        "takes-negative-speed": (("if v < 0:", "if False:"),),
-        "takes-empty-path": (("if not path:", "if False:"),),
+        "stops-at-v-eps": ("        if v < v_eps:", "        if v <= v_eps:"),
+        "stops-only-at-zero": ("        if v < v_eps:", "        if v == 0:"),
+        "fixed-v-eps": ('v_eps = number(given["v_eps"])', 'v_eps = Fraction("0.1")'),
+        "speed-after-projection": ("v = speed[first]", "v = speed[first + 1]"),
+        "takes-any-speeds": ("if len(speed) != len(path):", "if False:"),
+        "takes-negative-speed": ("if v < 0:", "if False:"),
+        "takes-empty-path": ("if not path:", "if False:"),
     },
     "thin": {
-        "forgets-last": ((KEPT, "sorted({*range(0, last + 1, every), *changes(drive)})"),),
-        "forgets-first": ((KEPT, "sorted({*range(every, last + 1, every), last})"),),
-        "ends-twice": ((KEPT, "sorted([*range(0, last + 1, every), last])"),),
-        "counts-from-one": ((KEPT, "sorted({*range(every - 1, last + 1, every), 0, last})"),),
-        "forgets-speed-change": ((KEPT, "sorted({*range(0, last + 1, every), 0, last})"),),
-        "fixed-ratio": (('every, budget = given["every"]', "every, budget = 5"),),
-        "budget-excluded": (("if len(kept) <= most:", "if len(kept) < most:"),),
-        "ignores-budget": (("if len(kept) <= most:", "if True:"),),
-        "forgets-overhead": (("(budget - overhead) // each", "budget // each"),),
-        "sends-what-cannot-fit": (("if most < len({0, last}):", "if False:"),),
+        "forgets-last": (KEPT, "sorted({*range(0, last + 1, every), *changes(drive)})"),
+        "forgets-first": (KEPT, "sorted({*range(every, last + 1, every), last})"),
+        "ends-twice": (KEPT, "sorted([*range(0, last + 1, every), last])"),
+        "counts-from-one": (KEPT, "sorted({*range(every - 1, last + 1, every), 0, last})"),
+        "forgets-speed-change": (KEPT, "sorted({*range(0, last + 1, every), 0, last})"),
+        "fixed-ratio": ('every, budget = given["every"]', "every, budget = 5"),
+        "budget-excluded": ("if len(kept) <= most:", "if len(kept) < most:"),
+        "ignores-budget": ("if len(kept) <= most:", "if True:"),
+        "forgets-overhead": ("(budget - overhead) // each", "budget // each"),
+        "sends-what-cannot-fit": ("if most < len({0, last}):", "if False:"),
         "turn-is-a-change": (
-            (
-                CHANGES,
-                "return [n for n in range(1, len(drive.t) - 1) if minus(drive.xy[n], "
-                "drive.xy[n - 1]) != minus(drive.xy[n + 1], drive.xy[n])]",
-            ),
+            CHANGES,
+            "return [n for n in range(1, len(drive.t) - 1) if minus(drive.xy[n], "
+            "drive.xy[n - 1]) != minus(drive.xy[n + 1], drive.xy[n])]",
         ),
         "step-is-a-speed": (
-            (
-                "speeds = drive.speeds()\n",
-                "speeds = [distance(a, b) for a, b in pairwise(drive.xy)]\n",
-            ),
+            "speeds = drive.speeds()\n",
+            "speeds = [distance(a, b) for a, b in pairwise(drive.xy)]\n",
         ),
-        "takes-any-times": (TIMES,),
-        "takes-any-places": (("if len(xy) != len(t):", "if False:"),),
-        "every-zero": (("if every < 1:", "if False:"),),
+        "takes-any-times": TIMES,
+        "takes-any-places": ("if len(xy) != len(t):", "if False:"),
+        "every-zero": ("if every < 1:", "if False:"),
     },
     "collide": {
-        "only-at-samples": ((LEAST, "share = Fraction(0)"),),
-        "grid-of-a": (("for when in (*a.t, *b.t)", "for when in a.t"),),
-        "grid-of-b": (("for when in (*a.t, *b.t)", "for when in b.t"),),
+        "only-at-samples": (LEAST, "share = Fraction(0)"),
+        "grid-of-a": ("for when in (*a.t, *b.t)", "for when in a.t"),
+        "grid-of-b": ("for when in (*a.t, *b.t)", "for when in b.t"),
         "aligns-starts": (
-            (
-                "    found = closest(a, b)\n",
-                "    b.t[:] = [t - b.t[0] + a.t[0] for t in b.t]\n    found = closest(a, b)\n",
-            ),
+            "    found = closest(a, b)\n",
+            "    b.t[:] = [t - b.t[0] + a.t[0] for t in b.t]\n    found = closest(a, b)\n",
         ),
-        "goes-on-forever": (("return None if self.stopped else self.t[-1]", "return None"),),
-        "open-interval": (("if low <= high else []", "if low < high else []"),),
-        "forgets-stop": (("return None if self.stopped else self.t[-1]", "return self.t[-1]"),),
-        "divides-by-zero": (("if dot(change, change):", "if True:"),),
+        "goes-on-forever": ("return None if self.stopped else self.t[-1]", "return None"),
+        "open-interval": ("if low <= high else []", "if low < high else []"),
+        "forgets-stop": ("return None if self.stopped else self.t[-1]", "return self.t[-1]"),
+        "divides-by-zero": ("if dot(change, change):", "if True:"),
         "at-threshold": (
-            ("if square < limit * limit else", "if square <= limit * limit else"),
-            ("if under <= 0 or", "if under < 0 or"),
+            "if square < limit * limit else",
+            "if square <= limit * limit else",
+            "if under <= 0 or",
+            "if under < 0 or",
         ),
-        "ignores-clock-error": ((WIDER, "0"),),
-        "relative-speed": ((WIDER, "abs(greatest(a) - greatest(b)) * clock_error"),),
-        "speed-of-one": ((WIDER, "greatest(a) * clock_error"),),
+        "ignores-clock-error": (WIDER, "0"),
+        "relative-speed": (WIDER, "abs(greatest(a) - greatest(b)) * clock_error"),
+        "speed-of-one": (WIDER, "greatest(a) * clock_error"),
         "mean-speed": (
-            (
-                "return max(drive.speeds(), default=Fraction(0))",
-                "return sum(drive.speeds()) / len(drive.speeds())",
-            ),
+            "return max(drive.speeds(), default=Fraction(0))",
+            "return sum(drive.speeds()) / len(drive.speeds())",
         ),
         "clock-error-always": (
-            ('"distance": root(square)', '"distance": root(square) - limit + threshold'),
+            '"distance": root(square)',
+            '"distance": root(square) - limit + threshold',
         ),
-        "later-on-tie": (("dot(least, least) < best[1]", "dot(least, least) <= best[1]"),),
+        "later-on-tie": ("dot(least, least) < best[1]", "dot(least, least) <= best[1]"),
         "first-is-closest": (
-            (
-                '{"time": since, **places(a, b, since)}',
-                '{"time": when, **places(a, b, when)}',
-            ),
+            '{"time": since, **places(a, b, since)}',
+            '{"time": when, **places(a, b, when)}',
         ),
-        "first-is-a-sample": (("return begin + share * (end - begin)", "return begin"),),
+        "first-is-a-sample": ("return begin + share * (end - begin)", "return begin"),
         "along-x": (
-            (
-                'xy = [place(each) for each in value["xy"]]',
-                'xy = [(number(x), Fraction(0)) for x, _ in value["xy"]]',
-            ),
+            'xy = [place(each) for each in value["xy"]]',
+            'xy = [(number(x), Fraction(0)) for x, _ in value["xy"]]',
         ),
-        "takes-any-times": (TIMES,),
-        "takes-any-threshold": (("if threshold < 0:", "if False:"),),
-        "takes-negative-clock-error": (("if clock_error < 0:", "if False:"),),
+        "takes-any-times": TIMES,
+        "takes-any-threshold": ("if threshold < 0:", "if False:"),
+        "takes-negative-clock-error": ("if clock_error < 0:", "if False:"),
     },
     "discover": {
-        "first-of-list": ((IN_FRONT, "if False:"),),
-        "last-of-list": ((IN_FRONT, "if True:"),),
-        "rearmost": ((IN_FRONT, "if ahead < 0:"),),
-        "greatest-x": (
-            (IN_FRONT, IN_FRONT.replace("ahead > 0", 'one["xy"][0] > leader["xy"][0]')),
-        ),
-        "greatest-id": ((IN_FRONT, 'if one["station_id"] > leader["station_id"]:'),),
-        "lowest-id": ((IN_FRONT, 'if one["station_id"] < leader["station_id"]:'),),
+        "first-of-list": (IN_FRONT, "if False:"),
+        "last-of-list": (IN_FRONT, "if True:"),
+        "rearmost": (IN_FRONT, "if ahead < 0:"),
+        "greatest-x": (IN_FRONT, IN_FRONT.replace("ahead > 0", 'one["xy"][0] > leader["xy"][0]')),
+        "greatest-id": (IN_FRONT, 'if one["station_id"] > leader["station_id"]:'),
+        "lowest-id": (IN_FRONT, 'if one["station_id"] < leader["station_id"]:'),
         "leader-before-zone": (
-            (ZONE, "if False:"),
-            (ANSWER, 'None if leader is None or not inside(zone, place(leader["xy"])) else'),
+            ZONE,
+            "if False:",
+            ANSWER,
+            'None if leader is None or not inside(zone, place(leader["xy"])) else',
         ),
-        "ignores-zone": ((ZONE, "if False:"),),
-        "needs-one": ((ANSWER, ""),),
-        "needs-two": ((ANSWER, 'None if len(given["candidates"]) < 2 else'),),
-        "boundary-outside": (("            return True\n", "            return False\n"),),
-        "tie-by-order": ((IN_FRONT, "if ahead > 0:"),),
-        "tie-by-greater-id": ((IN_FRONT, IN_FRONT.replace("<", ">")),),
+        "ignores-zone": (ZONE, "if False:"),
+        "needs-one": (ANSWER, ""),
+        "needs-two": (ANSWER, 'None if len(given["candidates"]) < 2 else'),
+        "boundary-outside": ("            return True\n", "            return False\n"),
+        "tie-by-order": (IN_FRONT, "if ahead > 0:"),
+        "tie-by-greater-id": (IN_FRONT, IN_FRONT.replace("<", ">")),
         "bounding-box": (
-            (
-                "    odd = False\n",
-                "    if True:\n"
-                "        return all(\n"
-                "            min(c[k] for c in zone) <= point[k] <= max(c[k] for c in zone)\n"
-                "            for k in (0, 1)\n"
-                "        )\n"
-                "    odd = False\n",
-            ),
+            "    odd = False\n",
+            "    if True:\n"
+            "        return all(\n"
+            "            min(c[k] for c in zone) <= point[k] <= max(c[k] for c in zone)\n"
+            "            for k in (0, 1)\n"
+            "        )\n"
+            "    odd = False\n",
         ),
         "one-orientation": (
-            ("odd ^= point[0] < crossing", "odd |= along[1] > 0 and point[0] < crossing"),
+            "odd ^= point[0] < crossing",
+            "odd |= along[1] > 0 and point[0] < crossing",
         ),
         "ray-through-corner": (
-            (
-                "if (a[1] > point[1]) != (b[1] > point[1]):",
-                "if along[1] and min(a[1], b[1]) <= point[1] <= max(a[1], b[1]):",
-            ),
+            "if (a[1] > point[1]) != (b[1] > point[1]):",
+            "if along[1] and min(a[1], b[1]) <= point[1] <= max(a[1], b[1]):",
         ),
-        "counts-closing-corner": (("if zone[:1] == zone[1:][-1:]:", "if False:"),),
-        "takes-any-zone": (("if len(zone) < 3:", "if False:"),),
+        "counts-closing-corner": ("if zone[:1] == zone[1:][-1:]:", "if False:"),
+        "takes-any-zone": ("if len(zone) < 3:", "if False:"),
     },
     "prescribe": {
-        "gain-by-speed": ((LONG, "gain / v"),),
+        "gain-by-speed": (LONG, "gain / v"),
         "fixed-delta": (
-            ('delta_v, v_min = number(given["delta_v"])', "delta_v, v_min = Fraction(50, 9)"),
+            'delta_v, v_min = number(given["delta_v"])',
+            "delta_v, v_min = Fraction(50, 9)",
         ),
-        "starts-at-once": (("action = start + hold", "action = start"),),
-        "stays-slow": (("(over, end, v)", "(over, end, slow)"),),
-        "factor-for-difference": ((SLOW, "slow = v * Fraction(3, 5)"),),
+        "starts-at-once": ("action = start + hold", "action = start"),
+        "stays-slow": ("(over, end, v)", "(over, end, slow)"),
+        "factor-for-difference": (SLOW, "slow = v * Fraction(3, 5)"),
         "cuts-corners": (
-            (
-                RETURN,
-                "    kept = [n for n, when in enumerate(t) if when in (start, action, over, end)]\n"
-                '    return {"t": [t[n] for n in kept], "xy": [list(xy[n]) for n in kept]}',
-            ),
+            RETURN,
+            "    kept = [n for n, when in enumerate(t) if when in (start, action, over, end)]\n"
+            '    return {"t": [t[n] for n in kept], "xy": [list(xy[n]) for n in kept]}',
         ),
         "gains-place": (
-            (SLOW, "slow = v + delta_v"),
-            ("if slow >= v:", "if False:"),
-            (LONG, "gain / delta_v"),
+            SLOW,
+            "slow = v + delta_v",
+            "if slow >= v:",
+            "if False:",
+            LONG,
+            "gain / delta_v",
         ),
-        "no-lowest-speed": ((SLOW, "slow = v - delta_v"),),
-        "clamped-too-short": ((LONG, "gain / delta_v"),),
-        "loses-the-stand": (("        if not speed:\n", "        if False:\n"),),
-        "fixed-gain": ((LONG, "20 / (v - slow)"),),
-        "from-planned-begin": (("action = start + hold", "action = planned.t[0] + hold"),),
-        "sends-too-short": (("if over > end:", "if False:"),),
-        "refuses-just-long": (("if over > end:", "if over >= end:"),),
-        "gains-nothing": (("if slow >= v:", "if False:"),),
-        "takes-any-delta": (("if delta_v <= 0:", "if False:"),),
-        "takes-negative-hold": (("if hold < 0:", "if False:"),),
-        "takes-any-start": (("if not planned.t[0] <= start <= planned.t[-1]:", "if False:"),),
+        "no-lowest-speed": (SLOW, "slow = v - delta_v"),
+        "clamped-too-short": (LONG, "gain / delta_v"),
+        "loses-the-stand": ("        if not speed:\n", "        if False:\n"),
+        "fixed-gain": (LONG, "20 / (v - slow)"),
+        "from-planned-begin": ("action = start + hold", "action = planned.t[0] + hold"),
+        "sends-too-short": ("if over > end:", "if False:"),
+        "refuses-just-long": ("if over > end:", "if over >= end:"),
+        "gains-nothing": ("if slow >= v:", "if False:"),
+        "takes-any-delta": ("if delta_v <= 0:", "if False:"),
+        "takes-negative-hold": ("if hold < 0:", "if False:"),
+        "takes-any-start": ("if not planned.t[0] <= start <= planned.t[-1]:", "if False:"),
     },
     "verify": {
-        "refuses-steps": ((STEPS, 'limits["reaction"] = Fraction(1, 10)\n    ' + STEPS),),
+        "refuses-steps": (STEPS, 'limits["reaction"] = Fraction(1, 10)\n    ' + STEPS),
         "same-time-same-place": (
-            (
-                FOLLOWS,
-                "if any(distance(planned.at(t), x) > limits['path'] "
-                "for t, x in zip(prescribed.t, prescribed.xy)):",
-            ),
+            FOLLOWS,
+            "if any(distance(planned.at(t), x) > limits['path'] "
+            "for t, x in zip(prescribed.t, prescribed.xy)):",
         ),
-        "takes-old": (('if now - prescribed.t[0] > limits["age"]:', "if False:"),),
-        "takes-ended": (("if prescribed.end is not None and now >= prescribed.end:", "if False:"),),
-        "refuses-begun": (
-            ('if now - prescribed.t[0] > limits["age"]:', "if now > prescribed.t[0]:"),
-        ),
-        "takes-any-start": (("if not there or distance(", "if 0 * distance("),),
-        "starts-now": (("planned.at(since)) >", "planned.at(now)) >"),),
-        "takes-any-path": ((FOLLOWS, "if False:"),),
-        "path-at-samples": (("for part in range(PARTS + 1):", "for part in (0, PARTS):"),),
-        "path-exactly": (("if distance(here, foot) > limit:", "if here != foot:"),),
-        "goes-back": (("if way < furthest - limit:", "if False:"),),
-        "takes-any-speed": ((' <= v <= limits["v_max"]', " <= v"),),
-        "takes-any-slowness": (('limits["v_min"] <= v <= ', "v <= "),),
+        "takes-old": ('if now - prescribed.t[0] > limits["age"]:', "if False:"),
+        "takes-ended": ("if prescribed.end is not None and now >= prescribed.end:", "if False:"),
+        "refuses-begun": ('if now - prescribed.t[0] > limits["age"]:', "if now > prescribed.t[0]:"),
+        "takes-any-start": ("if not there or distance(", "if 0 * distance("),
+        "starts-now": ("planned.at(since)) >", "planned.at(now)) >"),
+        "takes-any-path": (FOLLOWS, "if False:"),
+        "path-at-samples": ("for part in range(PARTS + 1):", "for part in (0, PARTS):"),
+        "path-exactly": ("if distance(here, foot) > limit:", "if here != foot:"),
+        "goes-back": ("if way < furthest - limit:", "if False:"),
+        "takes-any-speed": (' <= v <= limits["v_max"]', " <= v"),
+        "takes-any-slowness": ('limits["v_min"] <= v <= ', "v <= "),
         "speed-of-the-whole": (
-            (
-                'limits["v_max"] for v in prescribed.speeds()):',
-                'limits["v_max"] for v in [sum(map(distance, prescribed.xy, prescribed.xy[1:]))'
-                " / (prescribed.t[-1] - prescribed.t[0])]):",
-            ),
+            'limits["v_max"] for v in prescribed.speeds()):',
+            'limits["v_max"] for v in [sum(map(distance, prescribed.xy, prescribed.xy[1:]))'
+            " / (prescribed.t[-1] - prescribed.t[0])]):",
         ),
-        "speed-at-limit": ((' <= v <= limits["v_max"]', ' <= v < limits["v_max"]'),),
-        "takes-any-acceleration": ((STEPS, "for step in ():"),),
-        "one-bound": (('if step > limits["acceleration"]', 'if step > limits["deceleration"]'),),
-        "each-step-alone": ((MIDDLES, "return [b - a for a, b in pairwise(speeds)]"),),
-        "sums-all-steps": ((MIDDLES, "return [speeds[-1] - speeds[0]]"),),
+        "speed-at-limit": (' <= v <= limits["v_max"]', ' <= v < limits["v_max"]'),
+        "takes-any-acceleration": (STEPS, "for step in ():"),
+        "one-bound": ('if step > limits["acceleration"]', 'if step > limits["deceleration"]'),
+        "each-step-alone": (MIDDLES, "return [b - a for a, b in pairwise(speeds)]"),
+        "sums-all-steps": (MIDDLES, "return [speeds[-1] - speeds[0]]"),
         "forgets-speed-before": (
-            ("planned.speeds()[n - 1] if 0 < n < len(planned.t) else speeds[0]", "speeds[0]"),
+            "planned.speeds()[n - 1] if 0 < n < len(planned.t) else speeds[0]",
+            "speeds[0]",
         ),
-        "forgets-stop": (("Fraction(0) if prescribed.stopped else speeds[-1]", "speeds[-1]"),),
-        "takes-any-leader": ((OTHERS, 'for name in ("follower",):'),),
-        "takes-any-follower": ((OTHERS, 'for name in ("leader",):'),),
-        "gap-of-the-plan": (("if near(prescribed, trajectory", "if near(planned, trajectory"),),
+        "forgets-stop": ("Fraction(0) if prescribed.stopped else speeds[-1]", "speeds[-1]"),
+        "takes-any-leader": (OTHERS, 'for name in ("follower",):'),
+        "takes-any-follower": (OTHERS, 'for name in ("leader",):'),
+        "gap-of-the-plan": ("if near(prescribed, trajectory", "if near(planned, trajectory"),
         "gap-at-own-samples": (
-            (
-                "found = closest(rest, other)",
-                "found = min((0, distance(rest.at(t), other.at(t)) ** 2) for t in rest.t)",
-            ),
+            "found = closest(rest, other)",
+            "found = min((0, distance(rest.at(t), other.at(t)) ** 2) for t in rest.t)",
         ),
-        "gap-in-the-past": (("since, limits[f", "prescribed.t[0], limits[f"),),
-        "gap-at-limit": (("found[1] < gap * gap", "found[1] <= gap * gap"),),
-        "leader-never-stands": (
-            ("return None if self.stopped else self.t[-1]", "return self.t[-1]"),
-        ),
+        "gap-in-the-past": ("since, limits[f", "prescribed.t[0], limits[f"),
+        "gap-at-limit": ("found[1] < gap * gap", "found[1] <= gap * gap"),
+        "leader-never-stands": ("return None if self.stopped else self.t[-1]", "return self.t[-1]"),
         "gaps-exchanged": (
-            (
-                'limits[f"{name}_gap"]',
-                'limits["follower_gap" if name == "leader" else "leader_gap"]',
-            ),
+            'limits[f"{name}_gap"]',
+            'limits["follower_gap" if name == "leader" else "leader_gap"]',
         ),
-        "first-reason": (("sorted(reasons)", "sorted(reasons)[:1]"),),
-        "takes-any-times": (TIMES,),
-        "takes-any-limits": (("if value < 0:", "if False:"),),
+        "first-reason": ("sorted(reasons)", "sorted(reasons)[:1]"),
+        "takes-any-times": TIMES,
+        "takes-any-limits": ("if value < 0:", "if False:"),
     },
     "success": {
-        "no-first-sending": (("1 + t_timeout // t_resend", "t_timeout // t_resend"),),
-        "fractional-exponent": (("1 + t_timeout // t_resend", "1 + t_timeout / t_resend"),),
-        "rounds-up": (("1 + t_timeout // t_resend", "1 - (-t_timeout // t_resend)"),),
-        "one-way": ((EXCHANGE, "exchange = 1 - loss**sendings"),),
-        "success-of-loss": (("both = (1 - loss) ** 2", "both = 1 - loss**2"),),
-        "swaps-loss": (('loss = number(given["loss"])', 'loss = 1 - number(given["loss"])'),),
-        "one-exchange": (("exchange**3", "exchange"),),
-        "two-exchanges": (("exchange**3", "exchange**2"),),
-        "power-of-loss": ((EXCHANGE, "exchange = (1 - loss**sendings) ** 2"),),
-        "takes-any-loss": (("if not 0 <= loss <= 1:", "if False:"),),
-        "takes-no-resend": (("if t_resend <= 0:", "if False:"),),
-        "takes-negative-timeout": (("if t_timeout < 0:", "if False:"),),
+        "no-first-sending": ("1 + t_timeout // t_resend", "t_timeout // t_resend"),
+        "fractional-exponent": ("1 + t_timeout // t_resend", "1 + t_timeout / t_resend"),
+        "rounds-up": ("1 + t_timeout // t_resend", "1 - (-t_timeout // t_resend)"),
+        "one-way": (EXCHANGE, "exchange = 1 - loss**sendings"),
+        "success-of-loss": ("both = (1 - loss) ** 2", "both = 1 - loss**2"),
+        "swaps-loss": ('loss = number(given["loss"])', 'loss = 1 - number(given["loss"])'),
+        "one-exchange": ("exchange**3", "exchange"),
+        "two-exchanges": ("exchange**3", "exchange**2"),
+        "power-of-loss": (EXCHANGE, "exchange = (1 - loss**sendings) ** 2"),
+        "takes-any-loss": ("if not 0 <= loss <= 1:", "if False:"),
+        "takes-no-resend": ("if t_resend <= 0:", "if False:"),
+        "takes-negative-timeout": ("if t_timeout < 0:", "if False:"),
     },
 }
+"""By kernel and name: an old text and the new one, and so on."""
 
 
 def mutated(kernel: str, bug: str) -> vectors.Call:
     """The exact implementation with this bug."""
     source = Path(exact.__file__).read_text()
-    for old, new in MUTATIONS[kernel][bug]:
+    texts = MUTATIONS[kernel][bug]
+    for old, new in zip(texts[::2], texts[1::2], strict=True):
         assert source.count(old) == 1, f"{kernel}: {bug}: {source.count(old)} times {old!r}"
         source = source.replace(old, new)
     module: dict[str, Any] = {"__name__": exact.__name__}
