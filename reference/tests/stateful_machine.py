@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import hypothesis
 from hypothesis import strategies as st
@@ -12,12 +12,7 @@ from hypothesis import target
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 from stateful_odd import odd_messages
 from stateful_oracle import ALL, IDS, LEASES, Coverage, Setup, setup
-from stateful_world import (
-    Copy,
-    Rules,
-    World,
-    trajectory,
-)
+from stateful_world import Rules, World, trajectory
 
 from automcm.rules import RULES
 from automcm_spec.application import (
@@ -34,6 +29,8 @@ from automcm_spec.messages import encode
 
 # -- the machine
 
+T = TypeVar("T")
+
 
 def step(**strategies: Any) -> Callable[[Any], Any]:
     """A rule; what is called is kept, so that a run can be told and repeated."""
@@ -47,6 +44,10 @@ def step(**strategies: Any) -> Callable[[Any], Any]:
         return rule(**strategies)(called)
 
     return wrap
+
+
+def nth(of: Sequence[T], n: int) -> T:
+    return of[n % len(of)]
 
 
 Call = tuple[str, dict[str, Any]]
@@ -107,10 +108,6 @@ class Coordination(RuleBasedStateMachine):
 
     # -- the radio
 
-    def _pick(self, n: int) -> Copy:
-        flight = self.world.flight
-        return flight[n % len(flight)]
-
     def in_flight(self) -> bool:
         return bool(self.world.flight)
 
@@ -127,7 +124,7 @@ class Coordination(RuleBasedStateMachine):
     @step(n=SOME)
     def duplicate(self, n: int) -> None:
         """A copy arrives, and will again."""
-        self.world.deliver(self._pick(n))
+        self.world.deliver(nth(self.world.flight, n))
 
     def has_past(self) -> bool:
         return bool(self.world.past)
@@ -148,8 +145,7 @@ class Coordination(RuleBasedStateMachine):
     @step(n=SOME, s=STATION)
     def overhear(self, n: int, s: int) -> None:
         """A copy also reaches a station it is not for, or its sender as an echo."""
-        ids = self.world.ids
-        self.world.hear(ids[s % len(ids)], self._pick(n).data)
+        self.world.hear(nth(self.world.ids, s), nth(self.world.flight, n).data)
 
     @step(lost=LOST, backwards=st.booleans())
     def exchange(self, lost: str, backwards: bool) -> None:
@@ -161,10 +157,8 @@ class Coordination(RuleBasedStateMachine):
     @step(s=STATION, t=STATION, what=st.integers(0, 8) | st.integers(0, 60), bound=st.booleans())
     def odd(self, s: int, t: int, what: int, bound: bool) -> None:
         """A station (one in a session, if possible) hears what must do nothing."""
-        stations = (self.bound() if bound else []) or self.world.ids
-        s = stations[s % len(stations)]
-        others = [q for q in self.world.ids if q != s]
-        messages = odd_messages(self.world, s, others[t % len(others)])
+        s = nth((self.bound() if bound else []) or self.world.ids, s)
+        messages = odd_messages(self.world, s, nth([q for q in self.world.ids if q != s], t))
         self.world.hear(s, messages[-1 - what % len(messages)])
 
     # -- CAMs
@@ -173,7 +167,7 @@ class Coordination(RuleBasedStateMachine):
     def cam(self, s: int) -> None:
         up = self.world.up()
         if up:
-            self.world.fly_cam(up[s % len(up)])
+            self.world.fly_cam(nth(up, s))
 
     def _drive(self, rounds: int, deaf: int) -> None:
         world = self.world
@@ -225,7 +219,7 @@ class Coordination(RuleBasedStateMachine):
     def request(self, s: int) -> None:
         up = self.world.up()
         if up:
-            self.world.command(up[s % len(up)], Request(scenario="lane_change", details={}))
+            self.world.command(nth(up, s), Request(scenario="lane_change", details={}))
 
     def choosing(self) -> list[int]:
         world = self.world
@@ -238,6 +232,12 @@ class Coordination(RuleBasedStateMachine):
     def bound(self) -> list[int]:
         return [s for s in self.world.up() if self.world.state(s).bound]
 
+    def _say(self, s: int, command: type[Proceed | Complete | Abort]) -> None:
+        """Of the session that it is in."""
+        session = self.world.state(s).session
+        assert session is not None
+        self.world.command(s, command(session=session))
+
     def _prescribe(self, s: int, to: int, lease: int) -> None:
         x = self.world.state(s)
         assert x.session is not None
@@ -245,7 +245,7 @@ class Coordination(RuleBasedStateMachine):
         command = Prescribe(
             session=x.session,
             proposal=x.proposal + 1,
-            target=targets[to % len(targets)],
+            target=nth(targets, to),
             prescribed=trajectory(x.session[1] * 10 + x.proposal),
             hold_ms=50,
             lease_ms=lease,
@@ -255,17 +255,12 @@ class Coordination(RuleBasedStateMachine):
     @precondition(choosing)
     @step(s=STATION, to=STATION, lease=st.sampled_from(LEASES))
     def prescribe(self, s: int, to: int, lease: int) -> None:
-        stations = self.choosing()
-        self._prescribe(stations[s % len(stations)], to, lease)
+        self._prescribe(nth(self.choosing(), s), to, lease)
 
     @precondition(choosing)
     @step(s=STATION)
     def proceed(self, s: int) -> None:
-        stations = self.choosing()
-        s = stations[s % len(stations)]
-        session = self.world.state(s).session
-        assert session is not None
-        self.world.command(s, Proceed(session=session))
+        self._say(nth(self.choosing(), s), Proceed)
 
     def _verdict(self, s: int, refused: bool) -> None:
         m = self.world.asked[s]
@@ -276,33 +271,24 @@ class Coordination(RuleBasedStateMachine):
     @precondition(verifying)
     @step(s=STATION, refused=st.booleans())
     def verdict(self, s: int, refused: bool) -> None:
-        stations = self.verifying()
-        self._verdict(stations[s % len(stations)], refused)
+        self._verdict(nth(self.verifying(), s), refused)
 
     @precondition(acting)
     @step(s=STATION)
     def complete(self, s: int) -> None:
-        stations = self.acting()
-        s = stations[s % len(stations)]
-        session = self.world.state(s).session
-        assert session is not None
-        self.world.command(s, Complete(session=session))
+        self._say(nth(self.acting(), s), Complete)
 
     @precondition(bound)
     @step(s=STATION)
     def abort(self, s: int) -> None:
-        stations = self.bound()
-        s = stations[s % len(stations)]
-        session = self.world.state(s).session
-        assert session is not None
-        self.world.command(s, Abort(session=session))
+        self._say(nth(self.bound(), s), Abort)
 
     @step(s=STATION, name=st.sampled_from(NAMES), what=st.integers(0, 3))
     def untimely(self, s: int, name: str, what: int) -> None:
         """A command, whatever the phase."""
         up = self.world.up()
         if up:
-            self._mistake(up[s % len(up)], name, what)
+            self._mistake(nth(up, s), name, what)
 
     def asked(self) -> list[tuple[str, int]]:
         """Whose command would fit its phase."""
@@ -315,8 +301,7 @@ class Coordination(RuleBasedStateMachine):
     @step(n=SOME, what=st.integers(0, 3))
     def mistaken(self, n: int, what: int) -> None:
         """A command that fits the phase, but perhaps not the session, proposal or target."""
-        commands = self.asked()
-        name, s = commands[n % len(commands)]
+        name, s = nth(self.asked(), n)
         self._mistake(s, name, what)
 
     def _mistake(self, s: int, name: str, what: int) -> None:
@@ -394,8 +379,7 @@ class Coordination(RuleBasedStateMachine):
     )
     def session(self, s: int, upto: str, lease: int, refusals: int, lost: str, slow: bool) -> None:
         """A station opens a session, and it goes on up to a phase of its."""
-        stations = self.at_rest()
-        self._session(stations[s % len(stations)], upto, lease, refusals, lost, slow)
+        self._session(nth(self.at_rest(), s), upto, lease, refusals, lost, slow)
 
     def _session(
         self, s: int, upto: str, lease: int, refusals: int = 0, lost: str = "", slow: bool = False
@@ -417,14 +401,12 @@ class Coordination(RuleBasedStateMachine):
     @step(s=STATION, times=st.integers(1, 3))
     def change_of_mind(self, s: int, times: int) -> None:
         """A station opens a session and soon aborts it; nobody hears of that."""
-        stations = self.at_rest()
-        s = stations[s % len(stations)]
+        s = nth(self.at_rest(), s)
         for _ in range(times):
             self.world.command(s, Request(scenario="lane_change", details={}))
             self.world.exchange()
-            session = self.world.state(s).session
-            if session is not None:
-                self.world.command(s, Abort(session=session))
+            if self.world.state(s).session is not None:
+                self._say(s, Abort)
 
     def promised(self) -> list[int]:
         return self.world.at("receiver", "INTENDING", "WAITING", "NEGOTIATING", "ACTUATING")
@@ -434,11 +416,8 @@ class Coordination(RuleBasedStateMachine):
     def defect(self, s: int, heard: bool) -> None:
         """A receiver breaks off.  That arrives before anything else; or nobody hears of it, and
         it opens a session of its own."""
-        stations = self.promised()
-        s = stations[s % len(stations)]
-        session = self.world.state(s).session
-        assert session is not None
-        self.world.command(s, Abort(session=session))
+        s = nth(self.promised(), s)
+        self._say(s, Abort)
         if heard:
             self.world.exchange(backwards=True)
         else:
@@ -454,17 +433,14 @@ class Coordination(RuleBasedStateMachine):
         hears of it; another station may want it then."""
         stations = self.at_rest()
         if stations and not self.committed():
-            self._session(stations[s % len(stations)], "ACTUATING", LEASES[0])
-        stations = self.committed()
-        if not stations:
+            self._session(nth(stations, s), "ACTUATING", LEASES[0])
+        if not self.committed():
             return
-        s = stations[s % len(stations)]
+        s = nth(self.committed(), s)
         if restart:
             self.world.restart(s)
         else:
-            session = self.world.state(s).session
-            assert session is not None
-            self.world.command(s, Abort(session=session))
+            self._say(s, Abort)
             self.world.flight = [c for c in self.world.flight if c.what != "Cancel"]
         rivals = [t for t in self.at_rest() if t != s]
         if rival and rivals:
@@ -482,8 +458,7 @@ class Coordination(RuleBasedStateMachine):
     def trouble(self, s: int, what: str, bound: bool) -> None:
         """A station falls silent; or it comes back, from a crash before or now."""
         world = self.world
-        stations = (self.bound() if bound else []) or world.ids
-        s = stations[s % len(stations)]
+        s = nth((self.bound() if bound else []) or world.ids, s)
         if what == "restart":
             world.restart(s)
         elif len(world.up()) > 1 and s not in world.down:
