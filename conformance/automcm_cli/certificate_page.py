@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import get_args
 
 from automcm_cli.certificate import Certificate, Row, Verdict
-from automcm_cli.common import ROOT, markdown_table
+from automcm_cli.common import PAGES, ROOT, markdown_table
 from automcm_spec import files
+from automcm_spec import markdown as markdown_
 
 PAGE = ROOT / "docs" / "certificate.md"
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
@@ -74,72 +75,35 @@ def write(found: Certificate) -> None:
 
 def markdown(found: Certificate) -> str:
     """The page."""
-    many = f"{found.cases} cases" if found.cases != 1 else "one case"
-    until = f"until {many} had found it" if found.cases else "whole"
-    heads = ["class", "mutants", *VERDICTS, "what"]
-    total = ("all", found.rows)
-    rows = [
-        [name, len(of), *(Counter(row.verdict for row in of)[v] for v in VERDICTS), MEANING[name]]
-        for name, of in _by_class(found)
+    classes = _by_class(found)
+    counts = [_counts(name, of, MEANING[name]) for name, of in classes]
+    groups = sorted({case.split("/")[2] for row in found.rows for case in row.cases})
+    rows: list[list[object]] = []
+    for name, of in classes:
+        hit = Counter(group for row in of for group in {case.split("/")[2] for case in row.cases})
+        rows.append([name, len(of), *(hit[group] or "" for group in groups)])
+    mutants = [
+        [f"`{row.id}`", row.line, row.rule, f"`{_change(row)}`", _killers(row)]
+        for row in found.rows
     ]
-    counts = found.counts()
-    rows.append([total[0], len(total[1]), *(counts[v] for v in VERDICTS), ""])
-    return "\n".join(
-        [
-            "# Certificate of the conformance kit",
-            "",
-            "Written by `automcm conform certify --page`. The suite is held against stations that "
-            "are wrong on purpose, each in one small way; a case must find it.",
-            "",
-            *markdown_table(heads, rows),
-            "",
-            f"Of {found.generated:,} mutants that can be generated, {found.chosen:,} were judged, "
-            f"chosen by seed {found.seed} in turn from each class and each function; each run of "
-            f"the suite went on {until}. Specification {found.spec_hash[:12]}.",
-            "",
-            *(f"**SKIPPED**: {note}\n" for note in found.notes),
-            "- *killed*: at least one case is FAIL or ERROR. No exploration takes part.",
-            "- *equivalent*: no case finds it, and at every state of the graphs `one-peer`, "
-            "`two-peers` and `tight` every input has the same answer as without the change: "
-            "messages with all fields, indications, the whole state that is kept, timers with "
-            "their deadlines. So has an input when all timers are due at once, bytes that are no "
-            "message, and time that goes back; in `one-peer` and `tight` with three sets of "
-            "parameters. The rule and detail of an indication are not compared: they explain, "
-            "and any are right. Of inputs for which the changed function cannot be called none is "
-            "given. And of some 13,000 messages with one thing odd (a field that is missing, of "
-            "another kind, at a bound and beyond it) each is refused or taken as without the "
-            "change. A mutant that differs only in what it keeps is led on, beside the unchanged "
-            "reference: what differs is carried from state to state as long as that is new, and "
-            "all inputs are given to both. If what they say, with all deadlines, is always the "
-            "same, it is equivalent as well.",
-            "- *survived*: no case finds it, and it is not equivalent in that sense.",
-            "- *undecided*: time ran out, or something broke.",
-            "- *invalid*: the changed module cannot be imported. Does not count.",
-            "",
-            "## Which cases find what",
-            "",
-            "Mutants of a class that are killed by at least one case of a group of rules. "
-            + ("" if found.cases == 0 else f"A run ends when {many} failed, so more cases would."),
-            "",
-            *_matrix(found),
-            "",
-            "## Survivors",
-            "",
-            *(_survivors(found) or ["None."]),
-            "",
-            "## Mutants",
-            "",
-            *markdown_table(
-                ["mutant", "line", "rule", "change", "killed by"],
-                [
-                    [f"`{row.id}`", row.line, row.rule, f"`{_change(row)}`", _killers(row)]
-                    for row in found.rows
-                ],
-                ("rule", "change", "killed by"),
-            ),
-            "",
-        ]
+    heads = ["mutant", "line", "rule", "change", "killed by"]
+    return markdown_.page(
+        PAGES / "certificate.md.j2",
+        found=found,
+        many="one case" if found.cases == 1 else f"{found.cases} cases",
+        counts=markdown_table(
+            ["class", "mutants", *VERDICTS, "what"], [*counts, _counts("all", found.rows, "")]
+        ),
+        matrix=markdown_table(["class", "mutants", *groups], rows),
+        survivors=[row for row in found.rows if row.verdict in ("survived", "undecided")],
+        survivor=survivor,
+        mutants=markdown_table(heads, mutants, heads[2:]),
     )
+
+
+def _counts(name: str, of: Sequence[Row], what: str) -> list[object]:
+    counts = Counter(row.verdict for row in of)
+    return [name, len(of), *(counts[v] for v in VERDICTS), what]
 
 
 def _change(row: Row) -> str:
@@ -151,17 +115,3 @@ def _killers(row: Row) -> str:
     if row.verdict != "killed":
         return f"*{row.verdict}*"
     return ", ".join(case.removeprefix("AMCM/") for case in row.cases) or "ends at once"
-
-
-def _survivors(found: Certificate) -> list[str]:
-    open_ = [row for row in found.rows if row.verdict in ("survived", "undecided")]
-    return [line for row in open_ for line in ("```", *survivor(row), "```", "")]
-
-
-def _matrix(found: Certificate) -> list[str]:
-    groups = sorted({case.split("/")[2] for row in found.rows for case in row.cases})
-    rows: list[list[object]] = []
-    for name, of in _by_class(found):
-        hit = Counter(group for row in of for group in {case.split("/")[2] for case in row.cases})
-        rows.append([name, len(of), *(hit[group] or "" for group in groups)])
-    return markdown_table(["class", "mutants", *groups], rows)

@@ -70,7 +70,7 @@ def _section(path: tuple[str, ...], command: Any) -> list[str]:
     rows = [_row(each) for each in command.params if not each.hidden]
     return [
         *(f"{depth} {name}", "", *said, "", f"`{usage}`", ""),
-        *([*markdown_table(_HEADS, rows, left=_HEADS), ""] if rows else []),
+        *([markdown_table(_HEADS, rows, left=_HEADS), ""] if rows else []),
         *("Example:", "", f"    {example}", ""),
         *([further, ""] if further else []),
     ]

@@ -25,6 +25,8 @@ CODES = (
 
 ROOT = Path(__file__).resolve().parents[2]
 """The repository, if this is a checkout of it."""
+PAGES = Path(__file__).with_name("pages")
+"""Templates of Markdown."""
 
 Json = Annotated[
     Path | None,
@@ -92,11 +94,11 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 def markdown_table(
     heads: Sequence[str], rows: Sequence[Sequence[object]], left: Sequence[str] = ("what",)
-) -> list[str]:
+) -> str:
     """A table of Markdown; the first column and those named are texts, the others figures."""
     ruler = ["---" if n == 0 or head in left else "---:" for n, head in enumerate(heads)]
     cells = [[str(value).replace("|", "\\|") for value in row] for row in rows]
-    return [f"| {' | '.join(row)} |" for row in [list(heads), ruler, *cells]]
+    return "\n".join(f"| {' | '.join(row)} |" for row in [list(heads), ruler, *cells])
 
 
 def console_of(columns: int = 100) -> Console:

@@ -20,7 +20,10 @@ PACKAGES = {
 # What is about the operating system and knows nothing of the protocol, and the grammar.
 SHARED = {
     f"automcm_spec.{name}"
-    for name in ("application", "children", "files", "messages", "parameters", "scratch")
+    for name in (
+        *("application", "messages", "parameters"),
+        *("children", "files", "markdown", "scratch"),
+    )
 }
 MAY = {
     "automcm_spec": set[str](),

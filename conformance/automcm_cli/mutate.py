@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from automcm_cli.common import ROOT, markdown_table
+from automcm_cli.common import PAGES, ROOT, markdown_table
 from automcm_spec import files, models, mutation, survivors
+from automcm_spec import markdown as markdown_
 from automcm_spec.mutant_rules import KINDS, MODULES, NOT_MUTATED
 from automcm_spec.mutants import MissingPackage, Mutant, generate, sample
 from automcm_spec.mutation import HOW, MutationError, Outcome, Profile, Report
@@ -126,9 +127,12 @@ def _cells(outcomes: Sequence[Outcome]) -> list[int]:
     return [len(outcomes), *killed, *ends]
 
 
+def _head(how: str) -> str:
+    return "records" if how == _RECORDS else how
+
+
 def _heads() -> list[str]:
-    names = ["records" if how == _RECORDS else how for how in HOW]
-    return ["mutants", *names, "survived", "invalid"]
+    return ["mutants", *map(_head, HOW), "survived", "invalid"]
 
 
 def _per_property(report: Report) -> dict[str, int]:
@@ -206,44 +210,6 @@ def _rate_text(report: Report) -> str:
 
 def markdown(report: Report) -> str:
     """The page docs/mutation.md: the tables, the matrix definition x property, the survivors."""
-    lines = [
-        "# Mutation testing of the specification",
-        "",
-        f"Written by `automcm spec mutate --profile {report.profile} --write`. Each mutant is one "
-        "small fault in a module; the models must find it. "
-        "`automcm spec mutate --list` names them, and `--only ID` runs one.",
-        "",
-        *markdown_table(
-            ["kind", *_heads(), "what"],
-            [[kind, *_cells(outcomes), KINDS.get(kind, "")] for kind, outcomes in _by_kind(report)],
-        ),
-        "",
-        _rate_text(report) + ".",
-        "",
-        *(f"- *{'records' if how == _RECORDS else how}*: {text}" for how, text in HOW.items()),
-        "",
-        "## Properties",
-        "",
-        "How many mutants of a definition each property finds"
-        + ("." if report.profile == "deep" else ", if it is the first to find them."),
-        "",
-        *_matrix(report),
-        "",
-        "## Survivors",
-        "",
-        *_survivors(report),
-        "",
-        "## Not mutated",
-        "",
-        "Comments, rule ids, all properties, the history variables and what no model reads:",
-        "",
-        *(f"- `{name}`: {reason}" for name, reason in NOT_MUTATED.items()),
-        "",
-    ]
-    return "\n".join(lines)
-
-
-def _matrix(report: Report) -> list[str]:
     names = list(_per_property(report))
     rows: list[list[object]] = []
     for place in dict.fromkeys(f"{o.mutant.module}.{o.mutant.operator}" for o in report.outcomes):
@@ -251,21 +217,19 @@ def _matrix(report: Report) -> list[str]:
         killed = Counter(name for o in of for name in o.properties)
         rows.append([f"`{place}`", len(of), *(killed[name] or "" for name in names)])
     rows.append(["all", len(report.outcomes), *_per_property(report).values()])
-    return markdown_table(["definition", "mutants", *names], rows)
-
-
-def _survivors(report: Report) -> list[str]:
-    if report.profile == "deep":
-        return ["Those that violate no property; must-fail models were not run."] + [
-            f"- `{o.mutant.id}`: `{o.mutant.change}`" for o in report.outcomes if o.survived
-        ]
-    lines = [
-        f"- `{o.mutant.id}` ({o.mutant.module}.tla:{o.mutant.line}): `{o.mutant.change}`"
-        + (f". {report.reasons[o.mutant.id]}" if o.mutant.id in report.reasons else "")
-        for o in report.outcomes
-        if o.survived
-    ]
-    return [f"From `spec/models/{SURVIVORS}`, with the reason.", "", *lines] if lines else ["None."]
+    kinds = [[kind, *_cells(found), KINDS.get(kind, "")] for kind, found in _by_kind(report)]
+    return markdown_.page(
+        PAGES / "mutation.md.j2",
+        profile=report.profile,
+        kinds=markdown_table(["kind", *_heads(), "what"], kinds),
+        rates=_rate_text(report),
+        hows={_head(how): text for how, text in HOW.items()},
+        matrix=markdown_table(["definition", "mutants", *names], rows),
+        survivors=[o.mutant for o in report.outcomes if o.survived],
+        listed=SURVIVORS,
+        reasons=report.reasons,
+        not_mutated=NOT_MUTATED,
+    )
 
 
 def write(report: Report) -> None:

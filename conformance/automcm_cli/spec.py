@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import files, generate, models, tlc
+from automcm_cli.common import PAGES
+from automcm_spec import files, generate, markdown, models, tlc
 from automcm_spec import steps as steps_
 from automcm_spec.forms import to_json
 from automcm_spec.paths import MODELS
@@ -22,40 +23,7 @@ def described(model: models.Model) -> str:
 
 def models_page(loaded: Sequence[models.Model]) -> str:
     """docs/models.md: every model, with what was recorded of it."""
-    lines = [
-        "# The models",
-        "",
-        "Generated from `spec/models/expectations.toml` by `make generate`. The seconds were",
-        "measured once, on two cores with two models at a time; everything else is compared in",
-        "every run. `.venv/bin/automcm spec check NAME ...` checks some of them alone.",
-        "",
-        "## Must hold",
-        "",
-        "| model | profile | checks | distinct states | generated | depth | s | why |",
-        "|---|---|---|---:|---:|---:|---:|---|",
-    ]
-    for m in loaded:
-        if m.expect == "holds":
-            counts = f"{m.distinct_states:,} | {m.states:,} | {m.depth} | {m.seconds:.0f}"
-            lines.append(f"| `{m.cfg}` | {m.profile} | {checks(m)} | {counts} | {m.why} |")
-    lines += [
-        "",
-        "## Must fail",
-        "",
-        "`make pages` writes the page that the name of a model leads to: its counterexample, step",
-        "by step, with the states, the messages and the lines of Station.tla. A model of one",
-        "station, or with a liar, has no page: nobody has sent what is received.",
-        "`automcm spec check` shows its steps.",
-        "",
-        "| model | breaks | steps | story |",
-        "|---|---|---:|---|",
-    ]
-    for m in loaded:
-        if m.expect == "violates":
-            steps_taken = (m.length or 1) - 1
-            page = f"`{m.cfg}`" if m.unsent else f"[`{m.cfg}`](counterexamples/{m.cfg}.html)"
-            lines.append(f"| {page} | {m.property} | {steps_taken} | {m.why} |")
-    return "\n".join(lines) + "\n"
+    return markdown.page(PAGES / "models.md.j2", models=loaded, checks=checks)
 
 
 def checks(model: models.Model) -> str:

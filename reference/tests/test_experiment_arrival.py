@@ -264,7 +264,7 @@ def test_the_page_has_sumo_s_figures_where_they_are(small: Json) -> None:
             how: of | {"arrival_s": arrival_s, "lost_s": arrival_s - 18}
             for how, arrival_s in arrivals.items()
         }
-    text = "\n".join(arrival.EXPERIMENT.page(found))
+    text = arrival.EXPERIMENT.page(found)
     assert "| 30 km/h, cooperative | 20.50 | 2.50 | 2.0 | 9.0 | 0 | -0.50 |" in text
     assert "| 50 km/h, forced | 20.25 | 2.25 | 2.0 | 9.0 | 0 | -0.75 |" in text
     ours = found["summary"]["speeds"]

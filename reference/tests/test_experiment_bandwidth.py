@@ -362,7 +362,7 @@ def test_the_page_has_the_figures_of_the_report(made: Values) -> None:
     drive(s, 4)["count"]["Intention"] = 77
     s["sizes"]["Fin"]["uper"] = 8877
     s["many"][0]["channel"]["json"]["busiest"] = 0.777
-    changed = "\n".join(EXPERIMENT.page(made))
+    changed = EXPERIMENT.page(made)
     assert "| Intention | 1 |" in changed and "| 77 |" in changed
     assert "| 8,877 |" in changed and "| 77.7% |" in changed
 
@@ -380,4 +380,4 @@ def test_figures_are_drawn(made: Values, tmp_path: Path) -> None:
             assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim(), "comparable"
     assert names == ["fig7-json", "fig7-uper", "scaling"]
     for name in names:
-        assert f"({name}.svg)" in "\n".join(EXPERIMENT.page(made))
+        assert f"({name}.svg)" in EXPERIMENT.page(made)

@@ -174,7 +174,7 @@ def test_each_loss_and_time_out_of_the_paper_is_there(made: Json) -> None:
 
 
 def test_the_page_has_the_numbers_of_the_report(made: Json) -> None:
-    text = "\n".join(loss_page.page(made))
+    text = loss_page.page(made)
     for t in T_TIMEOUTS:
         for p in made["summary"]["points"][str(t)]:
             if p["loss"] in TENS:
@@ -183,7 +183,7 @@ def test_the_page_has_the_numbers_of_the_report(made: Json) -> None:
     changed = deepcopy(made)
     of = {"t_timeout": 0, "loss": 30, "trials": 9, "agreed": 7, "latest_ms": 12}
     changed["summary"]["udp"] = [of | {"share": 7 / 9, "low": 0.4, "high": 0.9}]
-    assert "| 0 s | 30% | 7 of 9 | 40% to 90% |" in "\n".join(loss_page.page(changed))
+    assert "| 0 s | 30% | 7 of 9 | 40% to 90% |" in loss_page.page(changed)
 
 
 def test_figures_are_drawn(made: Json) -> None:

@@ -54,7 +54,7 @@ class Thrown:
             claims=lambda r: [
                 Claim("dice fall", "7", str(r["summary"]["sum"]), "in shape only", "they are two")
             ],
-            page=lambda r: [f"Sum {r['summary']['sum']}.", "", "![](falls.svg)"],
+            page=lambda r: f"Sum {r['summary']['sum']}.\n\n![](falls.svg)\n",
             figures=_figures,
         )
 

@@ -6,11 +6,12 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from automcm.experiments import figures as drawing
-from automcm.experiments import markdown
 from automcm.experiments.arrival_claims import FIG_9_S, NEAR_S, PAPER, SPEEDS_KMH, sumo_gain
-from automcm.experiments.experiment import Values
+from automcm.experiments.experiment import PAGES, Values
+from automcm.experiments.intervals import wilson
 from automcm.experiments.sumo import HOWS
 from automcm.scenarios.lane_change import Plan
+from automcm_spec import markdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,12 +27,13 @@ NAMES = {
 }
 
 
-def page(report: Values) -> list[str]:
+def page(report: Values) -> str:
     """All but title and claims."""
     s = report["summary"]
     both = {speed_kmh: s["speeds"][str(speed_kmh)] for speed_kmh in SPEEDS_KMH}
     return markdown.page(
-        "arrival",
+        PAGES / "arrival.md.j2",
+        wilson=wilson,
         s=s,
         settings=report["settings"],
         speeds=SPEEDS_KMH,

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from automcm.experiments import figures as drawing
-from automcm.experiments import markdown
 from automcm.experiments.bandwidth_air import CODECS, FORMS
 from automcm.experiments.bandwidth_summary import MARKED, drive
-from automcm.experiments.experiment import Values
+from automcm.experiments.experiment import PAGES, Values
+from automcm_spec import markdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,11 +36,11 @@ CASES = {
 }
 
 
-def page(report: Values) -> list[str]:
+def page(report: Values) -> str:
     """Markdown; every figure is from the report."""
     s, four = report["summary"], drive(report["summary"], 4)
     return markdown.page(
-        "bandwidth",
+        PAGES / "bandwidth.md.j2",
         s=s,
         settings=report["settings"],
         m=s["model"],

@@ -6,14 +6,15 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from automcm.experiments import figures as drawing
-from automcm.experiments import markdown
 from automcm.experiments.comfort_claims import PLAIN, WITHOUT
 from automcm.experiments.comfort_courses import COURSES, STAGES
 from automcm.experiments.comfort_measures import FAR_S, HARD, JERK_S, SLOWER, WIDTH_M
-from automcm.experiments.experiment import Values
+from automcm.experiments.experiment import PAGES, Values
+from automcm.experiments.intervals import wilson
 from automcm.road import Driving, Late
 from automcm.scenarios.drive import NAMES
 from automcm.scenarios.lane_change import Plan
+from automcm_spec import markdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,10 +42,11 @@ STYLES = {
 }
 
 
-def page(report: Values) -> list[str]:
+def page(report: Values) -> str:
     """All but title and claims."""
     return markdown.page(
-        "comfort",
+        PAGES / "comfort.md.j2",
+        wilson=wilson,
         s=report["summary"],
         settings=report["settings"],
         plan=Plan(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -16,6 +17,8 @@ Values = dict[str, Json]
 """What a cell is run with, or what came out of it: JSON, equal on every machine."""
 Verdict = Literal["reproduced", "in shape only", "not reproduced", "beyond the paper"]
 PROFILES = ("quick", "standard")
+PAGES = Path(__file__).with_name("pages")
+"""Templates of the experiments' pages."""
 
 
 class ExperimentError(ValueError):
@@ -77,7 +80,7 @@ class Experiment:
     run: Callable[[Values, int], Values]
     summary: Callable[[Sequence[Cell]], Values]
     claims: Callable[[Values], list[Claim]]
-    page: Callable[[Values], list[str]]
+    page: Callable[[Values], str]
     """The report as Markdown, without its title and claims; figures are named FIGURE.svg."""
     figures: Callable[[Values], Iterator[tuple[str, Figure]]]
     """Name and drawing of each figure; called only where matplotlib is installed."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from automcm.experiments import figures, markdown
-from automcm.experiments.experiment import Values
+from automcm.experiments import figures
+from automcm.experiments.experiment import PAGES, Values
 from automcm.experiments.loss_tables import MODELS, NAMES, PAPER_KNEES, T_TIMEOUTS, late
+from automcm_spec import markdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,10 +20,10 @@ COLOURS = {0: "#b2182b", 1000: "#e08214", 2000: "#2166ac"}
 STYLES = {"eq2": ":", "three_exchanges": "--", "four_messages": "-"}
 
 
-def page(report: Values) -> list[str]:
+def page(report: Values) -> str:
     """Markdown."""
     return markdown.page(
-        "loss",
+        PAGES / "loss.md.j2",
         s=report["summary"],
         settings=report["settings"],
         t_timeouts=T_TIMEOUTS,

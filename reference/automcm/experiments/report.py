@@ -102,7 +102,7 @@ def page(report: Values, images: str = "") -> list[str]:
     """The report as Markdown; figures are looked for in the folder ``images``."""
     made = experiment(report["experiment"])
     lines = [f"# {made.title}", "", *_claims(report["claims"]), ""]
-    for line in made.page(report):
+    for line in made.page(report).splitlines():
         lines.append(line.replace("](", f"]({images}") if line.startswith("![") else line)
     command = f"automcm experiment {made.name} --profile {report['profile']}"
     changed = _changed(made, report)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from automcm.experiments import markdown
 from automcm.experiments.ablations import BY_NAME, WHOLE
-from automcm.experiments.experiment import Claim, Values, beyond
+from automcm.experiments.experiment import PAGES, Claim, Values, beyond
+from automcm.experiments.intervals import wilson
 from automcm.experiments.safety_road import UNCOORDINATED
 from automcm.experiments.safety_tables import HARD
+from automcm_spec import markdown
 
 REACHED = 0.95
 """A hazard of this share of B shows that B is about as small as it can be."""
@@ -107,7 +108,7 @@ def _road_sum(rows: Sequence[Values], name: str) -> Values:
 # -- the page
 
 
-def page(report: Values) -> list[str]:
+def page(report: Values) -> str:
     """What was run, the tables, what explains them, and doubts."""
     s = report["summary"]
     names = list(dict.fromkeys(row["ablation"] for row in s["classes"]))
@@ -115,7 +116,8 @@ def page(report: Values) -> list[str]:
     for row in sorted(s["classes"], key=lambda row: names.index(row["ablation"])):
         classes.setdefault(row["fault"], []).append(row)
     return markdown.page(
-        "safety",
+        PAGES / "safety.md.j2",
+        wilson=wilson,
         s=s,
         settings=report["settings"],
         class_names=names,
