@@ -37,7 +37,7 @@ Json = Any
 Say = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
-HIDDEN = "it keeps something else, and never says anything else"
+HIDDEN = "keeps something else, and never says anything else"
 UNTIL_S = 1_800.0
 """Real seconds for one mutant."""
 
@@ -253,8 +253,8 @@ def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], l
     left = [mutant for mutant in mutants if mutant.id not in rows]
     try:
         if left:
-            with _pool(asked) as work:
-                _judge(left, asked, work, rows, kept, say)
+            with _processes(asked) as pool:
+                _judge(left, asked, pool, rows, kept, say)
     except KeyboardInterrupt:
         problems.append("interrupted")
     return [rows[mutant.id] for mutant in mutants if mutant.id in rows], problems
@@ -307,15 +307,6 @@ def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
     return list(rows.values()), problems
 
 
-Work = Callable[[list[_Job]], Iterator[tuple[str, Kills | Difference | None, str]]]
-
-
-@contextmanager
-def _pool(asked: Asked) -> Iterator[Work]:
-    with _processes(asked) as pool:
-        yield lambda jobs: pool.imap_unordered(_work, jobs)
-
-
 @contextmanager
 def _processes(asked: Asked) -> Iterator[Pool]:
     pool = multiprocessing.get_context("spawn").Pool(asked.jobs, _Worker.start)
@@ -329,7 +320,7 @@ def _processes(asked: Asked) -> Iterator[Pool]:
 def _judge(
     mutants: Sequence[Mutant],
     asked: Asked,
-    work: Work,
+    pool: Pool,
     rows: dict[str, Row],
     kept: _Kept,
     say: Say,
@@ -345,7 +336,7 @@ def _judge(
     hows: tuple[How, How] = "if it differs", "suite"
     for how in hows:
         jobs = [_Job(mutant, asked, how) for mutant in (last if how == "suite" else mutants)]
-        for id_, kills, error in work(jobs):
+        for id_, kills, error in pool.imap_unordered(_work, jobs):
             if kills is None and not error:
                 last.append(by_id[id_])
                 continue
@@ -364,16 +355,13 @@ def _judge(
             say(f"the reference itself on {walk[0]}")
             equivalence.digests(asked.folder, walk)
     walks = [_Job(mutant, asked, "graphs") for mutant in open_]
-    for n, (id_, found, error) in enumerate(work(walks)):
+    for n, (id_, found, error) in enumerate(pool.imap_unordered(_work, walks)):
         say(f"the graphs: {n + 1} of {len(open_)}")
         row = rows[id_]
         if isinstance(found, Difference) and not found.hidden:
             row.difference = found
         elif found is not None:
-            row.verdict, row.why = (
-                "equivalent",
-                "keeps something else, and never says anything else",
-            )
+            row.verdict, row.why = "equivalent", HIDDEN
         else:
             row.verdict, row.why = ("undecided", error) if error else ("equivalent", "")
         kept.keep(by_id[id_], row, rows)

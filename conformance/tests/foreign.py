@@ -17,8 +17,9 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -110,48 +111,56 @@ def conform(station: Path, folder: Path, selectors: Sequence[str] = ()) -> tuple
     return done.returncode, report
 
 
+@contextmanager
+def judged(row: Row) -> Iterator[None]:
+    """Notes how long it took, what came out unless that is noted, and what broke."""
+    begun = time.monotonic()
+    try:
+        yield
+        row.verdict = row.verdict or ("FAIL" if row.failed else "PASS")
+    except (subprocess.SubprocessError, OSError, ValueError) as error:
+        row.failed = f"{error} {getattr(error, 'stderr', '')}"
+    row.seconds = time.monotonic() - begun
+
+
+def lacks(row: Row, what: str) -> bool:
+    """Whether something is missing, and noted as such."""
+    if what:
+        row.failed, row.skipped = f"{what} is missing", True
+    return row.skipped
+
+
 def check_station(station: Station, folder: Path) -> Row:
     """It is built, and passes in full."""
-    row, begun = Row(station.name), time.monotonic()
-    if lacking := station.missing():
-        row.failed, row.skipped = f"{lacking} is missing", True
+    row = Row(station.name)
+    if lacks(row, station.missing()):
         return row
-    try:
+    with judged(row):
         own = folder / station.name.replace(" ", "-")
         code, report = conform(station.build(own), own / "report")
         row.failed = "no report" if report is None else wrong(code, report)
-        row.verdict = "FAIL" if row.failed else "PASS"
-    except (subprocess.SubprocessError, OSError) as error:
-        row.failed = f"{error} {getattr(error, 'stderr', '')}"
-    row.seconds = time.monotonic() - begun
     return row
 
 
 def check_logs(folder: Path) -> Row:
     """The logs of the station in C++ are allowed, and that of a mutant diverges where it must."""
-    row, begun = Row("the logs of the station in C++"), time.monotonic()
-    if lacking := missing():
-        row.failed, row.skipped = f"{lacking} is missing", True
+    row = Row("the logs of the station in C++")
+    if lacks(row, missing()):
         return row
-    try:
+    with judged(row):
         row.failed = foreign_logs.check_logs(folder / "logs")
         if not row.failed:
             row.case, row.rule = foreign_logs.check_mutant_log(folder / "logs-mutant")
             row.failed = "" if row.rule else f"no log of {foreign_logs.MUTANT} shows its mistake"
-        row.verdict = "FAIL" if row.failed else "PASS"
-    except (subprocess.SubprocessError, OSError) as error:
-        row.failed = f"{error} {getattr(error, 'stderr', '')}"
-    row.seconds = time.monotonic() - begun
     return row
 
 
 def check_first_hour(folder: Path) -> Row:
     """The station of docs/first-hour.md in C++ is built without a warning, and passes."""
-    row, begun = Row("the station of first-hour.md"), time.monotonic()
-    if lacking := missing():
-        row.failed, row.skipped = f"{lacking} is missing", True
+    row = Row("the station of first-hour.md")
+    if lacks(row, missing()):
         return row
-    try:
+    with judged(row):
         own, build_ = folder / "first-hour", str(folder / "first-hour" / "build")
         run = first_hour.cpp_station(own)
         for command in (["-S", str(own), "-B", build_], ["--build", build_]):
@@ -162,10 +171,6 @@ def check_first_hour(folder: Path) -> Row:
         code, report = conform(run, own / "report", first_hour.CASES)
         if code or report is None or report["counts"]["PASS"] != len(report["cases"]):
             row.failed = f"exit code {code}"
-        row.verdict = "FAIL" if row.failed else "PASS"
-    except (subprocess.SubprocessError, OSError, ValueError) as error:
-        row.failed = f"{error} {getattr(error, 'stderr', '')}"
-    row.seconds = time.monotonic() - begun
     return row
 
 
@@ -196,8 +201,8 @@ def fitting(report: Json, rules: Sequence[str]) -> tuple[str, str]:
 
 def check_mutant(mutant: Mutant, folder: Path) -> Row:
     """The suite finds the mistake: first the cases of its rules alone, then all."""
-    row, begun = Row(mutant.name), time.monotonic()
-    try:
+    row = Row(mutant.name)
+    with judged(row):
         station = build_mutant(mutant, folder)
         for selectors in (mutant.rules, ()):
             code, report = conform(station, folder / mutant.name / "report", selectors)
@@ -209,9 +214,6 @@ def check_mutant(mutant: Mutant, folder: Path) -> Row:
             row.failed = "" if row.rule and code == 1 else f"exit code {code}, no fitting FAIL"
             if not row.failed:
                 break
-    except (subprocess.SubprocessError, OSError) as error:
-        row.failed = f"{error} {getattr(error, 'stderr', '')}"
-    row.seconds = time.monotonic() - begun
     return row
 
 

@@ -184,7 +184,6 @@ class _Run:
         cost = {"holds": 1, "violates": MUST_FAIL_COST}
         self.models = sorted(chosen, key=lambda m: (cost[m.expect] * m.seconds, m.cfg))
         self.stop = tlc.Stop()
-        self._tla = tla
         self._cache = cache
         self._search_s = search_s
         self._cfg = {

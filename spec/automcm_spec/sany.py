@@ -72,10 +72,6 @@ class Node:
         for child in (*self.args, *(where for _, where in self.bounds)):
             yield from child.walk()
 
-    def uses(self, name: str) -> bool:
-        """Whether a name occurs."""
-        return any(node.op == "name" and node.name == name for node in self.walk())
-
     def put(self, values: dict[str, Node]) -> Node:
         """The node with names replaced by expressions.  TLA+ has no shadowing."""
         if self.op == "name":
