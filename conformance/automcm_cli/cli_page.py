@@ -8,25 +8,9 @@ from typing import Any, Literal, get_args, get_origin
 
 from typer.main import get_command
 
-from automcm_cli.common import CODES, markdown_table
+from automcm_cli.common import CODES, PAGES, markdown_table
+from automcm_spec import markdown
 
-_HEAD = f"""# The commands
-
-Generated from the code by `make generate`; it is what `--help` of each command shows. `make
-verify` fails when it is stale.
-
-{CODES}
-
-A verdict that could not be written is none. If standard output is full or closed, the exit code
-is 3 and one line on standard error says why. If its reader has gone away (`| head`), the exit code
-is 141 (128 + SIGPIPE), as of most programs, without a word. What cannot be written to standard
-error changes no exit code. `station`, `drive`, `link relay` and `adapter --websocket` go on without
-standard output. After 70 there is a traceback, and a line that says what to report.
-
-What stands after `--` is the command of an adapter, or its address
-([adapter.md](adapter.md#over-a-websocket)). Packages that a command needs beyond the plain
-installation are named by it when they are missing.
-"""
 _HEADS = ("argument or option", "default", "meaning")
 _VALUES = {int: "N", float: "X", str: "TEXT", Path: "PATH"}
 
@@ -35,10 +19,8 @@ def text() -> str:
     """The page."""
     from automcm_cli.main import app
 
-    parts = [_HEAD]
-    for path, command in _below(get_command(app), ("automcm",)):
-        parts.append("\n".join(_section(path, command)))
-    return "\n".join(parts)
+    commands = [_shown(path, command) for path, command in _below(get_command(app), ("automcm",))]
+    return markdown.page(PAGES / "cli.md.j2", codes=CODES, commands=commands).rstrip() + "\n"
 
 
 def examples(page: str) -> list[str]:
@@ -57,23 +39,23 @@ def _below(group: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...],
             yield from _below(command, (*path, name))
 
 
-def _section(path: tuple[str, ...], command: Any) -> list[str]:
-    name = " ".join(path)
-    depth = "##" if len(path) == 2 else "###"
+def _shown(path: tuple[str, ...], command: Any) -> dict[str, Any]:
+    """What is said of a command, or of a group, which has no usage."""
     said = [_plain(line.strip()) for line in (command.help or "").strip().splitlines()]
     if hasattr(command, "commands"):
-        return [f"{depth} {name}", "", *said, ""]
+        return {"path": path, "said": said, "usage": ""}
+    name = " ".join(path)
     context = command.context_class(command, info_name=name)
-    usage = " ".join([name, *command.collect_usage_pieces(context)])
     example, _, rest = command.epilog.removeprefix("Example: ").partition(".  ")
-    further = _plain(rest.removesuffix(CODES).strip())
     rows = [_row(each) for each in command.params if not each.hidden]
-    return [
-        *(f"{depth} {name}", "", *said, "", f"`{usage}`", ""),
-        *([markdown_table(_HEADS, rows, left=_HEADS), ""] if rows else []),
-        *("Example:", "", f"    {example}", ""),
-        *([further, ""] if further else []),
-    ]
+    return {
+        "path": path,
+        "said": said,
+        "usage": " ".join([name, *command.collect_usage_pieces(context)]),
+        "options": markdown_table(_HEADS, rows, left=_HEADS) if rows else "",
+        "example": example,
+        "further": _plain(rest.removesuffix(CODES).strip()),
+    }
 
 
 def _row(each: Any) -> tuple[str, str, str]:
@@ -88,7 +70,7 @@ def _row(each: Any) -> tuple[str, str, str]:
     many = " May be given several times." if each.opts[0].startswith("-") and each.multiple else ""
     meaning = _plain(" ".join((each.help or "").split())) + many
     nothing = each.default is None or each.default is False or each.default in ((), [], "")
-    default = "" if nothing else f"`{_shown(each)}`"
+    default = "" if nothing else f"`{_default(each)}`"
     return (
         f"`{typed}`",
         "required" if each.required else default,
@@ -101,7 +83,7 @@ def _plain(said: str) -> str:
     return said.replace("*", "\\*").replace("<", "&lt;")
 
 
-def _shown(each: Any) -> str:
+def _default(each: Any) -> str:
     """The default; of a switch, the name that it goes by."""
     if each.default is True:
         return str(each.opts[0])
