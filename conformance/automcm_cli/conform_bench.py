@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,13 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
+from automcm_cli.common import CODES, Json, code_3, console_of, progress, table_of, write_json
+from automcm_cli.cpp import SOURCE, build, missing
 from automcm_spec import children, scratch
 
 if TYPE_CHECKING:
     from automcm_conformance.bench import Row
-
-CPP = Path(__file__).resolve().parents[1] / "implementations" / "cpp"
 
 
 def conform(
@@ -76,17 +74,13 @@ EPILOG = "Example: automcm bench conform --must.  " + CODES
 
 
 def _build(folder: Path) -> Path | None:
-    """Build the C++ station; None if the tools are missing."""
-    if not CPP.is_dir() or shutil.which("cmake") is None or shutil.which("g++") is None:
+    """Build the C++ station and its echo; None if that cannot be done here."""
+    if not SOURCE.is_dir() or missing():
         return None
-    for command in (
-        ["cmake", "-S", str(CPP), "-B", str(folder)],
-        ["cmake", "--build", str(folder), "-j2"],
-    ):
-        tied = children.tied(command, group=True)
-        if subprocess.run(tied, capture_output=True, check=False).returncode:
-            return None
-    return folder
+    try:
+        return build(folder, "echo").parent
+    except subprocess.CalledProcessError:
+        return None
 
 
 def _all_must(command: list[str], folder: Path) -> float:
@@ -99,20 +93,10 @@ def _all_must(command: list[str], folder: Path) -> float:
 
 
 def _show(rows: list[Row], notes: list[str]) -> None:
-    from rich.table import Table
-
-    table = Table(box=None)
-    for column in (
-        "",
-        "lines",
-        "steps/s",
-        "checked",
-        "/ unchecked",
-        "/ echo",
-        "/ echo singly",
-        "wrong",
-    ):
-        table.add_column(column, justify="right" if column else "left")
+    table = table_of(
+        *("", "lines", "steps/s", "checked"),
+        *("/ unchecked", "/ echo", "/ echo singly", "wrong"),
+    )
     for row in rows:
         out = row.as_dict()
         table.add_row(

@@ -59,11 +59,11 @@ def missing() -> str:
     return "" if compiled.returncode == 0 else "nlohmann/json.hpp"
 
 
-def build(folder: Path) -> Path:
-    """The station as its README says.  Raises CalledProcessError."""
+def build(folder: Path, *more: str) -> Path:
+    """The station as its README says, and more targets.  Raises CalledProcessError."""
     for command in (
         ["cmake", "-S", str(SOURCE), "-B", str(folder)],
-        ["cmake", "--build", str(folder), "--target", "station"],
+        ["cmake", "--build", str(folder), "-j2", "--target", "station", *more],
     ):
         _run(command)
     return folder / "station"

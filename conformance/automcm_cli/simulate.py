@@ -100,22 +100,17 @@ def _report(drive: Drive) -> dict[str, Any]:
 
 def _plots(drive: Drive, out: Path) -> list[Path]:
     """Both plots as PNG and SVG; none without matplotlib."""
-    try:
-        import matplotlib
-    except ImportError:
-        return []
-    matplotlib.use("Agg")
-    matplotlib.rcParams["svg.hashsalt"] = "automcm"
-    from matplotlib import pyplot
-
+    from automcm.experiments import figures
     from automcm.scenarios.drive import NAMES
 
+    if not figures.available():
+        return []
     written = []
     for name, across, up in (
         ("speed-over-position", "position, m", "speed, km/h"),
         ("space-time", "time, s", "position, m"),
     ):
-        figure, plot = pyplot.subplots(figsize=(8, 4.5), layout="constrained")
+        figure, (plot,) = figures.plots()
         for vehicle in drive.road.vehicles:
             samples = drive.road.of(vehicle.station_id)
             value = {
@@ -126,11 +121,6 @@ def _plots(drive: Drive, out: Path) -> list[Path]:
             plot.plot(value[across], value[up], label=NAMES[vehicle.station_id])
         plot.set_xlabel(across)
         plot.set_ylabel(up)
-        plot.grid(alpha=0.3)
         plot.legend()
-        for kind in ("png", "svg"):
-            path = out / f"{name}.{kind}"
-            figure.savefig(path, metadata={"Date": None} if kind == "svg" else None)
-            written.append(path)
-        pyplot.close(figure)
+        written += figures.save(figure, out / name)
     return written
