@@ -19,6 +19,7 @@ from first_hour import python_station
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from automcm.experiments import NAMES
 from automcm_cli.main import app
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -136,12 +137,8 @@ TABLE: dict[str, Way] = {
     "automcm drive --request-after 500": BRIDGE,
     "automcm drive --uri ws://127.0.0.1:9090": BRIDGE,
     "automcm experiment all --profile quick": SWEEP,
-    "automcm experiment arrival --profile quick --seed 1": SWEEP,
-    "automcm experiment bandwidth --profile quick --seed 1": SWEEP,
-    "automcm experiment comfort --profile quick --seed 1": SWEEP,
-    "automcm experiment loss --profile quick --seed 1": SWEEP,
+    **{f"automcm experiment {name} --profile quick --seed 1": SWEEP for name in NAMES},
     "automcm experiment render runs/evaluation": SWEEP,
-    "automcm experiment safety --profile quick --seed 1": SWEEP,
     "automcm generate": FRESH,
     "automcm link relay --port 47200 --loss 0.2 --delay 5:40": DEMO,
     "automcm simulate lane-change --vehicles 4 --speed 30": DRAWN,

@@ -19,6 +19,7 @@ from pathlib import Path
 import pytest
 from test_help import COMMANDS
 
+from automcm.experiments import NAMES
 from automcm_cli import common, exit_codes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,13 +77,8 @@ TABLE: dict[str, Cheap | Help] = {
     ),
     "demo": Help("20 s"),
     "drive": SERVES,
-    "experiment all": SWEEP,
-    "experiment arrival": SWEEP,
-    "experiment bandwidth": SWEEP,
-    "experiment comfort": SWEEP,
-    "experiment loss": SWEEP,
+    **{f"experiment {name}": SWEEP for name in ("all", *NAMES)},
     "experiment render": Help("needs the results of a sweep"),
-    "experiment safety": SWEEP,
     "generate": MINUTES,
     "link relay": SERVES,
     "simulate lane-change": Cheap(["--vehicles", "4"], files=(OUT, JSON), slow=True),

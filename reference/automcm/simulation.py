@@ -74,11 +74,15 @@ class Simulation:
             seed=self._seed * 1000 + station_id,
             codec=codec,
             log=log,
-            observers=observers,
+            observers=(*observers, *self.watching(station_id)),
         )
         self.services[station_id] = service
         service.start()
         return service
+
+    def watching(self, station_id: int) -> tuple[Observer, ...]:
+        """What observes every station, for simulations that watch what happens."""
+        return ()
 
     def command(self, station_id: int, command: Command, at: int) -> None:
         """Give a command at a time."""

@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from automcm.application import Application
 from automcm.links.simulated import Channel
-from automcm.service import McService
+from automcm.service import Observer
 from automcm.simulation import Simulation
 from automcm.state import State
 from automcm.station import Effects
@@ -37,7 +36,7 @@ class Watched(Simulation):
         self.seen: dict[int, list[State]] = {}
         self.told: dict[int, list[Indication]] = {}
 
-    def add(self, station_id: int, application: Application, *more: Any, **_: Any) -> McService:
+    def watching(self, station_id: int) -> tuple[Observer, ...]:
         states = self.seen.setdefault(station_id, [])
         told = self.told.setdefault(station_id, [])
 
@@ -47,7 +46,7 @@ class Watched(Simulation):
             told.extend(effects.indications)
             self._look()
 
-        return super().add(station_id, application, *more, observers=(observe,))
+        return (observe,)
 
     def _look(self) -> None:
         """S-3, S-4, S-5: who acts as a prescriber has a target that acts on its word."""

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from automcm.application import Application
-from automcm.codec import JSON, Codec
 from automcm.links.simulated import Channel
 from automcm.outcome import Expiry, Restart
 from automcm.service import McService, Observer
@@ -97,22 +96,9 @@ class Watched(Simulation):
         """When a hazard began, and whose commitment is missing."""
         self._excuses: dict[tuple[Session, int], str] = {}
 
-    def add(
-        self,
-        station_id: int,
-        application: Application,
-        parameters: Parameters | None = None,
-        *,
-        observers: tuple[Observer, ...] = (),
-        codec: Codec = JSON,
-    ) -> McService:
-        """As in Simulation.  Raises ValueError for an id that is there."""
-
-        def observe(before: State, effects: Effects) -> None:
-            self._note(station_id, before, effects)
-
-        watched = (*observers, observe)
-        return super().add(station_id, application, parameters, observers=watched, codec=codec)
+    def watching(self, station_id: int) -> tuple[Observer, ...]:
+        """As in Simulation."""
+        return (partial(self._note, station_id),)
 
     def crash(self, station_id: int) -> None:
         """The service stops where it is; the vehicle drives on alone."""
