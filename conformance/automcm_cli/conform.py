@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
 from automcm_conformance.process import LIMIT_S
 from automcm_spec import files
 
@@ -195,7 +195,7 @@ def replay(
 
     command = command_of(ctx)
     verdict, what, stderr, unanswered = "PASS", "", list[str](), False
-    try:
+    with code_3("replay", AdapterError, ProtocolError, BadInput, OSError):
         about, steps = records.read_replay(file)
         station = Adapter(command, limit)
         try:
@@ -211,9 +211,6 @@ def replay(
             unanswered = not error.answers
         finally:
             station.stop()
-    except (AdapterError, ProtocolError, BadInput, OSError) as error:
-        typer.echo(f"replay: {error}", err=True)
-        raise typer.Exit(3) from None
     write_json(json_, {"case": about["case"], "verdict": verdict, "what": what})
     if str(json_) != "-":
         console = console_of()
@@ -288,9 +285,6 @@ def report_side_by_side(
     """One page of several runs, side by side."""
     from automcm_conformance import report as report_
 
-    try:
+    with code_3("report", ValueError, OSError):
         files.write(html, report_.html([report_.load(path) for path in reports]))
-    except (ValueError, OSError) as error:
-        typer.echo(f"report: {error}", err=True)
-        raise typer.Exit(3) from None
     typer.echo(html)

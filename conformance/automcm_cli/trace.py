@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from automcm_cli import trace_edit, trace_export, trace_html, trace_itf, trace_logs, trace_replay
-from automcm_cli.common import CODES, Json, Late, write_json
+from automcm_cli.common import CODES, Json, Late, code_3, write_json
 from automcm_cli.trace_logs import Logs, files_of
 
 if TYPE_CHECKING:
@@ -47,11 +47,8 @@ def explain(
         from automcm_spec.tlc import TlcError
         from automcm_traces import tlc_engine
 
-        try:
+        with code_3("explain", TlcError):
             verdicts = tlc_engine.explain_files(logs, late)
-        except TlcError as error:
-            typer.echo(f"explain: {error}", err=True)
-            raise typer.Exit(3) from None
     system = explain_.together(found) if several else None
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, Late, progress, write_json
+from automcm_cli.common import CODES, Json, Late, code_3, progress, write_json
 from automcm_cli.trace_logs import Logs, files_of
 from automcm_spec import files
 
@@ -113,11 +113,8 @@ def compare(
 
     pairs = station_pairs(stations)
     logs, others = files_of("diff", [a]), files_of("diff", [b])
-    try:
+    with code_3("diff", BadInput):
         found = diff_.diff(logs, others, pairs)
-    except BadInput as error:
-        typer.echo(f"diff: {error}", err=True)
-        raise typer.Exit(3) from None
     write_json(json_, found.as_dict())
     if str(json_) != "-":
         for line in diff_.text(found, times, width):

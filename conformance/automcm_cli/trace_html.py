@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.common import CODES, Json, code_3, write_json
 from automcm_cli.trace_edit import station_pairs
 from automcm_cli.trace_logs import files_of
 from automcm_spec import files, scratch
@@ -83,14 +83,11 @@ def html(
     if part and compare:
         raise typer.BadParameter("not with --compare", param_hint="--from-line, --to-line")
     logs, other = (files_of("html", paths) for paths in (logs, compare or []))
-    try:
+    with code_3("html", ItfError, BadInput, OSError, PageError, StoryError, TlcError):
         page = page_of(logs, late, other, pairs, part)
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
         files.write(out, data)
-    except (ItfError, BadInput, OSError, PageError, StoryError, TlcError) as error:
-        typer.echo(f"html: {error}", err=True)
-        raise typer.Exit(3) from None
     about = {"written": str(out), "bytes": len(data), "rows": len(page.nodes)}
     write_json(json_, about | judged(page))
     if str(json_) != "-":

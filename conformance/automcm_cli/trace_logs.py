@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, Late, progress, write_json
+from automcm_cli.common import CODES, Json, Late, code_3, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_traces.show import Shown
@@ -36,11 +36,8 @@ def files_of(command: str, logs: list[Path]) -> list[Path]:
     from automcm_spec.bad_input import BadInput
     from automcm_traces.reader import logs_below
 
-    try:
+    with code_3(command, BadInput, OSError):
         return logs_below([_kept(log) for log in logs])
-    except (BadInput, OSError) as error:
-        typer.echo(f"{command}: {error}", err=True)
-        raise typer.Exit(3) from None
 
 
 def _kept(log: Path) -> Path:
@@ -138,11 +135,8 @@ def show(
         timers=timers,
         from_line=from_line,
     )
-    try:
+    with code_3("show", BadInput):
         together = show_.Logs(files_of("show", logs))
-    except BadInput as error:
-        typer.echo(f"show: {error}", err=True)
-        raise typer.Exit(3) from None
     for warning in together.warnings:
         typer.echo(f"show: warning: {warning}", err=True)
     for missing in sorted(wanted.stations - set(together.stations)):
