@@ -22,7 +22,9 @@ ALLOWED = {("mutated.py", "exec"), ("conditions.py", "exec")}
 @pytest.mark.parametrize(("name", "path"), NAMED, ids=lambda each: each)
 def test_each_test_that_is_named_is_there(name: str, path: str) -> None:
     tree = ast.parse((ROOT / path).read_text())
-    assert name in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert name in {
+        node.name for node in tree.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    }
 
 
 def test_each_row_has_a_test_or_says_that_nothing_is_done() -> None:
