@@ -266,7 +266,7 @@ class Answer(_Line):
     deadline: Time | None
     """The time in ms of the earliest timer that is armed; null if none is."""
     phase: Annotated[Phase | None, BeforeValidator(_present)] = None
-    cams: list[Cam] = Field(default_factory=list)
+    cams: list[Cam] = []
 
 
 class ErrorAnswer(_Line):

@@ -47,14 +47,14 @@ CODE = {
     ),
     "the seq of an Ack is not checked": (
         "ending.py",
-        "if key(entry) == named",
-        "if key(entry)[:3] == named[:3]",
+        "acked_key(i.message) not in map(key, st.outbox)",
+        "acked_key(i.message)[:3] not in [key(m)[:3] for m in st.outbox]",
         "END-6",
     ),
     "the hold timer is not armed": (
         "state.py",
-        'if st.phase == "WAITING":',
-        "if False:",
+        'case "WAITING":',
+        'case "":',
         "ADV-6",
     ),
     "the proposal of an Acceptance is not checked": (
@@ -92,8 +92,8 @@ CODE = {
     ),
     "the lease of the prescriber is not armed": (
         "state.py",
-        'if st.phase == "ACTUATING" or st.awaits_answer:',
-        'if st.phase == "ACTUATING":',
+        'timers = [Timer("lease")]',
+        "timers = []",
         "PRE-2",
     ),
 }

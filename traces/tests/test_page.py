@@ -249,7 +249,7 @@ def test_what_the_header_does_not_tell_has_no_deadline(tmp_path: Path) -> None:
     lines = records(FOUR[0])
     del lines[0]["parameters"]["t_giveup"]
     log = rewritten(tmp_path / "a.ndjson", lines)
-    named = {log.events[bar.armed][1].timer.name: bar.spec_ms for bar in follow(log).bars}  # type: ignore[union-attr]
+    named = {log.events[bar.armed][1].timer.name: bar.spec_ms for bar in followed_by(log).bars}  # type: ignore[union-attr]
     assert named["giveup"] == -1 and named["advertise"] > 0
 
 
@@ -259,7 +259,7 @@ def test_act_6_a_quarantine_lasts_as_long_as_a_prescriber_may_act(tmp_path: Path
     simulation.add(1001, Straight(), Parameters(t_timeout=0))
     simulation.restart(1001, at=100)
     simulation.run(until=5000)
-    bars = follow(read(next(tmp_path.iterdir()))).bars
+    bars = followed_by(read(next(tmp_path.iterdir()))).bars
     assert [(bar.logged_ms, bar.spec_ms) for bar in bars] == [(1550, 1550)]
 
 
