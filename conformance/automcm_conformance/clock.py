@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 Json = Any
@@ -19,7 +20,6 @@ class Running:
     rank: int
     age: int
 
-    @property
-    def turn(self) -> tuple[int, int, int]:
-        """Timers fire in the order of this."""
-        return self.deadline, self.rank, self.age
+
+TURN = attrgetter("deadline", "rank", "age")
+"""Timers fire in the order of this."""

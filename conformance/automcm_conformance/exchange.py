@@ -11,12 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from pydantic_core import from_json, to_json
-
 from automcm_conformance.answers import Problem, differences
-from automcm_conformance.clock import UNKNOWN, Running
+from automcm_conformance.clock import TURN, UNKNOWN, Running
 from automcm_conformance.process import AdapterError
-from automcm_conformance.protocol import ProtocolError
+from automcm_conformance.protocol import ProtocolError, read_answer
 from automcm_conformance.wire import (
     LONG_MS,
     ME,
@@ -30,6 +28,7 @@ from automcm_conformance.wire import (
 from automcm_spec.oracle import Answer, Oracle
 from automcm_spec.parameters import derived, durations, forgotten_at, lease_lasts, rank
 from automcm_spec.station import Entry, Expire, Message, Receive, Restart, Timer
+from automcm_traces.track import NOTHING_TOLD
 
 Json = Any
 
@@ -61,8 +60,10 @@ class Step:
     """
 
     now: int
-    line: bytes
+    command: dict[str, Json]
+    """What the line says."""
     expected: Expected
+    line: bytes = field(init=False)
     place: int = 0
     """Which input of the tour it is, or belongs to."""
     pairs: list[tuple[int, int]] = field(default_factory=list)
@@ -73,6 +74,9 @@ class Step:
     answer: bytes = b""
     deeds: list[Deed] = field(default_factory=list)
     """For each of ``pairs``, if the exchange is logged."""
+
+    def __post_init__(self) -> None:
+        self.line = encode(self.command)
 
 
 class Mismatch(Exception):
@@ -86,8 +90,7 @@ class Mismatch(Exception):
     @property
     def found_deadline(self) -> int | None:
         """What the last answer gave as the deadline."""
-        deadline: int | None = from_json(self.steps[-1].answer)["deadline"]
-        return deadline
+        return read_answer(self.steps[-1].answer).deadline
 
 
 class Broken(Exception):
@@ -159,19 +162,21 @@ class Exchange:
         self._joined_at: dict[int, int] = {}
         self._waiting: list[Step] = []
         self._first: Running | None = None
+        self.sure = True
+        """The deadlines of all timers are known."""
         self._lease_ms = LONG_MS
         self._known = {**parameters, **derived(parameters)}
         self._lasts = durations(self._known)
         self._reset: dict[str, Json] = {"cmd": "reset", "station": values.ids[ME], "seed": seed}
         self._reset["parameters"] = dict(parameters)
-        self._queue(encode(self._reset, self.now))
+        self._queue(self._reset)
 
     # -- what the kit does
 
     def durations(self, durations: Mapping[str, int]) -> None:
         """From now on timers of these names last so long (feature ``durations``)."""
         self.overrides.update(durations)
-        self._queue(to_json({"cmd": "durations", "durations": dict(durations)}) + b"\n")
+        self._queue({"cmd": "durations", "durations": dict(durations)})
 
     def give(
         self,
@@ -191,12 +196,12 @@ class Exchange:
         if fields and self.wire.given is not None:
             self.wire.given = {**self.wire.given, **fields}
             said["message" if said["cmd"] == "receive" else "command"] = self.wire.given
-        self._take(encode(said, self.now), i)
+        self._take(said, i)
 
     def advance(self, to: int) -> list[int]:
         """Let time pass; timers due by then fire.  Returns their inputs."""
         self.now = to
-        return self._take(to_json({"cmd": "advance", "now": to}) + b"\n", None)
+        return self._take({"cmd": "advance"}, None)
 
     def wait(self, until: int) -> None:
         """Let time pass to ``until``, deadline by deadline."""
@@ -207,13 +212,14 @@ class Exchange:
 
     def seal(self) -> None:
         """The end: a line more, so that what the station does after its last answer shows here."""
-        self.state, self._timers, self._first = 0, {}, None
-        self._queue(encode(self._reset, self.now))
+        self.state, self._timers = 0, {}
+        self._find_first()
+        self._queue(self._reset)
 
     def malformed(self, message: Json) -> None:
         """A message that breaks its form: discarded, whatever the phase (END-5)."""
-        line = encode({"cmd": "receive", "message": message}, self.now)
-        self._queue(line, Expected("END-5", indications=[{"name": "discarded"}]))
+        expected = Expected("END-5", indications=[{"name": "discarded"}])
+        self._queue({"cmd": "receive", "message": message}, expected)
 
     def learn(self, timer: Timer, deadline: int) -> None:
         """The deadline of a timer that only the station knew."""
@@ -237,12 +243,7 @@ class Exchange:
     def next_due(self) -> int | None:
         """The next deadline in ms; None if no timer runs, or not all deadlines are known."""
         first = self._first
-        return first.deadline if first is not None and self._all_known else None
-
-    @property
-    def sure(self) -> bool:
-        """The deadlines of all timers are known."""
-        return self._all_known
+        return first.deadline if first is not None and self.sure else None
 
     def offers(self, i: int, at: int) -> bool:
         """This input can be given at this time, with no more than one timer before it."""
@@ -360,12 +361,9 @@ class Exchange:
 
     def _find_first(self) -> None:
         """Of the timers whose deadline is known, the one that expires next."""
-        known = (each for each in self._timers.values() if each.deadline != UNKNOWN)
-        self._first = min(known, key=lambda each: each.turn, default=None)
-
-    @property
-    def _all_known(self) -> bool:
-        return all(each.deadline != UNKNOWN for each in self._timers.values())
+        known = [each for each in self._timers.values() if each.deadline != UNKNOWN]
+        self.sure = len(known) == len(self._timers)
+        self._first = min(known, key=TURN, default=None)
 
     def _arm(self, timer: Timer) -> None:
         age, advertises = 0, False
@@ -380,10 +378,10 @@ class Exchange:
 
     # -- lines and answers
 
-    def _take(self, line: bytes, then: int | None) -> list[int]:
+    def _take(self, command: dict[str, Json], then: int | None) -> list[int]:
         """Queue a line: timers that are due fire, unless power fails (END-8), and then comes input
         ``then``."""
-        step = Step(self.now, line, Expected())
+        step = Step(self.now, {**command, "now": self.now}, Expected())
         step.before = self.state
         fired, given = [], self.wire.given
         self.wire.given = None
@@ -410,6 +408,12 @@ class Exchange:
         answer = self.oracle.answer(self.state, i)
         value = self.oracle.inputs[i]
         assert answer is not None, f"not offered: {value}"
+        if not answer.changes and not answer.effect.messages and answer.effect.told == NOTHING_TOLD:
+            step.pairs.append((answer.state, i))
+            step.expected.rule = step.expected.rule or answer.effect.rule
+            if self.logged:
+                step.deeds.append(Deed(None, 0, 0, [], []))
+            return
         if answer.changes and self.wire.given is not None:
             self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
         deed = Deed(None, 0, 0, [], []) if self.logged else None
@@ -437,9 +441,10 @@ class Exchange:
             deed.armed = [(self.wire.timer(t), self.deadline(t) or 0) for t in arm]
             step.deeds.append(deed)
 
-    def _queue(self, line: bytes, expected: Expected | None = None) -> None:
+    def _queue(self, command: dict[str, Json], expected: Expected | None = None) -> None:
         """A line at which the station stays what it is."""
-        step = Step(self.now, line, expected or Expected())
+        timed = {} if command["cmd"] == "durations" else {"now": self.now}
+        step = Step(self.now, command | timed, expected or Expected())
         step.before = self.state
         self._expect(step)
 
@@ -450,7 +455,7 @@ class Exchange:
         step.after, step.next_timer = self.state, self.first_timer
         step.expected.phase = self.oracle.states[self.state].phase
         step.expected.deadline = None if first is None else first.deadline
-        if not self._all_known:
+        if not self.sure:
             step.expected.deadline = UNKNOWN
         self._waiting.append(step)
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, cast
 
 from automcm_conformance import words
-from automcm_conformance.clock import Running
+from automcm_conformance.clock import TURN, Running
 from automcm_conformance.opened import Opened
 from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.records import COMPLETE, bare
 from automcm_conformance.results import Line
-from automcm_conformance.wire import encode, encode_line
+from automcm_conformance.wire import encode
 from automcm_spec.forms import canonical
 from automcm_spec.parameters import derived, forgotten_at, in_header, rank
 from automcm_spec.rules import RULES
@@ -112,8 +112,9 @@ class Followed:
         Raises Diverges, CannotTell if the oracle knows no such situation, AdapterError and
         ProtocolError.
         """
-        line = encode(command, now)
-        self._lines.append(Line(now, "kit", f"{self.id}: {words.said(line)}"))
+        command = {**command, "now": now}
+        line = encode(command)
+        self._lines.append(Line(now, "kit", f"{self.id}: {words.said(command)}"))
         said = self._process.exchange([line])[0]
         self._lines.append(Line(now, "station", f"{self.id}: {words.answered(said)}"))
         answer = self._answer = read_answer(said)
@@ -132,7 +133,7 @@ class Followed:
 
         Raises AdapterError and ProtocolError.
         """
-        line = encode_line({"cmd": "durations", "durations": {"backoff": ms}})
+        line = encode({"cmd": "durations", "durations": {"backoff": ms}})
         read_answer(self._process.exchange([line])[0])
         self._backoff, self.backoff = (ms, ms), ms
 
@@ -168,7 +169,7 @@ class Followed:
     def _due(self, now: int) -> Json:
         """The timer to fire next of those that are due; None if none is."""
         due = [running for running in self._timers.values() if running.deadline <= now]
-        return min(due, key=lambda each: each.turn).timer if due else None
+        return min(due, key=TURN).timer if due else None
 
     # -- one step
 
@@ -286,7 +287,7 @@ class Followed:
         answer, phase = self._answer, self.track.phase
         if answer.phase not in (None, phase):
             raise self._diverges(f"phase: {phase} is expected, not {answer.phase}", [phase])
-        first = min(self._timers.values(), key=lambda each: each.turn, default=None)
+        first = min(self._timers.values(), key=TURN, default=None)
         wanted = None if first is None else first.deadline
         if answer.deadline != wanted:
             name = "no timer" if first is None else first.timer["name"]

@@ -143,7 +143,7 @@ class Live:
         self._quiet(self._air.now())
         at = self._later
         self._x.give(number(self._x, value), at=at, lease_ms=lease_ms)
-        self._say(from_json(self._x.queued[-1].line)["message"])
+        self._say(self._x.queued[-1].command["message"])
         self._answered(at + self._jitter)
 
     def _decided(self, value: Command) -> None:

@@ -278,7 +278,7 @@ class ErrorAnswer(_Line):
 Read = TypeVar("Read", HelloAnswer, Answer)
 
 
-def _has_float(line: bytes) -> bool:
+def has_float(line: bytes) -> bool:
     """Whether a number in a line may be no integer; to search by a pattern takes ten times as
     long."""
     if b"." in line or b"NaN" in line or b"Infinity" in line:
@@ -299,7 +299,7 @@ def read_answer(line: bytes) -> Answer:
         answer = Answer.model_validate_json(line)
     except ValidationError:
         return _read(line, Answer)  # says what is wrong
-    if (answer.messages or answer.indications or answer.cams) and _has_float(line):
+    if (answer.messages or answer.indications or answer.cams) and has_float(line):
         return _read(line, Answer)
     return answer
 

@@ -247,7 +247,7 @@ class _Run:
             self._skipped += 1
             return
         command, raw = given
-        self._result.line, self._result.input = line, words.said(to_json(command))
+        self._result.line, self._result.input = line, words.said(command)
         self._result.inputs += 1
         self._give(event.t_ms, command, event.tx if isinstance(event, Receive) else None, raw)
 

@@ -12,11 +12,10 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import pairwise
 
-from pydantic_core import from_json
-
 from automcm_conformance import scripts, sessions
 from automcm_conformance.exchange import Broken, Mismatch
 from automcm_conformance.malformed import bent, odd
+from automcm_conformance.protocol import read_answer
 from automcm_conformance.scripted import Fresh, Played, inputs, number, play, played
 from automcm_conformance.scripts import (
     REQUEST,
@@ -157,9 +156,7 @@ def cam_rate(fresh: Fresh) -> Played:
             x.wait(x.now + 12 * x.parameters["t_cam"])
             x.flush()
             times = [
-                cam["generation_ms"]
-                for step in x.done
-                for cam in from_json(step.answer).get("cams", [])
+                cam["generation_ms"] for step in x.done for cam in read_answer(step.answer).cams
             ]
             gaps = [later - earlier for earlier, later in pairwise(times)]
             period = x.parameters["t_cam"]
@@ -178,7 +175,7 @@ def back_off(fresh: Fresh) -> Played:
         x.give(number(x, REQUEST))
         x.expire(number(x, WINDOW))
         x.flush()
-        deadline = from_json(x.done[-1].answer)["deadline"]
+        deadline = read_answer(x.done[-1].answer).deadline
         low, high = x.parameters["backoff_min"], x.parameters["backoff_max"]
         lasts = -1 if deadline is None else deadline - x.now
         text = ""
@@ -190,7 +187,7 @@ def back_off(fresh: Fresh) -> Played:
             text = f"a back-off of {lasts} ms whatever the seed is"
         if text:
             raise Mismatch(x.done, [("deadline", text)])
-        x.learn(("backoff",), deadline)
+        x.learn(("backoff",), x.now + lasts)
         x.give(number(x, REQUEST))
         play(x, [expire("backoff"), REQUEST])
         yield x

@@ -401,7 +401,7 @@ class Runner:
     def in_step(self, error: Wrong) -> None:
         """After a line too many, the next exchange has a fresh process."""
         cause = error.error if isinstance(error, Broken) else None
-        sealed = len(error.steps) > 1 and b'"reset"' in error.steps[-1].line
+        sealed = len(error.steps) > 1 and error.steps[-1].command["cmd"] == "reset"
         if sealed or (isinstance(cause, ProtocolError) and not isinstance(cause, Refused)):
             self.adapter.renew()
 

@@ -43,6 +43,7 @@ class Tours:
     avoided: set[Pair] = field(default_factory=set)
     _moves: dict[int, list[Answer]] = field(default_factory=dict)
     _parents: dict[int, Pair] | None = None
+    _disturbing: dict[Pair, bool] = field(default_factory=dict)
     _random: random.Random = field(default_factory=random.Random)
 
     @classmethod
@@ -94,15 +95,23 @@ class Tours:
         tour, state = [], 0
         for i in way:
             for _ in range(TRIES):
-                other = self._random.randrange(len(self.oracle.inputs))
-                answer = self.oracle.answer(state, other)
-                quiet = answer is not None and not answer.changes
-                if quiet and (state, other) not in self.avoided and self.disturbs(state, other):
-                    tour.append(other)
+                pair = state, self._random.randrange(len(self.oracle.inputs))
+                if self._disturbs(pair) and pair not in self.avoided:
+                    tour.append(pair[1])
                     break
             tour.append(i)
-            state = self.oracle.moves(state)[i]
+            state = self.oracle.next(state, i)
         return tour
+
+    def _disturbs(self, pair: Pair) -> bool:
+        """It must change nothing, and may be given; known from tour to tour, since ways share
+        their beginning."""
+        known = self._disturbing.get(pair)
+        if known is None:
+            answer = self.oracle.answer(*pair)
+            known = answer is not None and not answer.changes and self.disturbs(*pair)
+            self._disturbing[pair] = known
+        return known
 
     def _open(self, state: int) -> bool:
         return any((state, i) not in self.planned for i in self.left[state])

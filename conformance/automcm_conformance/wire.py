@@ -417,11 +417,6 @@ class Wire:
         return {"name": t[0]}
 
 
-def encode(command: dict[str, Json], now: int) -> bytes:
+def encode(command: dict[str, Json]) -> bytes:
     """The line of a command."""
-    return encode_line({**command, "now": now})
-
-
-def encode_line(command: dict[str, Json]) -> bytes:
-    """The line of a command that has no time, or has it already."""
     return to_json(command) + b"\n"

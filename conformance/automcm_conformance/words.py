@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pydantic_core import from_json, to_json
+from pydantic_core import to_json
 
 from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.exchange import Step
@@ -45,9 +45,8 @@ def _session(s: Json) -> str:
     return _text(s)
 
 
-def said(line: bytes) -> str:
-    """What the kit says with a line."""
-    c = from_json(line)
+def said(c: dict[str, Json]) -> str:
+    """What the kit says with a command."""
     match c["cmd"]:
         case "receive":
             m = c["message"]
@@ -105,9 +104,8 @@ def exchange(steps: list[Step]) -> list[Line]:
     """Both sides, line by line; what only sets durations is left out where it says nothing."""
     lines = []
     for step in steps:
-        lines.append(Line(step.now, "kit", said(step.line)))
-        if step.answer:
-            quiet = b'"durations"' in step.line or b'"reset"' in step.line
-            if not quiet or step is steps[-1]:
-                lines.append(Line(step.now, "station", answered(step.answer)))
+        lines.append(Line(step.now, "kit", said(step.command)))
+        quiet = step.command["cmd"] in ("durations", "reset") and step is not steps[-1]
+        if step.answer and not quiet:
+            lines.append(Line(step.now, "station", answered(step.answer)))
     return lines

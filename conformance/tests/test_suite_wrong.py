@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 import pytest
@@ -195,3 +196,19 @@ def test_an_answer_of_no_form_is_the_fault_of_the_adapter(part: str) -> None:
     line = f'{{{part},"deadline":null,"phase":"WAITING"}}'.encode()
     with pytest.raises(ProtocolError):
         differences(expected, line)
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted", "found"), [("accepted", True, 1), ("seq", 1, True), ("proposal", 1, 1.0)]
+)
+def test_no_value_of_another_type_is_taken(name: str, wanted: object, found: object) -> None:
+    type_ = "Acceptance" if name == "accepted" else "Prescription"
+    message = {"type": type_, "session": [2, 1], "seq": 1, name: wanted}
+    expected = Expected(messages=[message], phase="ACTUATING")
+    answer = {"messages": [message], "indications": [], "deadline": None}
+    assert differences(expected, json.dumps(answer).encode()) == []
+    answer["messages"] = [message | {name: found}]
+    try:
+        assert differences(expected, json.dumps(answer).encode())
+    except ProtocolError as error:
+        assert "float" in str(error)

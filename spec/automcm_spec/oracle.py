@@ -149,6 +149,10 @@ class Oracle:
         """The inputs that change something, and where each leads."""
         return {i: move[0] for i, move in self._moves[state].items()}
 
+    def next(self, state: int, i: int) -> int:
+        """The state that a transition leads to."""
+        return self._moves[state][i][0]
+
     def is_move(self, state: int, i: int) -> bool:
         """Whether this input changes something."""
         return i in self._moves[state]
