@@ -8,6 +8,7 @@ Lines are written in bulk and judged when they are read (``flush``); the first t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -86,6 +87,8 @@ class Mismatch(Exception):
         super().__init__("; ".join(text for _, text in problems))
         self.steps = steps
         self.problems = problems
+        self.in_step = True
+        """The reset that ended the exchange got its own answer."""
 
     @property
     def found_deadline(self) -> int | None:
@@ -312,6 +315,12 @@ class Exchange:
                 self._judge(step, line)
             except ProtocolError as unread:
                 raise Broken([*self.done, step], unread) from None
+            except Mismatch as wrong:
+                if len(answers) == len(steps) and steps[-1].command["cmd"] == "reset":
+                    wrong.in_step = False
+                    with suppress(ProtocolError):
+                        wrong.in_step = not differences(steps[-1].expected, answers[-1])
+                raise
         if error is not None:
             raise Broken([*self.done, *steps[len(answers) :][:1]], error) from None
 

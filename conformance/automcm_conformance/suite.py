@@ -402,6 +402,7 @@ class Runner:
         """After a line too many, the next exchange has a fresh process."""
         cause = error.error if isinstance(error, Broken) else None
         sealed = len(error.steps) > 1 and error.steps[-1].command["cmd"] == "reset"
+        sealed = sealed or (isinstance(error, Mismatch) and not error.in_step)
         if sealed or (isinstance(cause, ProtocolError) and not isinstance(cause, Refused)):
             self.adapter.renew()
 
