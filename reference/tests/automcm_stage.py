@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from stateful_oracle import Coverage, Lockstep
+
 from automcm.station import Effects, Station
 from automcm_spec.application import COMMAND, Indication
 from automcm_spec.messages import (
@@ -124,7 +126,11 @@ def told(effects: Iterable[Effects]) -> list[Indication]:
 
 
 class Stage:
-    """Station 1 with the defaults; ``do`` and ``hear`` take the time first."""
+    """Station 1 with the defaults; ``do`` and ``hear`` take the time first.
+
+    The compiled specification is beside it: whatever the station does is compared, so that a
+    test says itself only what the specification leaves out.
+    """
 
     PHASES = (
         ("none", "STANDALONE"),
@@ -147,6 +153,8 @@ class Stage:
             seed=seed,
             number=number,
         )
+        self.lockstep = Lockstep(self.station, Coverage())
+        self.before = self.state
         self.own = (station_id, number + 1)
         self.now = 0
 
@@ -162,23 +170,37 @@ class Stage:
         """Of the first armed timer of this name."""
         return next((d for t, d in self.station.timers.items() if t.name == name), None)
 
+    def took(self, effects: list[Effects]) -> list[Effects]:
+        """Compare what the station did with the specification."""
+        for n, effect in enumerate(effects, 1):
+            self.lockstep.took(self.before, effect, n == len(effects))
+            self.before = effect.state
+        return effects
+
     def hear(self, now: int, message: Any) -> list[Effects]:
-        self.now = now
-        return self.station.receive(message, now)
+        effects, self.now = self._due_before(now), now
+        return effects + self.took(self.station.receive(message, now))
 
     def do(
         self, now: int, name: str, session: Session | None = None, **fields: Any
     ) -> list[Effects]:
+        effects, self.now = self._due_before(now), now
+        return effects + self.took(self.station.command(command(name, session, **fields), now))
+
+    def restart(self, now: int) -> list[Effects]:
         self.now = now
-        return self.station.command(command(name, session, **fields), now)
+        return self.took(self.station.restart(now))
 
     def run(self, until: int) -> list[Effects]:
+        effects, self.now = self._due_before(until + 1), until
+        return effects + self.took(self.station.advance(until))
+
+    def _due_before(self, now: int) -> list[Effects]:
         """Fire each timer at its deadline."""
         effects: list[Effects] = []
-        while (due := self.station.next_deadline()) is not None and due <= until:
-            effects += self.station.advance(due)
-        self.now = until
-        return effects + self.station.advance(until)
+        while (due := self.station.next_deadline()) is not None and due < now:
+            effects += self.took(self.station.advance(due))
+        return effects
 
     def walk(self, role: str, phase: str) -> Stage:
         """Into a phase: a prescriber with stations 2 (its target) and 3, a receiver of 9."""
@@ -212,7 +234,6 @@ class Stage:
         yield
 
 
-EVERY_100_MS = list(range(0, 2001, 100))
 THEIRS = (PRESCRIBER, 1)
 OWN = (ME, 1)
 

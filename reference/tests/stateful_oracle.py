@@ -17,7 +17,7 @@ from automcm_spec import station as specification
 from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
 from automcm_spec.conditions import recording
 from automcm_spec.messages import Cam, Prescription
-from automcm_spec.parameters import Parameters, durations
+from automcm_spec.parameters import Parameters, durations, lease_lasts, rank
 from automcm_spec.rules import RULES as EVERY_RULE
 
 IDS = (1001, 22, 303, 4_000_004, 5, 606, 70_007, 88, 2**32 - 1, 909, 10, 12_012)
@@ -165,7 +165,7 @@ class Lockstep:
         limits = p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit
         self._specified = recording(specification.Station(*limits), coverage.conditions.meet)
         self._station, self._me = station, station.station_id
-        self._state = self._specified.initial
+        self._state = abstract(station.state)
         self._durations = durations(p.known)
         self._deadlines: dict[Timer, int] = {}
         self._lease_ms = 0
@@ -210,6 +210,13 @@ class Lockstep:
             for name in CONTENT:
                 if hasattr(m, name) and hasattr(i, name) and getattr(m, name) != getattr(i, name):
                     raise broken("oracle content", f"{i}: {name} of {m}")
+        for told in effects.indications:
+            if (session := getattr(told, "session", None)) not in (
+                None,
+                before.session,
+                after.session,
+            ):
+                raise broken("oracle content", f"{i}: {told} of {session}")
         heard_ms = before.heard_ms if after.heard_ms is not None else None
         if isinstance(i, Cam) and effects.armed:
             heard_ms = i.generation_ms
@@ -218,8 +225,13 @@ class Lockstep:
 
     def _timers(self, effects: Effects) -> None:
         i, now = effects.input, effects.now_ms
-        if isinstance(i, Expiry) and (due := self._deadlines.pop(i.timer)) != now:
-            raise broken("oracle timers", f"{i.timer} expires at {now}, not at {due} ms")
+        if isinstance(i, Expiry):
+            if (due := self._deadlines[i.timer]) != now:
+                raise broken("oracle timers", f"{i.timer} expires at {now}, not at {due} ms")
+            first = min(self._deadlines, key=self._turn)
+            if self._turn(first) < self._turn(i.timer):
+                raise broken("oracle timers", f"{i.timer} expires before {first}")
+            del self._deadlines[i.timer]
         if not isinstance(i, Restart) and min(self._deadlines.values(), default=now) < now:
             raise broken("oracle timers", f"{now} ms: overdue in {self._deadlines}")
         verify = any(told.name == "verify" for told in effects.indications)
@@ -236,6 +248,11 @@ class Lockstep:
                 text = f"{timer} lasts {deadline - now} ms, not {least} to {most} ms"
                 raise broken("oracle timers", text)
 
+    def _turn(self, timer: Timer) -> tuple[int, int]:
+        """Less for what fires earlier; of several messages any may be the first."""
+        advertises = timer.entry is not None and timer.entry.type == "Advertisement"
+        return self._deadlines[timer], rank(timer.name, advertises)
+
     def _lasts(self, timer: Timer) -> tuple[int, int]:
         """The shortest and the longest time that a timer may be armed for, ms."""
         p = self._station.parameters
@@ -243,7 +260,9 @@ class Lockstep:
             return p.backoff_min, p.backoff_max
         if timer.name == "forget":
             return p.t_life, p.t_advertise + p.t_life
-        lasts = self._lease_ms if timer.name == "lease" else self._durations[timer.name]
+        lasts = self._durations[timer.name]
+        if timer.name == "lease":
+            lasts = lease_lasts(p.clock_drift, self._station.state.role, self._lease_ms)
         assert lasts is not None
         return lasts, lasts
 

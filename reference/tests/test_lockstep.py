@@ -9,7 +9,7 @@ import pytest
 import stateful_oracle
 from automcm_stage import ME, SLOWER, THEIRS, Stage, advertisement, cam, cancel, prescription
 from stateful import Coordination, profile, run
-from stateful_oracle import Broken, Coverage, Lockstep, Setup
+from stateful_oracle import Broken, Setup
 from stateful_world import World
 
 from automcm.adapter import abstract, concrete
@@ -21,26 +21,24 @@ Change = Callable[[Effects], Effects]
 
 
 class Compared(Stage):
-    """A stage with the specification beside it.  ``change`` replaces the last effects."""
+    """A stage that compares only when it is asked to.  ``change`` replaces the last effects."""
 
     def __init__(self) -> None:
         super().__init__(max_rounds=1, max_participants=1, outbox_limit=2)
-        self.lockstep = Lockstep(self.station, Coverage())
-        self.before = self.state
 
-    def took(self, effects: list[Effects], change: Change = lambda e: e) -> None:
-        for n, effect in enumerate(effects, 1):
-            last = n == len(effects)
-            self.lockstep.took(self.before, change(effect) if last else effect, last)
-            self.before = effect.state
+    def took(self, effects: list[Effects]) -> list[Effects]:
+        return effects
+
+    def compare(self, effects: list[Effects], change: Change = lambda e: e) -> None:
+        super().took([*effects[:-1], change(effects[-1])])
 
     def join(self) -> None:
-        self.took(self.hear(0, advertisement()))
+        self.compare(self.hear(0, advertisement()))
 
     def act(self) -> None:
         self.join()
-        self.took(self.hear(20, prescription()))
-        self.took(self.do(30, "accept", THEIRS))
+        self.compare(self.hear(20, prescription()))
+        self.compare(self.do(30, "accept", THEIRS))
 
 
 def _replaced(**fields: Any) -> Change:
@@ -71,7 +69,7 @@ def test_a_wrong_effect_of_joining(name: str) -> None:
     change, what = JOINED[name]
     stage = Compared()
     with pytest.raises(Broken) as found:
-        stage.took(stage.hear(0, advertisement()), change)
+        stage.compare(stage.hear(0, advertisement()), change)
     assert found.value.what == what
 
 
@@ -79,7 +77,7 @@ def test_a_state_that_differs() -> None:
     stage = Compared()
     effects = stage.do(0, "request")
     with pytest.raises(Broken, match=r"oracle ADV-1.*st is"):
-        stage.took(effects, _replaced(state=stage.before))
+        stage.compare(effects, _replaced(state=stage.before))
 
 
 def test_an_indication_that_is_missing() -> None:
@@ -87,7 +85,7 @@ def test_an_indication_that_is_missing() -> None:
     stage.join()
     effects = stage.hear(20, prescription())
     with pytest.raises(Broken, match=r"oracle NEG-1.*told is \('nothing',\)"):
-        stage.took(effects, _replaced(indications=()))
+        stage.compare(effects, _replaced(indications=()))
 
 
 def test_the_reason_of_a_fallback_is_that_of_the_cancel() -> None:
@@ -96,7 +94,7 @@ def test_the_reason_of_a_fallback_is_that_of_the_cancel() -> None:
     effects = stage.hear(20, cancel("abort"))
     wrong = Fallback(session=THEIRS, reason="timeout")
     with pytest.raises(Broken, match=r"oracle END-2.*told is"):
-        stage.took(effects, _replaced(indications=(wrong,)))
+        stage.compare(effects, _replaced(indications=(wrong,)))
 
 
 def test_a_cam_that_counts_is_remembered_by_its_generation_time() -> None:
@@ -104,16 +102,16 @@ def test_a_cam_that_counts_is_remembered_by_its_generation_time() -> None:
     stage.act()
     effects = stage.hear(40, cam(THEIRS[0], 35, THEIRS))
     with pytest.raises(Broken, match="heard at 34, not 35 ms"):
-        stage.took(effects, _replaced(state=stage.state._replace(heard_ms=34)))
+        stage.compare(effects, _replaced(state=stage.state._replace(heard_ms=34)))
 
 
 def test_a_cam_that_is_heard_again_is_not_newer() -> None:
     stage = Compared()
     stage.act()
-    stage.took(stage.hear(40, cam(THEIRS[0], 35, THEIRS)))
+    stage.compare(stage.hear(40, cam(THEIRS[0], 35, THEIRS)))
     again = stage.hear(41, cam(THEIRS[0], 35, THEIRS))
     assert not again[0].armed
-    stage.took(again)
+    stage.compare(again)
 
 
 def test_marks_of_a_cam() -> None:
@@ -128,16 +126,16 @@ def test_marks_of_a_cam() -> None:
 @pytest.mark.parametrize("change", [_replaced(rule="END-4"), _replaced(indications=())])
 def test_bytes_that_are_no_message(change: Change) -> None:
     stage = Compared()
-    stage.took(stage.hear(0, b"\xff"))
+    stage.compare(stage.hear(0, b"\xff"))
     with pytest.raises(Broken, match="oracle END-5"):
-        stage.took(stage.hear(0, b"\xff"), change)
+        stage.compare(stage.hear(0, b"\xff"), change)
 
 
 def test_a_timer_that_expires_late() -> None:
     stage = Compared()
     stage.join()
     with pytest.raises(Broken, match="expires at 101, not at 100 ms"):
-        stage.took(stage.run(100), _replaced(now_ms=101))
+        stage.compare(stage.run(100), _replaced(now_ms=101))
 
 
 def test_a_timer_that_does_not_expire() -> None:
@@ -145,7 +143,7 @@ def test_a_timer_that_does_not_expire() -> None:
     stage.join()
     effects = stage.hear(20, prescription())
     with pytest.raises(Broken, match="101 ms: overdue"):
-        stage.took(effects, _replaced(now_ms=101))
+        stage.compare(effects, _replaced(now_ms=101))
 
 
 def test_a_timer_that_runs_unseen() -> None:
@@ -154,17 +152,17 @@ def test_a_timer_that_runs_unseen() -> None:
     effects = stage.hear(20, prescription())
     stage.station.timers[Timer("backoff")] = 1
     with pytest.raises(Broken, match="oracle timers"):
-        stage.took(effects)
+        stage.compare(effects)
 
 
 def test_a_lease_lasts_as_long_as_its_prescription_says() -> None:
     stage = Compared()
     stage.join()
-    stage.took(stage.hear(20, prescription(lease_ms=700)))
+    stage.compare(stage.hear(20, prescription(lease_ms=700)))
     effects = stage.do(30, "accept", THEIRS)
     armed = tuple((t, d + (t.name == "lease")) for t, d in effects[0].armed)
     with pytest.raises(Broken, match="lasts 701 ms, not 700 to 700 ms"):
-        stage.took(effects, _replaced(armed=armed))
+        stage.compare(effects, _replaced(armed=armed))
 
 
 def test_a_machine_sets_up_2_to_12_stations_with_limits_that_bind(

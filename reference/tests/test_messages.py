@@ -187,12 +187,10 @@ def without(message: Message | Cam, name: str) -> bytes:
     return json.dumps({k: v for k, v in to_dict(message).items() if k != name}).encode()
 
 
-def refused(data: bytes | str, name: str) -> None:
-    """``data`` is no message, and the error says which field is to blame."""
-    with pytest.raises(MessageError) as error:
+def refused(data: bytes | str, text: str) -> None:
+    """``data`` is no message, and the error names this field, or says this."""
+    with pytest.raises(MessageError, match=text if " " in text else rf"(^|[ .]){text}(\.\S*)?: "):
         decode(data)
-    place = str(error.value).split(": ")[0]
-    assert name in place.split("."), str(error.value)
 
 
 NEEDED = [
@@ -200,155 +198,90 @@ NEEDED = [
     for message in ONE_OF_EACH
     for name in to_dict(message)
     # dst is absent in a broadcast; v and an Ack's seq can have one value only; reason and
-    # selected have a test of their own
+    # selected are looked at below
     if name not in ("v", "dst", "type", "reason", "selected")
     and (message.type, name) != ("Ack", "seq")
 ] + [(cancel(), "reason")]
-
-
-@pytest.mark.parametrize(("message", "name"), NEEDED)
-def test_a_missing_field_is_refused(message: Message, name: str) -> None:
-    refused(without(message, name), name)
-
-
-@pytest.mark.parametrize("message", ONE_OF_EACH, ids=lambda m: m.type)
-def test_an_extra_field_is_refused(message: Message) -> None:
-    refused(changed(message, extra=1), "extra")
-
-
-TYPED = [(m, n) for m, n in NEEDED if n != "details"] + [(m, "v") for m in ONE_OF_EACH]
-
-
-@pytest.mark.parametrize(("message", "name"), TYPED)
-def test_null_is_refused(message: Message, name: str) -> None:
-    refused(changed(message, **{name: None}), name)
-
-
-@pytest.mark.parametrize(
-    ("message", "name"),
-    [
-        (advertisement(), "planned"),
-        (advertisement(), "dst"),
-        (yes(), "reason"),
-        (no(), "selected"),
-    ],
-)
-def test_null_is_not_a_way_to_leave_a_field_out(message: Message, name: str) -> None:
-    refused(changed(message, **{name: None}), name)
-
-
-def test_null_within_details_is_refused_and_the_word_in_a_text_is_not() -> None:
-    refused(changed(advertisement(), details={"lanes": [1, None]}), "lanes")
-    assert decode(changed(advertisement(), details={"lane": "null"}))
-
-
 INTEGERS = [
     (m, n)
     for m in ONE_OF_EACH
     for n, value in to_dict(m).items()
     if type(value) is int and n != "v" and (m.type, n) != ("Ack", "seq")
 ]
+TYPED = [(m, n) for m, n in NEEDED if n != "details"] + [(m, "v") for m in ONE_OF_EACH]
+NO_WAY_TO_LEAVE_OUT = [
+    (advertisement(), "planned"),
+    (advertisement(), "dst"),
+    (yes(), "reason"),
+    (no(), "selected"),
+]
+WRONG: list[tuple[Message | Cam, str, Any]] = [
+    *((m, n, None) for m, n in TYPED + NO_WAY_TO_LEAVE_OUT),
+    *((m, n, value) for m, n in INTEGERS for value in ("1", 1.0, 1.5, True, [1], {})),
+    *((m, "extra", 1) for m in ONE_OF_EACH),
+    *((m, "dst", 0) for m in ONE_OF_EACH[:-1]),
+    *((fin(), "v", v) for v in (2, "1", True, 1.0)),
+    *((fin(), "src", src) for src in (0, 2**32, -1)),
+    (fin(), "dst", 2**32),
+    *((fin(), "session", s) for s in ([9], [9, 1, 1], [0, 1], [9, 0], "9,1", [9, "1"])),
+    (advertisement(), "scenario", 1),
+    (advertisement(), "details", []),
+    (prescription(), "proposal", 0),
+    (prescription(), "hold_ms", -1),
+    (prescription(), "lease_ms", 0),
+    *((yes(), "accepted", value) for value in (1, "true")),
+    (no(), "reason", "tired"),
+    (cancel(), "reason", "unsafe"),
+    *((ack(fin()), "seq", seq) for seq in (False, 0.0, 1, None)),
+    *(
+        (ack(fin()), "of", of)
+        for of in ({"type": "CAM", "seq": 1}, {"type": "Fin"}, {"type": "Fin", "seq": -1})
+    ),
+    (cam(1, 0), "marks", [[9]]),
+    (cam(1, 0), "generation_ms", -1),
+    (intention(), "planned", []),
+    *(
+        (intention(), "planned", {"t0": 0, "points": points})
+        for points in ([], [[0, 0]], [[0, 0, 0, 0]], [[0, 0, 0.5]], [[0, 0, "0"]], [[0, 0, None]])
+    ),
+    (intention(), "planned", {"t0": 0}),
+    (intention(), "planned", {"points": [[0, 0, 0]]}),
+    (intention(), "planned", {"t0": 0, "points": [[0, 0, 0]], "v": 1}),
+]
+ANSWER = "seq: 0 if and only if"
+TOGETHER = "present if and only if"
+REFUSED: list[tuple[bytes, str]] = [
+    *((without(m, n), n) for m, n in NEEDED),
+    *((without(ack(fin()), n), n) for n in ("v", "seq")),
+    *((changed(m, **{n: value}), n) for m, n, value in WRONG),
+    *((changed(m, seq=0), "seq") for m in [*ONE_OF_EACH[:5], fin(), cancel()]),
+    *((changed(no(reason=r), seq=1), ANSWER) for r in ("busy", "unknown_session")),
+    (changed(cancel("closed"), seq=1), ANSWER),
+    (without(no(), "reason"), f"reason: {TOGETHER}"),
+    (changed(yes(), reason="unsafe"), f"reason: {TOGETHER}"),
+    (without(yes(), "selected"), f"selected: {TOGETHER}"),
+    (changed(no(), selected=to_dict(yes())["selected"]), f"selected: {TOGETHER}"),
+    (changed(no(), accepted=True), f"reason: {TOGETHER}"),
+    (changed(yes(), accepted=False), f"reason: {TOGETHER}"),
+    (changed(advertisement(), details={"lanes": [1, None]}), "lanes"),
+]
+"""What breaks the grammar, and the field or the text in the error; END-5, END-6."""
 
 
-@pytest.mark.parametrize(("message", "name"), INTEGERS)
-@pytest.mark.parametrize("value", ["1", 1.0, 1.5, True, [1], {}])
-def test_an_integer_is_needed(message: Message, name: str, value: Any) -> None:
-    refused(changed(message, **{name: value}), name)
+@pytest.mark.parametrize(("data", "text"), REFUSED, ids=range(len(REFUSED)))
+def test_end_5_end_6_what_breaks_the_grammar_is_refused_by_name(data: bytes, text: str) -> None:
+    refused(data, text)
+
+
+def test_the_word_null_in_a_text_is_no_null() -> None:
+    assert decode(changed(advertisement(), details={"lane": "null"}))
 
 
 @pytest.mark.parametrize(
-    ("message", "name", "value"),
-    [
-        (fin(), "v", 2),
-        (fin(), "v", "1"),
-        (fin(), "src", 0),
-        (fin(), "src", 2**32),
-        (fin(), "src", -1),
-        (fin(), "dst", 2**32),
-        (fin(), "session", [9]),
-        (fin(), "session", [9, 1, 1]),
-        (fin(), "session", [0, 1]),
-        (fin(), "session", [9, 0]),
-        (fin(), "session", "9,1"),
-        (fin(), "session", [9, "1"]),
-        (advertisement(), "scenario", 1),
-        (advertisement(), "details", []),
-        (intention(), "planned", []),
-        (prescription(), "proposal", 0),
-        (prescription(), "hold_ms", -1),
-        (prescription(), "lease_ms", 0),
-        (yes(), "accepted", 1),
-        (yes(), "accepted", "true"),
-        (no(), "reason", "tired"),
-        (cancel(), "reason", "unsafe"),
-        (ack(fin()), "of", {"type": "CAM", "seq": 1}),
-        (ack(fin()), "of", {"type": "Fin"}),
-        (ack(fin()), "of", {"type": "Fin", "seq": -1}),
-        (cam(1, 0), "marks", [[9]]),
-        (cam(1, 0), "generation_ms", -1),
-    ],
+    "message", [no(reason="busy"), no(reason="unknown_session"), cancel("closed")]
 )
-def test_a_wrong_value_is_refused(message: Message, name: str, value: Any) -> None:
-    refused(changed(message, **{name: value}), name)
-
-
-@pytest.mark.parametrize("message", ONE_OF_EACH[:-1], ids=lambda m: m.type)
-def test_dst_0_on_the_wire_is_refused(message: Message) -> None:
-    refused(changed(message, dst=0), "dst")
-
-
-@pytest.mark.parametrize("message", [*ONE_OF_EACH[:5], fin(), cancel()], ids=lambda m: m.type)
-def test_seq_0_is_refused_but_for_an_answer(message: Message) -> None:
-    with pytest.raises(MessageError, match="seq"):
-        decode(changed(message, seq=0))
-
-
-@pytest.mark.parametrize("message", [no(reason="busy"), no(reason="unknown_session")])
 def test_end_6_an_answer_has_seq_0(message: Message) -> None:
-    assert decode(encode(message)) == message
-    with pytest.raises(MessageError, match="seq: 0 if and only if"):
-        decode(changed(message, seq=1))
-
-
-def test_end_6_closed_has_seq_0_and_an_ack_as_well() -> None:
-    assert decode(encode(cancel("closed"))) == cancel("closed")
-    with pytest.raises(MessageError, match="seq: 0 if and only if"):
-        decode(changed(cancel("closed"), seq=1))
-    refused(changed(ack(fin()), seq=1), "seq")
-
-
-@pytest.mark.parametrize(
-    ("data", "name"),
-    [
-        (without(no(), "reason"), "reason"),
-        (changed(yes(), reason="unsafe"), "reason"),
-        (without(yes(), "selected"), "selected"),
-        (changed(no(), selected=to_dict(yes())["selected"]), "selected"),
-        (changed(no(), accepted=True), "reason"),
-        (changed(yes(), accepted=False), "reason"),
-    ],
-)
-def test_accepted_reason_and_selected_belong_together(data: bytes, name: str) -> None:
-    with pytest.raises(MessageError, match=f"{name}: present if and only if"):
-        decode(data)
-
-
-@pytest.mark.parametrize(
-    ("planned", "name"),
-    [
-        ({"t0": 0, "points": []}, "points"),
-        ({"t0": 0}, "points"),
-        ({"points": [[0, 0, 0]]}, "t0"),
-        ({"t0": 0, "points": [[0, 0]]}, "points"),
-        ({"t0": 0, "points": [[0, 0, 0, 0]]}, "points"),
-        ({"t0": 0, "points": [[0, 0, 0.5]]}, "points"),
-        ({"t0": 0, "points": [[0, 0, "0"]]}, "points"),
-        ({"t0": 0, "points": [[0, 0, None]]}, "points"),
-        ({"t0": 0, "points": [[0, 0, 0]], "v": 1}, "v"),
-    ],
-)
-def test_a_wrong_trajectory_is_refused(planned: Any, name: str) -> None:
-    refused(changed(intention(), planned=planned), name)
+    assert message.seq == 0 and decode(encode(message)) == message
 
 
 @pytest.mark.parametrize("type_", ["Hello", "cam", "", 1, None, ["Fin"]])
