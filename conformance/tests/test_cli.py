@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -112,18 +110,6 @@ def test_explain_says_which_file_it_cannot_read(tmp_path: Path) -> None:
     answer = run.invoke(app, ["trace", "explain", str(tmp_path / "none.ndjson"), LOGS[0]])
     assert answer.exit_code == 3
     assert "none.ndjson" in answer.output and "ALLOWED" in answer.output
-
-
-def test_json_that_cannot_be_written_is_3(tmp_path: Path) -> None:
-    target = str(tmp_path / "no" / "where.json")
-    assert run.invoke(app, ["trace", "explain", "--json", target, LOGS[0]]).exit_code == 3
-
-
-def test_the_console_script_is_installed() -> None:
-    answer = subprocess.run(
-        [Path(sys.executable).parent / "automcm", "--help"], capture_output=True, text=True
-    )
-    assert answer.returncode == 0 and "verify" in answer.stdout
 
 
 def test_a_generated_part_of_a_page_stands_between_its_marks() -> None:

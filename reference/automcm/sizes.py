@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from automcm.codec import FRAME_BYTES, NAMES, Codec, codec
 from automcm_spec.messages import (
@@ -53,30 +54,14 @@ def trajectory(points: int) -> Trajectory:
 
 def carrying(driven: Trajectory) -> list[Message]:
     """One of each type that carries a trajectory; the station ids are long ones."""
-    to, back = (_CAR, _OTHER), (_OTHER, _CAR)
     session, about = (_CAR, 12), "lane_change"
+    to: dict[str, Any] = {"src": _CAR, "dst": _OTHER, "session": session, "seq": 2, "proposal": 1}
+    back = to | {"src": _OTHER, "dst": _CAR}
     return [
         Advertisement(src=_CAR, session=session, seq=1, scenario=about, details={}, planned=driven),
-        Intention(src=back[0], dst=back[1], session=session, seq=1, planned=driven),
-        Prescription(
-            src=to[0],
-            dst=to[1],
-            session=session,
-            seq=2,
-            proposal=1,
-            prescribed=driven,
-            hold_ms=2000,
-            lease_ms=60_000,
-        ),
-        Acceptance(
-            src=back[0],
-            dst=back[1],
-            session=session,
-            seq=2,
-            proposal=1,
-            accepted=True,
-            selected=driven,
-        ),
+        Intention(src=_OTHER, dst=_CAR, session=session, seq=1, planned=driven),
+        Prescription(**to, prescribed=driven, hold_ms=2000, lease_ms=60_000),
+        Acceptance(**back, accepted=True, selected=driven),
     ]
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import automcm_stage
+
 from automcm.application import Advertised, Application, Choice, Drive, Proposal
 from automcm.clock import VirtualClock
 from automcm.links.simulated import Channel
 from automcm.service import McService
 from automcm.simulation import Simulation
 from automcm.straight import Straight
-from automcm_spec.messages import Cam, Session, Trajectory, decode, encode
+from automcm_spec.messages import Session, Trajectory, decode, encode
 
 PATH = Trajectory(t0=0, points=((0, 0, 0),))
 
@@ -89,17 +91,7 @@ def pair(**more: Any) -> tuple[Noted, Noted, Simulation]:
 
 
 def cam(src: int, generation_ms: int) -> bytes:
-    return encode(
-        Cam(
-            src=src,
-            generation_ms=generation_ms,
-            x_mm=0,
-            y_mm=0,
-            heading_mrad=0,
-            speed_mm_s=0,
-            marks=(),
-        )
-    )
+    return encode(automcm_stage.cam(src, generation_ms))
 
 
 class Jumpy:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import math
 from itertools import accumulate
+from typing import Any
 
 import pytest
+from automcm_stage import prescription
 from hypothesis import given
 from hypothesis import strategies as st
 
 from automcm import autoware
 from automcm.application import Kinematics
 from automcm.links import rosbridge as ros
-from automcm_spec.messages import MessageError, Trajectory
+from automcm_spec.messages import LIMIT, MAX_BYTES, MessageError, Trajectory, encode
 
 # -- conversion
 
@@ -73,18 +75,9 @@ def test_what_autoware_cannot_hold(way: Trajectory, problem: str) -> None:
 
 
 def test_a_largest_trajectory_fits_a_message() -> None:
-    from automcm_spec.messages import LIMIT, MAX_BYTES, Prescription, encode
-
     far = -(10**12)
     points = tuple((-(2**31) * 1000 + n, far, far) for n in range(autoware.MAX_POINTS))
-    largest = Prescription(
-        src=2**32 - 1,
-        dst=2**32 - 1,
-        session=(2**32 - 1, LIMIT),
-        seq=LIMIT,
-        proposal=LIMIT,
-        prescribed=Trajectory(t0=-(2**31) * 1000, points=points),
-        hold_ms=LIMIT,
-        lease_ms=LIMIT,
-    )
+    way, id_ = Trajectory(t0=-(2**31) * 1000, points=points), 2**32 - 1
+    most: dict[str, Any] = dict.fromkeys(("seq", "hold_ms", "lease_ms"), LIMIT)
+    largest = prescription(LIMIT, (id_, LIMIT), dst=id_, prescribed=way, **most)
     assert len(encode(largest)) + ros.MAX_DETAILS + 6 * 256 < MAX_BYTES

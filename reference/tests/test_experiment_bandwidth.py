@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from automcm_stage import prescription
 
 from automcm.codec import JSON, CodecError, codec
 from automcm.experiments import bandwidth, bandwidth_air, figures, report
@@ -108,16 +109,7 @@ def trajectory(t0: int = 7) -> Trajectory:
 
 
 def test_on_the_air_ids_and_times_are_long() -> None:
-    sent = Prescription(
-        src=1,
-        dst=2,
-        session=(1, 5),
-        seq=2,
-        proposal=1,
-        prescribed=trajectory(),
-        hold_ms=1,
-        lease_ms=2,
-    )
+    sent = prescription(1, (1, 5), dst=2, prescribed=trajectory(), hold_ms=1, lease_ms=2)
     there = on_air(sent)
     assert isinstance(there, Prescription)
     assert (there.src, there.dst, there.session) == (

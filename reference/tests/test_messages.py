@@ -58,75 +58,49 @@ values = st.recursive(
     max_leaves=6,
 )
 details = st.dictionaries(texts, values, max_size=3)
-common: dict[str, Any] = {"src": ids, "session": sessions}
-addressed: dict[str, Any] = common | {"dst": ids}
+FIELDS: dict[str, st.SearchStrategy[Any]] = {
+    **dict.fromkeys(("src", "dst"), ids),
+    **dict.fromkeys(("seq", "proposal", "lease_ms"), positive),
+    **dict.fromkeys(("hold_ms", "generation_ms"), naturals),
+    **dict.fromkeys(("x_mm", "y_mm", "heading_mrad", "speed_mm_s"), anything),
+    **dict.fromkeys(("planned", "prescribed"), trajectories),
+    "session": sessions,
+    "scenario": texts,
+    "details": details,
+    "of": st.builds(MessageId, type=st.sampled_from(get_args(MessageType)), seq=naturals),
+    "marks": st.lists(sessions, max_size=3).map(tuple),
+}
 
-advertisements = st.builds(
-    Advertisement,
-    **common,
-    seq=positive,
-    scenario=texts,
-    details=details,
-    planned=st.none() | trajectories,
-)
-intentions = st.builds(Intention, **addressed, seq=positive, planned=trajectories)
-prescriptions = st.builds(
-    Prescription,
-    **addressed,
-    seq=positive,
-    proposal=positive,
-    prescribed=trajectories,
-    hold_ms=naturals,
-    lease_ms=positive,
-)
-acceptances = st.builds(
-    Acceptance,
-    **addressed,
-    seq=positive,
-    proposal=positive,
-    accepted=st.just(True),
-    selected=trajectories,
-)
-refusals = st.sampled_from(get_args(RefusalReason)).flatmap(
-    lambda reason: st.builds(
-        Acceptance,
-        **addressed,
-        seq=st.just(0) if reason in ANSWER_REASONS else positive,
-        proposal=positive,
-        accepted=st.just(False),
-        reason=st.just(reason),
+
+def built(model: Any, **fields: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
+    """Messages of this type, whose other fields are any that ``FIELDS`` has."""
+    names = model.model_fields.keys() - ({"dst"} if model is Advertisement else set())
+    return st.builds(model, **{n: s for n, s in FIELDS.items() if n in names} | fields)
+
+
+def of_reasons(model: Any, reasons: Any, **fields: Any) -> st.SearchStrategy[Any]:
+    """The seq of an answer is 0 (END-6)."""
+    answers = (*ANSWER_REASONS, "closed")
+    return st.sampled_from(get_args(reasons)).flatmap(
+        lambda reason: built(
+            model,
+            reason=st.just(reason),
+            seq=st.just(0) if reason in answers else positive,
+            **fields,
+        )
     )
-)
-fins = st.builds(Fin, **addressed, seq=positive)
-cancels = st.sampled_from(get_args(CancelReason)).flatmap(
-    lambda reason: st.builds(
-        Cancel,
-        **addressed,
-        seq=st.just(0) if reason == "closed" else positive,
-        reason=st.just(reason),
-    )
-)
-of = st.builds(MessageId, type=st.sampled_from(get_args(MessageType)), seq=naturals)
-acks = st.builds(Ack, **addressed, of=of)
-cams = st.builds(
-    Cam,
-    src=ids,
-    generation_ms=naturals,
-    x_mm=anything,
-    y_mm=anything,
-    heading_mrad=anything,
-    speed_mm_s=anything,
-    marks=st.lists(sessions, max_size=3).map(tuple),
-)
+
+
 BY_TYPE = {
-    "Advertisement": advertisements,
-    "Intention": intentions,
-    "Prescription": prescriptions,
-    "Acceptance": acceptances | refusals,
-    "Fin": fins,
-    "Cancel": cancels,
-    "Ack": acks,
-    "CAM": cams,
+    "Advertisement": built(Advertisement, planned=st.none() | trajectories),
+    "Intention": built(Intention),
+    "Prescription": built(Prescription),
+    "Acceptance": built(Acceptance, accepted=st.just(True), selected=trajectories)
+    | of_reasons(Acceptance, RefusalReason, accepted=st.just(False)),
+    "Fin": built(Fin),
+    "Cancel": of_reasons(Cancel, CancelReason),
+    "Ack": built(Ack, seq=st.just(0)),
+    "CAM": built(Cam),
 }
 ONE_OF_EACH: list[Message | Cam] = [
     advertisement(),

@@ -64,14 +64,13 @@ def world(
     loss: float = 0.0,
     logs: Path | None = None,
     hazards: bool = True,
-    refuse_first: int = 0,
     **parameters: int,
 ) -> Watched:
     """A prescriber and three receivers; the lane change is asked for at 500 ms."""
     simulation = Watched(seed=seed, channel=Channel(loss=loss, duplicate=0.2), logs=logs)
     simulation.hazards = hazards
     for station_id in STATIONS:
-        driver = Straight(target=TARGET, refuse_first=refuse_first)
+        driver = Straight(target=TARGET)
         simulation.add(station_id, driver, Parameters(**parameters))
     simulation.request(PRESCRIBER, 500)
     return simulation
@@ -83,11 +82,6 @@ def heard(simulation: Watched, station_id: int, name: str) -> list[Indication]:
 
 def reasons(simulation: Watched, station_id: int) -> list[str]:
     return [indication.reason for indication in heard(simulation, station_id, "fallback")]
-
-
-def phases(states: list[State]) -> list[str]:
-    """The phases in order, without repetitions."""
-    return [st.phase for n, st in enumerate(states) if n == 0 or st.phase != states[n - 1].phase]
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -140,60 +134,6 @@ def test_s_1_s_5_l_1_a_session_over_a_lossy_radio(seed: int, loss: float) -> Non
     assert len(heard(simulation, TARGET, "finished")) == 1
 
 
-def test_l_2_the_way_of_a_session_without_loss() -> None:
-    simulation = world()
-    simulation.run(END)
-    ways = {station_id: phases(states) for station_id, states in simulation.seen.items()}
-    assert ways == {
-        PRESCRIBER: [
-            "STANDALONE",
-            "ADVERTISING",
-            "CHOOSING",
-            "PRESCRIBING",
-            "NEGOTIATING",
-            "ACTUATING",
-            "STANDALONE",
-        ],
-        TARGET: ["STANDALONE", "INTENDING", "WAITING", "NEGOTIATING", "ACTUATING", "STANDALONE"],
-        3003: ["STANDALONE", "INTENDING", "WAITING", "STANDALONE"],
-        4004: ["STANDALONE", "INTENDING", "WAITING", "STANDALONE"],
-    }
-    assert [reasons(simulation, s) for s in STATIONS] == [[], [], *[["not_selected"]] * 2]
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_neg_7_a_refusal_leads_to_a_second_proposal(seed: int) -> None:
-    simulation = world(seed, 0.2, refuse_first=1)
-    simulation.run(END)
-    assert [(i.proposal, i.reason) for i in heard(simulation, PRESCRIBER, "propose")] == [
-        (2, "unsafe")
-    ]
-    assert [i.proposal for i in heard(simulation, TARGET, "verify")] == [1, 2]
-    (accepted,) = heard(simulation, PRESCRIBER, "accepted")
-    assert accepted.proposal == 2
-    second = heard(simulation, TARGET, "verify")[1].prescription
-    assert accepted.acceptance.selected == second.prescribed
-
-
-def test_neg_7_three_refusals_are_the_end() -> None:
-    simulation = world(refuse_first=3)
-    simulation.run(END)
-    assert reasons(simulation, PRESCRIBER) == reasons(simulation, TARGET) == ["no_agreement"]
-    assert [i.proposal for i in heard(simulation, TARGET, "verify")] == [1, 2, 3]
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_end_7_two_prescribers_at_once_both_end(seed: int) -> None:
-    simulation = world(seed, 0.2)
-    simulation.request(3003, 500)
-    simulation.request(3003, END // 2)
-    simulation.run(2 * END)
-    assert {station.state.phase for station in simulation.services.values()} == {"STANDALONE"}
-    for states in simulation.seen.values():
-        for before, st in pairwise(states):
-            assert st.session == before.session or None in (st.session, before.session)
-
-
 def acting(seed: int) -> Watched:
     """At 4000 ms both act.  (S-5 is not looked at: a restart is its excuse.)"""
     simulation = world(seed, hazards=False)
@@ -233,16 +173,6 @@ def test_l_3_a_radio_that_falls_silent_leads_both_to_fallback(seed: int) -> None
     assert reasons(simulation, PRESCRIBER) == reasons(simulation, TARGET) == ["cam_loss"]
     simulation.run(END)
     assert all(station.state.outbox == () for station in simulation.services.values())
-
-
-def test_adv_3_who_is_not_concerned_does_not_join() -> None:
-    simulation = Watched()
-    simulation.add(PRESCRIBER, Straight())
-    simulation.add(TARGET, Straight(concerned_by_all=False))
-    simulation.request(PRESCRIBER, 0)
-    simulation.run(5000)
-    assert len(heard(simulation, PRESCRIBER, "no_participants")) == 1
-    assert {st.phase for st in simulation.seen.get(TARGET, [])} <= {"STANDALONE"}
 
 
 def test_a_station_id_is_added_once() -> None:

@@ -19,7 +19,6 @@ from automcm_spec.parameters import (
     TIMERS,
     ParameterError,
     Parameters,
-    derived,
     durations,
     forgotten_at,
     lease_lasts,
@@ -30,24 +29,6 @@ from automcm_spec.parameters import (
 from automcm_spec.paths import MODELS, TLA
 
 PAGE = Path(__file__).parents[2] / "docs" / "protocol.md"
-
-
-@pytest.mark.parametrize(("t_timeout", "n"), [(2000, 21), (1000, 11), (0, 1), (2050, 21)])
-def test_t_giveup_is_one_resend_after_the_last_of_n_transmissions(t_timeout: int, n: int) -> None:
-    p = Parameters(t_timeout=t_timeout)
-    assert p.t_giveup == n * p.t_resend
-    assert len(range(0, p.t_giveup, p.t_resend)) == n
-
-
-def test_durations_with_the_defaults() -> None:
-    p = Parameters()
-    assert (p.t_giveup, p.t_advertise, p.t_hold, p.t_life) == (2100, 2100, 6800, 4200)
-    assert durations(p.known) == {
-        **{"advertise": 2100, "resend": 100, "decide": 500, "hold": 6800, "answer": 2600},
-        **{"cam": 1500, "giveup": 2100, "quarantine": 6300},
-        **{"lease": None, "forget": None, "backoff": None},
-    }
-    assert derived(DEFAULTS) == {name: p.known[name] for name in DERIVED}
 
 
 @pytest.mark.parametrize(
