@@ -117,7 +117,7 @@ def ack_ends(event: str | None) -> Callable[[Me, State, Heard[Ack]], Outcome]:
 
     def then(me: Me, st: State, i: Heard[Ack]) -> Outcome:
         kept = drop(st, acked_key(i.message))
-        return Outcome(moved(st, event, outbox=kept) if event else st._replace(outbox=kept))
+        return Outcome((moved(st, event) if event else st)._replace(outbox=kept))
 
     return then
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from automcm.advertising import answer_closed
 from automcm.outcome import (
     Heard,
@@ -26,18 +24,20 @@ from automcm.outcome import (
 )
 from automcm.state import State
 from automcm_spec.application import Accept, Accepted, Propose, Undecided, Verify
-from automcm_spec.messages import ANSWER_REASONS, Acceptance, Prescription, RefusalReason
+from automcm_spec.messages import (
+    ANSWER_REASONS,
+    Acceptance,
+    Prescription,
+    RefusalReason,
+    Trajectory,
+)
 
 
 def instructed(me: Me, st: State, i: Heard[Prescription]) -> Outcome:
     """NEG-1: ack, and ask the application to verify."""
     m = i.message
-    verifying = moved(
-        st,
-        "verify",
-        proposal=m.proposal,
-        lease_ms=m.lease_ms,
-        outbox=without(st, "Intention"),
+    verifying = moved(st, "verify")._replace(
+        proposal=m.proposal, lease_ms=m.lease_ms, outbox=without(st, "Intention")
     )
     told = Verify(session=own(st), proposal=m.proposal, prescription=m)
     return Outcome(verifying, (ack(me, m),), told)
@@ -60,12 +60,19 @@ PRESCRIPTION = (
 )
 
 
-def not_verifying(me: Me, st: State, i: Any) -> bool:
+def not_verifying(me: Me, st: State, i: object) -> bool:
     """CMD-1: is there nothing to answer?"""
     return not (st.phase == "NEGOTIATING" and st.role == "receiver")
 
 
-def answer(me: Me, st: State, **verdict: Any) -> Acceptance:
+def answer(
+    me: Me,
+    st: State,
+    accepted: bool,
+    *,
+    reason: RefusalReason | None = None,
+    selected: Trajectory | None = None,
+) -> Acceptance:
     """The Acceptance of the current proposal, or its refusal."""
     return Acceptance(
         src=me.station_id,
@@ -73,13 +80,15 @@ def answer(me: Me, st: State, **verdict: Any) -> Acceptance:
         session=own(st),
         seq=st.seq + 1,
         proposal=st.proposal,
-        **verdict,
+        accepted=accepted,
+        reason=reason,
+        selected=selected,
     )
 
 
 def accept(me: Me, st: State, i: Accept) -> Outcome:
     """NEG-2: committed from now on; the Acceptance is sent until acked."""
-    acceptance = answer(me, st, accepted=True, selected=i.selected)
+    acceptance = answer(me, st, True, selected=i.selected)
     return Outcome(post(moved(st, "accept"), acceptance), (acceptance,))
 
 
@@ -87,7 +96,7 @@ def refuse_proposal(
     me: Me, st: State, reason: RefusalReason, told: Undecided | None = None
 ) -> Outcome:
     """NEG-3: refuse for this reason, and wait for another proposal."""
-    acceptance = answer(me, st, accepted=False, reason=reason)
+    acceptance = answer(me, st, False, reason=reason)
     return Outcome(post(moved(st, "refuse"), acceptance), (acceptance,), told)
 
 
@@ -118,7 +127,7 @@ def not_yet_sent(me: Me, st: State, i: Heard[Acceptance]) -> bool:
 def agreed(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-6: ack, and act."""
     m = i.message
-    acting = moved(st, "accepted", outbox=without(st, "Prescription"))
+    acting = moved(st, "accepted")._replace(outbox=without(st, "Prescription"))
     told = Accepted(session=own(st), proposal=m.proposal, acceptance=m)
     return Outcome(acting, (ack(me, m),), told)
 
@@ -132,7 +141,7 @@ def may_propose_again(me: Me, st: State, i: Heard[Acceptance]) -> bool:
 def refused(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-7: ack, and ask the application for another proposal."""
     m = i.message
-    deciding = moved(st, "refused", deciding=True, outbox=without(st, "Prescription"))
+    deciding = moved(st, "refused")._replace(deciding=True, outbox=without(st, "Prescription"))
     assert m.reason is not None
     told = Propose(session=own(st), proposal=st.proposal + 1, reason=m.reason)
     return Outcome(deciding, (ack(me, m),), told)

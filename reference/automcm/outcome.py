@@ -12,7 +12,19 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from automcm.phases import after
 from automcm.state import State, Timer
-from automcm_spec.application import Command, Discarded, Fallback, Indication, Refused
+from automcm_spec.application import (
+    Abort,
+    Accept,
+    Command,
+    Complete,
+    Discarded,
+    Fallback,
+    Indication,
+    Prescribe,
+    Proceed,
+    Refuse,
+    Refused,
+)
 from automcm_spec.messages import (
     Acceptance,
     Ack,
@@ -63,6 +75,8 @@ class Restart:
 
 
 Input = Heard[Message] | Cam | Command | Expiry | Restart
+OfSession = Prescribe | Proceed | Accept | Refuse | Complete | Abort
+"""The commands that name a session: all but a request."""
 
 
 class Outcome(NamedTuple):
@@ -89,29 +103,29 @@ Rules = dict[str, tuple[Row, ...]]
 """The rows for each kind of input: what a station runs on."""
 
 
-def always(me: Me, st: State, i: Any) -> bool:
+def always(me: Me, st: State, i: object) -> bool:
     """The guard of a row without a condition."""
     return True
 
 
-def ignore(me: Me, st: State, i: Any) -> Outcome:
+def ignore(me: Me, st: State, i: object) -> Outcome:
     """Nothing happens."""
     return Outcome(st)
 
 
-def discard(me: Me, st: State, i: Any) -> Outcome:
+def discard(me: Me, st: State, i: Heard[Message]) -> Outcome:
     """END-5: nothing happens but that it is reported."""
     return Outcome(st, told=Discarded(detail=i.message.type))
 
 
-def refuse(me: Me, st: State, i: Any) -> Outcome:
+def refuse(me: Me, st: State, i: Command) -> Outcome:
     """CMD-1: the command changes nothing, and the application is told."""
     return Outcome(st, told=Refused(detail=i.name))
 
 
-def moved(st: State, event: str, **changes: Any) -> State:
-    """``st`` after ``event`` (phases.py), with ``changes``."""
-    return st._replace(phase=after(st.role, st.phase, event), **changes)
+def moved(st: State, event: str) -> State:
+    """``st`` in the phase after ``event`` (phases.py)."""
+    return st._replace(phase=after(st.role, st.phase, event))
 
 
 def post(st: State, *messages: Reliable) -> State:
@@ -163,10 +177,10 @@ def cancels(
     ]
 
 
-def cancel_peer(reason: CancelReason) -> Callable[[Me, State, Any], Outcome]:
+def cancel_peer(reason: CancelReason) -> Callable[[Me, State, object], Outcome]:
     """Leave by a Cancel to the peer, and tell the application."""
 
-    def then(me: Me, st: State, i: Any) -> Outcome:
+    def then(me: Me, st: State, i: object) -> Outcome:
         told = Fallback(session=own(st), reason=reason)
         return leave_with(st, cancels(me, st, [st.peer], reason), told)
 
@@ -180,7 +194,7 @@ def others(st: State) -> list[int]:
     return [st.peer]
 
 
-def ack(me: Me, m: Any) -> Ack:
+def ack(me: Me, m: Message) -> Ack:
     """The Ack of a message (END-6)."""
     return Ack(
         src=me.station_id, dst=m.src, session=m.session, of=MessageId(type=m.type, seq=m.seq)
@@ -221,6 +235,8 @@ def full(me: Me, st: State) -> bool:
     return len(st.recorded) + len(st.withdrawn) >= me.max_participants
 
 
-def stale(me: Me, st: State, i: Any) -> bool:
+def stale(me: Me, st: State, i: OfSession) -> bool:
     """PRE-5: the answer of an application names session and proposal."""
-    return i.session != st.session or getattr(i, "proposal", st.proposal) != st.proposal
+    if isinstance(i, Prescribe | Accept | Refuse) and i.proposal != st.proposal:
+        return True
+    return i.session != st.session

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from automcm.outcome import (
     Expiry,
     Me,
@@ -24,7 +22,7 @@ from automcm_spec.application import Choose, NoParticipants, Prescribe, Proceed
 from automcm_spec.messages import Prescription, Reliable
 
 
-def no_participants(me: Me, st: State, i: Any) -> Outcome:
+def no_participants(me: Me, st: State, i: object) -> Outcome:
     """PRE-1; END-7: a back-off before the next session."""
     return Outcome(leave(st)._replace(backoff=True), told=NoParticipants(session=own(st)))
 
@@ -32,7 +30,7 @@ def no_participants(me: Me, st: State, i: Any) -> Outcome:
 def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
     """PRE-1: the application chooses from the Intentions."""
     intentions = tuple(st.recorded[p] for p in sorted(st.recorded))
-    chosen = moved(st, "choose", withdrawn=frozenset(), advertisement=None)
+    chosen = moved(st, "choose")._replace(withdrawn=frozenset(), advertisement=None)
     return Outcome(chosen, told=Choose(session=own(st), intentions=intentions))
 
 
@@ -56,9 +54,7 @@ def prescribe(me: Me, st: State, i: Prescribe) -> Outcome:
     )
     released = [p for p in sorted(st.recorded) if p != i.target]
     sent: tuple[Reliable, ...] = (prescription, *cancels(me, st, released, "not_selected", first=2))
-    chosen = moved(
-        st,
-        "prescribe",
+    chosen = moved(st, "prescribe")._replace(
         target=i.target,
         proposal=i.proposal,
         deciding=False,

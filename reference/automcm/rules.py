@@ -78,7 +78,7 @@ def give_up(event: str | None) -> Callable[[Me, State, Expiry], Outcome]:
     def then(me: Me, st: State, i: Expiry) -> Outcome:
         assert i.timer.entry is not None
         kept = drop(st, i.timer.entry)
-        return Outcome(moved(st, event, outbox=kept) if event else st._replace(outbox=kept))
+        return Outcome((moved(st, event) if event else st)._replace(outbox=kept))
 
     return then
 
