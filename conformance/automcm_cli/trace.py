@@ -36,7 +36,6 @@ def explain(
     and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.
     """
     from automcm_traces import explain as explain_
-    from automcm_traces import telling
 
     logs = files_of("explain", logs)
     several = len(logs) > 1
@@ -60,7 +59,7 @@ def explain(
         write_json(json_, {"logs": told, "system": system.as_dict()})
     if str(json_) != "-":
         for verdict, where in zip(verdicts, written, strict=True):
-            typer.echo(telling.text(verdict))
+            typer.echo(explain_.text(verdict))
             for name, value in where.items():
                 typer.echo(f"  {name}: {value}")
         if system is not None:
@@ -71,17 +70,17 @@ def explain(
 
 def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
     """The failing prefix of a log that diverges, beside those before, and how to replay it."""
-    from automcm_traces import telling
+    from automcm_traces.explain import prefix, replay
 
     if verdict.verdict != "diverges" or not verdict.seen:
         return {}
     try:
         taken = {Path(other["prefix"]) for other in before if other}
-        path = telling.prefix(verdict, out, taken, log)
+        path = prefix(verdict, out, taken, log)
     except OSError as error:
         typer.echo(f"explain: {error}: the prefix is not written", err=True)
         return {}
-    return {"prefix": str(path), "replay": telling.replay(path)}
+    return {"prefix": str(path), "replay": replay(path)}
 
 
 trace_html.register(app)

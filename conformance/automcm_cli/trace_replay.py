@@ -55,7 +55,7 @@ def replay(
 
 def _text(result: Replayed) -> list[str]:
     from automcm_spec.bad_input import at_line
-    from automcm_traces.telling import expected
+    from automcm_traces.explain import expected
 
     place = at_line(result.file, result.line)
     head = {

@@ -11,7 +11,7 @@ from pydantic_core import from_json, to_json
 from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.protocol import Answer, has_float, read_answer
 from automcm_conformance.wire import Expected
-from automcm_traces.same import same
+from automcm_spec.messages import same
 
 Json = Any
 _FIELDS = Answer.model_fields.keys()

@@ -22,10 +22,10 @@ from automcm_spec.forms import canonical
 from automcm_spec.parameters import derived, forgotten_at, in_header, rank
 from automcm_spec.rules import RULES
 from automcm_traces.engine import Engine
+from automcm_traces.finding import Diverges
 from automcm_traces.log import RECORD, Event, not_plain
 from automcm_traces.reader import read
-from automcm_traces.step import Diverges, Step
-from automcm_traces.track import CannotTell, Track
+from automcm_traces.track import CannotTell, Step, Track
 from automcm_traces.writer import LogWriter
 
 Json = Any
@@ -123,7 +123,7 @@ class Followed:
         self.deadline = answer.deadline
         session = self.track.session
         self._follow(now, command, tx, raw)
-        if self.track.role == "receiver" and self.track.session not in (None, session):
+        if self.track.state.role == "receiver" and self.track.session not in (None, session):
             self._joined_at[self.track.peer] = now
         if _quiet(command) and not self.told and all(m["type"] == "CAM" for _, m in self.sent):
             del self._lines[-2:]
@@ -189,14 +189,15 @@ class Followed:
         if step.messages:  # one is missing, or is not as it should be
             self._rest(now)
             self._engine.finish()
-        stop, arm = self._engine.timers_to_change()
+        stopped, arm = self._engine.timers_to_change()
+        stop = [timer.model_dump(exclude_none=True) for timer in stopped]
         if ev == "restart":
             stop = [running.timer for running in self._timers.values()]
         for timer in stop:
             del self._timers[canonical(timer)]
             self._event(now, "timer", op="stop", timer=timer)
-        for timer, duration in arm:
-            self._arm(now, timer, duration)
+        for armed, duration in arm:
+            self._arm(now, armed.model_dump(exclude_none=True), duration)
         for told in [i for i in self._answer.indications if i["name"] in step.told]:
             self._answer.indications.remove(told)
             self._event(now, "indication", indication=told)
@@ -284,7 +285,7 @@ class Followed:
 
     def _compare(self, now: int) -> None:
         """The phase if it is told, the next deadline, and whether CAMs come at all."""
-        answer, phase = self._answer, self.track.phase
+        answer, phase = self._answer, self.track.state.phase
         if answer.phase not in (None, phase):
             raise self._diverges(f"phase: {phase} is expected, not {answer.phase}", [phase])
         first = min(self._timers.values(), key=TURN, default=None)

@@ -18,8 +18,8 @@ from automcm_conformance.exchange import Exchange
 from automcm_conformance.results import Line
 from automcm_conformance.scripted import number
 from automcm_conformance.scripts import THEIRS, Script, Wait
+from automcm_spec.messages import same
 from automcm_spec.station import Cam, Command, Expire, Input, Message, Receive, Timer
-from automcm_traces.same import same
 
 Json = Any
 Came = tuple[int, dict[str, Json]]

@@ -35,6 +35,7 @@ from automcm_conformance.protocol import (
 from automcm_conformance.results import Line
 from automcm_spec.parameters import longest_delay
 from automcm_traces.explain import explain
+from automcm_traces.finding import Diverges
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -46,7 +47,6 @@ from automcm_traces.log import (
     problems,
 )
 from automcm_traces.reader import read
-from automcm_traces.step import Diverges
 from automcm_traces.track import CannotTell
 
 Json = Any

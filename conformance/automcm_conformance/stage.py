@@ -24,8 +24,7 @@ from automcm_conformance.results import Line, Verdict
 from automcm_conformance.wire import HOLD_MS
 from automcm_spec.parameters import derived, durations
 from automcm_spec.rules import handler, line
-from automcm_traces.finding import Finding
-from automcm_traces.step import Diverges
+from automcm_traces.finding import Diverges, Finding
 from automcm_traces.track import CannotTell, Track
 
 Json = Any
@@ -111,24 +110,26 @@ def hazard(
 
     ``excused``: for each station the sessions in which it aborted, lost CAMs or restarted.
     """
-    acting = {station: t for station, t in tracks.items() if t.phase == "ACTUATING"}
+    acting = {station: t for station, t in tracks.items() if t.state.phase == "ACTUATING"}
     for me, t in acting.items():
-        if t.role == "prescriber":
-            target = acting.get(t.target)
-            agreed = target is not None and (target.session, target.proposal) == (
+        if t.state.role == "prescriber":
+            target = acting.get(t.state.target)
+            agreed = target is not None and (target.session, target.state.proposal) == (
                 t.session,
-                t.proposal,
+                t.state.proposal,
             )
-            if not agreed and t.session not in excused[t.target]:
+            if not agreed and t.session not in excused[t.state.target]:
                 return _broken(
-                    "S-5", f"{me} acts, and its target {t.target} is not committed to that"
+                    "S-5", f"{me} acts, and its target {t.state.target} is not committed to that"
                 )
         for other, o in acting.items():
-            words = {o.target, other} if o.role == "prescriber" and other != me else set()
-            if t.role == "prescriber" and t.target in words:
-                text = f"{me} and {other} act, both on what {t.target} has agreed to"
+            words = (
+                {o.state.target, other} if o.state.role == "prescriber" and other != me else set()
+            )
+            if t.state.role == "prescriber" and t.state.target in words:
+                text = f"{me} and {other} act, both on what {t.state.target} has agreed to"
                 return _broken("S-8", text)
-            pair = {t.session[0], tracks[t.session[0]].target} if t.session else set()
+            pair = {t.session[0], tracks[t.session[0]].state.target} if t.session else set()
             if o.session == t.session and other != me and pair != {me, other}:
                 text = f"{me} and {other} act in one session, and are no pair in it"
                 return _broken("S-4", text)
@@ -278,7 +279,7 @@ class Stage:
         for station in self._stations:
             self._give(station, {"cmd": "advance"})
         resting = all(
-            followed.track.phase == "STANDALONE" and not followed.track.outbox
+            followed.track.state.phase == "STANDALONE" and not followed.track.outbox
             for followed in self._stations.values()
         )
         self._calm = self._calm + 1 if resting and not self._pending else 0
@@ -295,8 +296,8 @@ class Stage:
         """The play has lasted longer than its sessions may."""
         for station, followed in self._stations.items():
             t = followed.track
-            if t.phase != "STANDALONE":
-                text = f"{station} is still in {t.phase} at {self._now} ms"
+            if t.state.phase != "STANDALONE":
+                text = f"{station} is still in {t.state.phase} at {self._now} ms"
                 raise _Unsafe(_broken("L-1", text))
         raise CannotTell(f"messages are still being sent at {self._now} ms")
 
@@ -306,13 +307,13 @@ class Stage:
         """Say it to a station; what it sends goes on the air, what it tells to its application."""
         self._at = station
         followed = self._stations[station]
-        phase = followed.track.phase
+        phase = followed.track.state.phase
         followed.give(self._now, command, tx)
         for own, m in followed.sent:
             self._send(station, own, m)
-        now = followed.track.phase
+        now = followed.track.state.phase
         if now != phase:
-            if now == "ACTUATING" and followed.track.role == "prescriber":
+            if now == "ACTUATING" and followed.track.state.role == "prescriber":
                 self._radio.acting_at = self._radio.acting_at or self._now
             self._happened(station, now)
         for told in followed.told:
@@ -344,7 +345,7 @@ class Stage:
         elif name == "verify":
             command |= {"name": "accept", "selected": told["prescribed"]}
         else:
-            target = self._stations[station].track.target
+            target = self._stations[station].track.state.target
             if name == "choose":
                 target = application.target or min(told["stations"], default=0) or station
             command |= {"target": target, "prescribed": _trajectory(session[1], k)}

@@ -8,7 +8,8 @@ within the bounds of docs/messages.md.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self, get_args
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self, TypeAlias, get_args
 
 from pydantic import (
     BaseModel,
@@ -88,6 +89,21 @@ def _plain(value: Any, path: tuple[str | int, ...]) -> Any:
             raise _fault(path, "a name that is no text")
         _plain(name, path)
     return {name: _plain(each, (*path, name)) for name, each in value.items()}
+
+
+Fields: TypeAlias = Mapping[str, object]
+"""A message or a command as JSON has it, well formed or not."""
+
+
+def same(one: object, other: object) -> bool:
+    """Whether two values of JSON are equal, and of the same types: 1 is neither 1.0 nor true."""
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(same(v, other[k]) for k, v in one.items())
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    return one == other
 
 
 def _fault(path: tuple[str | int, ...], problem: str) -> PydanticCustomError:

@@ -1,15 +1,30 @@
-"""What a station of a log may get: the alphabet of OpenStation.tla on the ids of the log."""
+"""What a station of a log may get: the alphabet of OpenStation.tla on ids that the log names.
+
+Its stations, sessions and proposals are those that the state of the station and an event name; no
+others could show, in what it does or in what is unseen.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from functools import cached_property
-from typing import Any
+from collections.abc import Collection, Iterator
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
-from automcm_spec.station import Expire, Input, OpenStation, Restart, Session, State
-from automcm_traces.track import UNBOUND, Track
+from automcm_spec.station import Expire, Input, OpenStation, Outcome, Restart, Session, State
+from automcm_traces.log import (
+    ApplicationCommand,
+    Event,
+    ForgetTimer,
+    MessageTimer,
+    Receive,
+    Send,
+    TimerArm,
+    TimerEnd,
+)
+from automcm_traces.track import NUMBERED, UNBOUND, Track
 
-Json = Any
+AHEAD = 3
+"""By how much the proposal of an unseen Prescription may be above the last one."""
 SOMEBODY = -1
 """Stands for a station that nothing is known of."""
 STRANGER = -2
@@ -71,16 +86,98 @@ class Alphabet(OpenStation):
         return (Expire("expire", timer) for timer in sorted(self.armed(self.me, st)))
 
 
-def alphabet(track: Track, about: Mapping[str, Json]) -> list[Input]:
-    """What may come next from the stations, and about the sessions, that the state or a message,
-    timer or command names; and one newer session of each."""
-    named = {about.get(name) for name in ("dst", "to", "target", "station")}
-    peers = {p for p in named if isinstance(p, int)} | {track.peer, *track.recorded[:1]}
+def alphabet(track: Track, named: Collection[int]) -> list[Input]:
+    """What may come next from the stations, and about the sessions, that the state names or are
+    ``named``; and one newer session of each."""
+    st = track.state
+    peers = {*named, track.peer, *sorted(st.recorded)[:1]}
     peers = peers - {0, track.me} or {SOMEBODY}
-    sessions = set(track.state.joined) | {e.session for e in track.outbox}
-    sessions |= {(track.me, track.number + n) for n in (0, 1)}
-    sessions |= {(p, track.joined.get(p, 0) + 1) for p in peers}
-    proposals = {max(track.proposal, 1), track.proposal + 1, *(e.k for e in track.outbox)}
+    sessions = set(st.joined) | {e.session for e in track.outbox}
+    sessions |= {(track.me, st.number + n) for n in (0, 1)}
+    joined = dict(st.joined)
+    sessions |= {(p, joined.get(p, 0) + 1) for p in peers}
+    proposals = {max(st.proposal, 1), st.proposal + 1, *(e.k for e in track.outbox)}
     limits = track.max_rounds, *track.limits
     found = Alphabet(limits, track.me, peers, sessions, proposals)
-    return [*found.expiries(track.state), *found.proper, *found.broken]
+    return [*found.expiries(st), *found.proper, *found.broken]
+
+
+class Answer(NamedTuple):
+    """An input, what the specification says to it, and whether it changes state or timers."""
+
+    input: Input
+    outcome: Outcome
+    changes: bool
+
+
+def _type(i: Input) -> str:
+    return i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
+
+
+def answers(t: Track, event: Event) -> tuple[Answer, ...]:
+    """What may have come unseen before an event, and what must follow it."""
+    peers, sessions, proposals = _named_by(event)
+    st = t.state
+    peers |= {t.peer, *st.recorded, *(e.to for e in st.outbox)}
+    sessions |= {st.session, (t.me, st.number + 1), *(e.session for e in st.outbox)}
+    proposals |= {*range(max(st.proposal - 1, 1), st.proposal + AHEAD + 1)}
+    proposals |= {e.seq for e in st.outbox if e.type in NUMBERED}
+    about = frozenset(peers - {0, t.me}), frozenset(sessions - {UNBOUND}), frozenset(proposals)
+    return _answers((t.max_rounds, *t.limits), t.me, *about, st)
+
+
+@lru_cache(maxsize=2_000)
+def _answers(
+    limits: tuple[int, int, int, int],
+    me: int,
+    peers: frozenset[int],
+    sessions: frozenset[Session],
+    proposals: frozenset[int],
+    st: State,
+) -> tuple[Answer, ...]:
+    """The inputs that do something in this state; of those that do the same, one."""
+    alphabet = _alphabet(limits, me, peers, sessions, proposals)
+    found: dict[tuple[object, ...], Answer] = {}
+    for i in (*alphabet.proper, *alphabet.expiries(st)):
+        if not alphabet.offered(st, i):
+            continue
+        outcome = alphabet.step(me, st, i)
+        changes = bool(outcome.st != st or outcome.arm)
+        if changes or outcome.out or outcome.told != alphabet.nothing:
+            key = i if i.kind == "expire" else i.kind, _type(i), outcome
+            found.setdefault(key, Answer(i, outcome, changes))
+    return tuple(found.values())
+
+
+@lru_cache(maxsize=500)
+def _alphabet(
+    limits: tuple[int, int, int, int],
+    me: int,
+    peers: frozenset[int],
+    sessions: frozenset[Session],
+    proposals: frozenset[int],
+) -> Alphabet:
+    return Alphabet(limits, me, peers, sessions, proposals)
+
+
+def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:
+    """The stations, the sessions and the proposals that an event names."""
+    fields: dict[str, object] = {}
+    match event:
+        case Send(message=m) | Receive(message=dict(m)):
+            fields = {**m}
+        case TimerArm(timer=MessageTimer(message=key)) | TimerEnd(timer=MessageTimer(message=key)):
+            fields = {} if key is None else {"to": key.to, "session": list(key.session)}
+        case TimerArm(timer=ForgetTimer(station=p)) | TimerEnd(timer=ForgetTimer(station=p)):
+            fields = {"station": p}
+        case ApplicationCommand(command=given):
+            fields = given.model_extra or {}
+    names = ("src", "dst", "to", "target", "station")
+    stations = {q for name in names if type(q := fields.get(name)) is int}
+    sessions: set[Session] = set()
+    match fields.get("session"):
+        case [int(q), int(n)]:
+            sessions.add((q, n))
+            stations.add(q)
+    proposal = fields.get("proposal")
+    return stations, sessions, {proposal} if type(proposal) is int and proposal else set()

@@ -16,7 +16,6 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from automcm_spec import models
 from automcm_traces.corpus_bad import Bad, bad_logs, bases_among
@@ -24,7 +23,6 @@ from automcm_traces.corpus_walks import Graph, Transition
 from automcm_traces.explain import explain_files
 from automcm_traces.itf_log import behaviour
 
-Json = Any
 WALKED = (
     "either_role",
     "probe_system",
@@ -65,7 +63,7 @@ def behaviours(say: Callable[[str], None]) -> dict[str, bytes]:
     listed = {m.cfg: m for m in models.load()}
     seen: dict[int, set[Transition]] = {}
     files: dict[str, bytes] = {}
-    counts: dict[str, Json] = {}
+    counts: dict[str, object] = {}
     for name in WALKED:
         say(f"corpus: {name}")
         graph = Graph(listed[name])

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from automcm_spec import models
 from automcm_traces.corpus import COVERAGE, WALKED, Entry
 
-Json = Any
 SAID = {
     "allowed": "allowed",
     "diverges": "diverges",

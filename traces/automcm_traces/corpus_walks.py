@@ -233,12 +233,7 @@ class Graph:
         moves = [[self._move(*step) for step in walk] for _, walk in walks]
         told = happenings_of_all(moves, asker, reduced)
         return [
-            story.logs(
-                run,
-                some,
-                sorted(self.nodes[0].st),
-                {"max_rounds": self.max_rounds},
-            )
+            story.logs(run, some, sorted(self.nodes[0].st), {"max_rounds": self.max_rounds})
             for (run, _), some in zip(walks, told, strict=True)
         ]
 

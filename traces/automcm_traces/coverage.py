@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 from automcm_spec.bad_input import BadInput, at_line, one_line
 from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
@@ -24,10 +24,8 @@ from automcm_traces.finding import Finding, cannot_tell, unreadable
 from automcm_traces.follow import Ending, Follower, Watcher, follow
 from automcm_traces.log import Event, Receive, Send
 from automcm_traces.reader import LogStream
-from automcm_traces.step import Step
-from automcm_traces.track import INITIAL, Track
+from automcm_traces.track import INITIAL, Step, Track
 
-Json = Any
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
 ALL_TYPES = (*get_args(MessageType), "CAM")
 REMEMBERED = 20_000
@@ -142,7 +140,7 @@ class Coverage:
             "received": {type_: self.received[type_] for type_ in ALL_TYPES},
         }
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         return {
             "logs": self.logs,

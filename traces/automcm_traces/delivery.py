@@ -10,16 +10,15 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
+from automcm_spec.messages import Fields, same
 from automcm_spec.parameters import Parameters
 from automcm_traces.clocks import Clocks
 from automcm_traces.log import Receive, Send
 from automcm_traces.merge import Merged, Node, receptions, sends
 from automcm_traces.reader import Log
-from automcm_traces.same import same
 
-Json = Any
 Outcome = Literal["delivered", "duplicated", "lost", "in_flight", "unobserved"]
 OUTCOMES: tuple[Outcome, ...] = ("delivered", "duplicated", "lost", "in_flight", "unobserved")
 
@@ -177,14 +176,14 @@ def number(tx: str) -> int:
     return int(tx.split(":")[1])
 
 
-def forged_receptions(logs: Sequence[Log]) -> dict[str, tuple[int, Receive, Json]]:
+def forged_receptions(logs: Sequence[Log]) -> dict[str, tuple[int, Receive, Fields | None]]:
     """By file: the line of the first message received that is not the one its sender logged under
     that ``tx``, the event, and what the sender logged (None: nothing).
 
     Only transmissions of stations whose logs promise to be complete in ``send`` are looked at; of
     a log without an end only those up to the last that it shows.
     """
-    sent: dict[tuple[str, str], dict[str, Json]] = {}
+    sent: dict[tuple[str, str], Fields] = {}
     last: dict[tuple[str, int], int | None] = {}
     for log in logs:
         run = log.header.run
@@ -193,7 +192,7 @@ def forged_receptions(logs: Sequence[Log]) -> dict[str, tuple[int, Receive, Json
         if "send" in log.header.complete:
             count = max((number(e.tx) for e in own), default=0)
             last[run, log.header.station] = None if log.ended else count
-    found: dict[str, tuple[int, Receive, Json]] = {}
+    found: dict[str, tuple[int, Receive, Fields | None]] = {}
     for log in logs:
         for at, e in log.events:
             if not isinstance(e, Receive) or e.tx is None or e.message is None:

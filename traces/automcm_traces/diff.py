@@ -12,23 +12,21 @@ from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
 from automcm_spec.bad_input import BadInput
+from automcm_spec.messages import same
 from automcm_traces.canonical import Canonical, Deed, DeedStep
 from automcm_traces.reader import Log, read
-from automcm_traces.same import same
 from automcm_traces.show import Logs
 from automcm_traces.words import fitted, safe, said
 
-Json = Any
 SHOWN = 3
 """Steps before the difference that are shown."""
 ROWS = 30
 """Rows of the table at most; the last ones."""
 LONGEST = 60
 """Characters of a value that is told."""
-_Fields = tuple[tuple[str, Json, Json], ...]
+_Fields = tuple[tuple[str, object, object], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +65,10 @@ class Compared:
     """Lines of the events that are the same, as far as both logs have them in one order; last, if
     both have it, the one that differs."""
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         d = self.difference
-        found: dict[str, Json] = {
+        found: dict[str, object] = {
             "station": self.station,
             "a": self.file_a,
             "b": self.file_b,
@@ -81,11 +79,7 @@ class Compared:
             "times": {"apart_ms": self.apart_ms, "lines": list(self.apart)},
         }
         if d is not None:
-            found["difference"] = {
-                "a": _told(d.a),
-                "b": _told(d.b),
-                "fields": _as_dicts(d.fields),
-            }
+            found["difference"] = {"a": _told(d.a), "b": _told(d.b), "fields": _as_dicts(d.fields)}
         return found
 
 
@@ -105,7 +99,7 @@ class Diff:
         """Is there no difference at all?"""
         return not (self.only_a or self.only_b or any(c.difference for c in self.stations))
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         return {
             "same": self.same,
@@ -266,7 +260,7 @@ def _fields(a: Deed | None, b: Deed | None) -> _Fields:
     return tuple(_paths("", a.fields, b.fields))
 
 
-def _paths(path: str, a: Json, b: Json) -> Iterator[tuple[str, Json, Json]]:
+def _paths(path: str, a: object, b: object) -> Iterator[tuple[str, object, object]]:
     if same(a, b):
         return
     if isinstance(a, dict) and isinstance(b, dict):
@@ -276,13 +270,13 @@ def _paths(path: str, a: Json, b: Json) -> Iterator[tuple[str, Json, Json]]:
         yield path, a, b
 
 
-def _told(deed: Deed | None) -> Json:
+def _told(deed: Deed | None) -> object:
     if deed is None:
         return None
     return {"line": deed.line, "t_ms": deed.event.t_ms, "event": said(deed.event)}
 
 
-def _as_dicts(fields: _Fields) -> list[Json]:
+def _as_dicts(fields: _Fields) -> list[object]:
     return [{"field": name, "a": a, "b": b} for name, a, b in fields]
 
 
@@ -349,6 +343,6 @@ def _end_of(text: str, width: int) -> str:
     return text if len(text) <= width else f"..{text[2 - width :]}"
 
 
-def _short(value: Json) -> str:
+def _short(value: object) -> str:
     told = "absent" if value is None else safe(str(value))
     return told if len(told) <= LONGEST else f"{told[:LONGEST]}.."

@@ -6,21 +6,18 @@ The compiled specification is asked what would have to be otherwise in it for wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-from automcm_spec.conditions import Taken, in_the_way, record
+from automcm_spec.conditions import Condition, Taken, in_the_way, record
+from automcm_spec.messages import Ack, Cam, Fields, Message
 from automcm_spec.rules import handler
 from automcm_spec.station import Entry, Expire, Input, Outcome, Station, Timer
 from automcm_traces.alphabet import SOMEBODY, alphabet
-from automcm_traces.finding import Why
-from automcm_traces.inputs import timer_of
-from automcm_traces.step import Diverges
-from automcm_traces.timers import short
-from automcm_traces.track import NOTHING_TOLD, NUMBERED, PHASES, ROLES, Track
+from automcm_traces.finding import Diverges, Why
+from automcm_traces.log import ForgetTimer, MessageKey, MessageTimer, Part
+from automcm_traces.track import NOTHING_TOLD, NUMBERED, PHASES, ROLES, Track, short, timer_of
 
-Json = Any
 Words = tuple[str, ...]
 """Something that a station does: ``("send", "Acceptance", "refused", "busy")``, ``("indication",
 "verify")``, ``("arm", "hold")``, ``("phase", "WAITING")``; or ``("without", …)``."""
@@ -35,10 +32,10 @@ def why(d: Diverges, track: Track) -> Why:
     told, wanted = Why(d.finding.why.guard, state=_state(track)), _wanted(d)
     if not wanted or wanted == ("send", "CAM"):
         return told
-    question = Question(track, d.step.given if d.step is not None else None)
-    about = d.seen[1] if d.seen and isinstance(d.seen[1], Mapping) else {}
-    if wanted[0] == "expire":
-        timer = _timer(track, about)
+    question = Question(track, d.step.given, d.step.content) if d.step else Question(track)
+    seen = d.seen[1] if d.seen is not None else ""
+    if wanted[0] == "expire" and isinstance(seen, Part):
+        timer = timer_of(track, seen)
         if timer is None or not (nearest := question.unarmed(timer)):
             return told
         phases = question.arms(timer) if len(timer) == 1 else []
@@ -46,10 +43,18 @@ def why(d: Diverges, track: Track) -> Why:
         return replace(told, nearest=nearest, causes=into)
     if d.step is not None and (nearest := question.nearest(d.step.input, wanted)):
         return replace(told, nearest=nearest)
-    if wanted[0] == "without" or wanted[1] in (track.phase, track.role):
+    if wanted[0] == "without" or wanted[1] in track.state[:2]:
         return told
-    near = sorted(alphabet(track, about), key=_order)
-    causes = question.causes(near, wanted, about.get("dst", 0))
+    named: set[int] = set()
+    dst: object = 0
+    match seen:
+        case {**message}:
+            dst = message.get("dst", 0)
+            named = {dst} if isinstance(dst, int) else named
+        case ForgetTimer(station=int(station)):
+            named = {station}
+    near = sorted(alphabet(track, named), key=_order)
+    causes = question.causes(near, wanted, dst)
     nearest = "" if causes else Question(track).elsewhere(near, wanted)
     return replace(told, nearest=nearest, causes=causes, of_last_input=False)
 
@@ -61,19 +66,24 @@ class Block:
     outcome: Outcome
     guards: list[Taken]
     """In the order in which they are met, with the values of what is inside them."""
-    distance: tuple[Json, ...]
+    distance: tuple[bool, bool, int]
     """What makes another one better: it is smaller."""
 
 
 class Question:
-    """Asks the specification about a station; ``given`` is the message received, if one was."""
+    """Asks the specification about a station; ``given`` is the message received, if one was, and
+    ``content`` what the application gave."""
 
-    def __init__(self, track: Track, given: Mapping[str, Json] | None = None) -> None:
+    def __init__(
+        self, track: Track, given: Message | Cam | None = None, content: Fields | None = None
+    ) -> None:
         self._track = track
-        self._given = {name: given[name] for name in ("seq", "reason") if given and name in given}
-        match given:
-            case {"type": "Ack", "of": {"type": type_, "seq": seq}}:  # one not logged names nothing
-                self._given |= {"of": f"{type_} seq={seq}", "of[2]": seq}
+        self._given: dict[str, object] = {}
+        for name in ("seq", "reason"):
+            value = getattr(given, name, (content or {}).get(name))
+            self._given |= {} if value is None else {name: value}
+        if isinstance(given, Ack):  # one not logged names nothing
+            self._given |= {"of": f"{given.of.type} seq={given.of.seq}", "of[2]": given.of.seq}
         self._station = Station(track.max_rounds, *track.limits)
 
     def nearest(self, i: Input, wanted: Words) -> str:
@@ -107,7 +117,7 @@ class Question:
         ]
         return sorted({each.phase for each in other if timer in self._station.armed(me, each)})
 
-    def causes(self, near: Sequence[Input], wanted: Words, dst: Json) -> tuple[str, ...]:
+    def causes(self, near: Sequence[Input], wanted: Words, dst: object) -> tuple[str, ...]:
         """Which of these inputs would have led to what is wanted, at most ``MOST``: first those
         that change something.  ``dst`` is whom a message must go to."""
         me, st = self._track.me, self._track.state
@@ -166,7 +176,7 @@ class Question:
         shown = f": {', '.join(values)}" if values else ""
         return f"{text}{inside}, which {must}{shown}  Station.tla:{line}"
 
-    def _value(self, name: str, value: Json) -> str:
+    def _value(self, name: str, value: object) -> str:
         """A value as the log has it, where it has it."""
         record_, _, field = name.rpartition(".")
         value = self._given.get(field, value) if record_ == "m" else value
@@ -174,7 +184,7 @@ class Question:
             return "all" if field == "dst" else "nobody"
         return self._plain(value)
 
-    def _plain(self, value: Json) -> str:
+    def _plain(self, value: object) -> str:
         match value:
             case bool():
                 return str(value).upper()
@@ -192,14 +202,14 @@ class Question:
 
     def _entry(self, e: Entry) -> str:
         number = f" proposal={e.seq}" if e.type in NUMBERED else ""
-        sent = next((x.message["seq"] for x in self._track.outbox if x.spec == e), e.seq)
+        sent = next((x.message.seq for x in self._track.outbox if x.spec == e), e.seq)
         return f"{e.type} to {e.to} session={self._plain(e.session)}{number} seq={sent}"
 
 
-def _with_values(taken: Sequence[Taken], flipped: set[Any]) -> list[Taken]:
+def _with_values(taken: Sequence[Taken], flipped: set[Condition]) -> list[Taken]:
     """Those of the conditions that were flipped, with the values of the parts met on the way to
     each: what is inside of the operators that it names."""
-    found, inside = [], dict[str, Any]()
+    found, inside = [], dict[str, object]()
     for t in taken:
         inside |= {name: value for name, value in t.values if _lasting(name)}
         if t.condition in flipped:
@@ -222,10 +232,10 @@ def _wanted(d: Diverges) -> Words:
     match d.seen:
         case ("send", {**m}):
             return ("send", *_message(m.get))
-        case (op, {"name": name, "message": {"type": type_}}):
-            return (op, f"{name}({type_})")
-        case (op, {"name": name}):
-            return (op, str(name))
+        case (op, MessageTimer(message=MessageKey(type=type_)) as timer):
+            return (op, f"{timer.name}({type_})")
+        case (op, Part() as timer):
+            return (op, timer.name)
         case (what, name):
             return (what, str(name))
     step = d.step
@@ -239,7 +249,7 @@ def _wanted(d: Diverges) -> Words:
     return ("without", "indication", *step.told[:1])
 
 
-def _message(get: Callable[[str], Json]) -> Iterator[str]:
+def _message(get: Callable[[str], object]) -> Iterator[str]:
     """A message in words, by its fields."""
     yield str(get("type"))
     if get("type") == "Acceptance":
@@ -268,14 +278,6 @@ def _done(outcome: Outcome) -> Iterator[Words]:
     yield ("role", outcome.st.role)
     yield from (("arm", short(timer)) for timer in outcome.arm)
     yield from (("stop", short(timer)) for timer in outcome.stop)
-
-
-def _timer(track: Track, timer: Mapping[str, Json]) -> Timer | None:
-    """A timer of a log; None if it is of a message that is not in the outbox."""
-    about = timer.get("message")
-    if about is not None and about["type"] != "Advertisement" and not track.entry_by_seq(about):
-        return None
-    return timer_of(track, timer)
 
 
 def _order(i: Input) -> tuple[int, str]:
@@ -307,21 +309,22 @@ def _station(p: int) -> str:
 
 def _state(t: Track) -> str:
     """A station in one line, only what is not empty."""
-    words = [t.phase]
+    st = t.state
+    words = [st.phase]
     if t.session is not None:
-        words.append(f"{t.role} of {t.session[0]}/{t.session[1]}")
+        words.append(f"{st.role} of {t.session[0]}/{t.session[1]}")
     for name, value in (
-        ("target", t.target),
-        ("proposal", t.proposal),
-        ("recorded", t.recorded),
-        ("withdrawn", sorted(t.withdrawn)),
-        ("outbox", [f"{e.type} to {e.to} seq={e.message['seq']}" for e in t.outbox]),
+        ("target", st.target),
+        ("proposal", st.proposal),
+        ("recorded", sorted(st.recorded)),
+        ("withdrawn", sorted(st.withdrawn)),
+        ("outbox", [f"{e.type} to {e.to} seq={e.message.seq}" for e in t.outbox]),
     ):
         if value:
             words.append(
                 f"{name} {value if isinstance(value, int) else ', '.join(map(str, value))}"
             )
-    words += [word for word, is_ in _FLAGS.items() if getattr(t, is_)]
+    words += [word for word, is_ in _FLAGS.items() if getattr(st, is_)]
     return "; ".join(words)
 
 

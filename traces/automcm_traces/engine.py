@@ -9,43 +9,49 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
+from automcm_spec.messages import Cam, Fields, Prescription
 from automcm_spec.parameters import DEFAULTS, LIMITS, TIMERS, durations, lease_lasts
 from automcm_spec.rules import RULES
 from automcm_spec.station import Input, Outcome, State, Station
-from automcm_traces.inputs import Asked, asked, marked_and_newer
+from automcm_traces.finding import Diverges, Late, Seen, Supposition
 from automcm_traces.log import (
+    ApplicationCommand,
     ApplicationIndication,
     Event,
     Header,
     Receive,
     Restart,
     Send,
+    Timer,
     TimerArm,
     TimerEnd,
-    malformed,
-)
-from automcm_traces.step import Deadline, Diverges, Late, Step, Supposition
-from automcm_traces.timers import (
-    match,
-    named,
-    short,
-    timer_key,
-    timer_name,
+    typed,
 )
 from automcm_traces.track import (
     NOTHING_TOLD,
+    RESTARTED,
+    Asked,
     CannotTell,
     Limits,
+    Step,
     Track,
+    armed_name,
+    commanded,
     difference,
     expected,
+    expired,
     lift,
+    marked_and_newer,
+    match,
+    named,
     off,
+    received,
+    short,
+    timer_name,
 )
 
-Json = Any
 NOTHING = "nothing more"
 """What a step wants that has all that it calls for."""
 REMEMBERED = 20_000
@@ -72,10 +78,8 @@ class Specification:
         return found
 
 
-@cache
-def specification(*limits: int) -> Specification:
-    """With these rounds, participants, outbox and memory, for every log that has them."""
-    return Specification(*limits)
+specification = cache(Specification)
+"""With these rounds, participants, outbox and memory, for every log that has them."""
 
 
 class Malformed(NamedTuple):
@@ -86,6 +90,14 @@ class Malformed(NamedTuple):
     """Whether it must be reported."""
     why: str
     reported: bool = False
+
+
+class Deadline(NamedTuple):
+    """When an armed timer expires, in ms of the station's clock: not before ``first``, and at
+    ``last`` at the latest; None if that is not known."""
+
+    first: int
+    last: int | None
 
 
 class Engine:
@@ -104,12 +116,13 @@ class Engine:
         rounds, *limits = (p.get(name, DEFAULTS[name]) for name in LIMITS)
         self.track = Track(header.station, rounds, Limits(*limits))
         self._specification = specification(self.track.max_rounds, *limits)
-        self.timers: dict[str, Deadline] = {}
+        self.timers: dict[Timer, Deadline] = {}
         self.since_ms = 0
         """The time of the last event but CAMs: what was not observed happened later."""
         self.observer: Callable[[Step, Track], None] | None = None
         """Called after each step is complete, with the station as it is then."""
-        self._step: Step | None = None
+        self.step: Step | None = None
+        """The last input and what is still expected to follow it; None after ``finish``."""
         self.odd: Malformed | None = None
         """The last input, if it is a message that is malformed."""
         self._quiet: dict[tuple[int, bool, bool], Step] = {}
@@ -122,15 +135,10 @@ class Engine:
         other.track = self.track.copy()
         other.timers = dict(self.timers)
         other._quiet = {}
-        other._step = None if self._step is None else self._step.copy()
+        other.step = None if self.step is None else self.step.copy()
         return other
 
     # -- what may follow, for who drives a station and writes its log meanwhile
-
-    @property
-    def step(self) -> Step | None:
-        """The last input and what is still expected to follow it; None after ``finish``."""
-        return self._step
 
     @property
     def states(self) -> int:
@@ -142,25 +150,25 @@ class Engine:
         """What must have happened unseen for the log to be allowed."""
         return ()
 
-    def takes(self, m: dict[str, Json]) -> bool:
+    def takes(self, fields: Fields) -> bool:
         """Whether the current step calls for this message to be sent."""
-        step = self._step
-        if step is None or malformed(m):
+        step, m = self.step, typed(fields)
+        if step is None or isinstance(m, list | Cam):
             return False
         new = step.content, step.fresh
         return any(difference(e, m, self.track, *new) is None for e in step.messages)
 
-    def timers_to_change(self) -> tuple[list[Json], list[tuple[Json, int | None]]]:
+    def timers_to_change(self) -> tuple[list[Timer], list[tuple[Timer, int | None]]]:
         """The timers that the current step still stops, and those that it arms, each with its
         duration in ms: None for backoff, forget, and what the header does not tell.
 
         They are named as in a log, so the messages of the step must have been fed before.
         """
-        step = self._step
+        step = self.step
         if step is None:
             return [], []
         armed = [named(self.track, step.sent, timer) for timer in step.arm]
-        armed.sort(key=lambda timer: timer.get("message", {}).get("seq", 0))  # as they were sent
+        armed.sort(key=lambda timer: getattr(getattr(timer, "message", None), "seq", 0))  # as sent
         return (
             [named(self.track, step.sent, timer) for timer in step.stop],
             [(timer, self._duration(step, timer)) for timer in armed],
@@ -168,7 +176,7 @@ class Engine:
 
     def outstanding(self) -> list[str]:
         """What the last input calls for, the log promises to hold, and has not come yet."""
-        step = self._step
+        step = self.step
         if step is None:
             return []
         missing = [f"send {m}" for m in step.messages] if "send" in self.promised else []
@@ -209,7 +217,7 @@ class Engine:
 
     def finish(self) -> None:
         """No more effects of the last input: what is still expected is missing."""
-        step, odd = self._step, self.odd
+        step, odd = self.step, self.odd
         self.odd = None
         if odd is not None and odd.must and "indication" in self.promised:
             text = "receive a malformed message: not everything followed"
@@ -224,7 +232,7 @@ class Engine:
             raise CannotTell(f"line {step.at}: the log does not hold: send {step.messages[0]}")
         if "timer" not in self.promised:
             self._timers_as_told(step)
-        self._step = None
+        self.step = None
         self._lift(step)
         if self.observer is not None:
             self.observer(step, self.track)
@@ -232,23 +240,23 @@ class Engine:
     def _lift(self, step: Step) -> None:
         t, m = self.track, step.given
         if step.input[0] == "restart":
-            self.timers = {k: d for k, d in self.timers.items() if k == "quarantine"}
+            self.timers = {k: d for k, d in self.timers.items() if k.name == "quarantine"}
         if step.changes or step.sent:
             self._quiet.clear()
         after = step.after
         if after is not t.state or step.sent:
-            was = t.phase
+            was = t.state.phase
             lift(t, after, step.sent)
-            verifies = t.phase == "NEGOTIATING" != was
-            if m is not None and m.get("type") == "Prescription" and verifies:
-                t.lease_ms = m.get("lease_ms", 0)
-        if m is not None and m.get("type") == "CAM" and step.changes:
-            t.heard_ms = m["generation_ms"]
+            prescribed = step.input.kind == "receive" and step.input.message.type == "Prescription"
+            if prescribed and t.state.phase == "NEGOTIATING" != was:
+                t.lease_ms = m.lease_ms if isinstance(m, Prescription) else 0
+        if step.input.kind == "cam" and step.changes:
+            t.heard_ms = m.generation_ms if isinstance(m, Cam) else t.heard_ms or 0
 
     def _phase_is(self, at: int, event: Event) -> None:
         """Phase and role after the step, where the log has them, are those of the specification."""
-        step = self._step
-        wanted = (self.track.phase, self.track.role) if step is None else step.after[:2]
+        step = self.step
+        wanted = (self.track.state if step is None else step.after)[:2]
         found = event.phase, event.role
         for name, is_, should in zip(("phase", "role"), found, wanted, strict=True):
             if is_ is not None and is_ != should:
@@ -263,61 +271,57 @@ class Engine:
         match event:
             case Receive(message=None):
                 self.odd = Malformed(at, False, "raw bytes")
-            case Receive(message=dict(m)):
-                if wrong := malformed(m):  # END-5: nothing may follow but "discarded"
-                    mine = m.get("dst", self.track.me) == self.track.me
-                    self.odd = Malformed(at, mine, wrong)
-                elif m["type"] == "CAM":
+            case Receive(message=dict(fields)):
+                m = typed(fields)
+                if isinstance(m, list):  # END-5: nothing may follow but "discarded"
+                    mine = fields.get("dst", self.track.me) == self.track.me
+                    self.odd = Malformed(at, mine, ": ".join(m[0]))
+                elif isinstance(m, Cam):
                     self._cam_received(at, event, m)
                 else:
-                    self._start(at, event.t_ms, event)
+                    self._ask(at, event.t_ms, event, received(self.track, event, m))
             case TimerEnd(timer=timer):
-                self._expired(at, event, timer.model_dump(exclude_none=True))
+                self._expired(at, event, timer)
+            case ApplicationCommand(command=command):
+                self._ask(at, event.t_ms, event, commanded(command))
             case _:
-                self._start(at, event.t_ms, event)
+                self._ask(at, event.t_ms, event, RESTARTED)
 
-    def _cam_received(self, at: int, event: Receive, m: dict[str, Json]) -> None:
+    def _cam_received(self, at: int, event: Receive, m: Cam) -> None:
         """A CAM.  Most change nothing, and then the same one again is no new question."""
-        key = m["src"], *marked_and_newer(self.track, m)
-        known, t_ms = self._quiet.get(key), event.t_ms
-        if known is None:
-            step = self._start(at, t_ms, event)
+        key = m.src, *marked_and_newer(self.track, m)
+        k, t_ms = self._quiet.get(key), event.t_ms
+        if k is None:
+            step = self._ask(at, t_ms, event, received(self.track, event, m))
             if not step.changes and len(self._quiet) < QUIET:
                 self._quiet[key] = step
             return
-        k = known
         parts = k.input, k.what, k.rule, k.after, False, k.says, k.messages, k.arm, k.stop, k.told
-        self._step = Step(at, t_ms, event, *parts, m, k.content, t_ms)
+        self.step = Step(at, t_ms, event, *parts, m, k.content, t_ms)
 
-    def _expired(self, at: int, event: Event, timer: dict[str, Json]) -> None:
-        what = f"expire {timer_name(timer)}"
-        deadline = self.timers.pop(timer_key(timer), None)
+    def _expired(self, at: int, event: Event, timer: Timer) -> None:
+        what, rule = f"expire {timer_name(timer)}", TIMERS[timer.name].rule
+        deadline = self.timers.pop(timer, None)
         seen = ("expire", timer)
         if deadline is None:
-            wanted = [f"one of the armed: {', '.join(sorted(self.timers)) or 'none'}"]
-            rule = TIMERS[timer["name"]].rule
+            armed = ", ".join(sorted(map(armed_name, self.timers)))
+            wanted = [f"one of the armed: {armed or 'none'}"]
             raise Diverges(at, f"{what}: not armed", rule, wanted, "", None, seen)
         if event.t_ms < deadline.first:
             early = f"{what}: {deadline.first - event.t_ms} ms too early"
             wanted = [f"{what} at {deadline.first} ms"]
-            rule = TIMERS[timer["name"]].rule
             raise Diverges(at, early, rule, wanted, _by(rule), None, seen)
-        about = timer.get("message", {"type": "Advertisement"})
-        if about["type"] != "Advertisement" and self.track.entry_by_seq(about) is None:
+        question = expired(self.track, timer)
+        if question is None:
             gone = f"{what}: no such message in the outbox"
             raise Diverges(at, gone, "END-6", [], "", None, seen)
-        self._start(at, event.t_ms, event)
+        self._ask(at, event.t_ms, event, question)
 
-    def _start(self, at: int, t_ms: int, event: Event) -> Step:
-        """Ask what must follow a logged input."""
-        step = self._step = self._answered(at, t_ms, event, asked(self.track, event))
-        return step
-
-    def _answered(self, at: int, t_ms: int, event: Event | None, question: Asked) -> Step:
-        """A step, as the specification has it."""
+    def _ask(self, at: int, t_ms: int, event: Event | None, question: Asked) -> Step:
+        """An input, and what must follow it."""
         t, value, given = self.track, question.value, question.given
         found, stays = self._specification.answer(t.me, t.state, value)
-        return Step(
+        step = self.step = Step(
             at,
             t_ms,
             event,
@@ -327,7 +331,7 @@ class Engine:
             t.state if stays else found.st,
             bool(not stays or found.arm or found.stop),
             found.told,
-            [expected(t, m, given) for m in sorted(found.out)],
+            [expected(t, m, value, given) for m in sorted(found.out)],
             sorted(found.arm),
             # After a restart everything stops, whether the log says so or not.
             sorted(found.stop) if value.kind != "restart" else [],
@@ -336,13 +340,14 @@ class Engine:
             question.content,
             t_ms,
         )
+        return step
 
     # -- effects
 
-    def _current(self, at: int, t_ms: int, event: str, seen: tuple[str, Json]) -> Step:
+    def _current(self, at: int, t_ms: int, event: str, seen: Seen) -> Step:
         """The step that an effect belongs to.  The first effect tells when an unseen input was:
         less than late_ms before."""
-        step = self._step
+        step = self.step
         if step is None:
             text = f"{event}: nothing called for it{self._but_odd()}"
             rule, guard = self._last_rule()
@@ -364,44 +369,49 @@ class Engine:
 
     def _last_rule(self) -> tuple[str, str]:
         """The rule that decided the last input, and what it says; empty if nothing was decided."""
-        if self._step is not None:
-            return self._step.rule, self._step.guard
+        if self.step is not None:
+            return self.step.rule, self.step.guard
         return ("END-5", _by("END-5")) if self.odd is not None else ("", "")
 
-    def _sent(self, at: int, t_ms: int, m: dict[str, Json]) -> None:
-        event, seen = f"send {m['type']} to {m.get('dst', 'all')}", ("send", m)
-        step = self._current(at, t_ms, event, seen)
-        problems, wrong = [], malformed(m)
+    def _sent(self, at: int, t_ms: int, fields: Fields) -> None:
+        event, seen = f"send {fields['type']} to {fields.get('dst', 'all')}", ("send", fields)
+        step, m = self._current(at, t_ms, event, seen), typed(fields)
+        assert not isinstance(m, Cam), "feed gives those to _cam_sent"
+        problems: list[tuple[int, str]] = []
         for e in step.messages:
-            problem = wrong or difference(e, m, self.track, step.content, step.fresh)
-            if problem is None:
+            problem: str | None
+            if isinstance(m, list):
+                problem = ": ".join(m[0])
+            elif (problem := difference(e, m, self.track, step.content, step.fresh)) is None:
                 step.messages.remove(e)
                 step.sent.append((e, m))
                 step.fresh += bool(e.k and e.copy_of is None)
                 return
-            if e.type == m["type"]:
-                problems.append((off(e, m), problem))
+            if e.type == fields["type"]:
+                problems.append((off(e, fields), problem))
         least, problem = min(problems, key=lambda p: p[0], default=(0, None))
         why = f" ({problem})" if problem else ""
         wanted = self.outstanding() or [NOTHING]
         raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen, least)
 
-    def _cam_sent(self, at: int, m: dict[str, Json]) -> None:
+    def _cam_sent(self, at: int, fields: Fields) -> None:
         """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
-        wanted = self.track.marks
-        if wrong := malformed(m):
-            text = f"send CAM ({wrong})"
-            raise Diverges(at, text, "END-5", [], _by("END-5"), None, ("send", m))
-        if m["src"] != self.track.me:
-            text, wants = f"send CAM: src {m['src']}", [f"src {self.track.me}"]
-            raise Diverges(at, text, "ACT-5", wants, _by("ACT-5"), None, ("send", m))
-        if sorted({(q, n) for q, n in m["marks"]}) != [tuple(mark) for mark in wanted]:
-            event, wants = f"send CAM: marks {m['marks']}", [f"marks {wanted}"]
-            raise Diverges(at, event, "ACT-5", wants, _by("ACT-5"), None, ("send", m))
+        m, wanted, rule, wants = typed(fields), self.track.marks, "ACT-5", list[str]()
+        if isinstance(m, list):
+            text, rule = f"send CAM ({': '.join(m[0])})", "END-5"
+        elif m.src != self.track.me:
+            text, wants = f"send CAM: src {m.src}", [f"src {self.track.me}"]
+        elif isinstance(m, Cam) and sorted({*m.marks}) != wanted:
+            text = f"send CAM: marks {fields['marks']}"
+            wants = [f"marks {[list(mark) for mark in wanted]}"]
+        else:
+            return
+        raise Diverges(at, text, rule, wants, _by(rule), None, ("send", fields))
 
     def _told(self, at: int, event: ApplicationIndication) -> None:
         name = event.indication.name
-        if self._step is None and name == "discarded" and self._may_be_odd():
+        may_be_odd = (self.odd and not self.odd.reported) or "receive" not in self.promised
+        if self.step is None and name == "discarded" and may_be_odd:
             self.odd = self.odd and self.odd._replace(must=False, reported=True)
             return
         seen = ("indication", name)
@@ -414,31 +424,29 @@ class Engine:
         fields = event.indication.model_extra or {}
         if name == "fallback" and "reason" in fields:
             reason = step.says[1]
-            if reason == "as_sent" and step.given is not None:
-                reason = step.given.get("reason", fields["reason"])
+            if reason == "as_sent":
+                given = step.content.get("reason", fields["reason"])
+                reason = getattr(step.given, "reason", None) or str(given)
             if fields["reason"] != reason:
                 text, wants = f"indication fallback ({fields['reason']})", [f"fallback ({reason})"]
                 raise Diverges(at, text, step.rule, wants, step.guard, step, seen)
 
-    def _may_be_odd(self) -> bool:
-        reported = self.odd is None or self.odd.reported
-        return not reported or "receive" not in self.promised
-
     def _timer_changed(self, at: int, event: TimerArm | TimerEnd) -> None:
-        timer = event.timer.model_dump(exclude_none=True)
+        timer = event.timer
         what, seen = f"{event.op} {timer_name(timer)}", (event.op, timer)
         step = self._current(at, event.t_ms, what, seen)
         armed = isinstance(event, TimerArm)
         pool = step.arm if armed else step.stop
         value = match(self.track, step, timer, pool)
-        if step.input[0] == "restart" and not armed and self.timers.pop(timer_key(timer), None):
+        if step.input[0] == "restart" and not armed and timer in self.timers:
+            del self.timers[timer]
             return
         if value is None:
             wanted = self.outstanding() or [NOTHING]
             raise Diverges(at, what, step.rule, wanted, step.guard, step, seen)
         pool.remove(value)
         if not isinstance(event, TimerArm):
-            self.timers.pop(timer_key(timer), None)
+            self.timers.pop(timer, None)
             return
         duration = self._duration(step, timer)
         if duration is not None and event.deadline != event.t_ms + duration:
@@ -447,12 +455,11 @@ class Engine:
             raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
         self._arm(timer, event.deadline, event.deadline)
 
-    def _arm(self, timer: dict[str, Json], first: int, last: int | None) -> None:
+    def _arm(self, timer: Timer, first: int, last: int | None) -> None:
         """Note a deadline; CAMs that were not observed may put off theirs without end (ACT-5)."""
-        if timer["name"] == "cam" and not {"receive", "timer"} & self.promised:
+        if timer.name == "cam" and not {"receive", "timer"} & self.promised:
             last = None
-        rule = TIMERS[timer["name"]].rule if timer["name"] in TIMERS else ""
-        self.timers[timer_key(timer)] = Deadline(first, last, rule)
+        self.timers[timer] = Deadline(first, last)
 
     def _timers_as_told(self, step: Step) -> None:
         """What the step stops and arms, where the log does not promise to say it."""
@@ -460,7 +467,7 @@ class Engine:
         if step.input[0] == "restart":
             self.timers.clear()
         for timer in stop:
-            self.timers.pop(timer_key(timer), None)
+            self.timers.pop(timer, None)
         for timer, duration in arm:
             if duration is None:
                 self._arm(timer, step.since_ms, None)
@@ -468,19 +475,19 @@ class Engine:
                 self._arm(timer, step.since_ms + duration, step.t_ms + duration)
         step.stop, step.arm = [], []
 
-    def _duration(self, step: Step, timer: dict[str, Json]) -> int | None:
-        if timer["name"] != "lease":
-            return self._durations.get(timer["name"])
-        for e, m in step.sent:
-            if e.type == "Prescription":
-                return lease_lasts(self._clock_drift, "prescriber", int(m["lease_ms"]))
+    def _duration(self, step: Step, timer: Timer) -> int | None:
+        if timer.name != "lease":
+            return self._durations.get(timer.name)
+        for _, m in step.sent:
+            if isinstance(m, Prescription):
+                return lease_lasts(self._clock_drift, "prescriber", m.lease_ms)
         return self.track.lease_ms or None
 
     def _missed(self, at: int, t_ms: int) -> None:
         """A timer that should have fired long before: the first of them."""
         late = [
-            (d.last, name, d.rule)
-            for name, d in self.timers.items()
+            (d.last, armed_name(timer), TIMERS[timer.name].rule)
+            for timer, d in self.timers.items()
             if d.last is not None and t_ms > d.last + self._late_ms
         ]
         if late:

@@ -1,28 +1,39 @@
-"""What a log means: allowed by the specification, or where it first leaves it."""
+"""What a log means: allowed by the specification, or where it first leaves it; and in words."""
 
 from __future__ import annotations
 
 import json
+import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-from automcm_spec.bad_input import BadInput, name_of
+from automcm_spec import files
+from automcm_spec.bad_input import BadInput, at_line, name_of, printable
+from automcm_spec.messages import Fields, same
+from automcm_spec.rules import RULES
 from automcm_traces.delivery import forged_receptions
 from automcm_traces.divergence import why
-from automcm_traces.finding import NOTHING_WRONG, At, Finding, Kind, cannot_tell, unreadable
+from automcm_traces.finding import (
+    NOTHING_WRONG,
+    At,
+    Finding,
+    Kind,
+    Supposition,
+    cannot_tell,
+    unreadable,
+)
 from automcm_traces.follow import Watcher, follow
 from automcm_traces.log import Event, Header
 from automcm_traces.properties import SystemReport, judge
 from automcm_traces.reader import Log, LogStream
-from automcm_traces.same import same
-from automcm_traces.sessions import Session, Sessions
-from automcm_traces.step import Supposition
+from automcm_traces.show import Row, columns
 from automcm_traces.timeline import Recorder, Timeline
+from automcm_traces.track import Step, Track
 
-Json = Any
 Answer = Literal["allowed", "diverges", "cannot_tell", "unreadable"]
 ANSWERS: dict[Kind, Answer] = {
     "nothing": "allowed",
@@ -30,6 +41,67 @@ ANSWERS: dict[Kind, Answer] = {
     "unreadable": "unreadable",
 }
 """By what was found; anything else is a divergence."""
+SESSIONS = 10
+"""Sessions of a log that are shown, the last ones."""
+MOST = 100
+"""Sessions that are kept; the last ones, the others are counted only."""
+
+
+@dataclass(slots=True)
+class Session:
+    """One session as its station took part in it."""
+
+    session: tuple[int, int]
+    role: str
+    first: int
+    """Line of the input by which it began."""
+    phases: list[str]
+    last: int = 0
+    """Line of the input by which it ended; 0 if the log ends in it."""
+    rule: str = ""
+    """The rule by which it ended."""
+
+    def as_dict(self) -> dict[str, object]:
+        """As in ``--json``."""
+        return {
+            "session": list(self.session),
+            "role": self.role,
+            "phases": self.phases,
+            "first": self.first,
+            "last": self.last,
+            "rule": self.rule,
+        }
+
+    def __str__(self) -> str:
+        name = f"session {self.session[0]}/{self.session[1]} as {self.role}"
+        way = " > ".join(self.phases)
+        if not self.last:
+            return f"{name}, from line {self.first}: {way}, still in it"
+        why = RULES.get(self.rule, "")
+        return f"{name}, lines {self.first} to {self.last}: {way}; ended by {self.rule}: {why}"
+
+
+class Sessions(Watcher):
+    """Watches the steps of a station."""
+
+    def __init__(self) -> None:
+        self.kept: list[Session] = []
+        self.number = 0
+
+    def step(self, step: Step, track: Track) -> None:
+        """Follow a step."""
+        current = self.kept[-1] if self.kept and not self.kept[-1].last else None
+        if current is not None and current.session != track.session:
+            current.last, current.rule = step.at, step.rule
+            current = None
+        if track.session is None:
+            return
+        if current is None:
+            self.number += 1
+            current = Session(track.session, track.state.role, step.at, [])
+            self.kept = [*self.kept[1 - MOST :], current]
+        if current.phases[-1:] != [track.state.phase]:
+            current.phases.append(track.state.phase)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +134,7 @@ class Verdict:
         """In a word."""
         return ANSWERS.get(self.finding.kind, "diverges")
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         found = self.finding
         return {
@@ -134,7 +206,7 @@ def forged(logs: Sequence[Log]) -> dict[str, Finding]:
     }
 
 
-def _as_sent(original: dict[str, Json], m: dict[str, Json]) -> Iterator[str]:
+def _as_sent(original: Fields, m: Fields) -> Iterator[str]:
     """Each field in which a message is not the one that was sent."""
     for name in sorted(original.keys() | m.keys()):
         was, is_ = original.get(name), m.get(name)
@@ -142,7 +214,7 @@ def _as_sent(original: dict[str, Json], m: dict[str, Json]) -> Iterator[str]:
             yield f"{name}: {_json(was)} was sent, not {_json(is_)}"
 
 
-def _json(value: Json) -> str:
+def _json(value: object) -> str:
     return "nothing" if value is None else json.dumps(value)
 
 
@@ -199,7 +271,7 @@ def verdicts(found: Sequence[Explained]) -> list[Verdict]:
 
 def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdict]:
     """The verdicts on logs by themselves, and on what they received of one another."""
-    foreign = forged(logs)
+    foreign = forged(logs) if logs else {}
     return [
         Verdict(v.file, other, warnings=v.warnings, header=v.header)
         if (other := foreign.get(v.file)) is not None
@@ -226,3 +298,98 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
     """Of several verdicts the one that weighs most: diverges, unreadable, cannot tell."""
     codes = Counter(EXIT[v.verdict] for v in verdicts)
     return next((code for code in (1, 3, 4) if codes[code]), 0)
+
+
+# -- a verdict for a person, the failing prefix, and how to replay it
+
+
+def text(verdict: Verdict) -> str:
+    """The verdict in lines of a terminal, with what the reader had to overlook."""
+    lines = [*_lines(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)]
+    return "\n".join(map(printable, lines))
+
+
+def _lines(verdict: Verdict) -> Iterator[str]:
+    found = verdict.finding
+    where = at_line(verdict.file, found.at.line)
+    match verdict.verdict:
+        case "allowed":
+            yield f"{verdict.file}: ALLOWED, {verdict.events} events"
+            yield from _allowed(verdict)
+        case "unreadable":
+            yield f"{where}: UNREADABLE: {found.observed}"
+        case "cannot_tell":
+            yield f"{where}: CANNOT TELL: {found.observed}"
+        case "diverges":
+            yield f"{where}: DIVERGES at {found.observed}"
+            yield from _diverges(verdict)
+
+
+def _allowed(verdict: Verdict) -> Iterator[str]:
+    if verdict.unobserved:
+        kinds, n = ", ".join(verdict.unobserved), verdict.possible_states
+        states = f"{n} state{'' if n == 1 else 's'} of the specification"
+        yield f"  not logged: {kinds}; at its end the log fits {states}"
+    suppositions = verdict.only_if[-SESSIONS:]
+    if len(verdict.only_if) > len(suppositions):
+        yield f"  allowed only if {len(verdict.only_if)} things happened unseen; the last of them:"
+    yield from (f"  allowed only if {supposition}" for supposition in suppositions)
+    shown = verdict.sessions[-SESSIONS:]
+    if verdict.number_of_sessions > len(shown):
+        yield f"  {verdict.number_of_sessions} sessions; the last of them:"
+    yield from (f"  {session}" for session in shown)
+
+
+def expected(these: Sequence[str]) -> list[str]:
+    """What was to come instead, in a line; no line for nothing."""
+    order = ", in any order" if len(these) > 1 else ""
+    return [f"expected{order}: {'; '.join(these)}"] if these else []
+
+
+def _diverges(verdict: Verdict) -> Iterator[str]:
+    yield from (f"  {line}" for line in expected(verdict.finding.expected))
+    why = verdict.finding.why
+    if why.guard:
+        by = "by" if why.of_last_input else "last input decided by"
+        yield f"  {by} {why.guard}"
+    yield from (f"  {line}" for line in why.lines())
+    n = verdict.possible_states
+    if n != 1 or verdict.unobserved:
+        yield f"  {n} state{'' if n == 1 else 's'} of the specification fitted before"
+    if verdict.sessions:
+        yield f"  in {verdict.sessions[-1]}"
+    if verdict.recent and verdict.header is not None:
+        station = verdict.header.station
+        rows = [Row(station, line, event) for line, event in verdict.recent]
+        yield from (f"  {line}" for line in columns(rows, [station], 78))
+
+
+def prefix(
+    verdict: Verdict, folder: Path, taken: Collection[Path] = (), log: Path | None = None
+) -> Path:
+    """Write what the log says up to the divergence as a log of its own; the verdict on it is the
+    same.  Its name is none of those ``taken``.  ``log`` is the file, if the verdict names another.
+
+    Raises OSError.
+    """
+    lines = max(verdict.seen, verdict.finding.at.line)
+    folder.mkdir(parents=True, exist_ok=True)
+    log = Path(verdict.file) if log is None else log
+    name = f"{log.stem}-{verdict.finding.at.line}"
+    path, n = folder / f"{name}.ndjson", 1
+    while path in taken:
+        n += 1
+        path = folder / f"{name}-{n}.ndjson"
+    with open(log, "rb") as stream:
+        kept = list(islice(stream, lines))
+    last: dict[str, object] = json.loads(kept[-1])
+    kept[-1] = kept[-1].removesuffix(b"\n") + b"\n"
+    end = {"rec": "end", "seq": last["seq"], "reason": "prefix", "lost_records": 0}
+    kept.append(json.dumps(end).encode() + b"\n")
+    files.write(path, b"".join(kept))
+    return path
+
+
+def replay(path: Path) -> str:
+    """The command that gives the inputs of a log to an implementation."""
+    return f"automcm trace replay {shlex.quote(str(path))} -- YOUR_ADAPTER"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
 
 from automcm_spec.bad_input import BadInput
+from automcm_spec.messages import Fields
+from automcm_traces.log import Timer
+from automcm_traces.track import Step
 
-Json = Any
 Kind = Literal[
     "nothing",
     "missing",
@@ -53,7 +56,7 @@ class Why:
     """Whether the last input leads to what the log says, but for a guard.  If not, the rule that
     decided it has nothing to do with that."""
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         return {"nearest": self.nearest, "causes": list(self.causes), "state": self.state}
 
@@ -91,3 +94,62 @@ def cannot_tell(file: str, line: int, why: str) -> Finding:
 def unreadable(error: BadInput) -> Finding:
     """A file cannot be read, from some line on."""
     return Finding("unreadable", at=At(error.path, error.line, error.field), observed=error.what)
+
+
+Seen = tuple[str, Fields | Timer | str]
+"""``("send", message)``, ``("arm" | "stop" | "expire", timer)``, ``("indication", name)``,
+``("phase", name)``."""
+
+
+class Diverges(Exception):
+    """The log leaves the specification here: the finding, without its file.
+
+    ``step`` is the step that did not go on as it must, None if nothing called for anything, and
+    ``seen`` what the log has instead, None if something is missing.  ``off`` says of a message of
+    which another form was called for in how many fields it is not that; 0 if none was.
+    """
+
+    kind: Kind = "missing"
+
+    def __init__(
+        self,
+        at: int,
+        event: str,
+        rule: str,
+        wanted: Sequence[str],
+        guard: str,
+        step: Step | None = None,
+        seen: Seen | None = None,
+        off: int = 0,
+    ) -> None:
+        super().__init__(event)
+        found = Finding(self.kind, rule, "", At("", at), tuple(wanted), event, Why(guard))
+        if seen is not None and self.kind == "missing":
+            found = replace(found, kind="state" if seen[0] in ("phase", "role") else "unexpected")
+        self.finding = found
+        self.step, self.seen, self.off = step, seen, off
+
+
+class Late(Diverges):
+    """Something happens long after a timer should have expired."""
+
+    kind = "overdue"
+
+
+class Supposition(NamedTuple):
+    """A restart, or an expiry by which the application falls back, that is not in the log."""
+
+    what: str
+    """``restart``, or the timer."""
+    after: int
+    """The line after which it happened."""
+    before: int
+    """The line before which it happened."""
+
+    def __str__(self) -> str:
+        what = "it restarted" if self.what == "restart" else f"its {self.what} expired"
+        return f"{what} unseen between lines {self.after} and {self.before}"
+
+    def as_dict(self) -> dict[str, object]:
+        """As in ``--json``."""
+        return {"what": self.what, "after_line": self.after, "before_line": self.before}

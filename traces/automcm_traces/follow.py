@@ -13,12 +13,11 @@ from typing import TypeAlias
 
 from automcm_spec.bad_input import BadInput
 from automcm_traces.engine import Engine
-from automcm_traces.finding import NOTHING_WRONG, Finding, cannot_tell, unreadable
+from automcm_traces.finding import NOTHING_WRONG, Diverges, Finding, cannot_tell, unreadable
 from automcm_traces.log import Event
 from automcm_traces.possible import Possible
 from automcm_traces.reader import Log, LogStream
-from automcm_traces.step import Diverges, Step
-from automcm_traces.track import CannotTell, Track
+from automcm_traces.track import CannotTell, Step, Track
 
 NEEDED = ("command", "receive", "restart", "send", "timer")
 """Kinds of event with all of which a log says what the one state of its station is."""

@@ -11,15 +11,15 @@ therefore excuses it, and T-2 bounds no hazard that a forged message has begun o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
+from automcm_spec.messages import Fields
 from automcm_spec.parameters import DEFAULTS
 from automcm_traces.clocks import Span
 from automcm_traces.log import Receive
 from automcm_traces.timeline import Session, Spell, Timeline, session_of
 from automcm_traces.world import World
 
-Json = Any
 EXCUSES = {
     "restart": "restarts",
     "command abort": "aborts",
@@ -69,7 +69,7 @@ class Hazard:
     prolonged_by: str = ""
     """Likewise the last forged CAM without which the prescriber would have left earlier."""
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         return {
             "session": list(self.session),
@@ -310,7 +310,7 @@ def _begun_by(world: World, acts: Spell, target: int, gone: _Gone | None) -> str
 def _prescribed(world: World, acts: Spell, target: int) -> int:
     """The event with which the target first received what the prescriber acts on; -1 if none."""
     for at, (_, e) in enumerate(world.log(target).events):
-        m: dict[str, Json] = (isinstance(e, Receive) and e.message) or {}
+        m: Fields = (isinstance(e, Receive) and e.message) or {}
         what = m.get("type"), session_of(m), m.get("proposal")
         if what == ("Prescription", acts.session, acts.start.proposal):
             return at

@@ -20,12 +20,10 @@ from automcm_spec.station import Message, State, Timer
 from automcm_traces import itf, itf_form, story
 from automcm_traces.follow import Watcher, follow
 from automcm_traces.reader import Log
-from automcm_traces.step import Step
 from automcm_traces.story_effects import ask, cfg_of
 from automcm_traces.story_steps import Move, happenings
-from automcm_traces.track import CannotTell, Track
+from automcm_traces.track import CannotTell, Step, Track
 
-Json = Any
 TICK_MS = 100
 """A tick of a timed model."""
 TICKS = (["tick"], ["slow tick"])
@@ -94,7 +92,7 @@ def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
         raise itf.ItfError(f"{path}: {error}") from None
 
 
-def _behaviour(value: Json, models_dir: Path) -> Behaviour:
+def _behaviour(value: object, models_dir: Path) -> Behaviour:
     if not isinstance(value, dict):
         raise itf.ItfError("not an object")
     states = itf.from_itf(value)
@@ -210,7 +208,7 @@ class _Steps(Watcher):
     def step(self, step: Step, track: Track) -> None:
         event = {} if step.event is None else step.event.model_dump(exclude_none=True)
         shown = ("message", "planned", "command", "timer", "raw")
-        meta: dict[str, Json] = {
+        meta: dict[str, object] = {
             "action": handler(step.input),
             "args": {name: _frozen(event[name]) for name in shown if name in event},
             "rule": step.rule,
@@ -221,13 +219,13 @@ class _Steps(Watcher):
         self.states.append(itf.ItfState(_values(track), meta))
 
 
-def _values(t: Track) -> dict[str, Json]:
+def _values(t: Track) -> dict[str, object]:
     """The variables of a station, named as in Station.tla."""
     outbox = frozenset(itf.FrozenMap(dict(zip(e._fields, e, strict=True))) for e in t.state.outbox)
     return {**t.state._asdict(), "outbox": outbox}
 
 
-def _frozen(value: Json) -> Json:
+def _frozen(value: object) -> object:
     """Plain JSON as ITF holds it."""
     if isinstance(value, dict):
         return {key: _frozen(item) for key, item in value.items()}

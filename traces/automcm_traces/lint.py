@@ -11,13 +11,13 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Literal
+from typing import BinaryIO, Final, Literal
 
 from pydantic import ValidationError
 from pydantic_core import from_json
 
 from automcm_spec.bad_input import BadInput, at_line, name_of, one_line
-from automcm_spec.messages import RELIABLE
+from automcm_spec.messages import RELIABLE, Fields
 from automcm_spec.rules import RULES
 from automcm_traces.finding import At, Finding
 from automcm_traces.log import (
@@ -37,7 +37,6 @@ from automcm_traces.numbers import Numbers
 from automcm_traces.reader import LONGEST_LINE, NotJsonError, cut, parse
 from automcm_traces.track import PHASES, ROLES
 
-Json = Any
 Level = Literal["error", "warning"]
 
 CHECKS: Final[dict[str, tuple[Level, str]]] = {
@@ -64,7 +63,7 @@ def level(found: Finding) -> Level:
     return CHECKS[found.rule][0]
 
 
-def as_dict(found: Finding) -> dict[str, Json]:
+def as_dict(found: Finding) -> dict[str, object]:
     """As in ``--json``."""
     return {
         "file": found.at.file,
@@ -119,7 +118,7 @@ class Report:
             return "unreadable"
         return "findings" if self.errors else "clean"
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         return {
             "file": self.file,
@@ -249,7 +248,7 @@ class _Lint:
     def _keys(self, line: bytes) -> Iterator[Finding]:
         again: list[str] = []
 
-        def pairs(items: list[tuple[str, Json]]) -> None:
+        def pairs(items: list[tuple[str, object]]) -> None:
             if len({key for key, _ in items}) < len(items):
                 counts = Counter(key for key, _ in items)
                 again.extend(key for key, count in counts.items() if count > 1)
@@ -321,7 +320,7 @@ class _Lint:
         elif not self._sent.add(number):
             yield self._found("tx", "tx", f"{tx} was used before: each transmission has its own")
 
-    def _message(self, message: dict[str, Json]) -> Iterator[Finding]:
+    def _message(self, message: Fields) -> Iterator[Finding]:
         for field, problem in problems(message):
             yield self._found("message", f"message.{field}", problem)
         broadcast = message["type"] in ("Advertisement", "CAM")

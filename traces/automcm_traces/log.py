@@ -32,8 +32,8 @@ from pydantic import (
 from pydantic_core import ErrorDetails, SchemaValidator
 from typing_extensions import TypeAliasType
 
-from automcm_spec import application
-from automcm_spec.messages import MESSAGE, Array, MessageType, StationId, fault, missing
+from automcm_spec import application, messages
+from automcm_spec.messages import MESSAGE, Array, Fields, MessageType, StationId, fault, missing
 from automcm_spec.parameters import DEFAULTS, IN_HEADER, UNITS, longest_delay
 
 SCHEMA: Final = "automcm.trace/1"
@@ -441,20 +441,21 @@ def unknown_event(error: ValidationError) -> bool:
 _VALIDATE: Final = MESSAGE.validator.validate_python
 
 
-def problems(m: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Each field in which a message is not what the protocol says (END-5), and what is wrong with
-    it; none if it is right.  Where it goes is not its form."""
+def typed(m: Fields) -> messages.Message | messages.Cam | list[tuple[str, str]]:
+    """The message that this is, or each field in which it is not what the protocol says (END-5),
+    and what is wrong with it.  Where it goes is not its form."""
     try:
-        absent = missing(_VALIDATE(m))
+        message: messages.Message | messages.Cam = _VALIDATE(m)
     except ValidationError as error:
         return problems_of(error)
-    return [(name, "missing") for name in sorted(absent)] if absent else []
+    absent = missing(message)
+    return [(name, "missing") for name in sorted(absent)] if absent else message
 
 
-def malformed(m: Mapping[str, Any]) -> str:
-    """The first of ``problems`` in words; empty if there is none."""
-    found = problems(m)
-    return ": ".join(found[0]) if found else ""
+def problems(m: Fields) -> list[tuple[str, str]]:
+    """What is wrong with a message (``typed``); nothing if it is right."""
+    found = typed(m)
+    return found if isinstance(found, list) else []
 
 
 _PROBLEMS = {
@@ -468,12 +469,12 @@ _PROBLEMS = {
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
-    """The field (a path such as ``message.seq``, "" for the whole line) and what is wrong there."""
+    """The first of ``problems_of``."""
     return problems_of(error)[0]
 
 
 def problems_of(error: ValidationError) -> list[tuple[str, str]]:
-    """Everything wrong with a line, as ``first_problem`` says it."""
+    """Each field (a path such as ``message.seq``, "" for the whole line) and what is wrong."""
     return [_problem(one) for one in error.errors(include_url=False, include_input=False)]
 
 

@@ -17,7 +17,6 @@ from automcm_spec.bad_input import name_of, one_line
 from automcm_traces.log import SCHEMA, End, Header
 from automcm_traces.reader import Notice, records
 
-Json = Any
 TOPIC = "/automcm/"
 """A channel is called by this and the id of its station."""
 LATEST_MS = 2**63 // 10**6

@@ -17,12 +17,11 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
 
+from automcm_spec.messages import Fields
 from automcm_traces.log import Event, Receive, Send
 from automcm_traces.reader import Log
 
-Json = Any
 Node = tuple[int, int]
 """An event: the place of its log among those merged, and its place in ``Log.events``."""
 
@@ -116,7 +115,7 @@ def merge(logs: Sequence[Log]) -> Merged:
     return merged
 
 
-def content(message: dict[str, Json]) -> str:
+def content(message: Fields) -> str:
     """A message as a text that is equal for equal messages."""
     return json.dumps(message, sort_keys=True, separators=(",", ":"))
 
@@ -168,7 +167,7 @@ def _match(merged: Merged) -> None:
         )
 
 
-def _message(merged: Merged, node: Node) -> Json:
+def _message(merged: Merged, node: Node) -> object:
     event = merged.event(node)
     return event.message if isinstance(event, Send) else None
 

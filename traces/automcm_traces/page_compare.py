@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from automcm_traces.canonical import Deed
 from automcm_traces.diff import Compared, Diff, diff_logs
 from automcm_traces.merge import Node
 from automcm_traces.page_run import PageError, Run
 from automcm_traces.reader import Log
-
-Json = Any
 
 
 @dataclass(slots=True)

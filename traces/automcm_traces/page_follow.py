@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 from automcm_spec.parameters import durations, lease_lasts
 from automcm_spec.rules import handler, line
 from automcm_traces.follow import Ending, Watcher
-from automcm_traces.log import Restart, TimerArm, TimerEnd
+from automcm_traces.log import Restart, Timer, TimerArm, TimerEnd
 from automcm_traces.reader import Log
-from automcm_traces.step import Step
-from automcm_traces.timers import timer_key
-from automcm_traces.track import Track
+from automcm_traces.track import Step, Track
 
-Json = Any
 WHOLE = 100
 """Steps from one whole state to the next; between them only what changes is written."""
 STOPPED, EXPIRED, REARMED, OPEN, RESTARTED = range(5)
@@ -47,39 +43,40 @@ class Followed:
     rules: list[str] = field(default_factory=list)
     places: list[tuple[str, int]] = field(default_factory=list)
     """The operator of Station.tla and the line in it that decided each."""
-    states: list[Json] = field(default_factory=list)
+    states: list[dict[str, object]] = field(default_factory=list)
     """After each step, what changed; every ``WHOLE`` steps, from the first on, everything."""
     bars: list[Bar] = field(default_factory=list)
 
-    def state(self, step: int) -> dict[str, Json]:
+    def state(self, step: int) -> dict[str, object]:
         """The whole state after a step."""
         first = step - step % WHOLE
-        found: dict[str, Json] = {}
+        found: dict[str, object] = {}
         for change in self.states[first : step + 1]:
             found |= change
         return found
 
 
-def values(t: Track) -> dict[str, Json]:
+def values(t: Track) -> dict[str, object]:
     """The variables of a station, named as in Station.tla, as plain JSON."""
+    st = t.state
     return {
-        "phase": t.phase,
-        "role": t.role,
+        "phase": st.phase,
+        "role": st.role,
         "session": f"{t.session[0]}/{t.session[1]}" if t.session else "none",
-        "recorded": sorted(t.recorded),
-        "withdrawn": sorted(t.withdrawn),
-        "target": t.target,
-        "proposal": t.proposal,
-        "deciding": t.deciding,
+        "recorded": sorted(st.recorded),
+        "withdrawn": sorted(st.withdrawn),
+        "target": st.target,
+        "proposal": st.proposal,
+        "deciding": st.deciding,
         "watching": t.heard_ms is not None,
-        "number": t.number,
-        "joined": {str(p): n for p, n in sorted(t.joined.items())},
+        "number": st.number,
+        "joined": {str(p): n for p, n in sorted(st.joined)},
         "outbox": [
-            f"{e.type} to {e.to}, {e.session[0]}/{e.session[1]} seq {e.message['seq']}"
+            f"{e.type} to {e.to}, {e.session[0]}/{e.session[1]} seq {e.message.seq}"
             for e in t.outbox
         ],
-        "quarantine": t.quarantine,
-        "backoff": t.backoff,
+        "quarantine": st.quarantine,
+        "backoff": st.backoff,
     }
 
 
@@ -90,7 +87,7 @@ class States(Watcher):
         self.found, self._shown = Followed(), shown
         self._leases: dict[int, tuple[str, int]] = {}
         """By the line of an input, role and lease after it."""
-        self._last: dict[str, Json] = {}
+        self._last: dict[str, object] = {}
 
     def step(self, step: Step, track: Track) -> None:
         """One more state."""
@@ -100,7 +97,7 @@ class States(Watcher):
         whole = len(self.found.steps) % WHOLE == 0
         changed = {k: v for k, v in now.items() if whole or self._last.get(k) != v}
         self._decided(step, changed)
-        self._leases[step.at] = track.role, track.lease_ms
+        self._leases[step.at] = track.state.role, track.lease_ms
         self._last = now
 
     def ended(self, ending: Ending) -> None:
@@ -118,7 +115,7 @@ class States(Watcher):
         elif ending.finding.kind == "cannot_tell":
             found.why_not = ending.finding.observed
 
-    def _decided(self, step: Step, changed: dict[str, Json]) -> None:
+    def _decided(self, step: Step, changed: dict[str, object]) -> None:
         """A step; if it does not go on as it must, its state is that before."""
         self.found.states.append(changed)
         self.found.steps.append(step.at)
@@ -133,13 +130,13 @@ class States(Watcher):
 
 def _bars(log: Log, found: Followed, leases: dict[int, tuple[str, int]]) -> None:
     """Every timer armed, with its end: expiry, stop, armed anew, a restart, or none."""
-    open_: dict[str, Bar] = {}
+    open_: dict[Timer, Bar] = {}
     done: list[Bar] = found.bars
     lines = iter([*found.steps, None])
     step, due = None, next(lines)
     lasts = durations(log.header.known)
 
-    def close(key: str, at: int, how: int) -> None:
+    def close(key: Timer, at: int, how: int) -> None:
         bar = open_.pop(key, None)
         if bar is not None:
             done.append(Bar(bar.armed, at, how, bar.logged_ms, bar.spec_ms))
@@ -149,20 +146,18 @@ def _bars(log: Log, found: Followed, leases: dict[int, tuple[str, int]]) -> None
             step, due = due, next(lines)
         match event:
             case TimerArm(timer=timer):
-                key = timer_key(timer.model_dump(exclude_none=True))
-                close(key, n, REARMED)
+                close(timer, n, REARMED)
                 wanted = lasts[timer.name]
                 if timer.name == "lease":
                     role, lease_ms = leases.get(step or 0, ("", 0))
                     drift = log.header.known.get("clock_drift", 0)
                     wanted = lease_lasts(drift, role, lease_ms) if lease_ms else None
                 spec_ms = -1 if wanted is None else wanted
-                open_[key] = Bar(n, -1, OPEN, event.deadline - event.t_ms, spec_ms)
+                open_[timer] = Bar(n, -1, OPEN, event.deadline - event.t_ms, spec_ms)
             case TimerEnd(timer=timer, op=op):
-                key = timer_key(timer.model_dump(exclude_none=True))
-                close(key, n, EXPIRED if op == "expire" else STOPPED)
+                close(timer, n, EXPIRED if op == "expire" else STOPPED)
             case Restart():
-                for key in [k for k in open_ if k != "quarantine"]:
+                for key in [k for k in open_ if k.name != "quarantine"]:
                     close(key, n, RESTARTED)
     done += open_.values()
     done.sort(key=lambda bar: (bar.armed, bar.ended))

@@ -16,12 +16,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import reduce
 from math import inf
-from typing import Any
 
-from automcm_spec.station import Command, Expire, Input, Outcome
-from automcm_spec.station import Receive as Received
-from automcm_traces.engine import NOTHING, Engine
-from automcm_traces.inputs import Asked
+from automcm_spec.station import Input, Outcome
+from automcm_traces.alphabet import Answer, answers
+from automcm_traces.engine import NOTHING, Deadline, Engine
+from automcm_traces.finding import Diverges, Late, Supposition
 from automcm_traces.log import (
     ApplicationIndication,
     Event,
@@ -31,12 +30,8 @@ from automcm_traces.log import (
     TimerArm,
     TimerEnd,
 )
-from automcm_traces.step import Deadline, Diverges, Late, Supposition
-from automcm_traces.timers import named, short, timer_key
-from automcm_traces.track import NOTHING_TOLD, NUMBERED, CannotTell, Track
-from automcm_traces.unseen import Answer, answers
+from automcm_traces.track import NOTHING_TOLD, Asked, CannotTell, Track, named, short
 
-Json = Any
 CHAIN = 8
 """Inputs in a row that may be unseen before one event."""
 MOST = 300
@@ -60,15 +55,16 @@ class _Supposing(Engine):
     def suppose(self, i: Input, at: int, after: int, until_ms: int) -> None:
         """An input that was not observed, after one line and before the event of line ``at``
         at ``until_ms``.  Nothing may be expected any more of the input before it."""
-        own = timer_key(named(self.track, [], i.timer)) if i.kind == "expire" else ""
-        if own:
+        own = named(self.track, [], i.timer) if i.kind == "expire" else None
+        if own is not None:
             self.since_ms = max(self.since_ms, self.timers[own].first)
         if i.kind != "restart":  # what was due before is lost (END-8)
             due = [d.last + self._late_ms for d in self.timers.values() if d.last is not None]
             until_ms = min([until_ms, *due])
-        self.timers.pop(own, None)
-        question = Asked(i, f"{_words(i)}, not logged", _given(self.track, i))
-        step = self._step = self._answered(at, until_ms, None, question)
+        if own is not None:
+            del self.timers[own]
+        question = Asked(i, f"{_words(i)}, not logged")
+        step = self._ask(at, until_ms, None, question)
         step.since_ms, step.unseen = self.since_ms, True
         if i.kind == "restart" or (i.kind == "expire" and step.says[0] == "fallback"):
             what = "restart" if i.kind == "restart" else short(i.timer)
@@ -152,14 +148,14 @@ class _Search:
     after: int
     """What is unseen happened after this line."""
     promised: frozenset[str]
-    taken: dict[Json, _Supposing] = field(default_factory=dict)
+    taken: dict[tuple[object, ...], _Supposing] = field(default_factory=dict)
     """The stations after the event."""
     refused: Refused = field(default_factory=list)
     given_up: str = ""
     """Why there may be more of them than were found."""
     number: int = 0
     """Of the stations before the event."""
-    _seen: dict[Json, list[_Supposing]] = field(default_factory=dict)
+    _seen: dict[tuple[object, ...], list[_Supposing]] = field(default_factory=dict)
 
     def goes_on(self, engine: _Supposing) -> Iterator[_Supposing]:
         """Try the event; then, what the station may have become before by one input that is not in
@@ -210,7 +206,7 @@ class _Search:
             return "timer" in self.promised
         if i.kind != "expire":
             return True
-        deadline = engine.timers.get(timer_key(named(engine.track, [], i.timer)))
+        deadline = engine.timers.get(named(engine.track, [], i.timer))
         return deadline is not None and deadline.first <= self.event.t_ms
 
     def _loud(self, outcome: Outcome) -> bool:
@@ -229,15 +225,14 @@ class _Search:
         return True
 
 
-def _kind(engine: Engine) -> Json:
+def _kind(engine: Engine) -> tuple[object, ...]:
     """What tells one possible station from another, but for times."""
     step = engine.step
-    calls: Json = None
+    calls: tuple[object, ...] = ()
     if step is not None:
         left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
-        proposal = (step.given or {}).get("proposal")
-        calls = step.input, left, len(step.arm), proposal, step.unseen
-    return engine.track.key(), tuple(sorted(engine.timers)), calls, engine.odd
+        calls = step.input, left, len(step.arm), step.unseen
+    return engine.track.key(), frozenset(engine.timers), calls, engine.odd
 
 
 def _covers(a: _Supposing, b: _Supposing) -> bool:
@@ -258,7 +253,7 @@ def _lasts(a: Deadline, b: Deadline) -> bool:
     return a.first <= b.first and (a.last is None or (b.last is not None and b.last <= a.last))
 
 
-def _merge(engines: dict[Json, _Supposing], engine: _Supposing) -> None:
+def _merge(engines: dict[tuple[object, ...], _Supposing], engine: _Supposing) -> None:
     """Of two that differ in their times only, one remains that may be either."""
     other = engines.setdefault(_kind(engine), engine)
     if other is engine:
@@ -327,25 +322,12 @@ def _shows(answer: Answer, event: Event) -> bool:
     return False
 
 
-def _given(t: Track, i: Input) -> dict[str, Json] | None:
-    """The message or command behind an unseen input, as far as it is known."""
-    if i.kind == "receive":
-        m = {"type": i.message.type, "src": i.message.src, "session": list(i.message.session)}
-        m |= {"seq": 0} if not i.message.seq else {}
-        if i.message.type in NUMBERED:
-            m |= {"proposal": i.message.proposal, "accepted": i.message.accepted}
-        return m
-    if i.kind == "command":
-        return {"name": i.name} | ({"proposal": i.proposal} if i.proposal else {})
-    return {"type": "CAM", "generation_ms": t.heard_ms or 0} if i.kind == "cam" else {}
-
-
 def _words(i: Input) -> str:
-    match i:
-        case Received():
+    match i.kind:
+        case "receive":
             return f"receive {i.message.type}"
-        case Command():
+        case "command":
             return f"command {i.name}"
-        case Expire():
+        case "expire":
             return f"expire {i.timer[0]}"
     return i.kind

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, combinations, groupby, pairwise, product
-from typing import Any, Literal
+from typing import Literal
 
 from automcm_traces import durations
 from automcm_traces.durations import Checked
@@ -23,7 +23,6 @@ from automcm_traces.reader import Log
 from automcm_traces.timeline import Moment, Spell, Timeline
 from automcm_traces.world import World
 
-Json = Any
 Outcome = Literal["holds", "violated", "cannot_tell"]
 NAMES = {
     "S-1": "one session at a time",
@@ -54,7 +53,7 @@ class Judged:
     checked: int
     where: tuple[str, ...] = ()
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         return {
             "property": self.property,
@@ -96,7 +95,7 @@ class SystemReport:
             return "hazard"
         return "cannot_tell" if self.problem or "cannot_tell" in outcomes else "allowed"
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in ``--json``."""
         return {
             "verdict": self.verdict,

@@ -28,7 +28,6 @@ from automcm_traces.reader import Log, LogStream
 from automcm_traces.show import Row
 from automcm_traces.sublog import Item, Sublog
 
-Json = Any
 TRIES = 3000
 """How many candidates are judged."""
 MOST_STEPS = 40
@@ -66,7 +65,7 @@ class Shrunk:
         kept = [item.line for log in self.logs if log.file == at.file for item in log.items]
         return kept.index(at.line) + 2 if at.line in kept else 0
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, Any]:
         """As in ``--json``."""
         return {
             "what": self.finding.observed,
@@ -77,11 +76,7 @@ class Shrunk:
             "tries": self.tries,
             "ended": self.ended,
             "logs": [
-                {
-                    "file": log.file,
-                    "events_before": self.before[log.file],
-                    "events": len(log.items),
-                }
+                {"file": log.file, "events_before": self.before[log.file], "events": len(log.items)}
                 for log in self.logs
             ],
         }
@@ -185,7 +180,7 @@ def diverges_as(wrong: Verdict, late_ms: int | None) -> Test:
     return lambda logs: _way(explain(logs[0], late_ms)) == wanted
 
 
-def _way(v: Verdict) -> tuple[Json, ...]:
+def _way(v: Verdict) -> tuple[object, ...]:
     # What is missing after an input is what is wrong: nothing else may be left out there.
     found = v.finding
     whole = found.kind in ("missing", "state")

@@ -35,7 +35,7 @@ from automcm_spec.station import (
     State,
     Timer,
 )
-from automcm_traces.inputs import REASONS
+from automcm_traces.track import REASONS
 from automcm_traces.writer import LogWriter
 
 Json = Any

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
+from automcm_spec.messages import Fields, to_dict
+from automcm_spec.station import Input
 from automcm_traces.finding import cannot_tell
 from automcm_traces.follow import Ending, Follower, Watcher, follow
-from automcm_traces.log import Event, ForgetTimer, Receive, TimerArm, TimerEnd
+from automcm_traces.log import Event, ForgetTimer, Receive, Timer, TimerArm, TimerEnd
 from automcm_traces.reader import Log, LogStream
-from automcm_traces.step import Step
-from automcm_traces.track import Track
+from automcm_traces.track import Entry, Step, Track
 
-Json = Any
 Session = tuple[int, int]
 Ended = Literal["clean", "stopped", "diverges", "cannot_tell"]
 
@@ -42,7 +42,7 @@ class Moment:
     about: Session | None = None
     acked: tuple[tuple[int, str], ...] = ()
     """What an Ack took from the outbox: the addressee, and the message's key (``key_of``)."""
-    own: Json = None
+    own: object = None
     """All of the state that belongs to the own session (S-7)."""
     late_ms: int = 0
     """How long after its deadline the timer expired."""
@@ -114,7 +114,7 @@ class Timeline:
             yield Spell(self.station, start, None)
 
 
-def session_of(message: dict[str, Json]) -> Session | None:
+def session_of(message: Fields) -> Session | None:
     """The session that a message names, if it names one."""
     match message.get("session"):
         case [int(prescriber), int(number)]:
@@ -122,7 +122,7 @@ def session_of(message: dict[str, Json]) -> Session | None:
     return None
 
 
-def key_of(message: dict[str, Json]) -> str:
+def key_of(message: Fields) -> str:
     """What a reliable message is, of its sender: addressee, session, type and seq."""
     m = message
     return f"{m['type']} seq={m['seq']} session={m['session']} to {m['dst']}"
@@ -143,15 +143,15 @@ class Recorder(Watcher):
         self._places: dict[int, int] = {}
         """Of the events, by line."""
         self._t_ms = 0
-        self._outbox: list[Any] = []
-        self._deadlines: dict[str, int] = {}
+        self._outbox: list[Entry] = []
+        self._deadlines: dict[Timer, int] = {}
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
         """Keep the deadlines of armed timers, to see how late one expires."""
         self._places[line] = len(self._places)
         self._t_ms = event.t_ms
         if isinstance(event, TimerArm):
-            self._deadlines[event.timer.model_dump_json()] = event.deadline
+            self._deadlines[event.timer] = event.deadline
 
     def step(self, step: Step, track: Track) -> None:
         """One more moment."""
@@ -165,22 +165,22 @@ class Recorder(Watcher):
             sender = event.message.get("src")
             src, about = sender if isinstance(sender, int) else 0, session_of(event.message)
         cause = cause_of(step.input)
-        acked = [(e.to, key_of(e.message)) for e in gone] if cause == "receive Ack" else []
+        acked = [(e.to, key_of(to_dict(e.message))) for e in gone] if cause == "receive Ack" else []
         late = forgot = 0
         if isinstance(event, TimerEnd):
             if isinstance(event.timer, ForgetTimer):
                 forgot = event.timer.station or 0
-            late = event.t_ms - self._deadlines.get(event.timer.model_dump_json(), event.t_ms)
+            late = event.t_ms - self._deadlines.get(event.timer, event.t_ms)
         self.made.moments.append(
             Moment(
                 self._places[step.at],
                 step.at,
                 step.t_ms,
-                t.phase,
-                t.role,
+                t.state.phase,
+                t.state.role,
                 t.session,
-                t.target,
-                t.proposal,
+                t.state.target,
+                t.state.proposal,
                 cause,
                 step.rule,
                 src,
@@ -216,22 +216,30 @@ class Recorder(Watcher):
         made.last = (known.at, known.line, known.t_ms)
 
 
-def cause_of(value: Json) -> str:
-    """An input of the oracle in two words."""
-    match value:
-        case ["command", name, *_]:
-            return f"command {name}"
-        case ["expire", [name, *_]]:
-            return f"expire {name}"
-        case ["receive", [type_, *_], *_]:
-            return f"receive {type_}"
-        case ["cam", *_]:
+def cause_of(i: Input) -> str:
+    """An input in two words."""
+    match i.kind:
+        case "command":
+            return f"command {i.name}"
+        case "expire":
+            return f"expire {i.timer[0]}"
+        case "receive":
+            return f"receive {i.message.type}"
+        case "cam":
             return "receive CAM"
-    return str(value[0])
+    return i.kind
 
 
-def _own(t: Track) -> Json:
-    entries = sorted((e.type, e.to, e.k) for e in t.outbox if e.session == t.session)
-    recorded = (tuple(sorted(t.recorded)), tuple(sorted(t.withdrawn)))
-    state = (t.phase, t.role, t.session, t.target, t.proposal, t.deciding, t.heard_ms is not None)
-    return state, recorded, tuple(entries)
+def _own(t: Track) -> tuple[object, ...]:
+    st, entries = t.state, sorted((e.type, e.to, e.k) for e in t.outbox if e.session == t.session)
+    recorded = (tuple(sorted(st.recorded)), tuple(sorted(st.withdrawn)))
+    own = (
+        st.phase,
+        st.role,
+        t.session,
+        st.target,
+        st.proposal,
+        st.deciding,
+        t.heard_ms is not None,
+    )
+    return own, recorded, tuple(entries)

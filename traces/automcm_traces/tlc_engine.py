@@ -31,8 +31,8 @@ from automcm_traces.log import (
     TimerEnd,
 )
 from automcm_traces.reader import Log, LogStream
-from automcm_traces.timers import timer_name
 from automcm_traces.tlc_module import TooLarge, Translation, limits, module
+from automcm_traces.track import timer_name
 
 Json = Any
 NEEDED = ("receive", "send")
@@ -251,7 +251,7 @@ def words(event: Event) -> str:
         case Send(message=m):
             return f"send {m['type']} to {m.get('dst', 'all')}"
         case TimerArm(op=op, timer=timer) | TimerEnd(op=op, timer=timer):
-            return f"{op} {timer_name(timer.model_dump(exclude_none=True))}"
+            return f"{op} {timer_name(timer)}"
         case ApplicationCommand(command=command):
             return f"command {command.name}"
         case ApplicationIndication(indication=indication):

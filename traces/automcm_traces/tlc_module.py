@@ -24,7 +24,7 @@ from automcm_traces.log import (
     Timer,
     TimerArm,
     TimerEnd,
-    malformed,
+    problems,
 )
 from automcm_traces.reader import Log
 from automcm_traces.track import PHASES, ROLES
@@ -120,7 +120,7 @@ class Translation:
             case Receive():
                 return self._received(at, event)
             case Send(message={"type": "CAM"} as m):
-                if malformed(m):
+                if problems(m):
                     return f"CamSent({at},0,{{}})"
                 return f"CamSent({at},{self.station(m['src'])},{self._marks(m)})"
             case Send(message=m):
@@ -151,7 +151,7 @@ class Translation:
     def _received(self, at: str, event: Receive) -> str:
         m = event.message
         assert m is not None
-        if malformed(m):
+        if problems(m):
             mine = m.get("dst", self._me) == self._me  # else it may be dropped silently (MSG-1)
             return f"Malformed({at},{_bool(mine)})"
         if m["type"] == "CAM":
@@ -201,7 +201,7 @@ class Translation:
             f'{_bool(m.get("accepted") is True)},"{self._reason(m.get("reason", "none"))}",'
             f'<<"{self._safe(of.get("type", "none"), NAMED)}",{self._small(of.get("seq", 0))}>>,'
             f"{body},{self._content(m)},{self._lease(m)},"
-            f"{_bool(not malformed(m))})"
+            f"{_bool(not problems(m))})"
         )
 
     def _lease(self, m: dict[str, Json]) -> int:

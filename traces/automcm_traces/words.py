@@ -8,18 +8,22 @@ from typing import Any, Literal
 
 from rich.cells import cell_len, set_cell_size
 
+from automcm_spec.messages import Fields
 from automcm_traces.log import (
     ApplicationCommand,
     ApplicationIndication,
     Event,
+    ForgetTimer,
+    MessageKey,
+    MessageTimer,
     Receive,
     Restart,
     Send,
+    Timer,
     TimerArm,
     TimerEnd,
 )
 
-Json = Any
 Kind = Literal["send", "receive", "timer", "command", "indication", "restart", "note", "phase"]
 
 _LONGEST = 300
@@ -68,10 +72,10 @@ def said(event: Event) -> str:
         case Receive(message=m) if m is not None:
             return safe(f"<- {m['type']} {_plain(m.get('src', '?'))}{_content(m)}")
         case TimerArm(timer=timer):
-            name = _timer(timer.model_dump(exclude_none=True))
+            name = _timer(timer)
             return safe(f"arm {name} +{event.deadline - event.t_ms}")
         case TimerEnd(timer=timer):
-            return safe(f"{event.op} {_timer(timer.model_dump(exclude_none=True))}")
+            return safe(f"{event.op} {_timer(timer)}")
         case ApplicationCommand(command=command):
             return safe(f"command {command.name}{_fields(command.model_extra or {})}")
         case ApplicationIndication(indication=indication):
@@ -83,7 +87,7 @@ def said(event: Event) -> str:
 
 def session_of(event: Event) -> tuple[int, int] | None:
     """The session an event names; None if it names none."""
-    value: Json = None
+    value: Any = None
     match event:
         case Send(message=m) | Receive(message=m) if m is not None:
             value = m.get("session")
@@ -95,11 +99,11 @@ def session_of(event: Event) -> tuple[int, int] | None:
     return (value[0], value[1]) if _is_session(value) else None
 
 
-def _is_session(value: Json) -> bool:
+def _is_session(value: object) -> bool:
     return isinstance(value, (list, tuple)) and [type(part) for part in value] == [int, int]
 
 
-def _plain(value: Json) -> str:
+def _plain(value: object) -> str:
     """A value of a message; what should be a number or a word may be anything."""
     if isinstance(value, (list, tuple)) and _is_session(value):
         return f"{value[0]}/{value[1]}"
@@ -108,7 +112,7 @@ def _plain(value: Json) -> str:
     return str(value)
 
 
-def _content(m: dict[str, Json]) -> str:
+def _content(m: Fields) -> str:
     """What sets this message apart from others of its type."""
     words = []
     if "accepted" in m:
@@ -128,17 +132,19 @@ def _content(m: dict[str, Json]) -> str:
     return "".join(f" {word}" for word in words)
 
 
-def _timer(timer: dict[str, Json]) -> str:
-    m = timer.get("message")
-    if m is not None:
-        return f"{timer['name']} {m['type']}#{m['seq']} ->{m.get('to', 'all')}"
-    return f"{timer['name']} {timer['station']}" if "station" in timer else str(timer["name"])
+def _timer(timer: Timer) -> str:
+    match timer:
+        case MessageTimer(message=MessageKey() as m):
+            return f"{timer.name} {m.type}#{m.seq} ->{m.to or 'all'}"
+        case ForgetTimer(station=int(station)):
+            return f"{timer.name} {station}"
+    return timer.name
 
 
 _TOLD = ("reason", "target", "station", "proposal", "session")
 
 
-def _fields(fields: dict[str, Json]) -> str:
+def _fields(fields: Fields) -> str:
     words = []
     for name in _TOLD:
         if name in fields:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from typing import Any
 
+from automcm_spec.messages import Fields
 from automcm_traces.clocks import Clocks, Span
 from automcm_traces.delivery import Deliveries, Forged
 from automcm_traces.log import ApplicationIndication, Event, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.merge import Merged, merge
 from automcm_traces.reader import Log
 from automcm_traces.timeline import Moment, Session, Spell, Timeline, key_of, session_of, timeline
-
-Json = Any
 
 
 class World:
@@ -54,7 +52,7 @@ class World:
         if station not in self._acceptances:
             found = self._acceptances[station] = {}
             for at, (_, e) in enumerate(self.log(station).events):
-                m: dict[str, Json] = e.message if isinstance(e, Send) else {}
+                m: Fields = e.message if isinstance(e, Send) else {}
                 session, dst, proposal = session_of(m), m.get("dst"), m.get("proposal")
                 accepts = m.get("type") == "Acceptance" and m.get("accepted")
                 if accepts and session and isinstance(dst, int) and isinstance(proposal, int):
@@ -66,12 +64,10 @@ class World:
         if station not in self._leases:
             found = self._leases[station] = {}
             for _, e in self.log(station).events:
-                m: dict[str, Json] = (isinstance(e, Send | Receive) and e.message) or {}
-                session = session_of(m)
-                proposal: Json = m.get("proposal")
-                lease: Json = m.get("lease_ms")
-                whole = isinstance(proposal, int) and isinstance(lease, int)
-                if m.get("type") == "Prescription" and session and whole:
+                m: Fields = (isinstance(e, Send | Receive) and e.message) or {}
+                session, proposal, lease = session_of(m), m.get("proposal"), m.get("lease_ms")
+                prescribes = m.get("type") == "Prescription"
+                if prescribes and session and isinstance(proposal, int) and isinstance(lease, int):
                     found.setdefault((session, proposal), lease)
         return self._leases[station]
 
@@ -90,7 +86,7 @@ class World:
         got: dict[tuple[int, int, str], int] = {}
         for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
             for at, (_, e) in enumerate(log.events):
-                m: dict[str, Json] = (isinstance(e, Receive) and e.message) or {}
+                m: Fields = (isinstance(e, Receive) and e.message) or {}
                 src, whole = m.get("src"), {"type", "seq", "dst", "session"} <= m.keys()
                 if whole and isinstance(src, int):
                     got.setdefault((station, src, key_of(m)), at)

@@ -191,10 +191,13 @@ def steps_lead_forward_and_back_to_the_same_state(browser: Browser, folder: Path
 
 
 def states_from_deltas_are_those_of_the_log(browser: Browser, folder: Path) -> None:
-    from automcm_traces.page_follow import follow
+    from automcm_traces.follow import follow
+    from automcm_traces.page_follow import States
 
     with browser.page(browser.write("states", FOUR[0])) as page:
-        followed = follow(read(FOUR[0]))
+        log, states = read(FOUR[0]), States(range(10**9))
+        follow(log, watchers=[states])
+        followed = states.followed(log)
         for step in range(len(followed.steps)):
             assert page.evaluate(f"stateAfter(0, {step}).state") == followed.state(step), step
         events = page.evaluate("Array.from({length: COUNT}, (_, row) => logged(row))")

@@ -19,8 +19,7 @@ from automcm_traces.engine import Engine
 from automcm_traces.explain import explain_files
 from automcm_traces.log import Receive, Send
 from automcm_traces.reader import read
-from automcm_traces.step import Step
-from automcm_traces.track import Track, number_of
+from automcm_traces.track import Step, Track
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 ENTRIES = index(CORPUS)
@@ -97,10 +96,7 @@ def transitions(path: Path) -> set[str]:
     engine = Engine(log.header)
     me, before, found = log.header.station, renaming.state(engine.track.state, of_model), set()
     sent = {
-        (m["type"], m.get("dst", 0), *m["session"], m["seq"]): (
-            number_of(m),
-            m.get("accepted", False),
-        )
+        (m["type"], m.get("dst", 0), *m["session"], m["seq"]): (seq_of(m), m.get("accepted", False))
         for _, e in log.events
         if isinstance(e, Send) and "session" in (m := e.message)
     }
@@ -120,6 +116,11 @@ def transitions(path: Path) -> set[str]:
     return found
 
 
+def seq_of(m: dict[str, Any]) -> int:
+    """The seq of a message in the specification: its proposal, 1, or 0 for an answer."""
+    return int(m.get("proposal", 1)) if m["seq"] else 0
+
+
 def of_model(session: Session) -> Session:
     """A session with the ids of the models."""
     return session[0] // 1001, session[1]
@@ -137,7 +138,7 @@ def given(event: dict[str, Any], sent: dict[Any, tuple[int, bool]]) -> Input:
             of_ = type_, sent.get((type_, m["src"], *m["session"], seq), (0, False))[0]
         about = m.get("proposal", 0), m.get("accepted", False), reason if said else "as_sent", of_
         ids = m["type"], m["src"], m.get("dst", 0), tuple(m["session"])
-        return spec.Receive("receive", Message(*ids, number_of(m), *about), "planned" in event)
+        return spec.Receive("receive", Message(*ids, seq_of(m), *about), "planned" in event)
     if event["ev"] == "command":
         c = event["command"]
         session = tuple(c.get("session", (0, 0)))

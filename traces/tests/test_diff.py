@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from edits import Edited, edited
 
 from automcm_spec.bad_input import BadInput
-from automcm_traces.corpus_bad import Log as Edited
 from automcm_traces.diff import Compared, diff, text
 
 Json = Any
@@ -23,14 +23,6 @@ INDEX = {e["file"]: e for e in json.loads((CORPUS / "index.json").read_text())}
 def one(a: Path, b: Path) -> Compared:
     (found,) = diff([a], [b]).stations
     return found
-
-
-def edited(path: Path, to: Path, edit: Callable[[Edited], None]) -> Path:
-    log = Edited(path.read_bytes())
-    edit(log)
-    to.mkdir(exist_ok=True)
-    (to / path.name).write_bytes(log.text())
-    return to / path.name
 
 
 def everywhere(value: Json, change: Callable[[str, Json], Json], name: str = "") -> Json:

@@ -7,7 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from edits import HEADER
 
+from automcm_spec.messages import Acceptance
 from automcm_traces.engine import Engine
 from automcm_traces.follow import NEEDED
 from automcm_traces.log import RECORD
@@ -44,15 +46,17 @@ def test_no_log_loads_a_graph(name: str, verdict: str) -> None:
 
 def test_neg_1_more_proposals_at_once_than_any_graph_knows() -> None:
     """A receiver whose answers to 3, 4 and 5 are still being sent gets proposal 6."""
+    about = {"src": 2002, "dst": 1001, "session": (1001, 7), "seq": 1, "proposal": 1}
+    refusal = Acceptance(**about, accepted=False, reason="unsafe")
     answers = [
-        Entry("Acceptance", 1001, (1001, 7), k, {"seq": k, "proposal": k, "accepted": False})
+        Entry(
+            "Acceptance", 1001, (1001, 7), k, refusal.model_copy(update={"seq": k, "proposal": k})
+        )
         for k in (3, 4, 5)
     ]
     state = INITIAL._replace(phase="WAITING", role="receiver", session=(1001, 7), proposal=5)
     state = state._replace(joined=frozenset({(1001, 7)}), outbox=frozenset(e.spec for e in answers))
-    header = {"rec": "header", "schema": "automcm.trace/1", "run": "r", "station": 2002}
-    header |= {"implementation": {"name": "i", "version": "1"}, "complete": list(NEEDED)}
-    header |= {"parameters": {"max_rounds": 9}}
+    header = {**HEADER, "station": 2002, "complete": list(NEEDED), "parameters": {"max_rounds": 9}}
     m = {"v": 1, "type": "Prescription", "src": 1001, "dst": 2002, "session": [1001, 7], "seq": 9}
     m |= {"proposal": 6, "prescribed": {"t0": 0, "points": [[0, 0, 0]]}}
     m |= {"hold_ms": 1, "lease_ms": 700}

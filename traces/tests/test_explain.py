@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 import random
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from edits import Edited, edited, find
 
 from automcm import logging
 from automcm.clock import VirtualClock
@@ -23,18 +25,19 @@ from automcm_spec.parameters import Parameters, in_header
 from automcm_traces import reader
 from automcm_traces.engine import Engine
 from automcm_traces.explain import (
+    Verdict,
     exit_code,
     explain,
     explain_file,
     explain_files,
     explained,
+    text,
     together,
 )
 from automcm_traces.lint import report
 from automcm_traces.log import Event
 from automcm_traces.page_run import load
 from automcm_traces.reader import read
-from automcm_traces.telling import text
 from automcm_traces.writer import LogWriter
 
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
@@ -57,25 +60,24 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return four_stations(tmp_path_factory.mktemp("logs"))
 
 
-def edited(path: Path, number: int, tmp_path: Path, **message: Any) -> Path:
-    """A copy with fields of the message in one line changed."""
-    lines = path.read_text().splitlines()
-    record = json.loads(lines[number - 1])
-    record["message"] |= message
-    lines[number - 1] = json.dumps(record)
-    copy = tmp_path / path.name
-    copy.write_text("\n".join(lines) + "\n")
-    return copy
+def put(line: int, name: str, value: Any) -> Callable[[Edited], None]:
+    """Another value of a field of the message in a line."""
+    return lambda log: log.at(line)["message"].update({name: value})
 
 
-def find(path: Path, ev: str, **wanted: Any) -> int:
-    """The first line of an event whose message or payload has these fields."""
-    for number, line in enumerate(path.read_text().splitlines(), 1):
-        record = json.loads(line)
-        inner = record | record.get("message", {})
-        if record.get("ev") == ev and wanted.items() <= inner.items():
-            return number
-    raise LookupError(wanted)
+def later(first: int, ms: int, last: int | None = None) -> Callable[[Edited], None]:
+    """All that happens from one line on, to another or the end, is so much later."""
+
+    def edit(log: Edited) -> None:
+        for record in log.records[first - 1 : last]:
+            for name in {"t_ms", "deadline"} & record.keys():
+                record[name] += ms
+
+    return edit
+
+
+def where(verdict: Verdict) -> tuple[str, int, str]:
+    return verdict.verdict, verdict.finding.at.line, verdict.finding.rule
 
 
 def test_four_stations_with_loss_are_allowed(logs: list[Path]) -> None:
@@ -125,16 +127,7 @@ def test_how_late_a_timer_may_be_can_be_told(
     logs: list[Path], tmp_path: Path, late_ms: int | None, verdict: str
 ) -> None:
     """A log in which everything from the first expiry on is 60 ms later."""
-    lines = logs[0].read_text().splitlines()
-    records = [json.loads(line) for line in lines]
-    first = next(n for n, r in enumerate(records) if r.get("op") == "expire")
-    for record in records[first:]:
-        if "t_ms" in record:
-            record["t_ms"] += 60
-        if "deadline" in record:
-            record["deadline"] += 60
-    late = tmp_path / "late.ndjson"
-    late.write_text("".join(json.dumps(record) + "\n" for record in records))
+    late = edited(logs[0], tmp_path, later(find(logs[0], "timer", op="expire"), 60))
     assert explain_files([late], late_ms)[0].verdict == verdict
 
 
@@ -190,34 +183,25 @@ def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path:
                 if (path, message["type"], name) in tried:
                     continue
                 tried.add((path, message["type"], name))
-                changed = edited(path, number, tmp_path, **{name: mutated(message[name])})
+                changed = edited(path, tmp_path, put(number, name, mutated(message[name])))
                 verdict = explain(read(changed))
-                where = (verdict.verdict, verdict.finding.at.line)
-                assert where == ("diverges", number), (message["type"], name, verdict)
+                assert where(verdict)[:2] == ("diverges", number), (message["type"], name, verdict)
     assert {type_ for _, type_, _ in tried} >= {"Advertisement", "Intention", "Prescription"}
     assert {type_ for _, type_, _ in tried} >= {"Acceptance", "Fin", "Cancel", "Ack"}
 
 
 def test_forged_marks_of_a_cam_are_named_act_5(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[0], "send", type="CAM", marks=[[1001, 1]])
-    verdict = explain(read(edited(logs[0], number, tmp_path, marks=[])))
-    assert (verdict.verdict, verdict.finding.at.line, verdict.finding.rule) == (
-        "diverges",
-        number,
-        "ACT-5",
-    )
+    verdict = explain(read(edited(logs[0], tmp_path, put(number, "marks", []))))
+    assert where(verdict) == ("diverges", number, "ACT-5")
 
 
 def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "receive", type="Prescription")
-    changed = edited(logs[2], number, tmp_path, hold_ms=1)
+    changed = edited(logs[2], tmp_path, put(number, "hold_ms", 1))
     assert explain(read(changed)).verdict == "allowed"  # alone, nothing is wrong with it
     verdicts = explain_files([logs[0], changed])
-    assert (verdicts[1].verdict, verdicts[1].finding.at.line, verdicts[1].finding.rule) == (
-        "diverges",
-        number,
-        "forged",
-    )
+    assert where(verdicts[1]) == ("diverges", number, "forged")
     assert verdicts[1].finding.expected == ("hold_ms: 2000 was sent, not 1",)
 
 
@@ -240,7 +224,7 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
     logs: list[Path], tmp_path: Path
 ) -> None:
     number = find(logs[2], "receive", type="Prescription")
-    wrong = edited(logs[2], number, tmp_path, v=2)
+    wrong = edited(logs[2], tmp_path, put(number, "v", 2))
     why = (
         f"; the message of line {number} is malformed (v: Input should be less than or equal to 1)"
     )
@@ -249,27 +233,15 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
         number,
         f"phase NEGOTIATING{why}",
     )
-    wrong.write_text(wrong.read_text().replace(', "phase": "NEGOTIATING", "role": "receiver"', ""))
+    wrong.write_text(wrong.read_text().replace(',"phase":"NEGOTIATING","role":"receiver"', ""))
     verdict = explain(read(wrong))
     assert (verdict.finding.at.line, verdict.finding.rule) == (number + 1, "END-5")
     assert verdict.finding.observed == f"send Ack to 1001: nothing called for it{why}"
 
 
-def without_line(path: Path, number: int, tmp_path: Path) -> Path:
-    """A copy with an event left out and the later ones renumbered."""
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
-    del lines[number - 1]
-    for n, record in enumerate(lines):
-        if "seq" in record:
-            record["seq"] = n if record["rec"] == "event" else n - 1
-    copy = tmp_path / path.name
-    copy.write_text("".join(json.dumps(record) + "\n" for record in lines))
-    return copy
-
-
 def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[0], "send", type="Ack")
-    verdict = explain(read(without_line(logs[0], number, tmp_path)))
+    verdict = explain(read(edited(logs[0], tmp_path, lambda log: log.drop(number))))
     assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-5")
     assert (
         verdict.finding.expected[0].startswith("send Ack")
@@ -279,23 +251,15 @@ def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) ->
 
 def test_a_timer_left_out_is_missed(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "timer", op="arm")
-    verdict = explain(read(without_line(logs[2], number, tmp_path)))
+    verdict = explain(read(edited(logs[2], tmp_path, lambda log: log.drop(number))))
     assert verdict.verdict == "diverges" and "arm" in verdict.finding.expected[0]
-
-
-def shifted(path: Path, number: int, tmp_path: Path, **change: Any) -> Path:
-    lines = path.read_text().splitlines()
-    record = json.loads(lines[number - 1]) | change
-    lines[number - 1] = json.dumps(record)
-    copy = tmp_path / path.name
-    copy.write_text("\n".join(lines) + "\n")
-    return copy
 
 
 def test_a_wrong_deadline_is_named(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "timer", op="arm")
-    deadline = json.loads(logs[2].read_text().splitlines()[number - 1])["deadline"]
-    verdict = explain(read(shifted(logs[2], number, tmp_path, deadline=deadline + 1)))
+    deadline = Edited(logs[2].read_bytes()).at(number)["deadline"]
+    wrong = edited(logs[2], tmp_path, lambda log: log.at(number).update(deadline=deadline + 1))
+    verdict = explain(read(wrong))
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
     assert f"until {deadline} ms" in verdict.finding.expected[0]
 
@@ -307,12 +271,9 @@ def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
     simulation.run(until=3000)
     path = tmp_path / "7.ndjson"
     number = find(path, "timer", op="expire")
-    t_ms = json.loads(path.read_text().splitlines()[number - 1])["t_ms"]
-    verdict = explain(read(shifted(path, number, tmp_path, t_ms=t_ms - 1)))
-    assert (verdict.verdict, verdict.finding.at.line) == (
-        "diverges",
-        number,
-    ) and "too early" in verdict.finding.observed
+    verdict = explain(read(edited(path, tmp_path, later(number, -1, number))))
+    assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
+    assert "too early" in verdict.finding.observed
 
 
 def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> None:
@@ -335,13 +296,8 @@ def test_a_log_that_lost_records_cannot_be_told(logs: list[Path], tmp_path: Path
 def test_end_5_a_message_without_its_fields_calls_for_nothing(
     logs: list[Path], tmp_path: Path
 ) -> None:
-    lines = logs[1].read_text().splitlines()
     number = find(logs[1], "receive", type="Advertisement")
-    record = json.loads(lines[number - 1])
-    del record["message"]["session"]
-    lines[number - 1] = json.dumps(record)
-    path = tmp_path / "bad.ndjson"
-    path.write_text("\n".join(lines) + "\n")
+    path = edited(logs[1], tmp_path, lambda log: log.at(number)["message"].pop("session"))
     verdict = explain(read(path))
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
     assert verdict.finding.observed.startswith("phase INTENDING; the message of line")
@@ -430,13 +386,7 @@ def test_pre_5_a_wrong_proposal_or_target_is_refused_whatever_the_rounds(
 def test_act_5_an_own_cam_as_an_echo_is_nobody_s(tmp_path: Path) -> None:
     def echo(service: McService) -> None:
         cam = Cam(
-            src=1,
-            generation_ms=3000,
-            x_mm=0,
-            y_mm=0,
-            heading_mrad=0,
-            speed_mm_s=0,
-            marks=((1, 1),),
+            src=1, generation_ms=3000, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=((1, 1),)
         )
         service.receive(encode(cam))
 
@@ -467,18 +417,11 @@ def test_a_late_timer_is_told_with_what_the_station_says_of_it(
     logs: list[Path], tmp_path: Path
 ) -> None:
     """The verdict stays: late_ms is a hint.  A tolerance as large as it says allows the log."""
-    lines = [json.loads(line) for line in logs[1].read_text().splitlines()]
-    n = next(n for n, line in enumerate(lines) if line.get("op") == "expire")
-    for line in lines[n:-1]:
-        line["t_ms"] += 900
-        line |= {"deadline": line["deadline"] + 900} if "deadline" in line else {}
-    lines[n]["late_ms"] = 900
-    path = tmp_path / "late"
-    path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    n = find(logs[1], "timer", op="expire")
+    late = edited(logs[1], tmp_path, later(n, 900))
+    path = edited(late, tmp_path, lambda log: log.at(n).update(late_ms=900))
     verdict = explain_file(path)
     assert verdict.verdict == "diverges"
-    assert (
-        f"the station says that it was 900 ms late (late_ms, line {n + 1})"
-        in verdict.finding.observed
-    )
+    hint = f"the station says that it was 900 ms late (late_ms, line {n})"
+    assert hint in verdict.finding.observed
     assert "late_ms" not in explain_file(path, 1000).finding.observed

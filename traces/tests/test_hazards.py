@@ -205,13 +205,7 @@ def test_the_clocks_of_the_stations_need_not_agree(tmp_path: Path, ahead: int) -
 def cam_of_2(run: Run, at: int) -> None:
     """A CAM in the name of station 2 that still names the session."""
     cam = Cam(
-        src=2,
-        generation_ms=at,
-        x_mm=0,
-        y_mm=0,
-        heading_mrad=0,
-        speed_mm_s=0,
-        marks=((1, 1),),
+        src=2, generation_ms=at, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=((1, 1),)
     )
     run.simulation.clock.at(at, lambda: run.simulation.services[1].receive(encode(cam)) and None)
 

@@ -14,11 +14,7 @@ from automcm_spec.application import Abort
 from automcm_spec.parameters import Parameters
 from automcm_traces.explain import Verdict, explain_file
 
-FULL = (
-    {"max_participants": 2},
-    {"outbox_limit": 6, "max_participants": 4},
-    {"memory_limit": 1},
-)
+FULL = ({"max_participants": 2}, {"outbox_limit": 6, "max_participants": 4}, {"memory_limit": 1})
 
 
 def logs(folder: Path, limits: dict[str, int]) -> list[Path]:

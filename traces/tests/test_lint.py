@@ -7,7 +7,9 @@ import tracemalloc
 from pathlib import Path
 from typing import Any
 
+import edits
 import pytest
+from edits import Line, end, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -19,16 +21,7 @@ from automcm_traces.lint import CHECKS, exit_code, level, lint, report, text
 from automcm_traces.numbers import Numbers
 from automcm_traces.reader import LONGEST_LINE, read
 
-Line = dict[str, Any]
-HEADER: Line = {
-    "rec": "header",
-    "schema": "automcm.trace/1",
-    "run": "r1",
-    "station": 7,
-    "implementation": {"name": "acme", "version": "1.0"},
-    "parameters": {"t_resend": 100},
-    "complete": ["send", "timer"],
-}
+HEADER = edits.HEADER | {"complete": ["send", "timer"]}
 FIN: Line = {"v": 1, "type": "Fin", "src": 7, "dst": 8, "session": [7, 1], "seq": 2}
 RESEND: Line = {"name": "resend", "message": {"type": "Fin", "session": [7, 1], "seq": 2, "to": 8}}
 
@@ -43,17 +36,6 @@ def send(seq: int, tx: str = "7:1", **fields: Any) -> Line:
 
 def arm(seq: int, deadline: int = 900) -> Line:
     return event(seq, "timer", op="arm", timer=RESEND, deadline=deadline)
-
-
-def end(seq: int, lost: int = 0) -> Line:
-    return {"rec": "end", "seq": seq, "reason": "clean", "lost_records": lost}
-
-
-def write(folder: Path, *lines: Line | bytes) -> Path:
-    path = folder / "7.ndjson"
-    raw = (line if isinstance(line, bytes) else json.dumps(line).encode() + b"\n" for line in lines)
-    path.write_bytes(b"".join(raw))
-    return path
 
 
 def found(folder: Path, *lines: Line | bytes) -> list[tuple[int, str, str]]:

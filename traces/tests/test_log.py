@@ -2,9 +2,10 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
+import edits
 import pytest
+from edits import Line, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -12,18 +13,7 @@ from automcm_spec.bad_input import BadInput
 from automcm_traces.log import Header, MessageTimer, Receive, Send, TimerArm, problems
 from automcm_traces.reader import LONGEST_LINE, Notice, read, records
 
-Line = dict[str, Any]
-
-HEADER: Line = {
-    "rec": "header",
-    "schema": "automcm.trace/1",
-    "run": "r1",
-    "station": 7,
-    "implementation": {"name": "acme", "version": "1.0"},
-    "spec": {"name": "Station", "hash": "abc"},
-    "parameters": {"t_resend": 100},
-    "complete": ["receive", "send"],
-}
+HEADER = edits.HEADER | {"spec": {"name": "Station", "hash": "abc"}}
 RESTART: Line = {"rec": "event", "seq": 1, "t_ms": 0, "ev": "restart"}
 MESSAGE: Line = {"v": 1, "type": "Advertisement", "src": 7, "session": [7, 1], "seq": 1}
 SEND: Line = {"rec": "event", "seq": 1, "t_ms": 5, "ev": "send", "tx": "7:1", "message": MESSAGE}
@@ -52,13 +42,6 @@ INDICATION: Line = {
     "indication": {"name": "intended", "station": 8},
 }
 END: Line = {"rec": "end", "seq": 1, "reason": "clean", "lost_records": 0}
-
-
-def write(folder: Path, *lines: Line | bytes) -> Path:
-    path = folder / "7.ndjson"
-    raw = (line if isinstance(line, bytes) else json.dumps(line).encode() + b"\n" for line in lines)
-    path.write_bytes(b"".join(raw))
-    return path
 
 
 def refused(folder: Path, *lines: Line | bytes) -> BadInput:

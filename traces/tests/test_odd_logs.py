@@ -12,21 +12,20 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from automcm_spec.bad_input import BadInput
+from automcm_spec.messages import same
 from automcm_traces import tlc_engine
 from automcm_traces.coverage import measure
 from automcm_traces.engine import Engine
-from automcm_traces.explain import explain_file, explain_files
+from automcm_traces.explain import explain_file, explain_files, prefix, text
 from automcm_traces.lint import CHECKS, report
 from automcm_traces.log import RECORD
 from automcm_traces.mermaid import diagram
 from automcm_traces.page_run import load
 from automcm_traces.properties import judge
 from automcm_traces.reader import read
-from automcm_traces.same import same
 from automcm_traces.schema import schema
 from automcm_traces.show import Logs
 from automcm_traces.shrink import shrink
-from automcm_traces.telling import prefix, text
 from automcm_traces.timeline import timeline
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"

@@ -43,7 +43,6 @@ from automcm_traces.page_pack import Shapes, compact
 from automcm_traces.page_run import MOST_EVENTS, MOST_LOGS, PageError, Part
 from automcm_traces.properties import judge
 from automcm_traces.reader import Log, read
-from automcm_traces.timers import timer_key
 from automcm_traces.words import said
 
 Json = Any
@@ -218,8 +217,7 @@ def test_the_deadline_beside_a_timer_is_that_of_the_specification(path: Path) ->
     for n, (at, event) in enumerate(log.events):
         engine.feed(at, event)
         if isinstance(event, TimerArm):
-            key = timer_key(event.timer.model_dump(exclude_none=True))
-            due[n] = engine.timers[key].first - event.t_ms
+            due[n] = engine.timers[event.timer].first - event.t_ms
     bars = followed_by(log).bars
     assert {bar.armed for bar in bars} == set(due)
     for bar in bars:

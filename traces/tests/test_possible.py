@@ -10,16 +10,17 @@ from typing import Any
 
 import pytest
 from agreement import of_the_reference
+from edits import HEADER, end
 
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import Straight
 from automcm_spec.parameters import Parameters
-from automcm_traces.explain import Verdict, explain_file
-from automcm_traces.log import RECORD
+from automcm_traces.engine import Deadline
+from automcm_traces.explain import Verdict, explain_file, text
+from automcm_traces.finding import Supposition
+from automcm_traces.log import RECORD, PlainTimer
 from automcm_traces.possible import _covers, _merge, _Supposing
-from automcm_traces.step import Deadline, Supposition
-from automcm_traces.telling import text
 
 PARTS = (
     ("send",),
@@ -33,7 +34,6 @@ PARTS = (
 )
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
 Records = list[dict[str, Any]]
-END = {"rec": "end", "seq": 0, "reason": "clean", "lost_records": 0}
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +207,7 @@ def _too_often(records: Records) -> None:
 
 
 def _other_content(records: Records) -> None:
-    """END-6: an answer has seq 0."""
+    """end(0)-6: an answer has seq 0."""
     records[place(records, "send", "Ack")]["message"]["seq"] = 7
 
 
@@ -378,7 +378,7 @@ def test_nothing_unseen_jumps_over_a_timer(
     tmp_path: Path,
 ) -> None:
     """The timers are not logged; the header tells how long they last."""
-    verdict = judged([*build(*pair, late), END], ("receive", "send"), tmp_path)
+    verdict = judged([*build(*pair, late), end(0)], ("receive", "send"), tmp_path)
     assert verdict.verdict == ("diverges" if late else "allowed"), verdict
     assert verdict.finding.rule == (rule if late else "")
 
@@ -432,7 +432,7 @@ def test_a_log_that_only_an_unseen_expiry_explains_says_so(
     *acting, cancel = _acting(pair[1])
     last = max(r["t_ms"] for r in acting[1:] if r.get("message", {}).get("type") == "CAM")
     lost = again(cancel, [last + 1500 - cancel["t_ms"]], reason="cam_loss")
-    verdict = judged([*acting, *lost, END], ("receive", "send"), tmp_path)
+    verdict = judged([*acting, *lost, end(0)], ("receive", "send"), tmp_path)
     number = sum(r["ev"] in ("receive", "send") for r in acting[1:])
     lines = {"after_line": number + 1, "before_line": number + 2}
     assert verdict.as_dict()["only_if"] == [{"what": "cam", **lines}]
@@ -449,7 +449,7 @@ def test_what_is_unseen_may_have_happened_before_a_cam_that_does_not_show_it(
     heard, sent = (
         acting[place(acting, ev, "CAM", -1)] | {"t_ms": t_ms} for ev in ("receive", "send")
     )
-    records = [*acting, *again(heard, [10], src=9), *again(sent, [20], marks=[]), END]
+    records = [*acting, *again(heard, [10], src=9), *again(sent, [20], marks=[]), end(0)]
     number = 1 + sum(r["ev"] in ("receive", "send") for r in acting[1:])
     verdict = judged(records, ("receive", "send"), tmp_path)
     assert verdict.only_if == (("restart", number, number + 2),), verdict
@@ -470,13 +470,13 @@ def test_what_is_left_of_a_bad_log_has_a_verdict(kinds: tuple[str, ...], tmp_pat
     assert {"allowed", "diverges"} <= verdicts
 
 
+HOLD = PlainTimer(name="hold")
+
+
 def one_station(*supposed: str, last: int = 50) -> _Supposing:
     """One that the log allows: in a session, with a timer that ends by ``last``."""
-    header = {"rec": "header", "schema": "automcm.trace/1", "run": "r", "station": 1}
-    header |= {"implementation": {"name": "i", "version": "1"}, "complete": ["send"]}
-    header |= {"parameters": {}}
-    engine = _Supposing(RECORD.validate_python(header))
-    engine.timers["hold"] = Deadline(10, last)
+    engine = _Supposing(RECORD.validate_python(HEADER | {"complete": ["send"]}))
+    engine.timers[HOLD] = Deadline(10, last)
     engine.supposed = tuple(Supposition(what, 2, 4) for what in supposed)
     return engine
 
@@ -501,10 +501,10 @@ def test_a_station_that_may_do_more_and_supposes_no_more_stands_for_another(
 
 def test_of_two_stations_that_differ_in_times_one_remains_that_may_be_either() -> None:
     one, other = one_station("hold", "restart"), one_station("restart", last=90)
-    one.timers["hold"] = Deadline(30, 60)
+    one.timers[HOLD] = Deadline(30, 60)
     engines: dict[Any, _Supposing] = {}
     _merge(engines, one)
     _merge(engines, other)
     (left,) = engines.values()
-    assert left.timers == {"hold": Deadline(10, 90)}
+    assert left.timers == {HOLD: Deadline(10, 90)}
     assert [s.what for s in left.supposed] == ["restart"]

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from edits import HEADER
 
+from automcm_spec.forms import input_of
 from automcm_traces.clocks import Span
 from automcm_traces.durations import Checked
 from automcm_traces.hazards import Hazard, hazard
@@ -35,19 +37,8 @@ D, L = 1, 4
 
 def log_of(station: int) -> Log:
     """A log that says nothing, but promises everything and ends."""
-    header = Header.model_validate_json(
-        json.dumps(
-            {
-                "rec": "header",
-                "schema": "automcm.trace/1",
-                "run": "tlc",
-                "station": station,
-                "implementation": {"name": "tlc", "version": "1"},
-                "parameters": {"t_resend": 2 * D + 1, "t_cam_loss": L},
-                "complete": ["receive", "send"],
-            }
-        )
-    )
+    parameters = {"t_resend": 2 * D + 1, "t_cam_loss": L}
+    header = Header.model_validate(HEADER | {"station": station, "parameters": parameters})
     end: Any = type("End", (), {"lost_records": 0, "reason": "clean"})()
     return Log(f"{station}", header, [], end, False, [])
 
@@ -126,7 +117,7 @@ def moment(n: int, t: int, station: int, x: Any, before: Any, state: ItfState) -
         session_of(x),
         x["target"],
         x["proposal"],
-        cause_of(list(given)) if mine else "nothing",
+        cause_of(input_of(list(given))) if mine else "nothing",
         src=heard[1] if heard else 0,
         about=tuple(heard[3]) if heard else None,
         acked=tuple(acked) if heard and heard[0] == "Ack" else (),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from edits import HEADER, Line, end, write
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -16,31 +17,9 @@ from automcm_traces.lint import lint
 from automcm_traces.log import RECORD, Header, record
 from automcm_traces.reader import MOST_WARNINGS, LogStream, Notice, read, records
 
-Line = dict[str, Any]
-HEADER: Line = {
-    "rec": "header",
-    "schema": "automcm.trace/1",
-    "run": "r1",
-    "station": 7,
-    "implementation": {"name": "acme", "version": "1.0"},
-    "parameters": {"t_resend": 100},
-    "complete": ["receive", "send"],
-}
-
 
 def restart(seq: int, **fields: Any) -> Line:
     return {"rec": "event", "seq": seq, "t_ms": 0, "ev": "restart", **fields}
-
-
-def end(seq: int) -> Line:
-    return {"rec": "end", "seq": seq, "reason": "clean", "lost_records": 0}
-
-
-def write(folder: Path, *lines: Line | bytes) -> Path:
-    path = folder / "7.ndjson"
-    raw = (line if isinstance(line, bytes) else json.dumps(line).encode() + b"\n" for line in lines)
-    path.write_bytes(b"".join(raw))
-    return path
 
 
 def test_a_stream_gives_the_header_then_the_events_then_the_end(tmp_path: Path) -> None:

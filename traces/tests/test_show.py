@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from edits import HEADER, Line
+from edits import end as end_of
 from rich.cells import cell_len
 
 from automcm.links.simulated import Channel
@@ -20,20 +22,11 @@ from automcm_traces.log import RECORD, Receive, Send
 from automcm_traces.show import Filter, Logs, Row, Shown, before, columns
 from automcm_traces.words import fitted, safe, said
 
-Line = dict[str, Any]
 KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
 
 
 def header(station: int, run: str = "r", complete: list[str] = KINDS) -> Line:
-    return {
-        "rec": "header",
-        "schema": "automcm.trace/1",
-        "run": run,
-        "station": station,
-        "implementation": {"name": "acme", "version": "1"},
-        "parameters": {},
-        "complete": complete,
-    }
+    return HEADER | {"run": run, "station": station, "parameters": {}, "complete": complete}
 
 
 def event(ev: str, t_ms: int = 0, **fields: Any) -> Line:
@@ -49,7 +42,7 @@ def log(folder: Path, station: int, *events: Line, end: bool = True, **head: Any
     path = folder / f"{station}.ndjson"
     lines = [header(station, **head), *({**e, "seq": n} for n, e in enumerate(events, 1))]
     if end:
-        lines.append({"rec": "end", "seq": len(events), "reason": "clean", "lost_records": 0})
+        lines.append(end_of(len(events)))
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
     return path
 
