@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from automcm.adapter import LATER, ME, NOW, Reference
 from automcm.state import State, Timer, armed
@@ -26,7 +26,6 @@ from automcm_spec.parameters import Parameters
 from automcm_spec.rules import kind
 from automcm_spec.station import Input, Receive
 
-Json = Any
 SEED = 11
 SIZE = 8
 """Bytes of a digest."""
@@ -213,7 +212,7 @@ class Walked(Protocol):
     """A graph with the reference in it, or the forms of messages (forms.py)."""
 
     @property
-    def states(self) -> Sequence[Json]:
+    def states(self) -> Sequence[object]:
         """All, by number; 0 is the initial one."""
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:

@@ -33,7 +33,6 @@ from automcm_conformance.whole import Graphs
 from automcm_spec import children, scratch
 from automcm_spec.generate import GRAPHS, spec_hash
 
-Json = Any
 Say = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
@@ -73,7 +72,7 @@ class Row:
     why: str = ""
     difference: Difference | None = None
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """As in the file."""
         return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
 
@@ -112,22 +111,14 @@ class Certificate:
             return 1
         return 3 if self.problems or not self.complete else 0
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """The JSON of ``--json``: the same, byte by byte, in each run with one seed."""
+        head = ("seed", "cases", "selectors", "spec_hash", "generated", "broken", "chosen")
         return {
             "format": FORMAT,
-            "seed": self.seed,
-            "cases": self.cases,
-            "selectors": self.selectors,
-            "spec_hash": self.spec_hash,
-            "generated": self.generated,
-            "broken": self.broken,
-            "chosen": self.chosen,
-            "complete": self.complete,
-            "exit_code": self.exit_code,
+            **{name: getattr(self, name) for name in (*head, "complete", "exit_code")},
             "counts": dict(sorted(self.counts().items())),
-            "notes": self.notes,
-            "problems": self.problems,
+            **{"notes": self.notes, "problems": self.problems},
             "mutants": [row.as_dict() for row in self.rows],
         }
 
@@ -261,26 +252,12 @@ def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], l
 
 
 def of(
-    asked: Asked,
-    made: Generated,
-    chosen: int,
-    rows: list[Row],
-    problems: list[str],
-    notes: Sequence[str] = (),
+    asked: Asked, made: Generated, chosen: int, rows: list[Row], problems: list[str], *notes: str
 ) -> Certificate:
     """The certificate of a run."""
-    return Certificate(
-        asked.seed,
-        asked.cases,
-        list(asked.selectors),
-        spec_hash(),
-        len(made.mutants),
-        chosen,
-        made.broken,
-        rows,
-        list(notes),
-        problems,
-    )
+    head = asked.seed, asked.cases, list(asked.selectors), spec_hash()
+    counts = len(made.mutants), chosen, made.broken
+    return Certificate(*head, *counts, rows, list(notes), problems)
 
 
 def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
@@ -342,8 +319,8 @@ def _judge(
                 continue
             done += 1
             say(f"the suite: {done} mutants, {len(open_)} not killed, {len(last)} for later")
-            row = _row(by_id[id_])
-            row.why = error
+            m = by_id[id_]
+            row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new, why=error)
             if isinstance(kills, Kills):
                 _told(row, kills)
             if row.verdict == "survived":
@@ -367,11 +344,6 @@ def _judge(
         kept.keep(by_id[id_], row, rows)
 
 
-def _row(mutant: Mutant) -> Row:
-    m = mutant
-    return Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new)
-
-
 def _told(row: Row, kills: Kills) -> None:
     """What the suite says of a mutant."""
     row.cases, row.why = kills.cases, kills.what
@@ -389,7 +361,7 @@ class _Kept:
     def __init__(self, asked: Asked) -> None:
         self.path = asked.folder / "decided.jsonl"
         self.suite = suite_hash(asked)
-        self.known: dict[str, Json] = {}
+        self.known: dict[str, Any] = {}
         if self.path.exists():
             for line in self.path.read_text(encoding="utf-8").splitlines():
                 entry = json.loads(line)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.common import Json, code_3, needs_repository, progress, write_json
+from automcm_cli.conform import purposes_of
 
 if TYPE_CHECKING:
     from automcm_cli.source_mutants import Generated, Mutant
@@ -49,17 +50,13 @@ def certify(
     from automcm_cli import certificate, certificate_page, cpp
     from automcm_cli.certificate import Asked
     from automcm_cli.equivalence import WalkError
-    from automcm_conformance import purposes
     from automcm_spec.oracle import OracleError
 
     if station not in STATIONS:
         raise typer.BadParameter(f"--station: one of {', '.join(STATIONS)}")
     if page and (mutant or class_ or suite):
         raise typer.BadParameter("--page needs a whole certificate: no --mutant, --class, --suite")
-    try:
-        purposes.select(purposes.load(), suite or [])
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
+    purposes_of(suite or [])
     asked = Asked(out, seed, cases, tuple(suite or ()), jobs)
     with code_3("certify", OracleError, WalkError, OSError, SyntaxError, ValueError):
         made, chosen = _chosen(station, mutant, class_, mutants, seed)
@@ -80,7 +77,7 @@ def certify(
                 else:
                     others, problems = certificate.run_cpp(asked, say)
                     rows, count = rows + others, count + len(others)
-    found = certificate.of(asked, made, count, rows, problems, notes)
+    found = certificate.of(asked, made, count, rows, problems, *notes)
     write_json(json_, found.as_dict())
     if page:
         certificate_page.write(found)

@@ -47,11 +47,14 @@ def needs_repository(command: str) -> None:
 
 @contextmanager
 def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
-    """Ends ``command`` with code 3 and one line if one of these errors is raised."""
+    """Ends ``command`` with code 3 and one line if one of these errors is raised, and what an
+    adapter said last on standard error."""
     try:
         yield
     except errors as error:
         typer.echo(f"{command}: {error}", err=True)
+        for line in getattr(error, "stderr", ()):
+            typer.echo(f"  {line!r}", err=True)
         raise typer.Exit(3) from None
 
 

@@ -48,7 +48,8 @@ def command_of(ctx: typer.Context) -> list[str]:
     return command
 
 
-def _purposes(selectors: Sequence[str]) -> list[Purpose]:
+def purposes_of(selectors: Sequence[str]) -> list[Purpose]:
+    """The cases that these select; all without any.  A usage error names what selects nothing."""
     from automcm_conformance import purposes
 
     try:
@@ -78,18 +79,19 @@ def run(
     json_: Json = None,
 ) -> None:
     """Run the suite, or a part of it, against a station."""
-    from automcm_conformance import pages, show, verdicts
     from automcm_conformance import report as report_
+    from automcm_conformance import show, verdicts
     from automcm_conformance.process import AdapterError
     from automcm_conformance.protocol import ProtocolError
     from automcm_conformance.whole import conform
     from automcm_spec.oracle import OracleError
 
-    command, chosen = command_of(ctx), _purposes(selectors or [])
+    command, chosen = command_of(ctx), purposes_of(selectors or [])
     folder = out or fresh_folder()
     started, clock = datetime.now(UTC), time.monotonic()
-    try:
-        known = {} if expect is None else verdicts.expectations(expect, _purposes([]))
+    broken = AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError
+    with code_3("conform", *broken):
+        known = {} if expect is None else verdicts.expectations(expect, purposes_of([]))
         folder.mkdir(parents=True, exist_ok=True)
         with progress() as say:
             report = conform(
@@ -103,12 +105,7 @@ def run(
                 expected=known,
             )
             say("pages")
-            pages.write(report, folder)
-    except (AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError) as error:
-        typer.echo(f"conform: {error}", err=True)
-        for line in getattr(error, "stderr", ()):
-            typer.echo(f"  {line!r}", err=True)
-        raise typer.Exit(3) from None
+            report_.write_pages(report, folder)
     report.started = started.isoformat(timespec="seconds")
     report.seconds = round(time.monotonic() - clock, 1)
     report_.write(report, folder)
@@ -144,7 +141,7 @@ def list_(
     """The cases there are."""
     from rich.table import Table
 
-    chosen = _purposes([explain] if explain else selectors or [])
+    chosen = purposes_of([explain] if explain else selectors or [])
     write_json(json_, [_described(purpose) for purpose in chosen])
     if str(json_) == "-":
         return
@@ -166,11 +163,7 @@ def list_(
 
 def _described(purpose: Purpose) -> dict[str, Any]:
     names = ("id", "level", "rules", "given", "when", "then", "bug", "cost")
-    return {name: _plain(getattr(purpose, name)) for name in names}
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+    return {name: getattr(purpose, name) for name in names} | {"rules": list(purpose.rules)}
 
 
 @app.command(
@@ -233,24 +226,22 @@ def replay(
 )
 def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None) -> None:
     """Holds an adapter against its protocol.  Each line by the schema, and the usual mistakes."""
-    from dataclasses import asdict
-
     from automcm_conformance.check import check
     from automcm_conformance.report import visible
 
     command = command_of(ctx)
     with progress() as say:
         findings = check(command, limit, say)
-    write_json(json_, [asdict(finding) for finding in findings])
+    write_json(json_, [checked.as_dict() for checked in findings])
     if str(json_) != "-":
-        for finding in findings:
-            typer.echo(f"{finding.level:>7}  {visible(finding.what)}")
+        for checked in findings:
+            typer.echo(f"{checked.level:>7}  {visible(checked.finding.observed)}")
             for name in ("sent", "answered"):
-                if text := getattr(finding, name):
+                if text := getattr(checked, name):
                     typer.echo(f"{name:>16}  {visible(text, limit=300)}")
-            for line in finding.stderr:
+            for line in checked.stderr:
                 typer.echo(f"{'stderr':>16}  {visible(line, limit=300)}")
-    raise typer.Exit(1 if any(finding.level == "error" for finding in findings) else 0)
+    raise typer.Exit(1 if any(checked.level == "error" for checked in findings) else 0)
 
 
 @app.command(epilog="Example: automcm conform new --language cpp my_adapter.  " + CODES)

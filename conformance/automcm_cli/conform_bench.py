@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from automcm_cli.common import CODES, Json, code_3, console_of, progress, table_of, write_json
+from automcm_cli.conform import purposes_of
 from automcm_cli.cpp import SOURCE, build, missing
 from automcm_spec import children, scratch
 
@@ -34,16 +35,13 @@ def conform(
 
     There is no verdict: what is measured depends on the machine, and the ratios less so.
     """
-    from automcm_conformance import bench, purposes
+    from automcm_conformance import bench
     from automcm_conformance.process import AdapterError
     from automcm_conformance.protocol import ProtocolError
     from automcm_spec.generate import ONE_PEER, spec_hash
     from automcm_spec.oracle import OracleError, load
 
-    try:
-        chosen = purposes.select(purposes.load(), selector or ["AMCM/RCV/NEG", "AMCM/PRE/END"])
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
+    chosen = purposes_of(selector or ["AMCM/RCV/NEG", "AMCM/PRE/END"])
     rows, notes = [], []
     with (
         code_3("bench", AdapterError, ProtocolError, OracleError, OSError),

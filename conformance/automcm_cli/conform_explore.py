@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
 from automcm_cli.conform import Limit, command_of, fresh_folder
 from automcm_conformance.process import LIMIT_S
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from automcm_conformance.exploration import Exploration
+    from automcm_conformance.results import Exploration
 
 EPILOG = "Example: automcm conform explore 60 --seed 7 -- ./my_adapter.  " + CODES
 
@@ -52,7 +52,7 @@ def explore(
     def more(number: int) -> bool:
         return number < walks if walks is not None else time.monotonic() - clock < seconds
 
-    try:
+    with code_3("explore", AdapterError, ProtocolError, OracleError, OSError):
         folder.mkdir(parents=True, exist_ok=True)
         with progress() as say:
             found = explore_(
@@ -61,11 +61,6 @@ def explore(
         found.started = started.isoformat(timespec="seconds")
         found.seconds = round(time.monotonic() - clock, 1)
         write_json(folder / "exploration.json", found.as_dict())
-    except (AdapterError, ProtocolError, OracleError, OSError) as error:
-        typer.echo(f"explore: {error}", err=True)
-        for line in getattr(error, "stderr", ()):
-            typer.echo(f"  {line!r}", err=True)
-        raise typer.Exit(3) from None
     write_json(json_, found.as_dict())
     if str(json_) != "-":
         _show(found, folder, console_of())

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import select
 import time
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
+from socket import socket
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, progress, write_json
+from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
 from automcm_cli.conform import COMMAND, Limit
 from automcm_cli.parameters import chosen
 from automcm_cli.station import Remote
@@ -19,13 +21,15 @@ from automcm_spec.parameters import DEFAULTS, longest_delay
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from automcm_conformance.air import UdpAir
     from automcm_conformance.live_cases import Case, Judged, Session
 
 EPILOG = (
     "Example: automcm conform live 7 -- automcm adapter.  The station is automcm station --id 7 "
 )
 EPILOG += "--first in another terminal.  " + CODES
+LARGEST = 65_535
+START_MS = 1_000
+"""Where the clock begins, so that something may have been before."""
 HEARD_MS = 5_000
 """How long to listen for the station; a CAM comes at least every second."""
 
@@ -71,26 +75,25 @@ def live(
     if jitter > longest_delay(known):
         raise typer.BadParameter("--jitter: at most half of t_resend, or copies are not told apart")
     command: list[str] = ctx.meta.get(COMMAND, [])
-    adapter: Adapter | None = None
-    try:
+    with (
+        code_3("live", AdapterError, ProtocolError, OracleError, OSError),
+        ExitStack() as stack,
+        _air(host, broadcast, allow_remote) as air,
+        progress() as say,
+    ):
         oracle = load(ONE_PEER.path, spec_hash())
-        with _air(host, broadcast, allow_remote) as air, progress() as say:
-            adapter = Adapter(command, limit) if command else None
-            session = Session(oracle, air, station, parameters, jitter, int(time.time()), scenario)
-            session.twin = twin(oracle, adapter, parameters) if adapter else None
-            say(f"listening for station {station}")
-            if not session.heard(HEARD_MS):
-                typer.echo(f"live: no CAM of station {station} on {broadcast}", err=True)
-                raise typer.Exit(3)
-            for case in cases:
-                say(case.name)
-                session.judge(case)
-    except (AdapterError, ProtocolError, OracleError, OSError) as error:
-        typer.echo(f"live: {error}", err=True)
-        raise typer.Exit(3) from None
-    finally:
-        if adapter is not None:
-            adapter.stop()
+        session = Session(oracle, air, station, parameters, jitter, int(time.time()), scenario)
+        if command:
+            adapter = Adapter(command, limit)
+            stack.callback(adapter.stop)
+            session.twin = twin(oracle, adapter, parameters)
+        say(f"listening for station {station}")
+        if not session.heard(HEARD_MS):
+            typer.echo(f"live: no CAM of station {station} on {broadcast}", err=True)
+            raise typer.Exit(3)
+        for case in cases:
+            say(case.name)
+            session.judge(case)
     code = _code(session)
     write_json(json_, as_dict(session, code))
     if str(json_) != "-":
@@ -98,12 +101,44 @@ def live(
     raise typer.Exit(code)
 
 
+class UdpAir:
+    """UDP as a live station's radio: each message is a datagram of JSON (docs/messages.md).
+
+    ``own`` is the socket to send from, where stations answer; ``shared`` is where all listen, and
+    ``everyone`` its address.  Both are bound, and closed by whoever made them.
+    """
+
+    def __init__(self, own: socket, shared: socket, everyone: tuple[str, int]) -> None:
+        self._own, self._sockets, self._everyone = own, (own, shared), everyone
+        self._name = own.getsockname()
+        self._zero = time.monotonic()
+
+    def now(self) -> int:
+        """ms of the host's monotonic clock."""
+        return int((time.monotonic() - self._zero) * 1000) + START_MS
+
+    def send(self, data: bytes) -> None:
+        """Send to all.  Raises OSError if there is no way there."""
+        self._own.sendto(data, self._everyone)
+
+    def receive(self, until: int) -> tuple[int, bytes] | None:
+        """What somebody else sends, and when it came; None if nothing comes by then."""
+        while True:
+            left = max(0, until - self.now()) / 1000
+            ready, _, _ = select.select(self._sockets, (), (), left)
+            for sock in ready:
+                data, where = sock.recvfrom(LARGEST)
+                if where != self._name:
+                    return self.now(), data
+            if not ready and self.now() >= until:
+                return None
+
+
 @contextmanager
 def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
     """The same sockets as those of the reference's stations.  A usage error says what is wrong."""
     from automcm.links import LinkError
     from automcm.links.udp import address, bind, local_only
-    from automcm_conformance.air import UdpAir
 
     try:
         everyone = address(broadcast)

@@ -26,7 +26,6 @@ from automcm_spec.generate import GRAPHS, spec_hash
 from automcm_spec.oracle import load
 from automcm_spec.rules import kind
 
-Json = Any
 WALKS = (
     ("forms", 0),
     *(("tight", n) for n in range(3)),
@@ -42,7 +41,7 @@ class Difference:
     """Where a mutant behaves differently; ``state`` and ``input`` in the form of JSON."""
 
     graph: str
-    state: Json
+    state: object
     input: str
     right: str
     wrong: str

@@ -25,7 +25,6 @@ import automcm_spec
 from automcm_cli import behaviour
 from automcm_spec.forms import to_json
 
-Json = Any
 RIGHT = "automcm_unchanged"
 Changed = dict[str, Any]
 """Fields of a state, with the mutant's values where these differ."""
@@ -68,7 +67,7 @@ def unchanged() -> Any:
 
 def told_apart(
     wrong: behaviour.Walker, right: Any, kinds: Set[str] | None = None
-) -> list[Json] | None:
+) -> list[object] | None:
     """The first pair that tells them apart: the state, the mutant's changes of it, the input, and
     what each says.  None if there is none.
 

@@ -9,7 +9,16 @@ from typing import Annotated
 import typer
 
 from automcm_cli import demo_command, exit_codes, station
-from automcm_cli.common import CODES, ROOT, Json, console_of, needs_repository, progress, write_json
+from automcm_cli.common import (
+    CODES,
+    ROOT,
+    Json,
+    code_3,
+    console_of,
+    needs_repository,
+    progress,
+    write_json,
+)
 from automcm_cli.groups import Groups
 
 app = typer.Typer(
@@ -98,12 +107,11 @@ def generate(
     from automcm_spec.tlc import TlcError
     from automcm_spec.toolchain import ToolError
 
-    try:
-        with progress() as say:
-            changed = generated.write(say, two_peers)
-    except (TlcError, ToolError, ModelError, OSError, ValueError) as error:
-        typer.echo(f"generate: {error}", err=True)
-        raise typer.Exit(3) from None
+    with (
+        code_3("generate", TlcError, ToolError, ModelError, OSError, ValueError),
+        progress() as say,
+    ):
+        changed = generated.write(say, two_peers)
     for path in changed:
         typer.echo(f"renewed {path.relative_to(ROOT)}")
     if not changed:

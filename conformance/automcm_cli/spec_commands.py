@@ -105,13 +105,13 @@ def spec_pages(
 ) -> None:
     """Each counterexample of docs/models.md as a page.  It is like those of automcm trace html."""
     needs_repository("spec pages")
-    from automcm_cli import spec_pages
+    from automcm_cli import model_pages
     from automcm_spec import models
     from automcm_spec.tlc import TlcError
     from automcm_traces.itf import ItfError
 
     with code_3("pages", ItfError, models.ModelError, OSError, TlcError), progress() as say:
-        written = spec_pages.write(models.load(), out, say)
+        written = model_pages.committed(models.load(), out, say)
     typer.echo(f"{len(written)} pages in {out}")
 
 
@@ -278,10 +278,9 @@ def _chosen(names: list[str], profile: str | None, property_: str | None) -> lis
     from automcm_cli import spec as spec_
     from automcm_spec import models
 
+    with code_3("spec", models.ModelError):
+        known = models.load()
     try:
-        return list(spec_.chosen(models.load(), names, profile, property_))
-    except models.ModelError as error:
-        typer.echo(f"spec: {error}", err=True)
-        raise typer.Exit(3) from None
+        return list(spec_.chosen(known, names, profile, property_))
     except ValueError as error:
         raise typer.BadParameter(str(error)) from None

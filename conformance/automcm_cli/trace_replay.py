@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, write_json
+from automcm_cli.common import CODES, Json, code_3, write_json
 from automcm_cli.conform import Limit, WithCommand, command_of
 from automcm_conformance.process import LIMIT_S
 
@@ -36,16 +36,13 @@ def replay(
     from automcm_spec.bad_input import BadInput
 
     command = command_of(ctx)
-    try:
-        result = replay_(log, command, out, limit_s=limit, seed=seed)
-    except BadInput as error:
-        verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
-        write_json(json_, verdict | {"event": error.what, "exit_code": 3})
-        typer.echo(f"replay: {error}", err=True)
-        raise typer.Exit(3) from None
-    except OSError as error:
-        typer.echo(f"replay: {error}", err=True)
-        raise typer.Exit(3) from None
+    with code_3("replay", BadInput, OSError):
+        try:
+            result = replay_(log, command, out, limit_s=limit, seed=seed)
+        except BadInput as error:
+            verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
+            write_json(json_, verdict | {"event": error.what, "exit_code": 3})
+            raise
     write_json(json_, result.as_dict())
     if str(json_) != "-":
         for text in _text(result):

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm_cli import generated, spec, verify_pages
-from automcm_conformance import compare, coverage
+from automcm_cli import generated, model_pages, spec
+from automcm_conformance import compare
 from automcm_conformance.replay import replay
 from automcm_spec import (
     agreement,
@@ -50,7 +50,7 @@ class Report:
     compared: dict[str, compare.Comparison] = field(default_factory=dict)
     compiled: dict[str, agreement.Agreement] = field(default_factory=dict)
     """The compiled station against TLC's graphs; not with ``rule``."""
-    coverage: coverage.Coverage | None = None
+    coverage: compare.Coverage | None = None
     """None too if the reference differs: then a difference shows whatever is taken away."""
     behaviours: int = 0
     behaviour_differences: list[str] = field(default_factory=list)
@@ -122,7 +122,7 @@ class Report:
 
     def as_dict(self) -> dict[str, Any]:
         """The JSON of ``--json``."""
-        rules = self.coverage or coverage.Coverage(by_test={})
+        rules = self.coverage or compare.Coverage(by_test={})
         return {
             "ok": self.ok,
             "profile": self.profile,
@@ -176,9 +176,9 @@ def _agree(data: bytes, transitions_only: bool) -> agreement.Agreement:
     return agreement.compare(graph, station, transitions_only=transitions_only)
 
 
-def _cover(data: bytes, wanted: Collection[str]) -> coverage.Coverage:
+def _cover(data: bytes, wanted: Collection[str]) -> compare.Coverage:
     graph = oracle.parse(data, "oracle")
-    return coverage.rules(graph, lambda rule: _without(graph.constants, rule), wanted=wanted)
+    return compare.covered(graph, lambda rule: _without(graph.constants, rule), wanted=wanted)
 
 
 def _behave() -> tuple[int, list[str]]:
@@ -252,7 +252,7 @@ def _models(report: Report, say: Callable[[str], None]) -> None:
         models.check_all(chosen, jobs=2, on_done=done)
     order = [m.cfg for m in chosen]
     report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
-    report.pages = [str(path) for path in verify_pages.write(report.verdicts)]
+    report.pages = [str(path) for path in model_pages.failed(report.verdicts)]
 
 
 def _oracle(report: Report, graph: generate.Graph, say: Callable[[str], None]) -> bytes:

@@ -3,7 +3,6 @@ with no answer looked at, and to an echo in the same language."""
 
 from __future__ import annotations
 
-import gc
 import resource
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from automcm_conformance.process import Process
 from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.suite import Runner, Say
 from automcm_conformance.tally import Part
+from automcm_conformance.whole import uncollected
 from automcm_spec.oracle import Oracle
 
 LIMIT_S = 60.0
@@ -77,15 +77,10 @@ def measure(
     runner = Runner(adapter, purposes, 1, say)
     everything = (a for state in range(len(oracle.states)) for a in oracle.answers(state))
     drive = runner.plan(Part(f"{language}, checked", oracle), everything, Owners(purposes))
-    was = gc.isenabled()
-    gc.disable()
-    try:
+    with uncollected():
         start = perf_counter()
         runner.tour(drive)
         checked = perf_counter() - start
-    finally:
-        if was:
-            gc.enable()
     adapter.stop()
     say(f"{language}, unchecked")
     unchecked = _unread(command, adapter.bulks)

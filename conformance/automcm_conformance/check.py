@@ -10,7 +10,7 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from automcm_conformance.opened import Opened, opened
 from automcm_conformance.process import AdapterError
@@ -19,13 +19,14 @@ from automcm_conformance.protocol import (
     INDICATIONS,
     PROTOCOL,
     Answer,
+    Object,
     ProtocolError,
     Refused,
     read_answer,
     read_hello,
 )
+from automcm_traces.finding import Finding
 
-Json = Any
 Level = Literal["error", "warning", "ok"]
 
 STATION = 4711
@@ -43,18 +44,23 @@ _SHOWN = 300
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """What was found, with the line to which it is the answer."""
+class Checked:
+    """What was looked at (``ok``) or is wrong, with the line to which it is the answer."""
 
     level: Level
-    what: str
+    finding: Finding
     sent: str = ""
     answered: str = ""
     stderr: list[str] = field(default_factory=list)
     """The last lines of standard error, if the process is gone."""
 
+    def as_dict(self) -> dict[str, object]:
+        """As in ``--json``."""
+        shown = {"sent": self.sent, "answered": self.answered, "stderr": self.stderr}
+        return {"level": self.level, "what": self.finding.observed, **shown}
 
-def check(command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> list[Finding]:
+
+def check(command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> list[Checked]:
     """Start the adapter, try all commands, and tell what was found; each fault once.
 
     ``limit_s`` is the real time in seconds that an answer may take; ``say`` is told what is being
@@ -66,7 +72,7 @@ def check(command: Sequence[str], limit_s: float, say: Callable[[str], None]) ->
 class _Check:
     def __init__(self, command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> None:
         self._command, self._limit_s, self._say = command, limit_s, say
-        self._findings: list[Finding] = []
+        self._findings: list[Checked] = []
         self._features: list[str] = []
         self._scenario = "lane_change"
         self._fixed: dict[str, int] = {}
@@ -75,7 +81,7 @@ class _Check:
         self._sent: list[bytes] = []
         self._answered: list[bytes] = []
 
-    def run(self) -> list[Finding]:
+    def run(self) -> list[Checked]:
         with self._part("it starts and answers hello"), self._process() as process:
             self._hello(process)
             process.stop()
@@ -86,7 +92,8 @@ class _Check:
             with self._process() as process:
                 process.exchange([_line(HELLO)])
                 self._script(process)
-                self._stop(process)
+                if wrong := process.stop():
+                    self._add("error", f"stop: {wrong}", b'{"cmd": "stop"}')
             lines, first = list(self._sent), list(self._answered)
         if lines:
             with self._part("the same commands have the same answers"):
@@ -112,14 +119,16 @@ class _Check:
         except AdapterError as error:
             self._failed = True
             sent = _shown(self._sent[-1]) if self._sent else ""
-            self._findings.append(Finding("error", str(error), sent, stderr=error.stderr))
+            found = Finding("unreadable", observed=str(error))
+            self._findings.append(Checked("error", found, sent, stderr=error.stderr))
         if not self._failed:
-            self._findings.append(Finding("ok", what))
+            self._findings.append(Checked("ok", Finding("nothing", observed=what)))
 
     def _add(self, level: Level, what: str, sent: bytes = b"", answered: bytes = b"") -> None:
         self._failed |= level == "error"
-        if all(finding.what != what for finding in self._findings):
-            self._findings.append(Finding(level, what, _shown(sent), _shown(answered)))
+        found = Finding("format", observed=what)
+        if all(known.finding != found for known in self._findings):
+            self._findings.append(Checked(level, found, _shown(sent), _shown(answered)))
 
     def _exchange(self, process: Opened, line: bytes) -> bytes:
         self._sent.append(line)
@@ -127,7 +136,7 @@ class _Check:
         self._answered.append(answered)
         return answered
 
-    def _ask(self, process: Opened, value: Json, hint: str = "") -> Answer | None:
+    def _ask(self, process: Opened, value: Object, hint: str = "") -> Answer | None:
         """Send a command and look at the answer; None if it is not understood."""
         line = _line(value)
         answered = self._exchange(process, line)
@@ -196,7 +205,7 @@ class _Check:
         if "durations" in self._features:
             self._durations(process)
 
-    def _reset(self, now: int) -> Json:
+    def _reset(self, now: int) -> Object:
         parameters = SHORT | self._fixed
         reset = {"cmd": "reset", "now": now, "station": STATION, "seed": 1}
         return {**reset, "parameters": parameters}
@@ -206,7 +215,7 @@ class _Check:
         return self._ask(process, {"cmd": "command", "now": self._now, "command": command})
 
     def _receive(
-        self, process: Opened, message: Json, planned: Json = None, hint: str = ""
+        self, process: Opened, message: Object, planned: Object | None = None, hint: str = ""
     ) -> Answer | None:
         value = {"cmd": "receive", "now": self._now, "message": message}
         return self._ask(process, value | ({"planned": planned} if planned else {}), hint)
@@ -219,7 +228,7 @@ class _Check:
             answer = self._ask(process, {"cmd": "advance", "now": answer.deadline})
         self._ask(process, {"cmd": "advance", "now": self._now})
 
-    def _commands(self) -> Iterator[Json]:
+    def _commands(self) -> Iterator[Object]:
         """Each command once, for a session that is not there."""
         of = {"session": _NEVER, "proposal": 1}
         lasting = {"hold_ms": 200, "lease_ms": 5000}
@@ -289,10 +298,6 @@ class _Check:
                 )
         return True
 
-    def _stop(self, process: Opened) -> None:
-        if wrong := process.stop():
-            self._add("error", f"stop: {wrong}", b'{"cmd": "stop"}')
-
     def _refuses(self, what: str, line: bytes) -> None:
         with self._process() as process:
             process.exchange([_line(HELLO)])
@@ -309,7 +314,7 @@ class _Check:
             self._ask(process, self._reset(START))
 
 
-def _line(value: Json) -> bytes:
+def _line(value: Object) -> bytes:
     return json.dumps(value).encode() + b"\n"
 
 
@@ -322,18 +327,18 @@ def _sends(answer: Answer, kind: str) -> bool:
     return any(message["type"] == kind for message in answer.messages)
 
 
-def _advertisement() -> Json:
+def _advertisement() -> Object:
     fields = {"scenario": "lane_change", "details": {}}
     return {"v": 1, "type": "Advertisement", "src": PEER, "session": [PEER, 1], "seq": 1} | fields
 
 
-def _addressed(kind: str, seq: int, **fields: Json) -> dict[str, Json]:
+def _addressed(kind: str, seq: int, **fields: object) -> Object:
     """A message of the peer, in its session."""
     head = {"v": 1, "type": kind, "src": PEER, "dst": STATION, "session": [PEER, 1], "seq": seq}
     return head | fields
 
 
-def _messages() -> list[Json]:
+def _messages() -> list[Object]:
     """What any station may hear at any time."""
     cam = {"generation_ms": 1, "x_mm": 0, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 0}
     return [
@@ -345,7 +350,7 @@ def _messages() -> list[Json]:
     ]
 
 
-def _malformed() -> list[Json]:
+def _malformed() -> list[Object]:
     fin = _addressed("Fin", 7)
     return [
         {},
@@ -358,7 +363,7 @@ def _malformed() -> list[Json]:
     ]
 
 
-def _compared(line: bytes, numbered: bool) -> Json:
+def _compared(line: bytes, numbered: bool) -> object:
     """What of an answer is compared; ``numbered``: any number of an own session is as good."""
     try:
         answer = read_answer(line)
@@ -374,7 +379,7 @@ def _compared(line: bytes, numbered: bool) -> Json:
     return messages, indications, answer.deadline, answer.phase, answer.cams
 
 
-def _numbered(value: Json) -> Json:
+def _numbered(value: object) -> object:
     if isinstance(value, list):
         if len(value) == 2 and value[0] == STATION:
             return [STATION, 0]

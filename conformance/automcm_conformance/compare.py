@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from automcm_spec.forms import canonical, to_json
 from automcm_spec.oracle import Answer, Oracle
-from automcm_spec.rules import line
+from automcm_spec.rules import NO_GRAPH, RULES, line
 from automcm_spec.station import Input, Message, Session, State, Timer
 
 LIMIT = 20
@@ -189,3 +189,39 @@ def explain(divergence: Divergence, oracle: Oracle) -> str:
             parts.append(f"  {name}: spec {canonical(value)}")
             parts.append(f"  {' ' * len(name)}  code {canonical(actual)}")
     return "\n".join(parts)
+
+
+@dataclass(slots=True)
+class Coverage:
+    """``covered``: rules whose absence the walk noticed, with the rule it then named."""
+
+    covered: dict[str, str] = field(default_factory=dict)
+    uncovered: list[str] = field(default_factory=list)
+    by_test: dict[str, str] = field(default_factory=lambda: dict(NO_GRAPH))
+
+
+Ablated = Callable[[str], Adapter]
+"""An implementation without one rule."""
+
+
+def covered(
+    oracle: Oracle,
+    ablated: Ablated,
+    on_rule: Callable[[str], None] | None = None,
+    *,
+    wanted: Iterable[str] = RULES,
+) -> Coverage:
+    """Take each rule away and walk until a difference shows.  Rules that no graph can show
+    are listed with the test that shows them."""
+    result = Coverage()
+    for rule in wanted:
+        if rule in NO_GRAPH:
+            continue
+        if on_rule is not None:
+            on_rule(rule)
+        found = walk(oracle, ablated(rule), stop_at_first=True).divergences
+        if found:
+            result.covered[rule] = found[0].rule
+        else:
+            result.uncovered.append(rule)
+    return result

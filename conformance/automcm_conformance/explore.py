@@ -17,15 +17,14 @@ from random import Random
 from automcm_conformance import records, words
 from automcm_conformance.adapter import Adapter, Singly
 from automcm_conformance.exchange import Broken, Exchange, Link, Mismatch, Step, Unpredicted
-from automcm_conformance.exploration import Exploration
 from automcm_conformance.play import Wrong
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import Refused
-from automcm_conformance.results import BROKE, CaseResult, Verdict
+from automcm_conformance.results import BROKE, CaseResult, Exploration
 from automcm_conformance.shrink import HANG, STARTS, Short, Shrinker, pair_of, rule_of
-from automcm_conformance.suite import DIFFERENTLY, Runner, Say
 from automcm_conformance.suite import PARAMETERS as USUAL
-from automcm_conformance.tally import Fault
+from automcm_conformance.suite import Runner, Say
+from automcm_conformance.tally import Fault, finding
 from automcm_conformance.verdicts import failure, implementation
 from automcm_conformance.walk import (
     JUDGED,
@@ -90,8 +89,11 @@ class Explorer:
         self.seed = seed
         self._folder = folder
         self._enough = enough
-        self.grounds = [_ground(runner, name, o) for name, o in oracles.items()]
-        self.grounds = [g for g in self.grounds if not runner.unfit(g.oracle)]
+        self.grounds = [
+            Ground(name, o, [not runner.left_out(i) for i in o.inputs], bool(runner.limited_by(o)))
+            for name, o in oracles.items()
+            if not runner.unfit(o)
+        ]
         spec_hash = next(iter(oracles.values())).spec_hash
         self.found = Exploration(implementation(runner), seed, spec_hash)
         self._known: set[tuple[str, ...]] = set()
@@ -277,7 +279,7 @@ class Explorer:
             short = shrinker.shrink(Short(each.setting, each.acts, again))
             sure = self._confirmed(each, short, rule)
         except KeyboardInterrupt:
-            self._report(each, again, str(again), None, len(each.acts))
+            self._report(each, again, len(each.acts))
             raise
         adapter.broken, adapter.hung = broken  # it counts once, however often it is tried again
         if sure is None:
@@ -287,7 +289,7 @@ class Explorer:
         pair = pair_of(sure)
         if pair is not None:
             ground.avoided.add(pair)
-        self._report(each, sure, str(sure), None, short.sent)
+        self._report(each, sure, short.sent)
 
     @property
     def _broken(self) -> int:
@@ -370,8 +372,7 @@ class Explorer:
     def _flaky(self, each: Walk, error: Wrong, short: Short | None) -> None:
         """It went wrong, and did not when the same was sent again: both logs are kept."""
         sent = len(each.acts) if short is None else short.sent
-        what = f"{DIFFERENTLY}: {error}"
-        case = self._report(each, error, what, "ERROR", sent)
+        case = self._report(each, error, sent, again=False)
         number = len(self.found.cases)
         for name, steps in (("first", error.steps), ("again", self._last)):
             log = self._log(f"{number}-{name}", case.id, steps)
@@ -379,48 +380,27 @@ class Explorer:
 
     def _log(self, name: str, case: str, steps: Sequence[Step]) -> str:
         """Write an exchange as a log; as lines of text where it cannot be told in one."""
-        folder = self._folder / "logs"
-        folder.mkdir(parents=True, exist_ok=True)
-        path = folder / f"{name}.ndjson"
-        hello = self.runner.adapter.hello
-        try:
-            records.write_log(path, case, list(steps), hello.name, hello.version)
-        except ValueError:
-            path = folder / f"{name}.txt"
-            lines = (
-                f"{line.now} {line.who}: {line.text}\n" for line in words.exchange(list(steps))
-            )
-            files.write(path, "".join(lines))
-        return str(path.relative_to(self._folder))
+        if log := records.log_of(self._folder, name, case, steps, self.runner.adapter.hello):
+            return log
+        lines = (f"{line.now} {line.who}: {line.text}\n" for line in words.exchange(list(steps)))
+        files.write(self._folder / "logs" / f"{name}.txt", "".join(lines))
+        return f"logs/{name}.txt"
 
-    def _report(
-        self, each: Walk, error: Wrong, what: str, verdict: Verdict | None, acts: int
-    ) -> CaseResult:
+    def _report(self, each: Walk, error: Wrong, acts: int, *, again: bool = True) -> CaseResult:
         self.runner.adapter.renew()  # the last attempt may have left lines behind
         pair = pair_of(error)
         oracle = each.ground.oracle
-        fault = Fault(
-            verdict or ("FAIL" if isinstance(error, Mismatch) else "ERROR"),
-            error.steps,
-            rule_of(oracle, error),
-            None if pair is None else oracle.inputs[pair[1]],
-            what,
-            list(error.stderr) if isinstance(error, Broken) else [],
-        )
+        rule, value = rule_of(oracle, error), None if pair is None else oracle.inputs[pair[1]]
+        fault = Fault(finding(error, rule, again=again), value, error)
         case = each.id(self.seed)
         told = failure(self.runner, case, 1, fault, self._folder)
-        rules = [fault.rule] if fault.rule else []
+        rules = [rule] if rule else []
         given = f"a walk over {each.ground.name} with {each.faults}"
-        result = CaseResult(case, fault.verdict, rules, "MUST", given, "", "", "", "", what)
+        result = CaseResult(case, fault.verdict, rules, "MUST", given, "", "", "", "", told.what)
         result.failures = [told]
         self.found.cases.append(result)
         self.found.acts[case] = acts
         return result
-
-
-def _ground(runner: Runner, name: str, oracle: Oracle) -> Ground:
-    offered = [not runner.left_out(value) for value in oracle.inputs]
-    return Ground(name, oracle, offered, bool(runner.limited_by(oracle)))
 
 
 def _mark(oracle: Oracle, error: Wrong) -> tuple[str, ...]:

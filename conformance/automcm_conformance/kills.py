@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
 
-from automcm_conformance import named
+from automcm_conformance import named, scenarios, words
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import ProtocolError
@@ -65,15 +65,15 @@ def kills(
         return Kills(what=str(error), unstarted=getattr(error, "exit_code", None) or 0)
     runner = Runner(adapter, purposes, seed, say)
     runner.enough, runner.runs, runner.starts = enough, RUNS, STARTS
-    scenarios = [purpose for purpose in purposes if purpose.case.startswith("scenario ")]
+    last = [purpose for purpose in purposes if purpose.case in scenarios.NAMES]
     late = False
     try:
         with uncollected():
-            special(runner, graphs, [p for p in purposes if p not in scenarios], folder)
+            special(runner, graphs, [p for p in purposes if p not in last], folder)
             if any(purpose.select for purpose in purposes):
                 tours(runner, graphs)
                 named.samples(runner, folder)
-            special(runner, graphs, scenarios, folder)
+            special(runner, graphs, last, folder)
     except _Late:
         late = True
     finally:
@@ -85,7 +85,7 @@ def _what(runner: Runner) -> str:
     for name in runner.failed:
         tally = runner.tallies[name]
         if tally.faults:
-            return tally.faults[0].what
+            return words.finding(tally.faults[0].finding)
         if tally.outcome is not None:
-            return tally.outcome.what or tally.outcome.reason
+            return words.finding(tally.outcome.finding) or tally.outcome.reason
     return ""

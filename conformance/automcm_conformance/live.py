@@ -8,21 +8,22 @@ sends is waited for.  Its application is its own, so what that chooses is taken 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from typing import Any, NoReturn, Protocol
+from typing import NoReturn, Protocol, TypeGuard
 
 from pydantic_core import from_json, to_json
 
 from automcm_conformance import words
 from automcm_conformance.answers import first_difference
 from automcm_conformance.exchange import Exchange
+from automcm_conformance.protocol import Object
 from automcm_conformance.results import Line
 from automcm_conformance.scripted import number
 from automcm_conformance.scripts import THEIRS, Script, Wait
 from automcm_spec.messages import same
 from automcm_spec.station import Cam, Command, Expire, Input, Message, Receive, Timer
+from automcm_traces.finding import Finding, Kind
 
-Json = Any
-Came = tuple[int, dict[str, Json]]
+Came = tuple[int, Object]
 """When a message came, and the message."""
 
 
@@ -39,16 +40,13 @@ class Air(Protocol):
         """What somebody else sends, and when it came; None if nothing comes by then."""
 
 
-class WrongMessage(Exception):
-    """A message that the specification does not allow, whenever it comes."""
+class Failed(Exception):
+    """A case that does not go on.  ``unexpected``: a message that the specification does not allow,
+    whenever it comes.  ``overdue``: one that is allowed did not come in time, or came when it was
+    not due.  ``cannot_tell``: the station's application did not do what the case needs."""
 
-
-class Missed(Exception):
-    """A message that is allowed, but did not come in time, or came when it was not due."""
-
-
-class Unclear(Exception):
-    """The station's application did not do what the case needs."""
+    def __init__(self, kind: Kind, what: str) -> None:
+        self.finding = Finding(kind, observed=what)
 
 
 class Unwritten:
@@ -73,7 +71,7 @@ class Live:
         air: Air,
         jitter_ms: int,
         lines: list[Line],
-        known: list[dict[str, Json]],
+        known: list[Object],
         others: Collection[int] = (),
     ) -> None:
         self._x, self._air, self._jitter, self._lines = x, air, jitter_ms, lines
@@ -85,7 +83,7 @@ class Live:
         """What came, but later than it was waited for: the kit itself was not in time."""
 
     def play(self, script: Script, lease_ms: int) -> None:
-        """Raises WrongMessage, Missed and Unclear."""
+        """Raises Failed."""
         for item in script:
             match item:
                 case Wait(ms):
@@ -123,7 +121,7 @@ class Live:
         self._say(head | {"session": session, "seq": 40, "reason": "abort"})
         self._marks = None
 
-    def _acknowledge(self, m: dict[str, Json]) -> None:
+    def _acknowledge(self, m: Object) -> None:
         if m.get("seq"):
             head = {"v": 1, "type": "Ack", "src": m.get("dst"), "dst": self._station}
             of = {"type": m.get("type"), "seq": m["seq"]}
@@ -151,10 +149,10 @@ class Live:
         due = self._x.deadline(("decide",))
         came = self._next(due - self._jitter) if due is not None else None
         if came is None:
-            raise Unclear("its application has not decided in time")
+            raise Failed("cannot_tell", "its application has not decided in time")
         at, m = came
         if m.get("type") == "Acceptance" and m.get("accepted") is False:
-            raise Unclear(f"its application has refused: {m.get('reason')}")
+            raise Failed("cannot_tell", f"its application has refused: {m.get('reason')}")
         chosen = {"selected": m["selected"]} if _trajectory(m.get("selected")) else None
         self._x.give(number(self._x, value), at=max(self._x.now, at), fields=chosen)
         self._answered(at, came)
@@ -170,7 +168,10 @@ class Live:
         fired: list[int] = []
         while number(self._x, value) not in fired:
             if self._x.deadline(value.timer) is None:
-                raise Unclear(f"with these parameters {value.timer[0]} does not come to its end")
+                raise Failed(
+                    "cannot_tell",
+                    f"with these parameters {value.timer[0]} does not come to its end",
+                )
             fired = self._expiry()
 
     def _expiry(self) -> list[int]:
@@ -203,42 +204,42 @@ class Live:
             self._known.append(match)
             came = None
 
-    def _fits(self, wanted: dict[str, Json], found: dict[str, Json]) -> bool:
+    def _fits(self, wanted: Object, found: Object) -> bool:
         """Whether it is this message.  What its application plans is up to it, the first time."""
         new = all(m is not wanted for m in self._known)
         if new and wanted["type"] == "Intention" and _trajectory(found.get("planned")):
             wanted["planned"] = found["planned"]
         return same(wanted, found)
 
-    def _late(self, wanted: dict[str, Json], by: int) -> NoReturn:
+    def _late(self, wanted: Object, by: int) -> NoReturn:
         what = words.message(wanted)
         came = self._next(by + 2 * self._x.parameters["t_resend"])
         if came is None:
-            raise Missed(f"{what} was due by {by} and has not come")
+            raise Failed("overdue", f"{what} was due by {by} and has not come")
         at, found = came
         if self._fits(wanted, found):
-            raise Missed(f"{what} was due by {by} and came at {at}")
-        raise Missed(f"{what} was due by {by}; {words.message(found)} came instead at {at}")
+            raise Failed("overdue", f"{what} was due by {by} and came at {at}")
+        raise Failed(
+            "overdue", f"{what} was due by {by}; {words.message(found)} came instead at {at}"
+        )
 
     def _quiet(self, until: int) -> None:
         """Nothing comes by then."""
         if (came := self._next(until)) is not None:
             self._unexpected(*came, [])
 
-    def _unexpected(
-        self, at: int, found: dict[str, Json], wanted: Sequence[dict[str, Json]]
-    ) -> NoReturn:
+    def _unexpected(self, at: int, found: Object, wanted: Sequence[Object]) -> NoReturn:
         what = words.message(found)
         if any(same(m, found) for m in self._known):
-            raise Missed(f"another copy of {what} came at {at}, and none was due")
+            raise Failed("overdue", f"another copy of {what} came at {at}, and none was due")
         for timer in self._x.running:
             # A CAM that was lost, or a station that slept, is no wrong content.
             if timer[0] != "resend" and any(self._like(m, found) for m in self._brings(timer)):
                 due = self._x.deadline(timer)
-                raise Missed(f"{what} came at {at}, and {timer[0]} ends at {due}")
+                raise Failed("overdue", f"{what} came at {at}, and {timer[0]} ends at {due}")
         if wanted:
-            raise WrongMessage(first_difference(wanted[0], found))
-        raise WrongMessage(f"sent for no reason: {to_json(found).decode()}")
+            raise Failed("unexpected", first_difference(wanted[0], found))
+        raise Failed("unexpected", f"sent for no reason: {to_json(found).decode()}")
 
     def _brings(self, timer: Timer | None) -> Sequence[Message]:
         """The messages that are sent when this timer expires."""
@@ -247,12 +248,12 @@ class Live:
         answer = self._x.oracle.answer(self._x.state, number(self._x, Expire("expire", timer)))
         return () if answer is None else answer.effect.messages
 
-    def _like(self, m: Message, found: dict[str, Json]) -> bool:
+    def _like(self, m: Message, found: Object) -> bool:
         """Whether a message has the type, the session and the reason of the oracle's."""
         session, reason = self._x.wire.session(m.session), found.get("reason", "none")
         return [m.type, session, m.reason] == [found.get("type"), found.get("session"), reason]
 
-    def _say(self, message: dict[str, Json]) -> None:
+    def _say(self, message: Object) -> None:
         self._air.send(to_json(message))
         self._lines.append(Line(self._air.now(), "kit", words.message(message)))
 
@@ -275,7 +276,7 @@ class Live:
         return came
 
 
-def said_by(station: int, data: bytes) -> dict[str, Json] | None:
+def said_by(station: int, data: bytes) -> Object | None:
     """The message in a datagram, if it is from this station."""
     try:
         m = from_json(data)
@@ -284,7 +285,7 @@ def said_by(station: int, data: bytes) -> dict[str, Json] | None:
     return m if type(m) is dict and m.get("src") == station else None
 
 
-def _marks(value: Json) -> bool:
+def _marks(value: object) -> TypeGuard[list[list[int]]]:
     """Whether it has the form of the marks of a CAM."""
     return type(value) is list and all(
         type(session) is list and len(session) == 2 and all(type(n) is int for n in session)
@@ -292,7 +293,7 @@ def _marks(value: Json) -> bool:
     )
 
 
-def _trajectory(value: Json) -> bool:
+def _trajectory(value: object) -> bool:
     """Whether it has the form of a trajectory."""
     return (
         type(value) is dict

@@ -14,14 +14,14 @@ from automcm_conformance import scripted
 from automcm_conformance import scripts as s
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Broken, Exchange, Infeasible, Mismatch
-from automcm_conformance.live import Air, Live, Missed, Unclear, Unwritten, WrongMessage, said_by
+from automcm_conformance.live import Air, Failed, Live, Unwritten, said_by
+from automcm_conformance.protocol import Object
 from automcm_conformance.results import Line, Verdict
 from automcm_conformance.suite import fitting
 from automcm_conformance.wire import ME, STRANGER, Values
 from automcm_spec.oracle import Oracle
 from automcm_spec.station import Expire
 
-Json = Any
 Twin = Callable[["Case"], str | None]
 """What is wrong with the twin of a case in virtual time: nothing if empty, None if it cannot tell.
 """
@@ -135,7 +135,7 @@ class Session:
     scenario: str = "lane_change"
     twin: Twin | None = None
     judged: list[Judged] = field(default_factory=list)
-    known: list[dict[str, Json]] = field(default_factory=list)
+    known: list[Object] = field(default_factory=list)
     """What the station has had to send."""
     unsettled: set[int] = field(default_factory=set)
     """Peers of cases that did not pass: the station may still be sending to them."""
@@ -163,12 +163,11 @@ class Session:
         reason = ""
         try:
             live.play(case.script, case.lease_ms)
-        except WrongMessage as wrong:
-            verdict, reason = "FAIL", str(wrong)
-        except Missed as missed:
-            verdict, reason = self._timing(case, str(missed))
-        except Unclear as unclear:
-            verdict, reason = "INCONC", str(unclear)
+        except Failed as failed:
+            found = failed.finding
+            verdict, reason = "FAIL" if found.kind == "unexpected" else "INCONC", found.observed
+            if found.kind == "overdue":
+                verdict, reason = self._timing(case, reason)
         if reason:
             self.unsettled.update(x.wire.values.ids.values())
             self.stuck = None if self._settled(live) else live
@@ -236,7 +235,7 @@ def twin(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> Twi
     return judged
 
 
-def as_dict(session: Session, exit_code: int) -> dict[str, Json]:
+def as_dict(session: Session, exit_code: int) -> dict[str, object]:
     """For a report in JSON."""
     return {
         "format": "automcm.live/1",

@@ -11,8 +11,7 @@ from automcm_conformance import special as special_
 from automcm_conformance.exchange import Broken, Mismatch, Step
 from automcm_conformance.play import play
 from automcm_conformance.purposes import Purpose
-from automcm_conformance.results import Verdict
-from automcm_conformance.suite import DIFFERENTLY, Runner
+from automcm_conformance.suite import Runner
 from automcm_conformance.tally import Part, Tally
 from automcm_conformance.tour import Pair
 
@@ -37,7 +36,7 @@ def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
     except (Mismatch, Broken) as error:
         steps = error.steps
         runner.adapter.renew()
-        tally.faults.append(runner.fault(part, steps[-1].pairs, error, str(error), purpose))
+        tally.faults.append(runner.fault(part, steps[-1].pairs, error, purpose))
     tally.reached = count + len(tally.faults)
     tally.forbidden = left_out if runner.fixed else 0  # with the usual parameters it is meant so
     tally.total = tally.reached + tally.forbidden
@@ -68,7 +67,7 @@ def samples(runner: Runner, folder: Path) -> None:
     must bring the same answers."""
     for name, tally in runner.tallies.items():
         if tally.faults:
-            tally.log = _log(runner, folder, name, tally.faults[0].steps)
+            tally.log = _log(runner, folder, name, tally.faults[0].error.steps)
         elif tally.sample is not None and not runner.cut_short:
             runner.say(f"log: {name}")
             _sample(runner, tally, *tally.sample, folder)
@@ -90,31 +89,20 @@ def _sample(runner: Runner, tally: Tally, part: Part, pair: Pair, folder: Path) 
             wrong.append(error)
         runs.append(wrong[-1].steps if wrong else x.done)
     if wrong:
-        what = str(wrong[0]) if len(wrong) == 2 else f"{DIFFERENTLY}: {wrong[0]}"
-        verdict: Verdict | None = None if len(wrong) == 2 else "ERROR"
-        tally.faults.append(runner.fault(part, [pair], wrong[0], what, tally.purpose, verdict))
+        again = len(wrong) == 2
+        tally.faults.append(runner.fault(part, [pair], wrong[0], tally.purpose, again=again))
         return
     tally.log = _log(runner, folder, tally.purpose.id, runs[0])
     for one, other in zip(*runs, strict=True):
         if one.answer != other.answer:
-            what = f"{DIFFERENTLY}: {other.answer[:200]!r}, before {one.answer[:200]!r}"
+            what = f"{other.answer[:200]!r}, before {one.answer[:200]!r}"
             differs = Mismatch(runs[1], [("answer", what)])
-            fault = runner.fault(part, [pair], differs, what, tally.purpose, "ERROR")
-            tally.faults.append(fault)
+            tally.faults.append(runner.fault(part, [pair], differs, tally.purpose, again=False))
             return
 
 
 def _log(runner: Runner, folder: Path, case: str, steps: list[Step]) -> str:
     """Write the log of an exchange; returns its path in the folder, or nothing if there
     is none, or an answer of it cannot be told in a log."""
-    if not steps:
-        return ""
-    path = folder / "logs" / f"{case.replace('/', '-')}.ndjson"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    hello = runner.adapter.hello
-    try:
-        records.write_log(path, case, steps, hello.name, hello.version)
-    except ValueError:
-        path.unlink(missing_ok=True)
-        return ""
-    return str(path.relative_to(folder))
+    name = case.replace("/", "-")
+    return records.log_of(folder, name, case, steps, runner.adapter.hello) if steps else ""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol, Self
 
 from automcm_conformance.process import STOP, AdapterError, Process
+from automcm_conformance.protocol import PROTOCOL, HelloAnswer, read_hello
 from automcm_conformance.websocket import SCHEMES, WebSocket
 
 
@@ -33,6 +34,11 @@ class Opened(Protocol):
 
     def kill(self) -> None:
         """End it at once.  May be called again."""
+
+
+def hello(process: Opened) -> HelloAnswer:
+    """Say hello.  Raises AdapterError and ProtocolError."""
+    return read_hello(process.exchange([b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL])[0])
 
 
 def is_address(command: Sequence[str]) -> bool:

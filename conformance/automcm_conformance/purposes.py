@@ -49,7 +49,6 @@ from automcm_spec.oracle import Effect
 from automcm_spec.rules import RULES
 from automcm_spec.station import Cam, Command, Entry, Expire, Input, Message, Receive, State
 
-Json = Any
 Features = tuple[Any, ...]
 
 PATH = SUITE / "purposes.toml"
@@ -172,7 +171,7 @@ def load(path: Path = PATH) -> tuple[Purpose, ...]:
     return tuple(found.values())
 
 
-def _purpose(row: Json) -> Purpose:
+def _purpose(row: object) -> Purpose:
     """Raises ValueError naming the field."""
     if not isinstance(row, dict):
         raise ValueError("not a table")
@@ -212,7 +211,7 @@ def _purpose(row: Json) -> Purpose:
     )
 
 
-def _selector(value: Json) -> dict[str, frozenset[Any]]:
+def _selector(value: object) -> dict[str, frozenset[Any]]:
     """Raises ValueError naming the field."""
     if not isinstance(value, dict) or not value:
         raise ValueError("select: a table with at least one field is needed")

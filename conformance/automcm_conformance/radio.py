@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Any, Literal
+from typing import Literal
 
-from automcm_conformance.protocol import MESSAGE_TYPES
+from automcm_conformance.protocol import MESSAGE_TYPES, Object
 from automcm_spec.forms import canonical
 from automcm_spec.parameters import derived, longest_delay
-
-Json = Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +46,7 @@ class Radio:
         self._delay = longest_delay(parameters)
         self._heard: set[tuple[int, str]] = set()
 
-    def arrivals(self, m: dict[str, Json], src: int, dst: int, now: int) -> list[int]:
+    def arrivals(self, m: Object, src: int, dst: int, now: int) -> list[int]:
         """When copies of this transmission arrive at ``dst``, in ms; those of one time in order."""
         first = (dst, canonical(m)) not in self._heard
         self._heard.add((dst, canonical(m)))
@@ -69,7 +67,7 @@ class Radio:
                     delays = [self._random.randint(1, max(1, self._delay - 1)) for _ in delays]
         return [now + delay for delay in delays]
 
-    def _about(self, rule: Rule, m: dict[str, Json], src: int, dst: int, now: int) -> bool:
+    def _about(self, rule: Rule, m: Object, src: int, dst: int, now: int) -> bool:
         if m["type"] not in rule.types or rule.src not in (0, src) or rule.dst not in (0, dst):
             return False
         if rule.acting_ms is None:

@@ -9,21 +9,20 @@ from dataclasses import asdict
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ValidationError
 
 from automcm_conformance.answers import are_marks, differences
 from automcm_conformance.exchange import Link, Mismatch, Step
 from automcm_conformance.process import AdapterError
-from automcm_conformance.protocol import INDICATIONS, read_answer
+from automcm_conformance.protocol import INDICATIONS, HelloAnswer, Object, read_answer
 from automcm_conformance.wire import Expected
 from automcm_spec import files
 from automcm_spec.bad_input import BadInput
 from automcm_traces.log import first_problem
 from automcm_traces.writer import LogWriter
 
-Json = Any
 FORMAT = "automcm.replay/1"
 LIMITS = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
@@ -31,7 +30,7 @@ COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 
 class _Line(BaseModel, extra="forbid"):
     now: int
-    line: dict[str, Json]
+    line: Object
     expected: Expected
 
 
@@ -45,21 +44,9 @@ class _Replay(BaseModel, extra="forbid"):
 
 def replay_text(case: str, rule: str, what: str, steps: Sequence[Step]) -> str:
     """An exchange, line by line, with what is expected."""
-    return (
-        json.dumps(
-            {
-                "format": FORMAT,
-                "case": case,
-                "rule": rule,
-                "what": what,
-                "steps": [
-                    {"now": s.now, "line": s.command, "expected": asdict(s.expected)} for s in steps
-                ],
-            },
-            indent=1,
-        )
-        + "\n"
-    )
+    lines = [{"now": s.now, "line": s.command, "expected": asdict(s.expected)} for s in steps]
+    about = {"format": FORMAT, "case": case, "rule": rule, "what": what}
+    return json.dumps(about | {"steps": lines}, indent=1) + "\n"
 
 
 def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
@@ -143,19 +130,32 @@ def write_log(
             send(c for c in cams if c not in before)
 
 
-def bare(told: Json) -> Json:
+def log_of(folder: Path, name: str, case: str, steps: Sequence[Step], hello: HelloAnswer) -> str:
+    """Write the log of an exchange among the ``logs`` of a folder; its path there, or nothing if
+    an answer of it cannot be told in a log."""
+    path = folder / "logs" / f"{name}.ndjson"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        write_log(path, case, steps, hello.name, hello.version)
+    except ValueError:
+        path.unlink(missing_ok=True)
+        return ""
+    return str(path.relative_to(folder))
+
+
+def bare(told: Object) -> Object:
     """An indication without what may stand there besides; a log need not be able to hold that."""
     return {name: told[name] for name in ("name", *INDICATIONS[told["name"]])}
 
 
 def _send(
-    log: LogWriter, station: int, count: Iterator[int], now: int, messages: Iterable[Json]
+    log: LogWriter, station: int, count: Iterator[int], now: int, messages: Iterable[Object]
 ) -> None:
     for message in messages:
         log.event("send", now, tx=f"{station}:{next(count)}", message=message)
 
 
-def _input(log: LogWriter, now: int, command: Json, more: dict[str, Json]) -> None:
+def _input(log: LogWriter, now: int, command: Object, more: Object) -> None:
     match command["cmd"]:
         case "receive":
             planned = command.get("planned")
@@ -166,7 +166,7 @@ def _input(log: LogWriter, now: int, command: Json, more: dict[str, Json]) -> No
             log.event("restart", now, **more)
 
 
-def _timer(timer: Json) -> Json:
+def _timer(timer: Object) -> Object:
     """A timer as a log names it."""
     if "message" not in timer:
         return timer

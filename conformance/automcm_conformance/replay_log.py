@@ -13,25 +13,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import ValidationError
 from pydantic_core import to_json
 
 from automcm_conformance import words
 from automcm_conformance.followed import Followed
-from automcm_conformance.log_compare import Compared, Difference
-from automcm_conformance.log_names import Names
+from automcm_conformance.log_compare import Compared, Difference, Names
 from automcm_conformance.log_survey import Survey, events, possible, survey
-from automcm_conformance.opened import Opened, opened
+from automcm_conformance.opened import Opened, hello, opened
 from automcm_conformance.process import AdapterError
-from automcm_conformance.protocol import (
-    COMMAND,
-    PROTOCOL,
-    HelloAnswer,
-    ProtocolError,
-    read_hello,
-)
+from automcm_conformance.protocol import COMMAND, HelloAnswer, Object, ProtocolError
 from automcm_conformance.results import Line
 from automcm_spec.parameters import longest_delay
 from automcm_traces.explain import explain
@@ -49,7 +42,6 @@ from automcm_traces.log import (
 from automcm_traces.reader import read
 from automcm_traces.track import CannotTell
 
-Json = Any
 BEAT_MS = 1_000
 """The longest step in time: CAMs come out in time (adapter.md allows 10 s)."""
 SHOWN = 40
@@ -103,7 +95,7 @@ class Replayed:
         """Of the command."""
         return {"allowed": 0, "diverges": 1, "error": 3, "cannot_tell": 4}[self.verdict]
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """For ``--json``."""
         return asdict(self) | {"exit_code": self.exit_code}
 
@@ -127,8 +119,7 @@ def replay(
     try:
         possible(found)
         with opened(command, limit_s) as process:
-            hello = read_hello(process.exchange([b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL])[0])
-            run = _Run(found, process, hello, result)
+            run = _Run(found, process, hello(process), result)
             run.start(out, seed)
             run.all()
             if problem := process.stop():
@@ -136,7 +127,7 @@ def replay(
     except Diverges as d:
         wrong = d.finding
         result.verdict, result.event, result.rule = "diverges", wrong.observed, wrong.rule
-        result.expected = [w for w in wrong.expected if not w.startswith(("arm ", "stop "))]
+        result.expected = words.answerable(wrong)
         result.guard, result.log_line = wrong.why.guard, wrong.at.line
     except CannotTell as error:
         result.verdict, result.event = "cannot_tell", str(error)
@@ -253,7 +244,7 @@ class _Run:
 
     def _line(
         self, event: Receive | ApplicationCommand | Restart
-    ) -> tuple[dict[str, Json], str | None] | None:
+    ) -> tuple[Object, str | None] | None:
         """What is said to the adapter, and the bytes for the log if it is no message; None if it
         cannot be said.  Raises CannotTell."""
         if isinstance(event, Restart):
@@ -270,13 +261,13 @@ class _Run:
         assert m is not None
         if problems(m):
             return {"cmd": "receive", "message": m}, base64.b64encode(to_json(m)).decode()
-        command: dict[str, Json] = {"cmd": "receive", "message": self._names.message(m)}
+        command: Object = {"cmd": "receive", "message": self._names.message(m)}
         if event.planned is not None:
             self._needs("receiver")
             command["planned"] = event.planned
         return command, None
 
-    def _command(self, event: ApplicationCommand) -> dict[str, Json]:
+    def _command(self, event: ApplicationCommand) -> Object:
         said = self._names.command(
             {"name": event.command.name, **(event.command.model_extra or {})}
         )
@@ -310,7 +301,7 @@ class _Run:
             self._give(max(at, self._now), {"cmd": "advance"})
 
     def _give(
-        self, now: int, command: dict[str, Json], tx: str | None = None, raw: str | None = None
+        self, now: int, command: Object, tx: str | None = None, raw: str | None = None
     ) -> None:
         followed, kept = self._followed, self._result.exchange
         assert followed is not None
@@ -334,7 +325,7 @@ class _Run:
                 self._followed.set_backoff(ms)
 
 
-def _object(raw: str) -> dict[str, Json] | None:
+def _object(raw: str) -> Object | None:
     """The JSON object that these bytes are; None if they are none, or none that can be given."""
 
     def number(text: str) -> float:

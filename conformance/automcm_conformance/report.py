@@ -20,12 +20,15 @@ from automcm_conformance.results import (
     VERDICTS,
     CaseResult,
     Failure,
-    Json,
     Level,
     Report,
     Verdict,
 )
 from automcm_spec import files
+from automcm_spec.bad_input import BadInput
+from automcm_traces import page as page_
+from automcm_traces.page_data import load as load_logs
+from automcm_traces.page_run import PageError
 
 LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "MAY")
 GROUPS = {
@@ -50,6 +53,8 @@ MEANING: dict[Verdict, str] = {
     "was none.",
 }
 TOTALS = ("transitions", "refusals", "rules")
+MOST = 20
+"""Pages of one run; what is beyond has its log."""
 LIMIT = 4000
 """How many characters of one text are shown; report.json holds all."""
 _REPORT = TypeAdapter(Report)
@@ -71,6 +76,29 @@ def write(report: Report, folder: Path) -> list[Path]:
     return paths
 
 
+def write_pages(report: Report, folder: Path) -> None:
+    """Write a page beside the log of each case that is no PASS, and name it in the report.
+
+    Raises OSError if it cannot be written.
+    """
+    for case in [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")][:MOST]:
+        log = folder / case.log
+        several = log.parent != folder / "logs"
+        logs = sorted(log.parent.glob("*.ndjson")) if several else [log]
+        try:
+            page = load_logs(logs, f"{case.id}: {case.verdict}")
+        except (BadInput, PageError):
+            continue  # the log is there all the same
+        if not several and page.runs[0].verdicts[0].verdict == "allowed":
+            page.title = f"{case.id}, up to where it failed"  # which a log cannot always tell
+            what = case.failures[0].what if case.failures else case.reason
+            page.note = f"Judged up to the end of the log. {case.verdict}, after that: {what}"
+        page.runs[0].renamed = f"{folder}/", ""
+        path = log.with_suffix(".html")
+        files.write(path, page_.html(page))
+        case.page = path.relative_to(folder).as_posix()
+
+
 def load(path: Path) -> Report:
     """The report in a report.json.
 
@@ -80,11 +108,7 @@ def load(path: Path) -> Report:
         value = json.loads(path.read_text("utf-8"))
         if not isinstance(value, dict) or value.get("format") != FORMAT:
             raise ValueError(f"format: {FORMAT} is needed")
-        report = _REPORT.validate_python(value)
-        _check_pairs("coverage", report.coverage)
-        for name, pairs in report.graphs.items():
-            _check_pairs(f"graphs.{name}", pairs)
-        return report
+        return _REPORT.validate_python(value)
     except ValidationError as error:
         first = error.errors()[0]
         field = ".".join(str(part) for part in first["loc"])
@@ -232,19 +256,13 @@ def _ordered(names: set[str]) -> list[str]:
     return [name for name in TOTALS if name in names] + sorted(names - set(TOTALS))
 
 
-def _shown(value: Json) -> Json:
+def _shown(value: object) -> object:
     """What the template prints of a value: macros of its own as they are, texts as ``visible``."""
     return visible(value, lines=True) if type(value) is str else value
 
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
-
-
-def _check_pairs(field: str, pairs: dict[str, list[int]]) -> None:
-    for name, pair in pairs.items():
-        if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
-            raise ValueError(f"{field}.{name}: [reached, total] is needed")
 
 
 def _junit(report: Report) -> JUnitXml:

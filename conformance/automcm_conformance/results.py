@@ -4,15 +4,27 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal, get_args
 
-Json = Any
+from pydantic import AfterValidator
+from pydantic_core import PydanticCustomError
+
 Verdict = Literal["PASS", "FAIL", "INCONC", "SKIP", "ERROR"]
 """INCONC: what leads to the test went wrong.  ERROR: the kit or the adapter broke."""
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 BROKE = "the kit broke"
 """How a problem begins that is a fault of the kit."""
 Level = Literal["MUST", "SHOULD", "MAY"]
+
+
+def _share(pair: list[int]) -> list[int]:
+    if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
+        raise PydanticCustomError("share", "[reached, total] is needed")
+    return pair
+
+
+Share = Annotated[list[int], AfterValidator(_share)]
+"""[reached, total]"""
 
 
 @dataclass(slots=True)
@@ -97,9 +109,9 @@ class Report:
 
     implementation: Implementation
     cases: list[CaseResult]
-    coverage: dict[str, list[int]]
-    """``transitions``, ``refusals``, ``rules``: [reached, total]."""
-    graphs: dict[str, dict[str, list[int]]]
+    coverage: dict[str, Share]
+    """``transitions``, ``refusals``, ``rules``."""
+    graphs: dict[str, dict[str, Share]]
     """The same for each graph: transitions, refusals and what time forbids."""
     spec_hash: str
     seed: int
@@ -135,7 +147,7 @@ class Report:
             return 3
         return 4 if verdicts else 0
 
-    def as_dict(self) -> dict[str, Json]:
+    def as_dict(self) -> dict[str, object]:
         """For ``report.json``."""
         out = asdict(self)
         out.pop("broke")
@@ -151,3 +163,41 @@ class Report:
 
 
 FORMAT = "automcm.report/1"
+EXPLORED = "automcm.exploration/1"
+
+
+@dataclass(slots=True)
+class Exploration:
+    """What was found.  ``seconds`` and ``started`` are times; ``walks``, ``lines`` and
+    ``coverage`` follow from them, unless the number of walks was given."""
+
+    implementation: Implementation
+    seed: int
+    spec_hash: str
+    cases: list[CaseResult] = field(default_factory=list)
+    acts: dict[str, int] = field(default_factory=dict)
+    """How many acts the shortened walk of a case has."""
+    again: int = 0
+    """Walks that went wrong as one did before."""
+    problems: list[str] = field(default_factory=list)
+    walks: int = 0
+    lines: int = 0
+    coverage: dict[str, dict[str, list[int]]] = field(default_factory=dict)
+    started: str = ""
+    seconds: float = 0.0
+    broke: bool = False
+    """It was cut short by a fault of ours."""
+
+    @property
+    def exit_code(self) -> int:
+        """0 if nothing is wrong; 70 if the kit broke; 1 if a rule is broken; else 3."""
+        if self.broke:
+            return 70
+        verdicts = {case.verdict for case in self.cases}
+        return 1 if "FAIL" in verdicts else 3 if verdicts or self.problems else 0
+
+    def as_dict(self) -> dict[str, object]:
+        """For ``exploration.json``."""
+        out = asdict(self)
+        out.pop("broke")
+        return {"format": EXPLORED, "exit_code": self.exit_code, **out}

@@ -10,15 +10,10 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from automcm_conformance.opened import hello as say_hello
 from automcm_conformance.opened import opened
 from automcm_conformance.process import AdapterError
-from automcm_conformance.protocol import (
-    MESSAGE_TYPES,
-    PROTOCOL,
-    HelloAnswer,
-    ProtocolError,
-    read_hello,
-)
+from automcm_conformance.protocol import MESSAGE_TYPES, HelloAnswer, ProtocolError
 from automcm_conformance.radio import Rule
 from automcm_conformance.stage import LEASE_MS, Application, Outcome, Play, Stage, When
 
@@ -209,7 +204,7 @@ def run(
                 station: stack.enter_context(opened(command, limit_s)) for station in stations
             }
             for process in processes.values():
-                read_hello(process.exchange([b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL])[0])
+                say_hello(process)
         except (AdapterError, ProtocolError) as error:
             return Outcome("ERROR", str(error), came=list(getattr(error, "stderr", ())))
         for number, play in enumerate(plays, 1):

@@ -86,9 +86,9 @@ def as_receiver(session: Session, refuses: bool) -> list[Input]:
     ]
 
 
-def scripts(case: str) -> Iterator[Script]:
-    """What the sessions of a case are made of."""
-    roles = case.split()[1:]
+def scripts(about: str) -> Iterator[Script]:
+    """What the sessions of two roles are made of."""
+    roles = about.split()
     if "restart" in roles:
         yield [RESTART]
     if {"prescriber", "restart"} & {*roles}:
@@ -141,11 +141,7 @@ def _begins(role: str, rounds: int) -> list[list[Input]]:
 
 def _ends(oracle: Oracle, begin: Sequence[Input], restarts: bool) -> list[Input]:
     """The inputs that end the session; nothing if the way there ends it."""
-    state = 0
-    for value in begin:
-        answer = oracle.answer(state, oracle.input_index[value])
-        assert answer is not None
-        state = answer.next
+    state = oracle.way(oracle.input_index[value] for value in begin)[-1]
     if oracle.states[state].phase == "STANDALONE" or restarts:
         return [RESTART] if restarts else []
     moves = oracle.moves(state).items()

@@ -168,8 +168,7 @@ class Shrinker:
         """Shortest walks to each pair of these inputs, and of this kind of state if it is given,
         with the rule of this pair; shortest first."""
         oracle = self.ground.oracle
-        broken = oracle.answer(*pair)
-        assert broken is not None
+        broken = oracle.given(*pair)
         depth = [0] * len(oracle.states)
         for state in range(1, len(oracle.states)):
             depth[state] = depth[oracle.parents[state][0]] + 1
@@ -189,11 +188,8 @@ class Shrinker:
         """The last few acts after the shortest way to where they begin."""
         if not found.setting.timed:
             return found
-        oracle, states = self.ground.oracle, [0]
-        for act in found.acts[: found.sent]:
-            answer = oracle.answer(states[-1], act.input)
-            assert answer is not None
-            states.append(answer.next)
+        oracle = self.ground.oracle
+        states = oracle.way(act.input for act in found.acts[: found.sent])
         length = 1
         while length < found.sent:
             start = found.sent - length

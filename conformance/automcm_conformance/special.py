@@ -8,7 +8,7 @@ get where the case begins.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from itertools import pairwise
 
@@ -127,6 +127,11 @@ def bounds(fresh: Fresh, type_: str) -> Played:
             raise
 
 
+def _received(type_: str) -> list[Script]:
+    script, good, _ = scripts.RECEIVED[type_]
+    return [[*script, good]]
+
+
 def room(fresh: Fresh) -> Played:
     """``room``: what is kept free of the outbox follows from the larger of the two limits."""
     for script in scripts.ROOM:
@@ -202,27 +207,28 @@ def exchanges(case: str, fresh: Fresh) -> Played:
     if case in scripts.PLAIN:
         return plain(fresh, case)
     if case in _ALONE:
-        return _ALONE[case](fresh)
+        return _ALONE[case][0](fresh)
     name, _, about = case.partition(" ")
-    return _ABOUT[name](fresh, about)
+    return _ABOUT[name][0](fresh, about)
 
 
 TWO = ("sessions ", "two ")
 """How the cases begin that need a second peer."""
-_ABOUT: dict[str, Callable[[Fresh, str], Played]] = {
-    "timer": timer,
-    "sendings": sendings,
-    "malformed": malformed,
-    "bounds": bounds,
-    "content": content,
-    "sessions": sessions.pairs,
+_ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable[Script]]]] = {
+    "timer": (timer, scripts.TIMERS.__getitem__),
+    "sendings": (sendings, lambda _: (scripts.ACTING, scripts.COMMITTED)),
+    "malformed": (malformed, _received),
+    "bounds": (bounds, _received),
+    "content": (content, scripts.CONTENT.__getitem__),
+    "sessions": (sessions.pairs, sessions.scripts),
 }
-_ALONE: dict[str, Callable[[Fresh], Played]] = {
-    "same instant": same_instant,
-    "cam rate": cam_rate,
-    "cam marks": cam_marks,
-    "back-off": back_off,
-    "room": room,
+"""By the first word of a case how it is played, and what it is made of."""
+_ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
+    "same instant": (same_instant, scripts.SAME_INSTANT),
+    "cam rate": (cam_rate, [WAITING]),
+    "cam marks": (cam_marks, scripts.MARKED),
+    "back-off": (back_off, [[REQUEST]]),
+    "room": (room, scripts.ROOM),
 }
 
 
@@ -249,23 +255,11 @@ def needs(case: str) -> set[str]:
     return found
 
 
-def _scripts(case: str) -> Iterator[Script]:
+def _scripts(case: str) -> Iterable[Script]:
     """What a case is made of.  Raises KeyError for a case that is not known."""
-    name, _, about = case.partition(" ")
     if case in scripts.PLAIN:
-        yield from scripts.PLAIN[case]
-    elif case in ("same instant", "cam marks"):
-        yield from scripts.SAME_INSTANT if case == "same instant" else scripts.MARKED
-    elif case in ("cam rate", "back-off"):
-        yield WAITING if case == "cam rate" else [REQUEST]
-    elif name in ("malformed", "bounds"):
-        script, good, _ = scripts.RECEIVED[about]
-        yield [*script, good]
-    elif name in ("timer", "content"):
-        yield from (scripts.TIMERS if name == "timer" else scripts.CONTENT)[about]
-    elif case == "room":
-        yield from scripts.ROOM
-    elif name == "sendings":
-        yield from (scripts.ACTING, scripts.COMMITTED)
-    else:
-        yield from sessions.scripts(case)
+        return scripts.PLAIN[case]
+    if case in _ALONE:
+        return _ALONE[case][1]
+    name, _, about = case.partition(" ")
+    return _ABOUT[name][1](about)

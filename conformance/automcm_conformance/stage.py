@@ -10,24 +10,22 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from automcm_conformance.followed import Followed
 from automcm_conformance.opened import Opened
 from automcm_conformance.process import AdapterError
-from automcm_conformance.protocol import DEFAULTS, HelloAnswer, ProtocolError
+from automcm_conformance.protocol import DEFAULTS, HelloAnswer, Object, ProtocolError
 from automcm_conformance.radio import Radio, Rule
 from automcm_conformance.results import Line, Verdict
 from automcm_conformance.wire import HOLD_MS
 from automcm_spec.parameters import derived, durations
-from automcm_spec.rules import handler, line
-from automcm_traces.finding import Diverges, Finding
+from automcm_spec.station import Input
+from automcm_traces.finding import NOTHING_WRONG, At, Diverges, Finding
 from automcm_traces.track import CannotTell, Track
 
-Json = Any
 START_MS = 1_000
 LEASE_MS = 20_000
 SHOWN = 60
@@ -84,23 +82,20 @@ class Play:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a scenario came to; from ``rule`` on about the first station that is wrong."""
+    """What a scenario came to."""
 
     verdict: Verdict
     reason: str = ""
-    """Why it is not PASS, in one line."""
-    rule: str = ""
-    """A rule, or the property that is broken: S-4, S-5, S-8, L-1."""
-    what: str = ""
-    allowed: list[str] = field(default_factory=list)
+    """Why it is neither PASS nor FAIL, in one line; of a PASS, what was left out."""
+    finding: Finding = NOTHING_WRONG
+    """About the station ``at.file``, or the property that is broken: S-4, S-5, S-8, L-1."""
+    input: Input | None = None
+    """The input that the rule decides."""
     came: list[str] = field(default_factory=list)
     lines: list[Line] = field(default_factory=list)
     """The last lines of the play that is not PASS."""
     log: list[str] = field(default_factory=list)
     """Logs of all stations, relative to the folder; if a play is not PASS, of that one."""
-    operator: str = ""
-    """Of Station.tla, with its ``line``; empty and 0 where no rule is broken."""
-    line: int = 0
 
 
 def hazard(
@@ -137,7 +132,7 @@ def hazard(
 
 
 def _broken(name: str, text: str) -> Finding:
-    return Finding("property", property=name, observed=f"{name}: {text}")
+    return Finding("property", property=name, observed=text)
 
 
 class Stage:
@@ -184,14 +179,13 @@ class Stage:
         except Diverges as d:
             return self._not_allowed(folder, d)
         except _Unsafe as error:
-            what = str(error)
-            return self._out(folder, "FAIL", what, rule=error.finding.property, what=what)
+            return self._out(folder, Outcome("FAIL", finding=error.finding))
         except CannotTell as error:
             return self._elsewhere(folder, f"{self._at}: {error}")
         except (AdapterError, ProtocolError) as error:
             end = "crash"
             came = list(getattr(error, "stderr", ()))
-            return self._out(folder, "ERROR", f"{self._at}: {error}", came=came)
+            return self._out(folder, Outcome("ERROR", f"{self._at}: {error}", came=came))
         finally:
             for followed in self._stations.values():
                 followed.end(end)
@@ -200,39 +194,31 @@ class Stage:
             if len(told) != len(story) or not all(map(_tells, story, told)):
                 text = f"every step is allowed, but {station} was told {', '.join(told)}: this"
                 return self._elsewhere(folder, f"{text} scenario leads to {', '.join(story)}")
-        return self._out(folder, "PASS")
+        return self._out(folder, Outcome("PASS"))
 
     def _elsewhere(self, folder: Path, text: str) -> Outcome:
         """Every step is allowed, so that only parameters can have led elsewhere."""
         fixed = [f"{n} {ms}" for n, ms in self._hello.fixed.items() if DEFAULTS[str(n)] != ms]
         if not fixed:
-            return self._out(folder, "INCONC", text)
-        return self._out(folder, "SKIP", f"{' and '.join(fixed)} would lead elsewhere: {text}")
+            return self._out(folder, Outcome("INCONC", text))
+        text = f"{' and '.join(fixed)} would lead elsewhere: {text}"
+        return self._out(folder, Outcome("SKIP", text))
 
-    def _out(self, folder: Path, verdict: Verdict, reason: str = "", **more: Json) -> Outcome:
+    def _out(self, folder: Path, outcome: Outcome) -> Outcome:
         logs = [str(path.relative_to(folder)) for path in self._logs.values() if path.exists()]
-        lines = [] if verdict == "PASS" else self._lines[-SHOWN:]
-        return Outcome(verdict, reason, lines=lines, log=logs, **more)
+        lines = [] if outcome.verdict == "PASS" else self._lines[-SHOWN:]
+        return replace(outcome, lines=lines, log=logs)
 
     def _not_allowed(self, folder: Path, d: Diverges) -> Outcome:
-        what = f"{self._at}: {d.finding.observed}"
         found = self._stations.get(self._at)
         last = None if found is None else found.last
-        if last is not None and d.finding.rule == last.rule:
-            operator, where = handler(last.input), line(d.finding.rule, last.input)
-        else:
-            operator, where = "", 0
-        return self._out(
-            folder,
+        outcome = Outcome(
             "FAIL",
-            what,
-            rule=d.finding.rule,
-            what=what,
-            allowed=[w for w in d.finding.expected if not w.startswith(("arm ", "stop "))],
+            finding=replace(d.finding, at=At(str(self._at), d.finding.at.line)),
+            input=last.input if last is not None and d.finding.rule == last.rule else None,
             came=[said.text for said in self._lines[-1:] if said.who == "station"],
-            operator=operator,
-            line=where,
         )
+        return self._out(folder, outcome)
 
     # -- time
 
@@ -303,7 +289,7 @@ class Stage:
 
     # -- stations, radio and applications
 
-    def _give(self, station: int, command: dict[str, Json], tx: str | None = None) -> None:
+    def _give(self, station: int, command: Object, tx: str | None = None) -> None:
         """Say it to a station; what it sends goes on the air, what it tells to its application."""
         self._at = station
         followed = self._stations[station]
@@ -322,7 +308,7 @@ class Stage:
             self._happened(station, name)
             self._asked(station, told)
 
-    def _send(self, station: int, tx: str, m: dict[str, Json]) -> None:
+    def _send(self, station: int, tx: str, m: Object) -> None:
         for other, application in self._play.stations.items():
             if other == station:
                 continue
@@ -333,13 +319,13 @@ class Stage:
                 arrives = partial(self._give, other, command, tx)
                 self._after(at - self._now, arrives, counts=m["type"] != "CAM")
 
-    def _asked(self, station: int, told: dict[str, Json]) -> None:
+    def _asked(self, station: int, told: Object) -> None:
         """The application of a station answers a question, after thinking."""
         application, name = self._play.stations[station], told["name"]
         if name not in ("choose", "verify", "propose"):
             return
         session, k = told["session"], told.get("proposal", 1)
-        command: dict[str, Json] = {"name": "prescribe", "session": session, "proposal": k}
+        command: Object = {"name": "prescribe", "session": session, "proposal": k}
         if name == "verify" and k <= application.refuses:
             command["name"] = "refuse"
         elif name == "verify":
@@ -367,13 +353,13 @@ class Stage:
                 action = partial(self._wants, station, self._command(when.action, session))
             self._after(when.after_ms, action)
 
-    def _command(self, name: str, session: tuple[int, int] | None) -> dict[str, Json]:
+    def _command(self, name: str, session: tuple[int, int] | None) -> Object:
         if name == "request":
             scenario = self._hello.scenarios[0]
             return {"name": name, "scenario": scenario, "details": {"lane": 2}}
         return {"name": name, "session": list(session or ())}
 
-    def _wants(self, station: int, command: dict[str, Json]) -> None:
+    def _wants(self, station: int, command: Object) -> None:
         """A command, unless it is about a session that the application was told the end of."""
         session = self._stations[station].track.session
         if command["name"] == "request" or list(session or ()) == command["session"]:
@@ -392,7 +378,7 @@ class _Unsafe(Exception):
         self.finding = finding
 
 
-def _trajectory(a: int, b: int) -> Json:
+def _trajectory(a: int, b: int) -> Object:
     """One that has these two numbers in it."""
     return {"t0": 0, "points": [[0, 0, 0], [1000, 8000 + b, a]]}
 

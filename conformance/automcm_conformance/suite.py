@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 
 from automcm_conformance.adapter import PATIENCE, Adapter
 from automcm_conformance.exchange import Broken, Exchange, Link, Mismatch, Step, Unpredicted
-from automcm_conformance.flights import Drive, Flight
 from automcm_conformance.play import LEASES, RUNS, Wrong, play, shortened
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import DEFAULTS, ProtocolError, Refused
 from automcm_conformance.purposes import ROOM, Owners, Purpose
-from automcm_conformance.results import Verdict
-from automcm_conformance.tally import ENOUGH, Fault, Part, Tally
+from automcm_conformance.tally import ENOUGH, Drive, Fault, Flight, Part, Tally, finding
 from automcm_conformance.tour import Pair, Tours
 from automcm_conformance.wire import LONG, PLAIN, VALUES, Values
 from automcm_spec.oracle import Answer, Oracle
 from automcm_spec.station import Command, Expire, Input, Message, Receive, Restart
+from automcm_traces.finding import Finding
 
 Say = Callable[[str], None]
 PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
@@ -27,7 +26,6 @@ LIMITS = {
     "outbox_limit": "OutboxLimit",
     "memory_limit": "MemoryLimit",
 }
-DIFFERENTLY = "nondeterministic: answered differently when the same was sent again"
 BULK = 1_000
 """Lines that are written before their answers are read, about."""
 STARTS = 20
@@ -59,7 +57,7 @@ class Runner:
         chosen = (tally.purpose.select for tally in self.tallies.values())
         self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
         """What decides a pair of a case that graphs carry is one of these."""
-        self.elsewhere = ""
+        self.elsewhere: Finding | None = None
         """The first wrong answer of a case that is not run."""
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
         self._cam_marks = next(marks, None)
@@ -344,11 +342,9 @@ class Runner:
         before = self.adapter.broken
         place = error.steps[-1].place
         inputs = tour[: place + 1]
-        states = _states(part.oracle, inputs)
+        states = part.oracle.way(inputs[:-1])
         seen: Pair = (states[place], tour[place])
-        answer = part.oracle.answer(*seen)
-        assert answer is not None
-        tally = self._tally(part, drive.owners, answer)
+        tally = self._tally(part, drive.owners, part.oracle.given(*seen))
         if tally is not None:
             tally.hits += 1
             if tally.decided:
@@ -380,11 +376,7 @@ class Runner:
         self.adapter.broken = before  # each fault counts once, however often it is tried again
         if short is None:
             case = tours.avoid(seen)
-            if hangs:
-                self._blame(drive, seen, error, str(error))
-            else:
-                what = f"{DIFFERENTLY}: {error}"
-                self._blame(drive, seen, error, what, "ERROR")
+            self._blame(drive, seen, error, again=hangs)
             if case is not None:
                 self._reached(part, case, seen)
             return
@@ -396,7 +388,7 @@ class Runner:
         case = tours.avoid(culprit)
         if case is not None:
             self._reached(part, case, culprit)
-        self._blame(drive, culprit, error, f"{error}{why}")
+        self._blame(drive, culprit, error, why)
 
     def in_step(self, error: Wrong) -> None:
         """After a line too many, the next exchange has a fresh process."""
@@ -412,12 +404,10 @@ class Runner:
         """The pair to blame for a wrong exchange, and why if it is not the last one.  ``least``:
         nothing of it can be left out."""
         oracle, step = part.oracle, error.steps[-1]
-        states = _states(oracle, inputs)
+        states = oracle.way(inputs[:-1])
         last = states[-1], inputs[-1]
         for state, i in zip(reversed(states[:-1]), reversed(inputs[:-1]), strict=True):
-            answer = oracle.answer(state, i)
-            assert answer is not None
-            if least and not answer.changes:
+            if least and not oracle.is_move(state, i):
                 return (state, i), "; an input before it, which must change nothing, changed that"
         ended = oracle.answer(*last)
         changes = ended is not None and ended.changes  # else it has armed a timer anew itself
@@ -436,23 +426,16 @@ class Runner:
         return last, ""
 
     def _blame(
-        self,
-        drive: Drive,
-        pair: Pair,
-        error: Wrong,
-        what: str,
-        verdict: Verdict | None = None,
+        self, drive: Drive, pair: Pair, error: Wrong, why: str = "", *, again: bool = True
     ) -> None:
         part = drive.part
-        answer = part.oracle.answer(*pair)
-        assert answer is not None
-        tally = self._tally(part, drive.owners, answer)
+        tally = self._tally(part, drive.owners, part.oracle.given(*pair))
         if isinstance(error, Mismatch) and {p for p, _ in error.problems} == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
-        fault = self.fault(part, [pair], error, what, purpose, verdict)
+        fault = self.fault(part, [pair], error, purpose, why, again=again)
         if tally is None:
-            self.elsewhere = self.elsewhere or fault.what
+            self.elsewhere = self.elsewhere or fault.finding
             return
         if len(tally.faults) < ENOUGH:
             tally.faults.append(fault)
@@ -464,9 +447,10 @@ class Runner:
         part: Part,
         pairs: list[Pair],
         error: Wrong,
-        what: str,
         purpose: Purpose | None,
-        verdict: Verdict | None = None,
+        why: str = "",
+        *,
+        again: bool = True,
     ) -> Fault:
         """A fault; its rule is that of the last pair, or of a case that has a name."""
         rule = purpose.rules[0] if purpose else ""
@@ -476,21 +460,4 @@ class Runner:
             answer = part.oracle.answer(*pairs[-1])
             if answer is not None and not (purpose and purpose.case):
                 rule = answer.effect.rule
-        return Fault(
-            verdict or ("FAIL" if isinstance(error, Mismatch) else "ERROR"),
-            error.steps,
-            rule,
-            value,
-            what,
-            list(error.stderr) if isinstance(error, Broken) else [],
-        )
-
-
-def _states(oracle: Oracle, inputs: Sequence[int]) -> list[int]:
-    """The state before each input."""
-    states = [0]
-    for i in inputs[:-1]:
-        answer = oracle.answer(states[-1], i)
-        assert answer is not None
-        states.append(answer.next)
-    return states
+        return Fault(finding(error, rule, why, again=again), value, error)

@@ -1,18 +1,22 @@
-"""What a run finds out: which pairs of which graph were driven, and what was wrong."""
+"""What a run finds out: the tours over each graph, which pairs were driven, what was wrong."""
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
 
-from automcm_conformance.exchange import Step
-from automcm_conformance.purposes import Purpose
+from automcm_conformance.exchange import Exchange, Mismatch
+from automcm_conformance.play import Wrong
+from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.results import Verdict
 from automcm_conformance.stage import Outcome
 from automcm_conformance.tour import Pair, Tours
+from automcm_conformance.wire import Values
 from automcm_spec.oracle import Oracle
 from automcm_spec.station import Input
+from automcm_traces.finding import Finding, Kind
 
+DIFFERENTLY = "nondeterministic: answered differently when the same was sent again"
 ENOUGH = 3
 """Wrong answers after which a case is decided, and driven no further."""
 
@@ -32,18 +36,30 @@ class Part:
     tours: Tours | None = None
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Fault:
-    """An exchange whose last answer is wrong, or does not come."""
+    """A finding, and the exchange that shows it: its last answer is wrong, or does not come."""
 
-    verdict: Verdict
-    steps: list[Step]
-    rule: str
+    finding: Finding
     input: Input | None
     """The input that the rule decides."""
-    what: str
-    stderr: list[str] = field(default_factory=list)
-    """What the process said last, if it is gone."""
+    error: Wrong
+
+    @property
+    def verdict(self) -> Verdict:
+        """ERROR if the adapter broke, or does not answer twice as it did."""
+        return "ERROR" if self.finding.kind in ("unreadable", "cannot_tell") else "FAIL"
+
+
+def finding(error: Wrong, rule: str, more: str = "", *, again: bool = True) -> Finding:
+    """What is wrong with an exchange, and ``more`` about it.  Not ``again``: when the same was sent
+    again, the answer was another one."""
+    if not again:
+        return Finding("cannot_tell", rule, observed=f"{DIFFERENTLY}: {error}{more}")
+    kind: Kind = "unreadable"
+    if isinstance(error, Mismatch):
+        kind = "state" if {part for part, _ in error.problems} == {"phase"} else "unexpected"
+    return Finding(kind, rule, observed=f"{error}{more}")
 
 
 @dataclass(slots=True)
@@ -75,3 +91,37 @@ class Tally:
         """FAIL or ERROR."""
         bad = self.outcome is not None and self.outcome.verdict in ("FAIL", "ERROR")
         return bad or bool(self.faults)
+
+
+@dataclass(slots=True)
+class Flight:
+    """A tour that is being played."""
+
+    x: Exchange
+    tour: list[int]
+    lease: int
+    values: Values
+    soonest: str
+    off: Pair | None = None
+    """What time forbids; the tour ends there."""
+
+
+@dataclass(slots=True)
+class Drive:
+    """Tours over one part."""
+
+    part: Part
+    owners: Owners
+    tours: Tours
+    planned: int
+    started: int = 0
+    flights: list[Flight] = field(default_factory=list)
+    """Played, with lines that wait to be sent."""
+    sent: list[Flight] = field(default_factory=list)
+    """Those whose lines the station is answering."""
+    attempts: Counter[Pair] = field(default_factory=Counter)
+
+    @property
+    def lines(self) -> int:
+        """How many are waiting."""
+        return sum(flight.x.unwritten for flight in self.flights)

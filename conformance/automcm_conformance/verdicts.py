@@ -8,12 +8,12 @@ import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import get_args
 
 from automcm_conformance import records, words
 from automcm_conformance.process import LIMIT_S
 from automcm_conformance.purposes import Purpose
 from automcm_conformance.results import (
+    VERDICTS,
     CaseResult,
     Failure,
     Implementation,
@@ -25,6 +25,8 @@ from automcm_conformance.suite import Runner
 from automcm_conformance.tally import Fault, Tally
 from automcm_spec import files
 from automcm_spec.rules import RULES, handler, line
+from automcm_spec.station import Input
+from automcm_traces.finding import Finding
 
 Expectations = Mapping[str, tuple[Verdict, str]]
 """For a case the verdict that is known to come, and why."""
@@ -53,8 +55,8 @@ def expectations(path: Path, purposes: Sequence[Purpose]) -> dict[str, tuple[Ver
         if not isinstance(entry, dict) or set(entry) != {"verdict", "because"}:
             raise ExpectError(f"{path}: {name}: needs verdict and because, and nothing else")
         verdict, because = entry["verdict"], entry["because"]
-        if verdict not in get_args(Verdict):
-            raise ExpectError(f"{path}: {name}.verdict: one of {', '.join(get_args(Verdict))}")
+        if verdict not in VERDICTS:
+            raise ExpectError(f"{path}: {name}.verdict: one of {', '.join(VERDICTS)}")
         if not isinstance(because, str) or not because.strip():
             raise ExpectError(f"{path}: {name}.because: say why")
         found[name] = verdict, because
@@ -118,23 +120,18 @@ def _result(runner: Runner, tally: Tally, folder: Path, expected: Expectations) 
     purpose = tally.purpose
     verdict, reason = _verdict(runner, tally)
     wanted, because = expected.get(purpose.id, ("PASS", ""))
+    names = "id", "level", "given", "when", "then", "bug", "cost"
     return CaseResult(
-        purpose.id,
-        verdict,
-        list(purpose.rules),
-        purpose.level,
-        purpose.given,
-        purpose.when,
-        purpose.then,
-        purpose.bug,
-        purpose.cost,
-        reason,
-        wanted,
-        because,
-        tally.reached,
-        tally.total,
-        _failures(runner, tally, folder),
-        tally.log,
+        **{name: getattr(purpose, name) for name in names},
+        verdict=verdict,
+        rules=list(purpose.rules),
+        reason=reason,
+        wanted=wanted,
+        because=because,
+        reached=tally.reached,
+        total=tally.total,
+        failures=_failures(runner, tally, folder),
+        log=tally.log,
     )
 
 
@@ -145,28 +142,26 @@ def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
     if o.verdict in ("PASS", "SKIP"):
         return []
     again = f"automcm conform run {case} --seed {runner.seed} {_behind(runner)}"
-    text = RULES.get(o.rule, "")
-    return [
-        Failure(o.rule, text, o.operator, o.line, o.what, o.allowed, o.came, o.lines, command=again)
-    ]
+    return [_failure(o.finding, o.input, words.answerable(o.finding), o.came, o.lines, "", again)]
 
 
 def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
     if tally.outcome is not None:
-        return tally.outcome.verdict, tally.outcome.reason
+        o = tally.outcome
+        return o.verdict, o.reason or words.finding(o.finding)
     if tally.faults:
         verdicts = [fault.verdict for fault in tally.faults]
         verdict: Verdict = "FAIL" if "FAIL" in verdicts else "ERROR"
-        return verdict, tally.faults[verdicts.index(verdict)].what
+        return verdict, words.finding(tally.faults[verdicts.index(verdict)].finding)
     skipped, forbidden = tally.skipped.total(), tally.forbidden
     if runner.cut_short and tally.reached + skipped + forbidden < max(tally.total, 1):
         return "INCONC", f"{tally.reached:,} of {tally.total:,} driven: {runner.cut_short}"
     out = [f"{n:,} need {why}" for why, n in tally.skipped.most_common()]
     out += [f"{forbidden:,} are forbidden by time with these parameters"] if forbidden else []
     if tally.reached + skipped + forbidden < tally.total:
-        others = (fault.what for t in runner.tallies.values() for fault in t.faults)
-        cause = runner.elsewhere or next(others, "")
-        why = f": {cause}" if cause else ""
+        others = (fault.finding for t in runner.tallies.values() for fault in t.faults)
+        cause = runner.elsewhere or next(others, None)
+        why = f": {words.finding(cause)}" if cause else ""
         left = tally.total - tally.reached - skipped - forbidden
         return "INCONC", f"{left:,} of {tally.total:,} not driven, the way there went wrong{why}"
     if tally.reached == 0:
@@ -186,22 +181,32 @@ def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Fa
     name = re.sub(r"[^A-Za-z0-9]+", "-", case)
     replay = folder / "replay" / f"{name}-{n}.json"
     replay.parent.mkdir(parents=True, exist_ok=True)
-    files.write(replay, records.replay_text(case, fault.rule, fault.what, fault.steps))
-    last = fault.steps[-1]
-    lines = words.exchange(fault.steps)
+    found, steps = fault.finding, fault.error.steps
+    files.write(replay, records.replay_text(case, found.rule, words.finding(found), steps))
+    last, lines = steps[-1], words.exchange(steps)
     if len(lines) > SHOWN:
         cut = Line(lines[0].now, "kit", f"… {len(lines) - SHOWN} lines; the replay has all …")
         lines = [cut, *lines[-SHOWN:]]
-    came = [words.answered(last.answer)] if last.answer else ["no answer", *fault.stderr]
-    return Failure(
-        fault.rule,
-        RULES.get(fault.rule, ""),
-        handler(fault.input) if fault.input else "",
-        line(fault.rule, fault.input) if fault.input else 0,
-        fault.what,
-        words.allowed(last.expected),
-        came,
-        lines,
-        str(replay.relative_to(folder)),
-        f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}",
+    came = (
+        [words.answered(last.answer)]
+        if last.answer
+        else ["no answer", *getattr(fault.error, "stderr", ())]
     )
+    again = f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}"
+    at, allowed = str(replay.relative_to(folder)), words.allowed(last.expected)
+    return _failure(found, fault.input, allowed, came, lines, at, again)
+
+
+def _failure(
+    found: Finding,
+    value: Input | None,
+    allowed: list[str],
+    came: list[str],
+    lines: list[Line],
+    replay: str,
+    command: str,
+) -> Failure:
+    rule, what = found.rule or found.property, words.finding(found)
+    operator, at = (handler(value), line(rule, value)) if value else ("", 0)
+    text = RULES.get(rule, "")
+    return Failure(rule, text, operator, at, what, allowed, came, lines, replay, command)

@@ -282,9 +282,7 @@ class Walker:
         tour.append(i)
         self._hear(i)
         self.ground.mark((state, i), PLANNED)
-        answer = self.ground.oracle.answer(state, i)
-        assert answer is not None
-        return answer.next
+        return self.ground.oracle.given(state, i).next
 
     def _hear(self, i: int) -> None:
         if isinstance(self.ground.oracle.inputs[i], Receive | Cam):

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 
-from automcm_conformance import named, remainder
+from automcm_conformance import named, remainder, scenarios
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.purposes import Owners, Purpose
 from automcm_conformance.purposes import load as load_purposes
@@ -43,7 +43,10 @@ def conform(
     runner = Runner(adapter, purposes, seed, say)
     try:
         with uncollected():
-            _drive(runner, graphs, purposes, folder)
+            if any(purpose.select for purpose in purposes):
+                tours(runner, graphs)
+                named.samples(runner, folder)
+            special(runner, graphs, purposes, folder)
     except KeyboardInterrupt:
         runner.ended = "interrupted"
     except (OSError, OracleError):
@@ -111,13 +114,6 @@ class Graphs:
         return list(self.tight.decided_by({"MEM-1"}))
 
 
-def _drive(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
-    if any(purpose.select for purpose in purposes):
-        tours(runner, graphs)
-        named.samples(runner, folder)
-    special(runner, graphs, purposes, folder)
-
-
 def tours(runner: Runner, graphs: Graphs) -> None:
     """Drive what the graphs hold."""
     owners, rules = graphs.owners, runner.rules
@@ -135,7 +131,7 @@ def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder:
         if not purpose.case:
             continue
         runner.say(purpose.case)
-        if purpose.case.startswith("scenario "):
+        if purpose.case in scenarios.NAMES:
             named.scenario(runner, purpose, folder)
         else:
             named.special(runner, purpose, part, folder)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic_core import to_json
 
 from automcm_conformance.clock import UNKNOWN
 from automcm_conformance.exchange import Step
-from automcm_conformance.protocol import ProtocolError, read_answer
+from automcm_conformance.protocol import Object, ProtocolError, read_answer
 from automcm_conformance.results import Line
 from automcm_conformance.wire import Expected
+from automcm_traces.finding import Finding
 
-Json = Any
+
+def finding(found: Finding) -> str:
+    """What is wrong, in one line; empty for nothing."""
+    about = found.property or found.at.file
+    return f"{about}: {found.observed}" if about else found.observed
 
 
-def message(m: Json) -> str:
+def message(m: object) -> str:
     """A message in one line."""
     if not isinstance(m, dict) or not isinstance(m.get("type"), str):
         return to_json(m).decode()
@@ -35,17 +38,17 @@ def message(m: Json) -> str:
     return " ".join(parts)
 
 
-def _text(value: Json) -> str:
+def _text(value: object) -> str:
     return value if isinstance(value, str) else to_json(value).decode()
 
 
-def _session(s: Json) -> str:
+def _session(s: object) -> str:
     if isinstance(s, list) and len(s) == 2:
         return f"{_text(s[0])}/{'new' if s[1] is None else _text(s[1])}"
     return _text(s)
 
 
-def said(c: dict[str, Json]) -> str:
+def said(c: Object) -> str:
     """What the kit says with a command."""
     match c["cmd"]:
         case "receive":
@@ -83,7 +86,7 @@ def answered(line: bytes) -> str:
     return "; ".join(parts)
 
 
-def _indication(i: Json) -> str:
+def _indication(i: Object) -> str:
     more = [_text(i[name]) for name in ("reason",) if name in i]
     return " ".join([_text(i["name"]), *more])
 
@@ -98,6 +101,11 @@ def allowed(expected: Expected) -> list[str]:
     if expected.deadline != UNKNOWN:
         parts.append(f"next deadline {_text(expected.deadline)}")
     return ["; ".join(parts)]
+
+
+def answerable(found: Finding) -> list[str]:
+    """What was expected that an answer can hold: no adapter tells its timers."""
+    return [w for w in found.expected if not w.startswith(("arm ", "stop "))]
 
 
 def exchange(steps: list[Step]) -> list[Line]:

@@ -17,6 +17,7 @@ def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
     """The verdict on each log, and on the reference; and the rules and phases met in the logs."""
     from test_scenarios import REFERENCE, run  # after the station is compiled
 
+    from automcm_conformance.words import finding
     from automcm_traces.coverage import measure
     from automcm_traces.explain import explain_file
 
@@ -29,7 +30,7 @@ def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
             {"verdict": v.verdict, "rule": v.finding.rule, "event": v.finding.observed}
             for v in verdicts
         ],
-        "played": [outcome.verdict, outcome.what],
+        "played": [outcome.verdict, finding(outcome.finding)],
         "met": sorted({*covered.rules, *covered.phases}),
     }
 

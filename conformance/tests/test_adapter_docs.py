@@ -13,12 +13,13 @@ from typer.main import get_command
 
 from automcm.kit import serve
 from automcm_cli.main import app
-from automcm_conformance.exploration import FORMAT, Exploration
 from automcm_conformance.protocol import COMMAND, INDICATIONS, read_answer, read_hello
 from automcm_conformance.purposes import load as load_purposes
 from automcm_conformance.results import (
+    EXPLORED,
     VERDICTS,
     CaseResult,
+    Exploration,
     Failure,
     Implementation,
     Line,
@@ -140,7 +141,7 @@ def test_the_guide_names_every_verdict_field_and_option() -> None:
 def test_the_guide_names_what_an_exploration_holds() -> None:
     text = section("conformance.md", "## Exploring")
     missing = {f.name for f in fields(Exploration) if f"`{f.name}`" not in text}
-    assert missing <= {"broke"} and FORMAT in text  # which is the exit code
+    assert missing <= {"broke"} and EXPLORED in text  # which is the exit code
 
 
 def test_the_guide_names_the_options_of_the_plugin(pytestconfig: pytest.Config) -> None:

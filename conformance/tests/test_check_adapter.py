@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_conformance.check import Finding, check
+from automcm_conformance.check import Checked, check
 
 GOOD = """
 import json, sys, time
@@ -69,7 +69,7 @@ for line in lines():
 """
 
 
-def found(code: str) -> list[Finding]:
+def found(code: str) -> list[Checked]:
     said: list[str] = []
     limit_s = 0.5 if "sleep" in code else 5
     findings = check([sys.executable, "-c", code], limit_s, said.append)
@@ -122,7 +122,7 @@ MISTAKES = [
 def test_the_usual_mistakes(old: str, new: str, what: str) -> None:
     assert old in GOOD
     findings = [f for f in found(GOOD.replace(old, new, 1)) if f.level != "ok"]
-    assert any(what in f"{f.level}: {f.what}" for f in findings), findings
+    assert any(what in f"{f.level}: {f.finding.observed}" for f in findings), findings
     assert all(f.level == "warning" for f in findings) == what.startswith("warning")
 
 
@@ -136,16 +136,16 @@ def test_a_finding_shows_the_line_and_its_answer() -> None:
 def test_an_adapter_that_cannot_be_started(tmp_path: Path) -> None:
     [finding] = check([str(tmp_path / "none")], 0.5, lambda text: None)
     assert (finding.level, finding.stderr) == ("error", [])
-    assert "cannot be started" in finding.what
+    assert "cannot be started" in finding.finding.observed
 
 
 def test_an_adapter_that_dies_at_once() -> None:
     [finding] = found("import sys\nsys.exit('no such table')")
-    assert "exit code 1" in finding.what
+    assert "exit code 1" in finding.finding.observed
     assert finding.stderr == ["no such table"]
 
 
 def test_an_adapter_that_says_nothing() -> None:
     [finding] = found("import time\ntime.sleep(9)")
-    assert finding.what.startswith("no answer within 0.5 s")
+    assert finding.finding.observed.startswith("no answer within 0.5 s")
     assert '"hello"' in finding.sent

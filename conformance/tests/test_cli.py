@@ -16,8 +16,7 @@ from automcm_cli import generated, screen, spec
 from automcm_cli import verify as verify_
 from automcm_cli.main import app
 from automcm_conformance import vectors
-from automcm_conformance.compare import Comparison, Divergence
-from automcm_conformance.coverage import Coverage
+from automcm_conformance.compare import Comparison, Coverage, Divergence
 from automcm_spec import compiler, generate, models, oracle, tlc
 from automcm_spec.agreement import Agreement, Difference
 from automcm_spec.sany import Refused

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from automcm.adapter import Reference, abstract, abstract_input, answer, concrete, without
-from automcm_conformance.compare import LIMIT, explain, walk
-from automcm_conformance.coverage import rules
+from automcm_conformance.compare import LIMIT, covered, explain, walk
 from automcm_spec import generate
 from automcm_spec.oracle import Oracle, load
 from automcm_spec.station import Cam, Receive
@@ -125,4 +124,4 @@ def test_a_rule_that_nothing_misses_is_uncovered(oracle: Oracle) -> None:
     small = load(generate.ONE_PEER.path)
     small.states = small.states[:1]
     small.answers = lambda n: iter(())  # type: ignore[method-assign,assignment]
-    assert "NEG-4" in rules(small, nothing_is_taken_away).uncovered
+    assert "NEG-4" in covered(small, nothing_is_taken_away).uncovered

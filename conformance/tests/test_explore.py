@@ -6,7 +6,6 @@ import itertools
 import json
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 from wrong_station import station
@@ -14,8 +13,8 @@ from wrong_station import station
 from automcm_conformance import explore, records
 from automcm_conformance.adapter import Adapter
 from automcm_conformance.exchange import Mismatch
-from automcm_conformance.exploration import FORMAT, Exploration
 from automcm_conformance.play import play
+from automcm_conformance.results import EXPLORED, Exploration
 from automcm_conformance.scripts import (
     ABORT,
     ADVERTISED,
@@ -37,7 +36,6 @@ from automcm_spec.generate import ONE_PEER, TWO_PEERS
 from automcm_spec.oracle import Oracle
 from automcm_spec.oracle import load as read
 
-Json = Any
 LIMIT_S = 20.0
 LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_limit": 4}
 
@@ -399,7 +397,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "ACT-3" in result.output and "automcm conform replay" in result.output
     report = json.loads((tmp_path / "exploration.json").read_text())
-    assert report["format"] == FORMAT and len(report["cases"]) == 1
+    assert report["format"] == EXPLORED and len(report["cases"]) == 1
     missing = CliRunner().invoke(app, ["conform", "explore", "1", *out, "--", "no-such-thing"])
     assert missing.exit_code == 3
     no_command = CliRunner().invoke(app, ["conform", "explore", "1", *out])

@@ -9,6 +9,7 @@ from copy import deepcopy
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 from junitparser import JUnitXml
@@ -19,7 +20,6 @@ from automcm_conformance.results import (
     CaseResult,
     Failure,
     Implementation,
-    Json,
     Level,
     Line,
     Report,
@@ -43,7 +43,7 @@ def case(
     verdict: Verdict = "PASS",
     level: Level = "MUST",
     text: str = "text",
-    **more: Json,
+    **more: Any,
 ) -> CaseResult:
     return CaseResult(
         name, verdict, ["NEG-4"], level, text, text, text, f"bug {text}", f"cost {text}", **more
@@ -65,13 +65,13 @@ def failure(text: str = "text") -> Failure:
     )
 
 
-def run(*cases: CaseResult, text: str = "text", **more: Json) -> Report:
+def run(*cases: CaseResult, text: str = "text", **more: Any) -> Report:
     who = Implementation(
         text, "1.0", text, ["receiver", text], ["lane_change"], {text: 1}, ["run", text]
     )
     coverage = {"transitions": [1999, 2000], "refusals": [5, 5], "rules": [0, 0]}
     graphs = {text: {"transitions": [1, 2]}, "one_peer": {"transitions": [1, 2]}}
-    given: dict[str, Json] = {"started": "2026-01-02T03:04:05Z", "seconds": 1.5, **more}
+    given: dict[str, Any] = {"started": "2026-01-02T03:04:05Z", "seconds": 1.5, **more}
     return Report(who, list(cases), coverage, graphs, "ab" * 32, 1, [], **given)
 
 
@@ -114,7 +114,7 @@ def same(found: Report, wanted: Report) -> bool:
     return found.as_dict() == wanted.as_dict()
 
 
-def printed(render: Json, **options: Json) -> str:
+def printed(render: Any, **options: Any) -> str:
     """What ``render`` prints into a pipe."""
     console = Console(file=io.StringIO(), **options)
     render(console)
@@ -156,9 +156,9 @@ def test_equal_reports_are_equal_bytes_but_for_time(tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_report_is_named(
-    path: tuple[Json, ...], value: Json, field: str, tmp_path: Path
+    path: tuple[Any, ...], value: Any, field: str, tmp_path: Path
 ) -> None:
-    data = run(case()).as_dict()
+    data: Any = run(case()).as_dict()
     inner = data
     for step in path[:-1]:
         inner = inner[step]
@@ -330,7 +330,7 @@ def test_two_runs_of_one_implementation_have_numbers() -> None:
         ),
     ],
 )
-def test_the_sentence(verdicts: str, more: Json, wanted: tuple[bool | None, str]) -> None:
+def test_the_sentence(verdicts: str, more: Any, wanted: tuple[bool | None, str]) -> None:
     cases = [case(verdict=verdict) for verdict in verdicts.split()]
     whole = run(*cases, case(level="MAY", verdict="FAIL"))
     assert report.conformance(replace(whole, **more)) == wanted
@@ -355,7 +355,7 @@ def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 80}])
-def test_a_long_reason_hides_no_verdict(options: Json) -> None:
+def test_a_long_reason_hides_no_verdict(options: Any) -> None:
     bad = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason="why " * 100) for n in range(5)]
     out = printed(lambda console: show.summary(run(*bad), console), no_color=True, **options)
     table = [line for line in out.splitlines() if "AMCM/PRE" in line]
@@ -389,7 +389,7 @@ def test_a_failure_in_a_pipe() -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 100}])
-def test_nothing_of_the_station_is_obeyed(hostile: Report, options: Json) -> None:
+def test_nothing_of_the_station_is_obeyed(hostile: Report, options: Any) -> None:
     bad = hostile.cases[1]
     outs = [
         printed(lambda console: show.summary(hostile, console, Path("out")), **options),

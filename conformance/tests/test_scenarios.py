@@ -13,8 +13,10 @@ from automcm_conformance import purposes, scenarios
 from automcm_conformance.protocol import HelloAnswer
 from automcm_conformance.scenarios import BOTH, COMPLETE, DONE, NAMES, RECEIVER, REQUEST, P, Q, R
 from automcm_conformance.stage import Application, Outcome, Play, When, hazard
-from automcm_spec.rules import RULES
+from automcm_conformance.words import answerable, finding
+from automcm_spec.rules import RULES, line
 from automcm_traces.explain import explain_files
+from automcm_traces.finding import NOTHING_WRONG
 from automcm_traces.track import INITIAL, Track
 
 COMMAND = [sys.executable, "-m", "automcm_cli", "adapter"]
@@ -83,7 +85,7 @@ def test_the_suite_has_these_cases() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_reference_passes(name: str, tmp_path: Path) -> None:
     outcome = run(name, REFERENCE, tmp_path)
-    assert (outcome.verdict, outcome.reason, outcome.rule) == ("PASS", "", "")
+    assert (outcome.verdict, outcome.reason, outcome.finding) == ("PASS", "", NOTHING_WRONG)
     logs = [tmp_path / log for log in outcome.log]
     plays = sum(play.seeds for play in NAMES[name])
     folders = {log.parent for log in logs}
@@ -265,11 +267,12 @@ Station._duration = lasts
 def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
     mutant = MUTANTS[name]
     outcome = run(f"scenario {mutant.scenario}", broken(mutant.code), tmp_path)
-    assert (outcome.verdict, outcome.rule) == ("FAIL", mutant.rule), outcome
-    assert outcome.rule in RULES and outcome.what and outcome.allowed and outcome.came
+    found = outcome.finding
+    assert (outcome.verdict, found.rule) == ("FAIL", mutant.rule), outcome
+    assert found.rule in RULES and int(found.at.file) in (P, Q, R, 3003, 4004)
+    assert found.observed and answerable(found) and outcome.came
     assert outcome.lines and outcome.log
-    if outcome.operator:
-        assert outcome.line > 0
+    assert outcome.input is None or line(found.rule, outcome.input) > 0
 
 
 def test_each_scenario_is_seen_to_fail() -> None:
@@ -284,7 +287,7 @@ def edit(kit, command, answer):
     return answer
 """
     outcome = run("scenario all arrives", broken(crash), tmp_path)
-    assert (outcome.verdict, outcome.rule) == ("ERROR", "")
+    assert (outcome.verdict, outcome.finding) == ("ERROR", NOTHING_WRONG)
     assert "2002: it ended after 0 of 1 answers" in outcome.reason
     assert outcome.came == ["no idea what to do"]
     assert "receive from 1001: Prescription" in outcome.lines[-1].text
@@ -340,8 +343,8 @@ def test_any_number_of_stations_is_played_and_judged(
     assert len(outcome.log) == stations
     wrong = broken(DEAF % (2000 + stations - 2))
     outcome = run("scenario crowd", wrong, tmp_path)
-    assert (outcome.verdict, outcome.rule) == ("FAIL", "END-2")
-    assert outcome.what.startswith(f"{2000 + stations - 2}: ")
+    assert (outcome.verdict, outcome.finding.rule) == ("FAIL", "END-2")
+    assert outcome.finding.at.file == str(2000 + stations - 2)
 
 
 def test_a_scenario_that_fixed_parameters_lead_elsewhere_is_skipped(tmp_path: Path) -> None:
@@ -374,8 +377,8 @@ def test_a_session_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     for_ever = Application(BOTH[P].whens[:1], lease_ms=10**6)
     monkeypatch.setitem(NAMES, "scenario all arrives", (Play({**BOTH, P: for_ever}),))
     outcome = run("scenario all arrives", REFERENCE, tmp_path)
-    assert (outcome.verdict, outcome.rule) == ("FAIL", "L-1")
-    assert "1001 is still in ACTUATING" in outcome.what
+    assert (outcome.verdict, outcome.finding.property) == ("FAIL", "L-1")
+    assert "1001 is still in ACTUATING" in outcome.finding.observed
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -393,8 +396,7 @@ def acting(me: int, role: str, proposal: int = 2, phase: str = "ACTUATING") -> T
 
 def seen(*given: Any) -> str:
     found = hazard(*given)
-    assert found is None or found.observed.startswith(f"{found.property}: ")
-    return "" if found is None else found.observed
+    return "" if found is None else finding(found)
 
 
 def test_hazards() -> None:

@@ -6,12 +6,12 @@ from __future__ import annotations
 import json
 import resource
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from suite_stage import ACCEPTS, BUSY, FOREIGN, IGNORES, LATER, LIMIT, SHORT, Suite, of
 from suite_stage import conform as conform
+from test_process import gone
 from wrong_station import station
 
 from automcm.kit import HELLO
@@ -146,19 +146,6 @@ def bad(): os._exit(3)
 """
     found = conform(station(NARROW, first), BUSY, ACCEPTS, LATER, states=60)
     assert of(found, BUSY).verdict == "ERROR" and found.exit_code == 3
-
-
-def gone(pid: int) -> bool:
-    """Whether a process has ended; one that nobody has reaped yet has."""
-    for _ in range(200):
-        try:
-            text = Path(f"/proc/{pid}/stat").read_text()
-        except FileNotFoundError:
-            return True
-        if text.rsplit(")", 1)[1].split()[0] == "Z":
-            return True
-        time.sleep(0.01)
-    return False
 
 
 def test_its_children_end_with_it(conform: Suite) -> None:

@@ -21,7 +21,7 @@ from replay_stage import logs as logs
 from wrong_station import station
 
 from automcm_cli.main import app
-from automcm_conformance.log_names import Names
+from automcm_conformance.log_compare import Names
 from automcm_spec.messages import LIMIT
 from automcm_spec.rules import RULES
 from automcm_traces.explain import explain_files

@@ -13,8 +13,7 @@ from wrong_station import station
 
 from automcm.simulation import Simulation
 from automcm.straight import Straight
-from automcm_conformance.log_compare import Compared
-from automcm_conformance.log_names import Names
+from automcm_conformance.log_compare import Compared, Names
 from automcm_spec.parameters import Parameters
 
 # -- what a log may hold

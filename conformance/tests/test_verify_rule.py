@@ -15,7 +15,7 @@ from automcm.adapter import Reference, without
 from automcm_cli import generated, screen
 from automcm_cli import verify as verify_
 from automcm_cli.main import app
-from automcm_conformance import coverage
+from automcm_conformance import compare
 from automcm_spec import generate, oracle
 from automcm_spec.rules import NO_GRAPH, RULES
 
@@ -100,7 +100,7 @@ def test_a_rule_that_decides_nothing_there_is_4(rule: str) -> None:
 
 def test_the_small_graph_misses_every_rule_that_is_taken_away(built: Any) -> None:
     graph = oracle.parse(oracle.dump(built[0]), "small")
-    found = coverage.rules(graph, lambda rule: verify_._without(graph.constants, rule))
+    found = compare.covered(graph, lambda rule: verify_._without(graph.constants, rule))
     assert not found.uncovered and set(found.covered) == set(RULES) - set(NO_GRAPH)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import lzma
-from collections.abc import Iterator, Set
+from collections.abc import Iterable, Iterator, Set
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -108,10 +108,21 @@ class Oracle:
 
     def ask(self, state: State, i: Input) -> Answer:
         """The same for values.  Raises KeyError if state or input are not in the graph."""
-        answer = self.answer(self.state_index[state], self.input_index[i])
+        return self.given(self.state_index[state], self.input_index[i])
+
+    def given(self, state: int, i: int) -> Answer:
+        """The answer to an input that is offered in this state.  Raises KeyError if it is not."""
+        answer = self.answer(state, i)
         if answer is None:
-            raise KeyError(f"not offered: {canonical(i)}")
+            raise KeyError(f"not offered: {canonical(self.inputs[i])}")
         return answer
+
+    def way(self, inputs: Iterable[int]) -> list[int]:
+        """The states that these inputs lead through, from the initial one on."""
+        states = [0]
+        for i in inputs:
+            states.append(self.given(states[-1], i).next)
+        return states
 
     def answers(self, state: int) -> Iterator[Answer]:
         """Every offered input, in the order of the alphabet."""

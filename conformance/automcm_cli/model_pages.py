@@ -1,11 +1,13 @@
-"""A page for each model that ``automcm verify`` finds to fail: its counterexample."""
+"""Counterexamples as pages: the committed ones (``automcm spec pages``), and those of models that
+``automcm verify`` finds to fail."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from automcm_cli import spec, trace_html
+from automcm_cli.generated import COUNTEREXAMPLES
 from automcm_spec import files, models
 from automcm_spec.bad_input import BadInput
 from automcm_spec.tlc import TlcError
@@ -17,7 +19,27 @@ from automcm_traces.story import StoryError
 FOLDER = Path("runs/verify")
 
 
-def write(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Path]:
+def committed(
+    loaded: Iterable[models.Model], folder: Path, say: Callable[[str], None] = lambda text: None
+) -> list[Path]:
+    """A page for each must-fail model that can have one, in ``folder``; docs/models.md links to
+    them.
+
+    Raises what ``trace_html.page_of`` raises, and OSError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for model in loaded:
+        if model.expect == "violates" and not model.unsent:
+            say(model.cfg)
+            source = COUNTEREXAMPLES / f"{model.cfg}.itf.json"
+            path = folder / f"{model.cfg}.html"
+            files.write(path, html(trace_html.page_of([source], None)))
+            written.append(path)
+    return written
+
+
+def failed(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Path]:
     """Write what each counterexample that is not as expected shows; returns the pages.
 
     One that cannot be told as logs is left as ITF.  Raises OSError.

@@ -1,14 +1,15 @@
-"""``automcm spec pages``: the counterexamples as pages, and the links that lead to them."""
+"""Counterexamples as pages: the committed ones, the links to them, and what verify finds."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from automcm_cli import generated, spec_pages
+from automcm_cli import generated, model_pages
 from automcm_cli.main import app
 from automcm_spec import models
 
@@ -25,7 +26,7 @@ def test_docs_models_links_to_a_page_for_each_model_that_must_fail_and_can_have_
 
 def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
     wanted = [model for model in MUST_FAIL if model.cfg == "bare_ack"]
-    [page] = spec_pages.write([*wanted, *HOLD, *UNSENT], tmp_path / "new")
+    [page] = model_pages.committed([*wanted, *HOLD, *UNSENT], tmp_path / "new")
     assert page == tmp_path / "new" / "bare_ack.html"
     assert "<title>bare_ack, as TLC found it" in page.read_text()
 
@@ -33,6 +34,17 @@ def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
 def test_a_counterexample_that_is_not_there_is_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(spec_pages, "COUNTEREXAMPLES", tmp_path)
+    monkeypatch.setattr(model_pages, "COUNTEREXAMPLES", tmp_path)
     done = CliRunner().invoke(app, ["spec", "pages", "--out", str(tmp_path / "new")])
     assert done.exit_code == 3 and f"{MUST_FAIL[0].cfg}.itf.json" in done.output
+
+
+def test_a_counterexample_that_should_not_be_is_a_page(tmp_path: Path) -> None:
+    (model,) = [m for m in models.load() if m.cfg == "ack_from_anybody"]
+    found = models.check(model)
+    assert found.trace and model_pages.failed([found], tmp_path) == []  # it must fail
+    wrong = replace(found, problem="it should hold")
+    assert not wrong.ok
+    (page,) = model_pages.failed([wrong], tmp_path)
+    assert page == tmp_path / "ack_from_anybody.html"
+    assert b"ack_from_anybody, as TLC found it" in page.read_bytes()
