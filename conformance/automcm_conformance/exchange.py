@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from automcm_conformance.answers import Problem, differences
-from automcm_conformance.clock import TURN, UNKNOWN, Running
+from automcm_conformance.clock import UNKNOWN, Clock
 from automcm_conformance.process import AdapterError
 from automcm_conformance.protocol import ProtocolError, read_answer
 from automcm_conformance.wire import (
@@ -21,13 +21,12 @@ from automcm_conformance.wire import (
     ME,
     PLAIN,
     Expected,
-    Key,
     Values,
     Wire,
     encode,
 )
 from automcm_spec.oracle import Answer, Oracle
-from automcm_spec.parameters import derived, durations, forgotten_at, lease_lasts, rank
+from automcm_spec.parameters import derived, durations, forgotten_at, lease_lasts
 from automcm_spec.station import Entry, Expire, Message, Receive, Restart, Timer
 from automcm_traces.track import NOTHING_TOLD
 
@@ -160,13 +159,9 @@ class Exchange:
         """Lines have been written."""
         self.overrides: dict[str, int] = {}
         self._link = link
-        self._timers: dict[Timer, Running] = {}
-        self._ages: dict[Key, int] = {}
+        self.clock: Clock[Timer] = Clock()
         self._joined_at: dict[int, int] = {}
         self._waiting: list[Step] = []
-        self._first: Running | None = None
-        self.sure = True
-        """The deadlines of all timers are known."""
         self._lease_ms = LONG_MS
         self._known = {**parameters, **derived(parameters)}
         self._lasts = durations(self._known)
@@ -215,19 +210,13 @@ class Exchange:
 
     def seal(self) -> None:
         """The end: a line more, so that what the station does after its last answer shows here."""
-        self.state, self._timers = 0, {}
-        self._find_first()
+        self.state, self.clock = 0, Clock()
         self._queue(self._reset)
 
     def malformed(self, message: Json) -> None:
         """A message that breaks its form: discarded, whatever the phase (END-5)."""
         expected = Expected("END-5", indications=[{"name": "discarded"}])
         self._queue({"cmd": "receive", "message": message}, expected)
-
-    def learn(self, timer: Timer, deadline: int) -> None:
-        """The deadline of a timer that only the station knew."""
-        self._timers[timer].deadline = deadline
-        self._find_first()
 
     def expire(self, i: int) -> None:
         """Advance to the deadline of this timer.  Resends may fire on the way.  Raises Infeasible
@@ -236,7 +225,7 @@ class Exchange:
         fired: list[int] = []
         while i not in fired:
             due = self.next_due
-            if due is None or wanted not in self._timers:
+            if due is None or wanted not in self.clock.running:
                 raise Infeasible
             fired = self.advance(due)
             if any(j != i and self.expires(j)[0] != "resend" for j in fired):
@@ -245,12 +234,12 @@ class Exchange:
     @property
     def next_due(self) -> int | None:
         """The next deadline in ms; None if no timer runs, or not all deadlines are known."""
-        first = self._first
-        return first.deadline if first is not None and self.sure else None
+        first = self.clock.first
+        return first.deadline if first is not None and self.clock.sure else None
 
     def offers(self, i: int, at: int) -> bool:
         """This input can be given at this time, with no more than one timer before it."""
-        due = [each for each in self._timers.values() if each.deadline <= at]
+        due = [each for each in self.clock.running.values() if each.deadline <= at]
         match self.oracle.inputs[i]:
             case Restart():
                 return True
@@ -268,17 +257,7 @@ class Exchange:
     @property
     def first_timer(self) -> Timer | None:
         """The timer that expires next; None if none runs."""
-        return None if self._first is None else self._first.timer
-
-    @property
-    def running(self) -> list[Timer]:
-        """The timers that run."""
-        return [each.timer for each in self._timers.values()]
-
-    def deadline(self, timer: Timer) -> int | None:
-        """When this timer expires; None if it does not run."""
-        running = self._timers.get(timer)
-        return None if running is None else running.deadline
+        return None if self.clock.first is None else self.clock.first.timer
 
     @property
     def waiting(self) -> list[bytes]:
@@ -335,10 +314,6 @@ class Exchange:
         assert isinstance(value, Expire), value
         return value.timer
 
-    def _due(self) -> Running | None:
-        first = self._first
-        return first if first is not None and first.deadline <= self.now else None
-
     def _duration(self, timer: Timer) -> int:
         name = timer[0]
         if name == "lease":
@@ -357,33 +332,24 @@ class Exchange:
         """Arm and stop timers as the specification says."""
         value = self.oracle.inputs[answer.input]
         if isinstance(value, Expire):
-            del self._timers[value.timer]
+            self.clock.stop(value.timer)
         for timer in answer.effect.stop:
-            del self._timers[timer]
+            self.clock.stop(timer)
         after = self.oracle.states[answer.next]
         if after.role == "receiver" and self.oracle.states[answer.state].role != "receiver":
             self._joined_at[after.session[0]] = self.now
         for timer in answer.effect.arm:
             self._arm(timer)
         self.state = answer.next
-        self._find_first()
-
-    def _find_first(self) -> None:
-        """Of the timers whose deadline is known, the one that expires next."""
-        known = [each for each in self._timers.values() if each.deadline != UNKNOWN]
-        self.sure = len(known) == len(self._timers)
-        self._first = min(known, key=TURN, default=None)
 
     def _arm(self, timer: Timer) -> None:
-        age, advertises = 0, False
-        match timer:
-            case (_, Entry() as entry):
-                advertises = entry.type == "Advertisement"
-                age = self._ages.setdefault(entry[:4], len(self._ages))
         lasts = self._duration(timer)
         ends = UNKNOWN if lasts == UNKNOWN else self.now + lasts
-        self._timers.pop(timer, None)
-        self._timers[timer] = Running(timer, ends, rank(timer[0], advertises), age)
+        match timer:
+            case (_, Entry() as entry):
+                self.clock.arm(timer, ends, entry[:4], entry.type)
+            case _:
+                self.clock.arm(timer, ends)
 
     # -- lines and answers
 
@@ -397,8 +363,8 @@ class Exchange:
         lost = then is not None and isinstance(
             self.oracle.inputs[then], Restart
         )  # what is due as well
-        while not lost and (due := self._due()) is not None:
-            expiry = self._expiry(due.timer)
+        while not lost and (due := self.clock.due(self.now)) is not None:
+            expiry = self._expiry(due)
             if self.oracle.answer(self.state, expiry) is None:
                 raise Infeasible  # what is to be given up before lasts too long (ADV-8)
             fired.append(expiry)
@@ -429,7 +395,7 @@ class Exchange:
         if deed is not None:
             deed.expired = self.wire.timer(value.timer) if isinstance(value, Expire) else None
             deed.stopped = [self.wire.timer(t) for t in answer.effect.stop]
-        lease = self.deadline(("lease",)) if answer.changes else None
+        lease = self.clock.deadline(("lease",)) if answer.changes else None
         messages, indications = self.wire.expect(
             self.oracle.states[answer.state],
             value,
@@ -447,7 +413,7 @@ class Exchange:
         if deed is not None:
             deed.messages, deed.told = len(messages), len(indications)
             arm = answer.effect.arm
-            deed.armed = [(self.wire.timer(t), self.deadline(t) or 0) for t in arm]
+            deed.armed = [(self.wire.timer(t), self.clock.deadline(t) or 0) for t in arm]
             step.deeds.append(deed)
 
     def _queue(self, command: dict[str, Json], expected: Expected | None = None) -> None:
@@ -459,12 +425,12 @@ class Exchange:
 
     def _expect(self, step: Step) -> None:
         """What an answer says of the state after it; the step waits to be written."""
-        first = self._first
+        first = self.clock.first
         step.place = self.place
         step.after, step.next_timer = self.state, self.first_timer
         step.expected.phase = self.oracle.states[self.state].phase
         step.expected.deadline = None if first is None else first.deadline
-        if not self.sure:
+        if not self.clock.sure:
             step.expected.deadline = UNKNOWN
         self._waiting.append(step)
 

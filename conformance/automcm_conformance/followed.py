@@ -12,18 +12,18 @@ from pathlib import Path
 from typing import Any, cast
 
 from automcm_conformance import words
-from automcm_conformance.clock import TURN, Running
+from automcm_conformance.clock import Clock, Running
 from automcm_conformance.opened import Opened
 from automcm_conformance.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.records import COMPLETE, bare
 from automcm_conformance.results import Line
 from automcm_conformance.wire import encode
 from automcm_spec.forms import canonical
-from automcm_spec.parameters import derived, forgotten_at, in_header, rank
+from automcm_spec.parameters import derived, forgotten_at, in_header
 from automcm_spec.rules import RULES
 from automcm_traces.engine import Engine
 from automcm_traces.finding import Diverges
-from automcm_traces.log import RECORD, Event, not_plain
+from automcm_traces.log import RECORD, Event, ForgetTimer, MessageTimer, Timer, TimerEnd, not_plain
 from automcm_traces.reader import read
 from automcm_traces.track import CannotTell, Step, Track
 from automcm_traces.writer import LogWriter
@@ -83,8 +83,7 @@ class Followed:
             complete=COMPLETE,
         )
         self._engine = Engine(read(path).header, late_ms=0)
-        self._timers: dict[str, Running] = {}
-        self._ages: dict[str, int] = {}
+        self._clock: Clock[Timer] = Clock()
         self._joined_at: dict[int, int] = {}
         self._transmissions = 0
         self._at = 1
@@ -147,8 +146,8 @@ class Followed:
         for cam in before:
             self._cam(now, cam)
         kind = command["cmd"]
-        while kind != "restart" and (timer := self._due(now)) is not None:
-            del self._timers[canonical(timer)]
+        while kind != "restart" and (timer := self._clock.due(now)) is not None:
+            self._clock.stop(timer)
             self._input(now, "timer", op="expire", timer=timer)
         if kind == "receive" and raw is not None:
             self._malformed(now, tx, raw)
@@ -165,11 +164,6 @@ class Followed:
             if cam not in before:
                 self._cam(now, cam)
         self._compare(now)
-
-    def _due(self, now: int) -> Json:
-        """The timer to fire next of those that are due; None if none is."""
-        due = [running for running in self._timers.values() if running.deadline <= now]
-        return min(due, key=TURN).timer if due else None
 
     # -- one step
 
@@ -189,15 +183,12 @@ class Followed:
         if step.messages:  # one is missing, or is not as it should be
             self._rest(now)
             self._engine.finish()
-        stopped, arm = self._engine.timers_to_change()
-        stop = [timer.model_dump(exclude_none=True) for timer in stopped]
-        if ev == "restart":
-            stop = [running.timer for running in self._timers.values()]
-        for timer in stop:
-            del self._timers[canonical(timer)]
+        stop, arm = self._engine.timers_to_change()
+        for timer in list(self._clock.running) if ev == "restart" else stop:
+            self._clock.stop(timer)
             self._event(now, "timer", op="stop", timer=timer)
         for armed, duration in arm:
-            self._arm(now, armed.model_dump(exclude_none=True), duration)
+            self._arm(now, armed, duration)
         for told in [i for i in self._answer.indications if i["name"] in step.told]:
             self._answer.indications.remove(told)
             self._event(now, "indication", indication=told)
@@ -221,23 +212,19 @@ class Followed:
         for told in self._answer.indications:
             self._event(now, "indication", indication=told)
 
-    def _arm(self, now: int, timer: Json, duration: int | None) -> None:
-        message = timer.get("message")
-        advertises = message is not None and message["type"] == "Advertisement"
-        about = canonical(message)
+    def _arm(self, now: int, timer: Timer, duration: int | None) -> None:
         deadline = now + duration if duration is not None else self._unsettled(now, timer)
-        self.backoffs += timer["name"] == "backoff"
-        key, age = canonical(timer), self._ages.setdefault(about, len(self._ages))
-        self._timers[key] = Running(timer, deadline, rank(timer["name"], advertises), age)
+        self.backoffs += timer.name == "backoff"
+        message = timer.message if isinstance(timer, MessageTimer) else None
+        self._clock.arm(timer, deadline, message, message.type if message else "")
         self._event(now, "timer", op="arm", timer=timer, deadline=deadline)
 
-    def _unsettled(self, now: int, timer: Json) -> int:
+    def _unsettled(self, now: int, timer: Timer) -> int:
         """When a timer expires whose duration is in no parameter: forget (ADV-8), back-off."""
-        if timer["name"] == "forget":
-            joined = self._joined_at[timer["station"]]
-            return forgotten_at(self._known, joined, now)
+        if isinstance(timer, ForgetTimer) and timer.station is not None:
+            return forgotten_at(self._known, self._joined_at[timer.station], now)
         low, high = (now + ms for ms in self._backoff)
-        others = min((each.deadline for each in self._timers.values()), default=high + 1)
+        others = min((each.deadline for each in self._clock.running.values()), default=high + 1)
         if low == high:
             return low
         if others <= high and others == self._answer.deadline:
@@ -275,6 +262,8 @@ class Followed:
     def _event(self, now: int, ev: str, **fields: Json) -> None:
         """Into the log, and to the engine."""
         observed = {name: value for name, value in fields.items() if value is not None}
+        if "timer" in observed:
+            observed["timer"] = observed["timer"].model_dump(exclude_none=True)
         seq = self._log.event(ev, now, **observed)
         self._at = seq + 1
         record = {"rec": "event", "seq": seq, "t_ms": now, "ev": ev, **observed}
@@ -288,10 +277,10 @@ class Followed:
         answer, phase = self._answer, self.track.state.phase
         if answer.phase not in (None, phase):
             raise self._diverges(f"phase: {phase} is expected, not {answer.phase}", [phase])
-        first = min(self._timers.values(), key=TURN, default=None)
+        first = self._clock.first
         wanted = None if first is None else first.deadline
         if answer.deadline != wanted:
-            name = "no timer" if first is None else first.timer["name"]
+            name = "no timer" if first is None else first.timer.name
             if first is not None and (answer.deadline or first.deadline) >= first.deadline:
                 self.last = self._expiry(first)
             text = f"deadline: {_number(wanted)} is expected, not {_number(answer.deadline)}"
@@ -300,12 +289,14 @@ class Followed:
             text = f"no CAM since {self._cam_ms} ms"
             raise self._diverges(text, ["a CAM every t_cam"], "ACT-2")
 
-    def _expiry(self, running: Running) -> Step | None:
+    def _expiry(self, running: Running[Timer]) -> Step | None:
         """The step that this timer would bring about: it is missing, or lasts too long."""
-        engine, event = self._engine.copy(), {"ev": "timer", "op": "expire"}
-        record = {"rec": "event", "seq": self._at, "t_ms": running.deadline, **event}
-        record["timer"] = running.timer
-        engine.feed(self._at, cast(Event, RECORD.validate_python(record)))
+        engine = self._engine.copy()
+        timer, t_ms = running.timer, running.deadline
+        event = TimerEnd.model_construct(
+            rec="event", seq=self._at, t_ms=t_ms, ev="timer", op="expire", timer=timer
+        )
+        engine.feed(self._at, event)
         return engine.step
 
     def _diverges(self, what: str, wanted: list[str], rule: str = "") -> Diverges:

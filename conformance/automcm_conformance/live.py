@@ -146,7 +146,7 @@ class Live:
 
     def _decided(self, value: Command) -> None:
         """Its application accepts, in its own time."""
-        due = self._x.deadline(("decide",))
+        due = self._x.clock.deadline(("decide",))
         came = self._next(due - self._jitter) if due is not None else None
         if came is None:
             raise Failed("cannot_tell", "its application has not decided in time")
@@ -167,7 +167,7 @@ class Live:
         """Until this timer has expired."""
         fired: list[int] = []
         while number(self._x, value) not in fired:
-            if self._x.deadline(value.timer) is None:
+            if self._x.clock.deadline(value.timer) is None:
                 raise Failed(
                     "cannot_tell",
                     f"with these parameters {value.timer[0]} does not come to its end",
@@ -232,10 +232,10 @@ class Live:
         what = words.message(found)
         if any(same(m, found) for m in self._known):
             raise Failed("overdue", f"another copy of {what} came at {at}, and none was due")
-        for timer in self._x.running:
+        for timer in self._x.clock.running:
             # A CAM that was lost, or a station that slept, is no wrong content.
             if timer[0] != "resend" and any(self._like(m, found) for m in self._brings(timer)):
-                due = self._x.deadline(timer)
+                due = self._x.clock.deadline(timer)
                 raise Failed("overdue", f"{what} came at {at}, and {timer[0]} ends at {due}")
         if wanted:
             raise Failed("unexpected", first_difference(wanted[0], found))

@@ -61,7 +61,7 @@ def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
         try:
             if not isinstance(value, Expire):
                 x.give(i, at=slot.at, lease_ms=slot.lease_ms)
-            elif x.deadline(value.timer) == slot.at:
+            elif x.clock.deadline(value.timer) == slot.at:
                 x.expire(i)
             else:
                 return here

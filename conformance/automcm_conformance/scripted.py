@@ -32,7 +32,7 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
                 x.wait(x.now + ms)
             case At(timer, value):
                 _before(x, timer)
-                x.give(number(x, value), at=x.deadline(timer), lease_ms=lease_ms)
+                x.give(number(x, value), at=x.clock.deadline(timer), lease_ms=lease_ms)
             case With(fields, value):
                 x.give(number(x, value), lease_ms=lease_ms, fields=fields)
             case Older(ms, value):
@@ -84,7 +84,7 @@ def inputs(script: Script) -> list[Input]:
 def _before(x: Exchange, timer: Timer) -> None:
     """One millisecond before a timer expires, and nothing happens.  Raises Infeasible if another
     one than a resend ends before it, or at the same time and first."""
-    deadline = x.deadline(timer)
+    deadline = x.clock.deadline(timer)
     if deadline is None or deadline == UNKNOWN:
         raise Infeasible
     while (due := x.next_due) is not None and due < deadline:

@@ -155,7 +155,7 @@ def _take(x: Exchange, value: Input, lease_ms: int) -> None:
     if isinstance(value, Expire):
         fired: list[int] = []
         while i not in fired:
-            if x.deadline(value.timer) is None or x.next_due is None:
+            if x.clock.deadline(value.timer) is None or x.next_due is None:
                 raise Infeasible
             fired = x.advance(x.next_due)
     else:

@@ -192,7 +192,7 @@ def back_off(fresh: Fresh) -> Played:
             text = f"a back-off of {lasts} ms whatever the seed is"
         if text:
             raise Mismatch(x.done, [("deadline", text)])
-        x.learn(("backoff",), x.now + lasts)
+        x.clock.learn(("backoff",), x.now + lasts)
         x.give(number(x, REQUEST))
         play(x, [expire("backoff"), REQUEST])
         yield x

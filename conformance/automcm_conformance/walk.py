@@ -223,7 +223,7 @@ class Walker:
     def natural(self, x: Exchange, setting: Setting, length: int, acts: list[Act]) -> None:
         """From the initial state on, by the clock of this exchange; ``acts`` gets what is played,
         also if that raises Mismatch, Broken or Unpredicted."""
-        while len(acts) < length and x.sure:
+        while len(acts) < length and x.clock.sure:
             due = x.next_due
             chosen = self._choose(x.state, False)
             if due is not None and self.random.randrange(100) < self.faults.silent:
