@@ -147,10 +147,7 @@ class Walker:
         station.state = base
         station.timers = timers.copy()
         station._now = 0
-        try:
-            said = "".join(map(_told, act()))
-        except Exception as error:  # a mutant may raise anything
-            said = type(error).__name__
+        said = _said(act)
         if station.state is base and station.timers == timers:
             return f"{said}{station._now}"
         kept = f"{said}{self._kept()}{station.state.marks!r}"
@@ -171,10 +168,7 @@ class Walker:
         station._now = 0
         self._remember(state)
         station._random.seed(SEED)
-        try:
-            text = "".join(map(_told, self._give(value)))
-        except Exception as error:  # a mutant may raise anything
-            text = type(error).__name__
+        text = _said(partial(self._give, value))
         return f"{text}{station.timers!r}{station.state.marks!r}", station.state
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
@@ -198,6 +192,14 @@ class Walker:
         except Exception as error:
             out.append(("the state", type(error).__name__))
         return out
+
+
+def _said(act: Act) -> str:
+    """All that an input brings about; which exception, if it raises one."""
+    try:
+        return "".join(map(_told, act()))
+    except Exception as error:  # a mutant may raise anything
+        return type(error).__name__
 
 
 def _told(effects: Effects) -> str:

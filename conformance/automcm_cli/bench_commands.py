@@ -5,9 +5,10 @@ from __future__ import annotations
 import typer
 
 from automcm_cli import conform_bench, station_bench, trace_bench
+from automcm_cli.common import example
 
 app = typer.Typer()
-app.command(epilog=station_bench.STATION)(station_bench.station)
-app.command(epilog=station_bench.KERNELS)(station_bench.kernels)
-app.command(epilog=conform_bench.EPILOG)(conform_bench.conform)
-app.command(epilog=trace_bench.EPILOG)(trace_bench.traces)
+app.command(epilog=example("bench station --seconds 20"))(station_bench.station)
+app.command(epilog=example("bench kernels --seconds 60"))(station_bench.kernels)
+app.command(epilog=example("bench conform --must"))(conform_bench.conform)
+app.command(epilog=example("bench traces --logs 200 --no-tlc"))(trace_bench.traces)

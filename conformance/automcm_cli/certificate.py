@@ -79,16 +79,12 @@ class Row:
 
 @dataclass
 class Certificate:
-    """A run.  ``generated`` mutants there are, of which ``chosen`` were to be judged."""
+    """A run.  Of the mutants ``made``, ``chosen`` were to be judged."""
 
-    seed: int
-    cases: int
-    selectors: list[str]
+    asked: Asked
     spec_hash: str
-    generated: int
+    made: Generated
     chosen: int
-    broken: int = 0
-    """Changes that did not even compile."""
     rows: list[Row] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -113,10 +109,17 @@ class Certificate:
 
     def as_dict(self) -> dict[str, object]:
         """The JSON of ``--json``: the same, byte by byte, in each run with one seed."""
-        head = ("seed", "cases", "selectors", "spec_hash", "generated", "broken", "chosen")
         return {
             "format": FORMAT,
-            **{name: getattr(self, name) for name in (*head, "complete", "exit_code")},
+            "seed": self.asked.seed,
+            "cases": self.asked.cases,
+            "selectors": list(self.asked.selectors),
+            "spec_hash": self.spec_hash,
+            "generated": len(self.made.mutants),
+            "broken": self.made.broken,
+            "chosen": self.chosen,
+            "complete": self.complete,
+            "exit_code": self.exit_code,
             "counts": dict(sorted(self.counts().items())),
             **{"notes": self.notes, "problems": self.problems},
             "mutants": [row.as_dict() for row in self.rows],
@@ -249,15 +252,6 @@ def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], l
     except KeyboardInterrupt:
         problems.append("interrupted")
     return [rows[mutant.id] for mutant in mutants if mutant.id in rows], problems
-
-
-def of(
-    asked: Asked, made: Generated, chosen: int, rows: list[Row], problems: list[str], *notes: str
-) -> Certificate:
-    """The certificate of a run."""
-    head = asked.seed, asked.cases, list(asked.selectors), spec_hash()
-    counts = len(made.mutants), chosen, made.broken
-    return Certificate(*head, *counts, rows, list(notes), problems)
 
 
 def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:

@@ -90,7 +90,7 @@ def markdown(found: Certificate) -> str:
     return markdown_.page(
         PAGES / "certificate.md.j2",
         found=found,
-        many="one case" if found.cases == 1 else f"{found.cases} cases",
+        many="one case" if found.asked.cases == 1 else f"{found.asked.cases} cases",
         counts=markdown_table(
             ["class", "mutants", *VERDICTS, "what"], [*counts, _counts("all", found.rows, "")]
         ),

@@ -50,6 +50,7 @@ def certify(
     from automcm_cli import certificate, certificate_page, cpp
     from automcm_cli.certificate import Asked
     from automcm_cli.equivalence import WalkError
+    from automcm_spec.generate import spec_hash
     from automcm_spec.oracle import OracleError
 
     if station not in STATIONS:
@@ -77,7 +78,7 @@ def certify(
                 else:
                     others, problems = certificate.run_cpp(asked, say)
                     rows, count = rows + others, count + len(others)
-    found = certificate.of(asked, made, count, rows, problems, *notes)
+    found = certificate.Certificate(asked, spec_hash(), made, count, rows, notes, problems)
     write_json(json_, found.as_dict())
     if page:
         certificate_page.write(found)

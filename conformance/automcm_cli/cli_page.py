@@ -23,11 +23,6 @@ def text() -> str:
     return markdown.page(PAGES / "cli.md.j2", codes=CODES, commands=commands).rstrip() + "\n"
 
 
-def examples(page: str) -> list[str]:
-    """The commands that the page shows as examples."""
-    return [line[4:] for line in page.splitlines() if line.startswith("    automcm ")]
-
-
 def _below(group: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
     """Groups and commands, those without a group first, each in the order of their names."""
     for name in sorted(

@@ -45,6 +45,11 @@ def needs_repository(command: str) -> None:
         raise typer.Exit(3)
 
 
+def example(command: str, more: str = "") -> str:
+    """The end of the help of a command: an example, what else there is to say, the exit codes."""
+    return f"Example: automcm {command}.  {more}{CODES}"
+
+
 @contextmanager
 def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
     """Ends ``command`` with code 3 and one line if one of these errors is raised, and what an
@@ -58,28 +63,27 @@ def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
         raise typer.Exit(3) from None
 
 
-def write_json(target: Path | None, value: Any) -> None:
-    """Write a report for ``--json``; nothing without a target.  Ends with code 3 on failure."""
+@contextmanager
+def usage(*errors: type[Exception]) -> Iterator[None]:
+    """Makes a usage error (code 2) of these errors."""
+    try:
+        yield
+    except errors as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def write_json(target: Path | None, value: Any) -> bool:
+    """Write a report for ``--json``, if there is a target; whether standard output is left for
+    text.  Ends with code 3 on failure."""
     if target is None:
-        return
+        return True
     text = json.dumps(value, indent=2) + "\n"
     if str(target) == "-":
         sys.stdout.write(text)  # what fails there is for automcm_cli.exit_codes
-        return
-    try:
+        return False
+    with code_3("--json", OSError):
         files.write(target, text)
-    except OSError as error:
-        typer.echo(f"{target}: {error.strerror}", err=True)
-        raise typer.Exit(3) from None
-
-
-def say_written(json_: Path | None, paths: Sequence[Path]) -> None:
-    """What was written, for ``--json`` and on the screen."""
-    written = [str(path) for path in paths]
-    write_json(json_, {"written": written})
-    if str(json_) != "-":
-        for path in written:
-            typer.echo(path)
+    return True
 
 
 @contextmanager

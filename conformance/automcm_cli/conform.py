@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
+from automcm_cli.common import Json, code_3, console_of, example, progress, usage, write_json
 from automcm_conformance.process import LIMIT_S
 from automcm_spec import files
 
@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 COMMAND = "automcm.command"
+Selectors = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[SELECTOR]...", help="An id or its beginning, a rule, a level."),
+]
 Limit = Annotated[float, typer.Option(help="Real seconds an answer may take.", min=0.01)]
 
 
@@ -52,22 +56,14 @@ def purposes_of(selectors: Sequence[str]) -> list[Purpose]:
     """The cases that these select; all without any.  A usage error names what selects nothing."""
     from automcm_conformance import purposes
 
-    try:
+    with usage(ValueError):
         return purposes.select(purposes.load(), selectors)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
 
 
-@app.command(
-    cls=WithCommand,
-    epilog="Example: automcm conform run AMCM/RCV -- python3 my_adapter.py.  " + CODES,
-)
+@app.command(cls=WithCommand, epilog=example("conform run AMCM/RCV -- python3 my_adapter.py"))
 def run(
     ctx: typer.Context,
-    selectors: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[SELECTOR]...", help="An id or its beginning, a rule, a level."),
-    ] = None,
+    selectors: Selectors = None,
     expect: Annotated[
         Path | None, typer.Option(help="File of known deviations (docs/conformance.md).")
     ] = None,
@@ -89,8 +85,7 @@ def run(
     command, chosen = command_of(ctx), purposes_of(selectors or [])
     folder = out or fresh_folder()
     started, clock = datetime.now(UTC), time.monotonic()
-    broken = AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError
-    with code_3("conform", *broken):
+    with code_3("conform", AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError):
         known = {} if expect is None else verdicts.expectations(expect, purposes_of([]))
         folder.mkdir(parents=True, exist_ok=True)
         with progress() as say:
@@ -109,8 +104,7 @@ def run(
     report.started = started.isoformat(timespec="seconds")
     report.seconds = round(time.monotonic() - clock, 1)
     report_.write(report, folder)
-    write_json(json_, report.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, report.as_dict()):
         console = console_of()
         show.summary(report, console, folder)
         for case in report.unexpected[:3]:
@@ -123,18 +117,13 @@ def fresh_folder() -> Path:
     """runs/<time>, with a number behind it if it is there."""
     from automcm_conformance import paths
 
-    try:
+    with usage(FileExistsError):
         return paths.fresh_folder()
-    except FileExistsError as error:
-        raise typer.BadParameter(str(error)) from None
 
 
-@app.command("list", epilog="Example: automcm conform list NEG-4 --json -.  " + CODES)
+@app.command("list", epilog=example("conform list NEG-4 --json -"))
 def list_(
-    selectors: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[SELECTOR]...", help="An id or its beginning, a rule, a level."),
-    ] = None,
+    selectors: Selectors = None,
     explain: Annotated[str | None, typer.Option(help="All about the case of this id.")] = None,
     json_: Json = None,
 ) -> None:
@@ -142,8 +131,7 @@ def list_(
     from rich.table import Table
 
     chosen = purposes_of([explain] if explain else selectors or [])
-    write_json(json_, [_described(purpose) for purpose in chosen])
-    if str(json_) == "-":
+    if not write_json(json_, [_described(purpose) for purpose in chosen]):
         return
     console = console_of()
     if explain:
@@ -167,8 +155,7 @@ def _described(purpose: Purpose) -> dict[str, Any]:
 
 
 @app.command(
-    cls=WithCommand,
-    epilog="Example: automcm conform replay runs/x/replay/y-1.json -- ./my_adapter.  " + CODES,
+    cls=WithCommand, epilog=example("conform replay runs/x/replay/y-1.json -- ./my_adapter")
 )
 def replay(
     ctx: typer.Context,
@@ -204,8 +191,7 @@ def replay(
             unanswered = not error.answers
         finally:
             station.stop()
-    write_json(json_, {"case": about["case"], "verdict": verdict, "what": what})
-    if str(json_) != "-":
+    if write_json(json_, {"case": about["case"], "verdict": verdict, "what": what}):
         console = console_of()
         sent = sum(1 for step in steps if step.answer) + unanswered
         for line in exchange(steps[:sent]):
@@ -220,9 +206,7 @@ def replay(
 
 
 @app.command(
-    "check-adapter",
-    cls=WithCommand,
-    epilog="Example: automcm conform check-adapter -- ./my_adapter.  " + CODES,
+    "check-adapter", cls=WithCommand, epilog=example("conform check-adapter -- ./my_adapter")
 )
 def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None) -> None:
     """Holds an adapter against its protocol.  Each line by the schema, and the usual mistakes."""
@@ -232,8 +216,7 @@ def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None
     command = command_of(ctx)
     with progress() as say:
         findings = check(command, limit, say)
-    write_json(json_, [checked.as_dict() for checked in findings])
-    if str(json_) != "-":
+    if write_json(json_, [checked.as_dict() for checked in findings]):
         for checked in findings:
             typer.echo(f"{checked.level:>7}  {visible(checked.finding.observed)}")
             for name in ("sent", "answered"):
@@ -244,7 +227,7 @@ def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None
     raise typer.Exit(1 if any(checked.level == "error" for checked in findings) else 0)
 
 
-@app.command(epilog="Example: automcm conform new --language cpp my_adapter.  " + CODES)
+@app.command(epilog=example("conform new --language cpp my_adapter"))
 def new(
     folder: Annotated[Path, typer.Argument(help="Where to write it; must be new or empty.")],
     language: Annotated[str, typer.Option(help="python or cpp.")] = "python",
@@ -252,13 +235,8 @@ def new(
     """Write an adapter that runs, and holds no station yet."""
     from automcm_conformance.new import create, next_commands
 
-    try:
+    with code_3("new", OSError), usage(ValueError, FileExistsError):
         written = create(language, folder)
-    except (ValueError, FileExistsError) as error:
-        raise typer.BadParameter(str(error)) from None
-    except OSError as error:
-        typer.echo(f"{folder}: {error.strerror}", err=True)
-        raise typer.Exit(3) from None
     for path in written:
         typer.echo(path)
     typer.echo("\nNext:")
@@ -266,9 +244,7 @@ def new(
         typer.echo(f"    {command}")
 
 
-@app.command(
-    "report", epilog="Example: automcm conform report a.json b.json --html both.html.  " + CODES
-)
+@app.command("report", epilog=example("conform report a.json b.json --html both.html"))
 def report_side_by_side(
     reports: Annotated[list[Path], typer.Argument(help="report.json of each run.")],
     html: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, console_of, progress, table_of, write_json
+from automcm_cli.common import (
+    Json,
+    code_3,
+    console_of,
+    progress,
+    table_of,
+    write_json,
+)
 from automcm_cli.conform import purposes_of
 from automcm_cli.cpp import SOURCE, build, missing
 from automcm_spec import children, scratch
@@ -63,12 +70,8 @@ def conform(
                 seconds = _all_must(station, folder)
                 notes.append(f"all MUST cases on the C++ station: {seconds:.1f} s")
     notes.append(f"memory of the kit: {bench.memory_mb()} MB at most")
-    write_json(json_, {"rows": [row.as_dict() for row in rows], "notes": notes})
-    if str(json_) != "-":
+    if write_json(json_, {"rows": [row.as_dict() for row in rows], "notes": notes}):
         _show(rows, notes)
-
-
-EPILOG = "Example: automcm bench conform --must.  " + CODES
 
 
 def _build(folder: Path) -> Path | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
+from automcm_cli.common import Json, code_3, console_of, progress, write_json
 from automcm_cli.conform import Limit, command_of, fresh_folder
 from automcm_conformance.process import LIMIT_S
 
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from automcm_conformance.results import Exploration
-
-EPILOG = "Example: automcm conform explore 60 --seed 7 -- ./my_adapter.  " + CODES
 
 
 def explore(
@@ -61,8 +59,7 @@ def explore(
         found.started = started.isoformat(timespec="seconds")
         found.seconds = round(time.monotonic() - clock, 1)
         write_json(folder / "exploration.json", found.as_dict())
-    write_json(json_, found.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, found.as_dict()):
         _show(found, folder, console_of())
     raise typer.Exit(found.exit_code)
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, console_of, progress, write_json
+from automcm_cli.common import Json, code_3, console_of, progress, usage, write_json
 from automcm_cli.conform import COMMAND, Limit
 from automcm_cli.parameters import chosen
-from automcm_cli.station import Remote
+from automcm_cli.station import EVERYONE, Broadcast, Host, Remote
 from automcm_conformance.process import LIMIT_S
 from automcm_spec.parameters import DEFAULTS, longest_delay
 
@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 
     from automcm_conformance.live_cases import Case, Judged, Session
 
-EPILOG = (
-    "Example: automcm conform live 7 -- automcm adapter.  The station is automcm station --id 7 "
-)
-EPILOG += "--first in another terminal.  " + CODES
 LARGEST = 65_535
 START_MS = 1_000
 """Where the clock begins, so that something may have been before."""
@@ -41,10 +37,8 @@ def live(
         list[str] | None,
         typer.Argument(metavar="[CASE]...", help="The name of a case, or a rule."),
     ] = None,
-    broadcast: Annotated[
-        str, typer.Option(help="Where all stations listen.")
-    ] = "127.255.255.255:47100",
-    host: Annotated[str, typer.Option(help="The address to send from.")] = "127.0.0.1",
+    broadcast: Broadcast = EVERYONE,
+    host: Host = "127.0.0.1",
     allow_remote: Remote = False,
     jitter: Annotated[
         int, typer.Option(help="How far from its time a message may come, ms.", min=1)
@@ -95,8 +89,7 @@ def live(
             say(case.name)
             session.judge(case)
     code = _code(session)
-    write_json(json_, as_dict(session, code))
-    if str(json_) != "-":
+    if write_json(json_, as_dict(session, code)):
         _show(session.judged, console_of())
     raise typer.Exit(code)
 
@@ -140,7 +133,7 @@ def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
     from automcm.links import LinkError
     from automcm.links.udp import address, bind, local_only
 
-    try:
+    with usage(LinkError):
         everyone = address(broadcast)
         local_only(everyone[0], allow_remote)
         own = bind(host, 0, allow_remote=allow_remote)
@@ -148,8 +141,6 @@ def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
             shared = bind(*everyone, shared=True, allow_remote=allow_remote)
             with closing(shared):
                 yield UdpAir(own, shared, everyone)
-    except LinkError as error:
-        raise typer.BadParameter(str(error)) from None
 
 
 def _cases(selectors: list[str]) -> list[Case]:

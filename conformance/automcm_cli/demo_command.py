@@ -58,8 +58,7 @@ def demo(
     )
     with code_3("demo", LinkError, OSError), _live(shown):
         asyncio.run(shown.run())
-    write_json(json_, shown.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, shown.as_dict()):
         _summary(shown)
     raise typer.Exit(1 if shown.problems else 0)
 

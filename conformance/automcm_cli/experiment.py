@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, progress, write_json
+from automcm_cli.common import Json, code_3, example, progress, usage, write_json
 from automcm_spec import files
 
 if TYPE_CHECKING:
@@ -51,9 +51,7 @@ def _command(name: str, about: str) -> None:
         "NAME. An interrupted run goes on where it was. Exit code 1: something that was proved "
         "did not hold."
     )
-    app.command(
-        name, epilog=f"Example: automcm experiment {name} --profile quick --seed 1.  " + CODES
-    )(command)
+    app.command(name, epilog=example(f"experiment {name} --profile quick --seed 1"))(command)
 
 
 ABOUT = {
@@ -67,7 +65,7 @@ for _name, _about in ABOUT.items():
     _command(_name, _about)
 
 
-@app.command("all", epilog="Example: automcm experiment all --profile quick.  " + CODES)
+@app.command("all", epilog=example("experiment all --profile quick"))
 def all_(
     profile: Profile = "quick",
     seed: Seed = 1,
@@ -81,7 +79,7 @@ def all_(
     _run(list(ABOUT), profile, seed, out, [], workers, scheduler, again, json_)
 
 
-@app.command(epilog="Example: automcm experiment render runs/evaluation.  " + CODES)
+@app.command(epilog=example("experiment render runs/evaluation"))
 def render(
     folder: Annotated[Path, typer.Argument(help="Where folders with results.json are.")],
 ) -> None:
@@ -112,13 +110,11 @@ def _run(
     from automcm.experiments import experiment, report, sweep
     from automcm.experiments.experiment import ExperimentError
 
-    try:
+    with usage(ExperimentError):
         made = [experiment(name) for name in names]
         settings = [one.set(profile, _changes(changes)) for one in made]
         for one, chosen in zip(made, settings, strict=True):
             one.cells(chosen)  # all are looked at before the first is begun
-    except ExperimentError as error:
-        raise typer.BadParameter(str(error)) from None
     reports = []
     with code_3("experiment", ExperimentError, OSError), progress() as say:
         for one, chosen in zip(made, settings, strict=True):

@@ -10,12 +10,11 @@ from typing import Any
 
 from automcm_spec.messages import MessageError, decode, encode
 
-Json = Any
 LIMIT = 2**53 - 1
 LONG = 60
 WAY = {"t0": 5, "points": [[0, 0, 0], [1000, 8333, 0]]}
-COMMON: dict[str, Json] = {"v": 1, "src": 2, "dst": 1, "session": [2, 1], "seq": 1}
-BASES: tuple[dict[str, Json], ...] = (
+COMMON: dict[str, Any] = {"v": 1, "src": 2, "dst": 1, "session": [2, 1], "seq": 1}
+BASES: tuple[dict[str, Any], ...] = (
     {k: v for k, v in COMMON.items() if k != "dst"}
     | {"type": "Advertisement", "scenario": "merge", "details": {"lane": 2}, "planned": WAY},
     COMMON | {"type": "Intention", "planned": WAY},
@@ -34,14 +33,14 @@ BASES: tuple[dict[str, Json], ...] = (
 )
 
 
-def _nested(depth: int, of: type) -> Json:
-    value: Json = 1
+def _nested(depth: int, of: type) -> Any:
+    value: Any = 1
     for _ in range(depth):
         value = [value] if of is list else {"a": value}
     return value
 
 
-ODD: tuple[Json, ...] = (
+ODD: tuple[Any, ...] = (
     *(None, True, False, 0, 1, 2, 3, -1, 1.0, 1.5, "", "x", "1", [], {}, [1], {"a": 1}),
     *(bound + n for bound in (LIMIT, -LIMIT, 2**32 - 1) for n in (-1, 0, 1)),
     *("unsafe", "undecided", "busy", "unknown_session", "closed", "timeout", "not_selected"),
@@ -87,7 +86,7 @@ class Forms:
         return list(self.answers(n))
 
 
-def _taken(message: Json) -> str:
+def _taken(message: Any) -> str:
     try:
         return encode(decode(json.dumps(message))).decode()
     except MessageError:
@@ -96,7 +95,7 @@ def _taken(message: Json) -> str:
         return type(error).__name__
 
 
-def _paths(value: Json, *before: Json) -> Iterator[tuple[Json, ...]]:
+def _paths(value: Any, *before: Any) -> Iterator[tuple[Any, ...]]:
     items = value.items() if isinstance(value, dict) else enumerate(value)
     for name, each in items:
         yield (*before, name)
@@ -104,7 +103,7 @@ def _paths(value: Json, *before: Json) -> Iterator[tuple[Json, ...]]:
             yield from _paths(each, *before, name)
 
 
-def _with(value: Json, path: tuple[Json, ...], odd: Json) -> Json:
+def _with(value: Any, path: tuple[Any, ...], odd: Any) -> Any:
     """A copy with something odd at that place; without anything there for ``...``."""
     name, *rest = path
     copy = dict(value) if isinstance(value, dict) else list(value)

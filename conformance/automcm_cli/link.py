@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli.common import CODES
-from automcm_cli.station import Lines, Remote, carry_out
+from automcm_cli.common import example
+from automcm_cli.station import For, Lines, Remote, carry_out
 
 app = typer.Typer()
 
@@ -20,7 +20,7 @@ def delays(text: str) -> tuple[int, int]:
     return int(low), int(high)
 
 
-@app.command(epilog="Example: automcm link relay --port 47200 --loss 0.2 --delay 5:40.  " + CODES)
+@app.command(epilog=example("link relay --port 47200 --loss 0.2 --delay 5:40"))
 def relay(
     port: Annotated[int, typer.Option(help="Where to listen; 0: any.", min=0, max=65_535)] = 47_200,
     host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
@@ -30,7 +30,7 @@ def relay(
     delay: Annotated[str, typer.Option(help="MIN:MAX in ms.")] = "0:0",
     seed: Annotated[int, typer.Option(help="Seed of what is lost, doubled and held back.")] = 0,
     allow_remote: Remote = False,
-    for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
+    for_ms: For = None,
 ) -> None:
     """Pass what one station sends on to all others, until SIGTERM.  With loss and delay."""
     from automcm.links.relay import Relay

@@ -15,6 +15,7 @@ from automcm_cli.common import (
     Json,
     code_3,
     console_of,
+    example,
     needs_repository,
     progress,
     write_json,
@@ -30,12 +31,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # plain help: to import rich and draw with it takes 0.15 s
 )
-app.command(epilog="Example: automcm conform run -- automcm adapter.  " + CODES)(station.adapter)
-app.command(epilog="Example: automcm demo --loss 0.3.  " + CODES)(demo_command.demo)
-app.command(epilog="Example: automcm drive --uri ws://127.0.0.1:9090.  " + CODES)(station.drive)
-app.command(epilog="Example: automcm station --id 7 --request-after 500.  " + CODES)(
-    station.station
-)
+app.command(epilog=example("conform run -- automcm adapter"))(station.adapter)
+app.command(epilog=example("demo --loss 0.3"))(demo_command.demo)
+app.command(epilog=example("drive --uri ws://127.0.0.1:9090"))(station.drive)
+app.command(epilog=example("station --id 7 --request-after 500"))(station.station)
 
 
 def _version(wanted: bool) -> None:
@@ -55,7 +54,7 @@ def _options(
     """What goes before any command."""
 
 
-@app.command(epilog="Example: automcm verify --profile full --json report.json.  " + CODES)
+@app.command(epilog=example("verify --profile full --json report.json"))
 def verify(
     profile: Annotated[
         str,
@@ -90,13 +89,12 @@ def verify(
 
     with progress() as say:
         report = verify_.run(profile, say, models_too=models, rule=rule)
-    write_json(json_, report.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, report.as_dict()):
         screen.show(report, console_of())
     raise typer.Exit(report.exit_code)
 
 
-@app.command(epilog="Example: automcm generate.  " + CODES)
+@app.command(epilog=example("generate"))
 def generate(
     two_peers: Annotated[bool, typer.Option(help="Also the two-peer graph (minutes).")] = True,
 ) -> None:
@@ -107,10 +105,8 @@ def generate(
     from automcm_spec.tlc import TlcError
     from automcm_spec.toolchain import ToolError
 
-    with (
-        code_3("generate", TlcError, ToolError, ModelError, OSError, ValueError),
-        progress() as say,
-    ):
+    faults = TlcError, ToolError, ModelError, OSError, ValueError
+    with code_3("generate", *faults), progress() as say:
         changed = generated.write(say, two_peers)
     for path in changed:
         typer.echo(f"renewed {path.relative_to(ROOT)}")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import typer
 
+from automcm_cli.common import usage
 from automcm_spec.parameters import DEFAULTS, ParameterError, Parameters
 
 
@@ -20,7 +21,5 @@ def chosen(settings: Sequence[str]) -> Parameters:
             values[name] = int(value)
         except ValueError:
             raise typer.BadParameter(f"{name}: an integer is needed, not {value!r}") from None
-    try:
+    with usage(ParameterError):
         return Parameters(**values)
-    except ParameterError as error:
-        raise typer.BadParameter(str(error)) from None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, write_json
+from automcm_cli.common import Json, code_3, example, write_json
 
 if TYPE_CHECKING:
     from automcm.scenarios.drive import Drive
@@ -15,10 +15,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-@app.command(
-    "lane-change",
-    epilog="Example: automcm simulate lane-change --vehicles 4 --speed 30.  " + CODES,
-)
+@app.command("lane-change", epilog=example("simulate lane-change --vehicles 4 --speed 30"))
 def lane_change(
     vehicles: Annotated[int, typer.Option(help="2 to 4.", min=2, max=4)] = 4,
     speed: Annotated[float, typer.Option(help="Of all vehicles, km/h.", min=5, max=130)] = 30,
@@ -53,8 +50,7 @@ def lane_change(
         drive = setting.run(channel=Channel(loss=loss), logs=out)
         plots = _plots(drive, out)
     report = _report(drive)
-    write_json(json_, report | {"plots": [str(path) for path in plots]})
-    if str(json_) != "-":
+    if write_json(json_, report | {"plots": [str(path) for path in plots]}):
         for line in report["story"]:
             typer.echo(f"{line['t_s']:6.2f} s  {line['vehicle']:<10}  {line['what']}")
         for name, end in report["vehicles"].items():

@@ -8,12 +8,13 @@ from typing import Annotated, Any
 import typer
 
 from automcm_cli.common import (
-    CODES,
     Json,
     code_3,
     console_of,
+    example,
     needs_repository,
     progress,
+    usage,
     write_json,
 )
 
@@ -28,19 +29,18 @@ Property = Annotated[
 ]
 
 
-@app.command("list", epilog="Example: automcm spec list --property T-2.  " + CODES)
+@app.command("list", epilog=example("spec list --property T-2"))
 def spec_list(profile: Profile = None, property_: Property = None, json_: Json = None) -> None:
     """The models: what each must show, and why it is there."""
     from automcm_cli import spec as spec_
 
     models = _chosen([], profile, property_)
-    write_json(json_, [model.model_dump(exclude_none=True) for model in models])
-    if str(json_) != "-":
+    if write_json(json_, [model.model_dump(exclude_none=True) for model in models]):
         for model in models:
             typer.echo(spec_.described(model))
 
 
-@app.command("check", epilog="Example: automcm spec check rejoin --json -.  " + CODES)
+@app.command("check", epilog=example("spec check rejoin --json -"))
 def spec_check(
     names: Annotated[
         list[str] | None, typer.Argument(help="Models, as automcm spec list names them.")
@@ -84,12 +84,10 @@ def spec_check(
                 verdicts.append(spec_.check(model, say, timeout, heap))
             if str(json_) != "-":
                 typer.echo(spec_.shown(verdicts[-1], changed))
-            if verdicts[-1].trace:
-                path = spec_.write_trace(verdicts[-1], traces)
-                typer.echo(f"written: {path}", err=True)
-    except OSError as error:
-        typer.echo(f"check: {error}", err=True)
-        raise typer.Exit(3) from None
+            with code_3("check", OSError):
+                if verdicts[-1].trace:
+                    path = spec_.write_trace(verdicts[-1], traces)
+                    typer.echo(f"written: {path}", err=True)
     finally:
         write_json(json_, [spec_.as_dict(verdict) for verdict in verdicts])
     if changed and (text := spec_.not_covered(verdicts)):
@@ -97,7 +95,7 @@ def spec_check(
     raise typer.Exit(spec_.exit_code(verdicts))
 
 
-@app.command("pages", epilog="Example: automcm spec pages --out runs/counterexamples.  " + CODES)
+@app.command("pages", epilog=example("spec pages --out runs/counterexamples"))
 def spec_pages(
     out: Annotated[Path, typer.Option(help="The folder of the pages.")] = Path(
         "docs/counterexamples"
@@ -115,7 +113,7 @@ def spec_pages(
     typer.echo(f"{len(written)} pages in {out}")
 
 
-@app.command("mutate", epilog="Example: automcm spec mutate --only OnAck.  " + CODES)
+@app.command("mutate", epilog=example("spec mutate --only OnAck"))
 def spec_mutate(
     profile: Annotated[
         str, typer.Option(help="quick: till a mutant is killed; deep: by which properties.")
@@ -151,25 +149,18 @@ def spec_mutate(
     needs_repository("spec mutate")
     from automcm_cli import mutate
 
-    try:
+    with code_3("mutate", *mutate.FAULTS), usage(mutate.Usage):
         asked = mutate.Asked(profile, module, model, only, limit, jobs, search, longest, write)
         mutants = mutate.select(asked)
         if list_:
-            write_json(json_, mutate.as_rows(mutants))
-            if str(json_) != "-":
+            if write_json(json_, mutate.as_rows(mutants)):
                 typer.echo(mutate.listed(mutants))
             return
         with progress() as say:
             report = mutate.run(asked, mutants, say)
         if write:
             mutate.write(report)
-    except mutate.Usage as error:
-        raise typer.BadParameter(str(error)) from None
-    except mutate.FAULTS as error:
-        typer.echo(f"mutate: {error}", err=True)
-        raise typer.Exit(3) from None
-    write_json(json_, mutate.as_dict(report))
-    if str(json_) != "-":
+    if write_json(json_, mutate.as_dict(report)):
         mutate.show(report, console_of(110))
     raise typer.Exit(report.exit_code)
 
@@ -189,7 +180,7 @@ def _check_distributed(asked: list[Any], host: str, json_: Path | None) -> None:
     raise typer.Exit(1 if any(one.problem for one in found) else 0)
 
 
-@app.command("worker", epilog="Example: automcm spec worker 192.0.2.7.  " + CODES)
+@app.command("worker", epilog=example("spec worker 192.0.2.7"))
 def spec_worker(
     server: Annotated[
         str, typer.Argument(metavar="HOST", help="Where spec check --distributed is.")
@@ -209,7 +200,7 @@ def spec_worker(
     typer.echo(f"{computed:,} states computed here")
 
 
-@app.command("simulate", epilog="Example: automcm spec simulate two_by_three.  " + CODES)
+@app.command("simulate", epilog=example("spec simulate two_by_three"))
 def spec_simulate(
     name: Annotated[
         str, typer.Argument(metavar="MODEL", help="As automcm spec list names it, or two_by_three.")
@@ -247,13 +238,12 @@ def spec_simulate(
                 lively=lively,
                 on_progress=lambda n: say(f"{name}: {n:,} behaviours"),
             )
-    write_json(json_, found.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, found.as_dict()):
         typer.echo(walks_.shown(found))
     raise typer.Exit(found.exit_code)
 
 
-@app.command("bench", epilog="Example: automcm spec bench --seconds 120.  " + CODES)
+@app.command("bench", epilog=example("spec bench --seconds 120"))
 def spec_bench(
     seconds: Annotated[int, typer.Option(min=1, help="For each naive encoding.")] = 60,
     json_: Json = None,
@@ -268,8 +258,7 @@ def spec_bench(
 
     with code_3("bench", TlcError, bench.BenchError, OSError), progress() as say:
         report = bench.run(seconds, say)
-    write_json(json_, report.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, report.as_dict()):
         bench_.show(report, console_of())
     raise typer.Exit(report.exit_code)
 
@@ -278,9 +267,5 @@ def _chosen(names: list[str], profile: str | None, property_: str | None) -> lis
     from automcm_cli import spec as spec_
     from automcm_spec import models
 
-    with code_3("spec", models.ModelError):
-        known = models.load()
-    try:
-        return list(spec_.chosen(known, names, profile, property_))
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from None
+    with usage(ValueError), code_3("spec", models.ModelError):
+        return list(spec_.chosen(models.load(), names, profile, property_))

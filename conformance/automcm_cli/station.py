@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
-from automcm_cli.common import code_3
+from automcm_cli.common import code_3, usage
 from automcm_cli.parameters import chosen
 
 if TYPE_CHECKING:
@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 Remote = Annotated[
     bool, typer.Option("--allow-remote", help="Also addresses that other hosts can reach.")
 ]
-
+Broadcast = Annotated[str, typer.Option(help="Where all stations listen.")]
+Host = Annotated[str, typer.Option(help="The address to send from.")]
+Target = Annotated[int, typer.Option(help="Whom to prescribe; 0: who answers first.")]
+For = Annotated[int | None, typer.Option("--for", help="End after so many ms.")]
+EVERYONE = "127.255.255.255:47100"
 
 FINISH_S = 0.2
 """How long the end waits for somebody who reads slowly."""
@@ -96,10 +100,8 @@ def carry_out(name: str, what: Callable[[Lines], Coroutine[Any, Any, None]]) -> 
 def station(
     station_id: Annotated[int, typer.Option("--id", min=1, max=2**32 - 1, help="Its station_id.")],
     via: Annotated[str | None, typer.Option(help="A relay's HOST:PORT; else broadcast.")] = None,
-    broadcast: Annotated[
-        str, typer.Option(help="Where all stations listen.")
-    ] = "127.255.255.255:47100",
-    host: Annotated[str, typer.Option(help="The address to send from.")] = "127.0.0.1",
+    broadcast: Broadcast = EVERYONE,
+    host: Host = "127.0.0.1",
     allow_remote: Remote = False,
     codec: Annotated[str, typer.Option(help="json or uper.")] = "json",
     set_: Annotated[
@@ -127,14 +129,14 @@ def station(
     request_after: Annotated[
         int | None, typer.Option(help="Ask for a lane change after so many ms.")
     ] = None,
-    target: Annotated[int, typer.Option(help="Whom to prescribe; 0: who answers first.")] = 0,
+    target: Target = 0,
     concerned: Annotated[bool, typer.Option(help="Join the maneuvers of others.")] = True,
     refuse_first: Annotated[int, typer.Option(help="How many proposals to refuse.")] = 0,
     maneuver: Annotated[int, typer.Option(help="How long the maneuver takes, ms.")] = 3000,
     listen: Annotated[
         int, typer.Option(help="First listen so many ms for a station of the same id.")
     ] = 1100,
-    for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
+    for_ms: For = None,
     zero: Annotated[
         float, typer.Option(help="What counts as 0 ms on the host's monotonic clock, in s.")
     ] = 0.0,
@@ -160,11 +162,9 @@ def station(
 
     if not 0 <= zero <= time.monotonic():
         raise typer.BadParameter(f"--zero: {zero} is not a time that has been")
-    try:
+    with usage(LinkError, CodecError):
         to, relay = address(broadcast), address(via) if via else None
         coded = by_name(codec)
-    except (LinkError, CodecError) as error:
-        raise typer.BadParameter(str(error)) from None
     straight = Straight(
         target=target,
         refuse_first=refuse_first,
@@ -212,9 +212,9 @@ def drive(
     request_after: Annotated[
         int | None, typer.Option(help="Ask for a lane change so many ms after connecting.")
     ] = None,
-    target: Annotated[int, typer.Option(help="Whom to prescribe; 0: who answers first.")] = 0,
+    target: Target = 0,
     attempts: Annotated[int, typer.Option(help="To connect the first time.", min=1)] = 5,
-    for_ms: Annotated[int | None, typer.Option("--for", help="End after so many ms.")] = None,
+    for_ms: For = None,
 ) -> None:
     """The driving software's end of a bridge.  Drives straight on, agrees to what it is asked."""
     import asyncio

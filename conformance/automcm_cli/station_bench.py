@@ -6,16 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, console_of, progress, table_of, write_json
+from automcm_cli.common import Json, console_of, progress, table_of, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from automcm.bench import Report
     from automcm.kernel_bench import Report as KernelReport
-
-STATION = "Example: automcm bench station --seconds 20.  " + CODES
-KERNELS = "Example: automcm bench kernels --seconds 60.  " + CODES
 
 
 def station(
@@ -30,8 +27,7 @@ def station(
 
     with progress() as say:
         report = measured.run(seconds, say)
-    write_json(json_, report.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, report.as_dict()):
         show(report, console_of())
 
 
@@ -48,8 +44,7 @@ def kernels(
 
     with progress() as say:
         report = kernel_bench.run(seconds, say=say)
-    write_json(json_, report.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, report.as_dict()):
         show_kernels(report, console_of(110))
 
 

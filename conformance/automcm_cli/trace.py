@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from automcm_cli import trace_edit, trace_export, trace_html, trace_itf, trace_logs, trace_replay
-from automcm_cli.common import CODES, Json, Late, code_3, write_json
+from automcm_cli import trace_edit, trace_export, trace_html, trace_logs, trace_replay
+from automcm_cli.common import Json, Late, code_3, example, write_json
+from automcm_cli.conform import WithCommand
 from automcm_cli.trace_logs import Logs, files_of
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-@app.command(epilog="Example: automcm trace explain 1001.ndjson 2002.ndjson.  " + CODES)
+@app.command(epilog=example("trace explain 1001.ndjson 2002.ndjson"))
 def explain(
     logs: Logs,
     late: Late = None,
@@ -83,9 +84,21 @@ def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]
     return {"prefix": str(path), "replay": replay(path)}
 
 
-trace_html.register(app)
-trace_edit.register(app)
-trace_export.register(app)
-trace_itf.register(app)
-trace_logs.register(app)
-trace_replay.register(app)
+app.command(
+    epilog=example(
+        "trace html 1001.ndjson 2002.ndjson --out page.html",
+        "Two runs: give the second with --compare.  ",
+    )
+)(trace_html.html)
+app.command(epilog=example("trace shrink 1001.ndjson 2002.ndjson --out small"))(trace_edit.shrink)
+app.command("diff", epilog=example("trace diff run-1 run-2 --times"))(trace_edit.compare)
+app.command(epilog=example("trace export 1001.ndjson 2002.ndjson --to mermaid"))(
+    trace_export.export
+)
+app.command(epilog=example("trace itf 1001.ndjson --out runs"))(trace_export.itf)
+app.command(epilog=example("trace lint 1001.ndjson logs/"))(trace_logs.lint)
+app.command(epilog=example("trace show 1001.ndjson 2002.ndjson --session 1001/1"))(trace_logs.show)
+app.command(epilog=example("trace coverage logs/ --json coverage.json"))(trace_logs.coverage)
+app.command(cls=WithCommand, epilog=example("trace replay 2002.ndjson -- automcm adapter"))(
+    trace_replay.replay
+)

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, progress, table_of, write_json
+from automcm_cli.common import Json, code_3, progress, table_of, write_json
 from automcm_spec import scratch
 
 EVENTS = 50
@@ -138,9 +138,6 @@ def _best(tasks: list[Callable[[], None]], rounds: int = 3) -> list[float]:
     return best
 
 
-EPILOG = "Example: automcm bench traces --logs 200 --no-tlc.  " + CODES
-
-
 def traces(
     number: Annotated[
         int, typer.Option("--logs", help=f"How many logs of {EVENTS} events.", min=1)
@@ -157,8 +154,7 @@ def traces(
 
     with code_3("bench traces", TlcError, ToolError), progress() as say:
         measured = measure(number, tlc, say)
-    write_json(json_, measured.as_dict())
-    if str(json_) == "-":
+    if not write_json(json_, measured.as_dict()):
         return
     from rich.console import Console
 

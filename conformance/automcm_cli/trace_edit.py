@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, Late, code_3, progress, write_json
-from automcm_cli.trace_logs import Logs, files_of
+from automcm_cli.common import Json, Late, code_3, progress, write_json
+from automcm_cli.trace_logs import Logs, files_of, two_numbers
 from automcm_spec import files
 
 if TYPE_CHECKING:
@@ -16,13 +16,6 @@ if TYPE_CHECKING:
 
 ROWS = 100
 """Events of a shrunk log that are printed."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    epilog = "Example: automcm trace {}.  " + CODES
-    app.command(epilog=epilog.format("shrink 1001.ndjson 2002.ndjson --out small"))(shrink)
-    app.command("diff", epilog=epilog.format("diff run-1 run-2 --times"))(compare)
 
 
 def shrink(
@@ -44,20 +37,16 @@ def shrink(
 
     logs = files_of("shrink", logs)
     try:
-        with progress() as status:
+        with code_3("shrink", OSError), progress() as status:
             found = shrink_.shrink(logs, late_ms=late, tries=tries, say=status)
-        written = _written(found, logs, out)
+            written = _written(found, logs, out)
     except shrink_.NothingToShrink as error:
         typer.echo(f"shrink: {error}", err=True)
         raise typer.Exit(error.code) from None
-    except OSError as error:
-        typer.echo(f"shrink: {error}", err=True)
-        raise typer.Exit(3) from None
     told = found.as_dict()
     for one, path in zip(told["logs"], written, strict=True):
         one["written"] = str(path)
-    write_json(json_, told)
-    if str(json_) == "-":
+    if not write_json(json_, told):
         return
     for line in found.text():
         typer.echo(line)
@@ -115,8 +104,7 @@ def compare(
     logs, others = files_of("diff", [a]), files_of("diff", [b])
     with code_3("diff", BadInput):
         found = diff_.diff(logs, others, pairs)
-    write_json(json_, found.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, found.as_dict()):
         for line in diff_.text(found, times, width):
             typer.echo(line)
     raise typer.Exit(0 if found.same else 1)
@@ -124,14 +112,7 @@ def compare(
 
 def station_pairs(texts: list[str] | None) -> dict[int, int]:
     """``--stations``: which station of B each of A is.  Raises typer.BadParameter."""
-    pairs = dict(_pair(text) for text in texts or ())
+    pairs = dict(two_numbers(text, "=", "pair; 1001=7", "--stations") for text in texts or ())
     if len(set(pairs.values())) < len(texts or ()):
         raise typer.BadParameter("a station is named twice", param_hint="--stations")
     return pairs
-
-
-def _pair(text: str) -> tuple[int, int]:
-    parts = text.split("=")
-    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
-        raise typer.BadParameter(f"{text!r} is no pair; 1001=7 is one", param_hint="--stations")
-    return int(parts[0]), int(parts[1])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, write_json
+from automcm_cli.common import Json, Late, code_3, write_json
 from automcm_cli.trace_edit import station_pairs
 from automcm_cli.trace_logs import files_of
 from automcm_spec import files, scratch
@@ -16,16 +16,6 @@ from automcm_spec import files, scratch
 if TYPE_CHECKING:
     from automcm_traces.page_data import Page
     from automcm_traces.page_run import Part, Run
-
-EPILOG = (
-    "Example: automcm trace html 1001.ndjson 2002.ndjson --out page.html.  Two runs: give the "
-    "second with --compare.  " + CODES
-)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command of this module to ``automcm trace``."""
-    app.command(epilog=EPILOG)(html)
 
 
 def html(
@@ -45,10 +35,7 @@ def html(
         typer.Option(help="A station and which of --compare it is, such as 1001=7."),
     ] = None,
     out: Annotated[Path, typer.Option(help="The page.")] = Path("runs/trace.html"),
-    late: Annotated[
-        int | None,
-        typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0),
-    ] = None,
+    late: Late = None,
     from_line: Annotated[
         int | None, typer.Option(help="Only a part: the first log from this line on.", min=1)
     ] = None,
@@ -89,8 +76,7 @@ def html(
         out.parent.mkdir(parents=True, exist_ok=True)
         files.write(out, data)
     about = {"written": str(out), "bytes": len(data), "rows": len(page.nodes)}
-    write_json(json_, about | judged(page))
-    if str(json_) != "-":
+    if write_json(json_, about | judged(page)):
         typer.echo(f"{out}: {len(page.nodes)} events, {len(data)} bytes")
 
 

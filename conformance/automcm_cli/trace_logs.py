@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, Late, code_3, progress, write_json
+from automcm_cli.common import Json, Late, code_3, progress, write_json
 
 if TYPE_CHECKING:
     from automcm_traces.show import Shown
@@ -18,14 +18,6 @@ Logs = Annotated[
     list[Path],
     typer.Argument(help="Logs, or folders with logs (*.ndjson) below them; - for standard input."),
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands of this module to ``automcm trace``."""
-    epilog = "Example: automcm trace {}.  " + CODES
-    app.command(epilog=epilog.format("lint 1001.ndjson logs/"))(lint)
-    app.command(epilog=epilog.format("show 1001.ndjson 2002.ndjson --session 1001/1"))(show)
-    app.command(epilog=epilog.format("coverage logs/ --json coverage.json"))(coverage)
 
 
 def files_of(command: str, logs: list[Path]) -> list[Path]:
@@ -129,7 +121,7 @@ def show(
 
     wanted = show_.Filter(
         stations=frozenset(station or ()),
-        session=_session(session),
+        session=two_numbers(session, "/", "session; 1001/1", "--session") if session else None,
         types=frozenset(type_ or ()),
         cams=cams or "CAM" in (type_ or ()),
         timers=timers,
@@ -173,12 +165,12 @@ def _print(shown: Shown, stations: Sequence[int], width: int) -> None:
             put(kind, line)
 
 
-def _session(text: str) -> tuple[int, int] | None:
-    if not text:
-        return None
-    parts = text.split("/")
+def two_numbers(text: str, sign: str, what: str, option: str) -> tuple[int, int]:
+    """The numbers on both sides of a sign; ``what`` they are, with an example.  Raises
+    typer.BadParameter."""
+    parts = text.split(sign)
     if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
-        raise typer.BadParameter(f"{text!r} is no session; 1001/1 is one", param_hint="--session")
+        raise typer.BadParameter(f"{text!r} is no {what} is one", param_hint=option)
     return int(parts[0]), int(parts[1])
 
 
@@ -201,8 +193,7 @@ def coverage(
     files = files_of("coverage", logs)
     with progress() as status:
         found = coverage_.measure(_told(files, status), late)
-    write_json(json_, found.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, found.as_dict()):
         for line in annotated(found.conditions) if annotate else coverage_.text(found):
             typer.echo(line)
     raise typer.Exit(coverage_.exit_code(found))

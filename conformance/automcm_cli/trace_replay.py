@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, write_json
-from automcm_cli.conform import Limit, WithCommand, command_of
+from automcm_cli.common import Json, code_3, write_json
+from automcm_cli.conform import Limit, command_of
 from automcm_conformance.process import LIMIT_S
 
 if TYPE_CHECKING:
     from automcm_conformance.replay_log import Replayed
 
-EPILOG = "Example: automcm trace replay 2002.ndjson -- automcm adapter.  " + CODES
 LONGEST = 2_000
 """Characters of a line that is printed; what it quotes is somebody else's."""
 
@@ -43,8 +42,7 @@ def replay(
             verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
             write_json(json_, verdict | {"event": error.what, "exit_code": 3})
             raise
-    write_json(json_, result.as_dict())
-    if str(json_) != "-":
+    if write_json(json_, result.as_dict()):
         for text in _text(result):
             typer.echo(visible(text, limit=LONGEST))
     raise typer.Exit(result.exit_code)
@@ -81,8 +79,3 @@ def _text(result: Replayed) -> list[str]:
         if result.verdict == "diverges" and not result.in_log:
             lines.append("  the new log alone does not show it: no log holds the next deadline")
     return lines
-
-
-def register(app: typer.Typer) -> None:
-    """Put it among the commands of ``app``."""
-    app.command(cls=WithCommand, epilog=EPILOG)(replay)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.common import CODES, Json, code_3, console_of, progress, table_of, write_json
+from automcm_cli.common import Json, code_3, console_of, example, progress, table_of, write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,7 +21,7 @@ def _group() -> None:
     """Keeps ``check`` a command of its own."""
 
 
-@app.command(epilog="Example: automcm vectors check --kernel collide.  " + CODES)
+@app.command(epilog=example("vectors check --kernel collide"))
 def check(
     kernel: Annotated[
         list[str] | None, typer.Option(help="Only this one, such as collide; may be repeated.")
@@ -42,8 +42,7 @@ def check(
             if not kernel or path.stem in kernel:
                 say(path.stem)
                 results += vectors.check(vector_adapter.call, vectors.load(path))
-    write_json(json_, as_dict(results))
-    if str(json_) != "-":
+    if write_json(json_, as_dict(results)):
         show(results, console_of(200))
     raise typer.Exit(0 if all(result.ok for result in results) else 1)
 

@@ -13,16 +13,7 @@ from typing import Any
 from automcm_cli import generated, model_pages, spec
 from automcm_conformance import compare
 from automcm_conformance.replay import replay
-from automcm_spec import (
-    agreement,
-    children,
-    compiler,
-    forms,
-    generate,
-    models,
-    oracle,
-    simulate,
-)
+from automcm_spec import agreement, children, compiler, forms, generate, models, oracle, simulate
 from automcm_spec.rules import RULES
 from automcm_spec.tlc import TlcError
 from automcm_spec.toolchain import ToolError

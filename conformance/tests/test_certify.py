@@ -166,7 +166,7 @@ def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
         rows, problems = certificate.run([mutant], blind, lambda text: None)
         (row,) = rows
         assert row.verdict == "survived" and row.difference is not None and problems == []
-    found = certificate.of(blind, Generated([mutant]), 1, rows, problems)
+    found = Certificate(blind, "ab" * 32, Generated([mutant]), 1, rows)
     assert found.exit_code == 1 and found.as_dict()["counts"] == {"survived": 1}
     shown = certificate_page.summary(found)
     assert mutant.id in shown and row.difference.input in shown
@@ -176,7 +176,8 @@ def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
 
 
 def of(*rows: Row, chosen: int = 2) -> Certificate:
-    return Certificate(7, 3, [], "ab" * 32, 900, chosen, rows=list(rows))
+    asked = Asked(Path(), seed=7)
+    return Certificate(asked, "ab" * 32, Generated([]), chosen, list(rows))
 
 
 KILLED = Row("state/armed/timer-1", "timer", "reference/automcm/state.py", 9, "ACT-5", "a | b", "a")

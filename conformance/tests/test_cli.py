@@ -24,7 +24,6 @@ from automcm_spec.station import Restart
 from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
 
 ROOT = generated.ROOT
-LOGS = sorted(str(path) for path in generated.CORPUS.glob("*.ndjson"))
 run = CliRunner()
 NOT_COVERED = "No property covers what you changed"
 
@@ -42,6 +41,7 @@ def test_usage_errors_are_2() -> None:
         (["spec", "list", "--property", "S-55"], "S-5"),
         (["spec", "list", "--property", "NoHazard"], "NoHazardInv"),
         (["spec", "list", "--profile", "depp"], "deep"),
+        (["spec", "simulate", "two_by_thre"], "two_by_three"),
     ],
 )
 def test_an_unknown_name_gets_the_nearest_ones(arguments: list[str], near: str) -> None:
@@ -92,23 +92,6 @@ def test_counterexamples_are_those_of_the_models() -> None:
     names = {model.cfg for model in models.load() if model.expect == "violates"}
     files = {path.name.removesuffix(".itf.json") for path in generated.COUNTEREXAMPLES.iterdir()}
     assert files == names
-
-
-def test_the_corpus_is_allowed() -> None:
-    answer = run.invoke(app, ["trace", "explain", *LOGS])
-    assert answer.exit_code == 0, answer.output
-    assert answer.output.count(": ALLOWED") == 5  # each, and all together
-
-
-def test_explain_json_of_one_log() -> None:
-    answer = run.invoke(app, ["trace", "explain", "--json", "-", LOGS[0]])
-    assert json.loads(answer.output)["verdict"] == "allowed"
-
-
-def test_explain_says_which_file_it_cannot_read(tmp_path: Path) -> None:
-    answer = run.invoke(app, ["trace", "explain", str(tmp_path / "none.ndjson"), LOGS[0]])
-    assert answer.exit_code == 3
-    assert "none.ndjson" in answer.output and "ALLOWED" in answer.output
 
 
 def test_a_generated_part_of_a_page_stands_between_its_marks() -> None:
@@ -242,62 +225,37 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     monkeypatch.setattr(models, "check_all", broken)
     report = verify_.run()
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
-
-
-def test_a_construct_that_cannot_be_compiled_is_a_line_of_drift(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def refused() -> str:
-        raise Refused("CHOOSE", tlc.Location("Station", 12, 1, 12, 2))
-
-    monkeypatch.setattr(compiler, "text", refused)
-    one_peer = oracle.content(generate.ONE_PEER.path)
-    make = generated._texts(one_peer)[compiler.PATH]
-    assert generated._lines(compiler.PATH, lambda: generated._text_drift(compiler.PATH, make)) == [
-        "spec/automcm_spec/station.py: cannot be generated now: Refused: "
-        "Station.tla:12: cannot be compiled: CHOOSE"
-    ]
-
-
-def test_generate_says_what_failed(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: object, **__: object) -> None:
-        raise TlcError("parse", "Station.tla, line 3: no")
-
-    monkeypatch.setattr(models, "check_all", broken)
     answer = run.invoke(app, ["generate"])
-    assert answer.exit_code == 3 and "Station.tla, line 3" in answer.output
-
-
-def test_stale_files_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    nowhere = {ROOT / "docs" / "nowhere.md": lambda: "text"}
-    monkeypatch.setattr(generated, "_texts", lambda one_peer: nowhere)
-    stale = generated.drift("quick", b"another oracle", lambda text: None)
-    assert [text.split(":")[0] for text in stale] == [
-        "docs/nowhere.md",
-        "spec/oracle/one-peer.json.xz",
-    ]
+    assert answer.exit_code == 3 and "no Java" in answer.output
 
 
 def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.MonkeyPatch) -> None:
     def raises(*_: object) -> Any:
         raise KeyError("PRE-6")
 
+    def refused() -> str:
+        raise Refused("CHOOSE", tlc.Location("Station", 12, 1, 12, 2))
+
     def of_another_version(*_: object) -> Any:
         return oracle.load(generate.TIGHT.path, "another")
 
-    texts = {generated.DIAGRAMS: raises, ROOT / "docs" / "nowhere.md": lambda: "text"}
+    texts = {generated.DIAGRAMS: raises, compiler.PATH: refused}
+    texts |= {ROOT / "docs" / "nowhere.md": lambda: "text"}
     monkeypatch.setattr(generated, "_texts", lambda one_peer: texts)
     monkeypatch.setattr(generated, "_corpus", of_another_version)
     monkeypatch.setattr(vectors, "texts", raises)
     monkeypatch.setattr(generated, "counterexample_drift", raises)
     monkeypatch.setattr(generate, "spec_hash", lambda: "another")
-    fresh = oracle.content(generate.ONE_PEER.path)
     cannot = "cannot be generated now: KeyError: 'PRE-6'"
     stale = "not what would be generated now; run make generate"
-    diagrams_, nowhere, vectors_, corpus, counterexamples, remainder = generated.drift(
-        "quick", fresh, lambda text: None
+    diagrams_, station, nowhere, vectors_, corpus, counterexamples, graph, remainder = (
+        generated.drift("quick", b"another oracle", lambda text: None)
     )
     assert diagrams_ == f"docs/state-diagrams.md: {cannot}"
+    assert station.endswith(
+        "station.py: cannot be generated now: Refused: Station.tla:12: cannot be compiled: CHOOSE"
+    )
+    assert graph == f"spec/oracle/one-peer.json.xz: {stale}"
     assert nowhere == f"docs/nowhere.md: {stale}"
     assert vectors_ == f"conformance/vectors: {cannot}"
     assert corpus.startswith("traces/corpus: cannot be generated now: spec/oracle/tight.json.xz: ")

@@ -21,14 +21,16 @@ class Edit:
     scenario: str
     old: str
     new: str
-    rule: str
+    rule: str = ""
     """By which the log of the scenario diverges; empty if it is still allowed."""
-    event: str
+    event: str = ""
     """With which it does so."""
-    played: str
-    """With which the reference fails the scenario; empty if it passes."""
+    by: int = 0
+    """The station by which the reference fails the scenario with that event; 0 if it passes."""
     met: str = ""
     """A phase or a rule that coverage counts now."""
+    played: str = ""
+    """With which it fails, if that is another event."""
 
 
 EDITS = {
@@ -38,25 +40,24 @@ EDITS = {
         'IF Bound(st) \\/ st.number = 0 THEN Ignore(st, "ADV-4")',
         "ADV-4",
         "send Intention to 1001",
-        "2002: send Intention to 1001",
+        by=2002,
     ),
     "the name of a phase": Edit(
         "all arrives",
         '"WAITING"',
         '"PATIENT"',
-        "",
-        "",
-        "2002: phase: PATIENT is expected, not WAITING",
-        "PATIENT",
+        by=2002,
+        played="phase: PATIENT is expected, not WAITING",
+        met="PATIENT",
     ),
-    "the id of a rule": Edit("all arrives", '"NEG-2"', '"NEG-12"', "", "", "", "NEG-12"),
+    "the id of a rule": Edit("all arrives", '"NEG-2"', '"NEG-12"', met="NEG-12"),
     "a reason": Edit(
         "three receivers",
         '"not_selected"',
         '"too_far"',
         "PRE-2",
         "send Cancel to 2002 (reason: too_far is expected, not not_selected)",
-        "1001: send Cancel to 2002 (reason: too_far is expected, not not_selected)",
+        by=1001,
     ),
     "a limit": Edit(
         "refused twice",
@@ -64,7 +65,8 @@ EDITS = {
         "RoundLeft(st) == st.proposal + 1 < MaxRounds",
         "NEG-7",
         "arm decide",
-        "1001: indication propose",
+        by=1001,
+        played="indication propose",
     ),
     "a new condition, by a new rule": Edit(
         "all arrives",
@@ -72,7 +74,7 @@ EDITS = {
         '  ELSE IF st.heard THEN Refuse(st, "ACT-6")\n  ELSE LeaveWith(st, {Fin(',
         "ACT-6",
         "send Fin to 2002",
-        "1001: send Fin to 2002",
+        by=1001,
     ),
     "a new field": Edit(
         "two prescribers",
@@ -80,7 +82,7 @@ EDITS = {
         "    used       |-> FALSE,\n    backoff    |-> FALSE ]",
         "ADV-1",
         "send Advertisement to all",
-        "1002: send Advertisement to all",
+        by=1002,
     ),
     "when a timer is armed": Edit(
         "all arrives",
@@ -88,15 +90,11 @@ EDITS = {
         'If(st.phase \\in {"INTENDING", "WAITING"}, {Timer("hold")})',
         "ADV-3",
         "receive Advertisement from 1001: not everything followed",
-        "2002: deadline: ",
+        by=2002,
+        played="deadline:",
     ),
     "an indication": Edit(
-        "all arrives",
-        '<<"finished">>',
-        '<<"done">>',
-        "ACT-3",
-        "indication finished",
-        "2002: indication finished",
+        "all arrives", '<<"finished">>', '<<"done">>', "ACT-3", "indication finished", by=2002
     ),
     "what is answered": Edit(
         "each twice",
@@ -104,7 +102,7 @@ EDITS = {
         "AckCopy(me, m) == {}",
         "NEG-1",
         "send Ack to 1001",
-        "2002: send Ack to 1001",
+        by=2002,
     ),
     "what is sent at the end": Edit(
         "CAMs cut",
@@ -112,7 +110,7 @@ EDITS = {
         'OnCamLoss(me, st) == Effect(Leave(st), {}, <<"fallback", "cam_loss">>, "ACT-2")',
         "ACT-2",
         "send Cancel to 2002",
-        "1001: send Cancel to 2002",
+        by=1001,
     ),
 }
 FIELD = {
@@ -157,6 +155,7 @@ def test_an_edit_is_followed(name: str, logs: Any, tmp_path: Path) -> None:
         assert ("diverges", edit.rule, edit.event) in verdicts
     else:
         assert {verdict for verdict, _, _ in verdicts} == {"allowed"}
-    assert found["played"][0] == ("FAIL" if edit.played else "PASS")
-    assert found["played"][1].startswith(edit.played)
+    verdict, what = found["played"]
+    assert verdict == ("FAIL" if edit.by else "PASS")
+    assert what.startswith(f"{edit.by}: {edit.played or edit.event}" if edit.by else "")
     assert edit.met in ["", *found["met"]]

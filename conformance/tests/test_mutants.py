@@ -51,12 +51,7 @@ CODE = {
         "acked_key(i.message)[:3] not in [key(m)[:3] for m in st.outbox]",
         "END-6",
     ),
-    "the hold timer is not armed": (
-        "state.py",
-        'case "WAITING":',
-        'case "":',
-        "ADV-6",
-    ),
+    "the hold timer is not armed": ("state.py", 'case "WAITING":', 'case "":', "ADV-6"),
     "the proposal of an Acceptance is not checked": (
         "negotiating.py",
         "m.proposal == st.proposal)",

@@ -9,6 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
+from automcm_traces import itf_log
+from automcm_traces.track import CannotTell
 
 run = CliRunner()
 CORPUS = Path(__file__).parents[2] / "traces/corpus"
@@ -142,3 +144,16 @@ def test_export_names_what_it_cannot_read(tmp_path: Path) -> None:
     answer = run.invoke(app, ["trace", "export", str(CORPUS / "bad/empty.ndjson"), *options])
     assert answer.exit_code == 3
     assert "empty.ndjson" in answer.output
+
+
+@pytest.mark.parametrize("command", [["itf"], ["export", "--to", "itf"]])
+def test_what_cannot_be_told_is_4_and_the_log_is_named(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def untold(_: object) -> str:
+        raise CannotTell("why")
+
+    monkeypatch.setattr(itf_log, "from_log", untold)
+    answer = run.invoke(app, ["trace", *command, PAIR[0], "--out", str(tmp_path)])
+    assert answer.exit_code == 4
+    assert answer.output == f"{command[0]}: CANNOT TELL: {PAIR[0]}: why\n"

@@ -46,13 +46,7 @@ class Agreement:
     found: list[Difference] = field(default_factory=list)
 
 
-def compare(
-    oracle: Oracle,
-    station: OpenStation,
-    *,
-    transitions_only: bool = False,
-    stop_at_first: bool = False,
-) -> Agreement:
+def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = False) -> Agreement:
     """Compare every state and every input (or only the inputs that change something)."""
     result = Agreement()
 
@@ -69,8 +63,6 @@ def compare(
         differ(None, None, oracle.inputs, alphabet)
     effects: dict[int, tuple[Any, ...]] = {}
     for n, st in enumerate(oracle.states):
-        if stop_at_first and result.differences:
-            break
         result.states += 1
         wanted, facts = (True, oracle.marks[n]), _tried(partial(_facts, station, st))
         if facts != wanted or _kinds(facts) != _kinds(wanted):
@@ -105,13 +97,8 @@ def _facts(station: OpenStation, st: State) -> tuple[Any, ...]:
 
 
 def _typed(effect: Effect) -> tuple[Any, ...]:
-    return (
-        frozenset(effect.messages),
-        effect.told,
-        effect.rule,
-        frozenset(effect.arm),
-        frozenset(effect.stop),
-    )
+    arm, stop = frozenset(effect.arm), frozenset(effect.stop)
+    return frozenset(effect.messages), effect.told, effect.rule, arm, stop
 
 
 def _is_exact(outcome: tuple[Any, ...], expected: tuple[Any, ...], st: State) -> bool:

@@ -115,17 +115,9 @@ def _measure(name: str, seconds: int, bench: Path) -> Figure:
         cfg = folder / f"{name}.cfg"
         text = (bench / f"{name}.cfg").read_text(encoding="utf-8")
         cfg.write_text(_SECONDS.sub(rf"\g<1>{seconds}", text), encoding="utf-8")
-        result = tlc.run(module, cfg, tla_dir=TLA, on_progress=progress.append)
-    if result.outcome != "holds":
-        raise BenchError(f"{name}: {result.property or 'a property'} is violated")
+        r = tlc.run(module, cfg, tla_dir=TLA, on_progress=progress.append)
+    if r.outcome != "holds":
+        raise BenchError(f"{name}: {r.property or 'a property'} is violated")
     # Stopped by the time box, TLC says "No error has been found" as well; but states are left.
     finished = bool(progress) and progress[-1].queue == 0
-    return Figure(
-        name,
-        about,
-        result.distinct_states,
-        result.states,
-        result.depth,
-        result.seconds,
-        finished,
-    )
+    return Figure(name, about, r.distinct_states, r.states, r.depth, r.seconds, finished)

@@ -12,14 +12,7 @@ from typing import Any
 
 from automcm_spec import scratch, tlc
 from automcm_spec.forms import Json, canonical
-from automcm_spec.oracle import (
-    EFFECTIVE,
-    FORMAT,
-    NOT_OFFERED,
-    OracleError,
-    dump,
-    load,
-)
+from automcm_spec.oracle import EFFECTIVE, FORMAT, NOT_OFFERED, OracleError, dump, load
 from automcm_spec.paths import ORACLES, TLA
 
 MODULES = ("Station", "OpenStation")

@@ -61,23 +61,11 @@ NO_GRAPH: dict[str, str] = {
 
 OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? +==", re.MULTILINE)
 """Where an operator of a module is defined, and its name."""
-_HANDLER = {
-    "request": "OnRequest",
-    "prescribe": "OnPrescribe",
-    "proceed": "OnProceed",
-    "accept": "OnAccept",
-    "refuse": "OnRefuse",
-    "complete": "OnComplete",
-    "abort": "OnAbort",
-    "advertise": "OnAdvertiseEnd",
-    "resend": "OnResend",
-    "giveup": "GiveUpEntry",
-    "decide": "OnDecide",
-    "hold": "OnHold",
-    "forget": "OnForget",
-    "cam": "OnCam",
-    "restart": "OnRestart",
+_EXPIRED = {
+    **{name: f"On{name.capitalize()}" for name in ("resend", "decide", "hold", "forget")},
+    **{"advertise": "OnAdvertiseEnd", "giveup": "GiveUpEntry", "cam": "OnCamLoss"},
 }
+"""The operator that a timer goes to, if it is not OnExpiry."""
 
 
 @cache
@@ -97,10 +85,10 @@ def handler(i: Input) -> str:
         case Receive(message=message):
             return "On" + message.type
         case Command(name=name):
-            return _HANDLER[name]
+            return f"On{name.capitalize()}"
         case Expire(timer=timer):
-            return "OnCamLoss" if timer[0] == "cam" else _HANDLER.get(timer[0], "OnExpiry")
-    return _HANDLER[i.kind]
+            return _EXPIRED.get(timer[0], "OnExpiry")
+    return f"On{i.kind.capitalize()}"
 
 
 def kind(i: Input) -> str:

@@ -249,14 +249,9 @@ def execute(
 
 
 # Message codes (class EC of the TLA+ tools).
-_VIOLATIONS = {
-    2107: "invariant in the initial state",
-    2108: "property in the initial state",
-    2110: "invariant",
-    2112: "action property",
-    2114: "deadlock",
-    2116: "temporal property",
-}
+_INITIALLY = {2107, 2108}  # an invariant, a property: in the initial state
+_DEADLOCKED = 2114
+_VIOLATIONS = _INITIALLY | {2110, 2112, _DEADLOCKED, 2116}  # invariant, action, temporal property
 _TRACE_HEADINGS = {2121, 2264}
 _SUCCESS, _SIMULATED, _FINISHED, _PARSE_FAILED, _NESTED = 2193, 2209, 2186, 3002, 2103
 _ENDED_WELL = {_SUCCESS, _SIMULATED}
@@ -356,7 +351,7 @@ class _Reader:
             self._in_sany = code == _SANY_STARTS
         elif code in _VIOLATIONS:
             self._violation = block
-            if code in (2107, 2108):
+            if code in _INITIALLY:
                 head, _, state = block.text.partition("\n")
                 block.lines = [head]
                 self._trace = [TraceState(1, INITIAL, None, _parse_state(state))]
@@ -411,7 +406,7 @@ class _Reader:
             outcome = "violates"
             match = _VIOLATED.match(self._violation.text)
             name = match[1] if match else None
-            if self._violation.code == 2114:
+            if self._violation.code == _DEADLOCKED:
                 name = DEADLOCK
         return Result(
             outcome,

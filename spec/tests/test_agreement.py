@@ -31,20 +31,17 @@ def of(tight: oracle.Oracle, made: type[OpenStation], **options: Any) -> agreeme
     return agreement.compare(tight, station, **options)
 
 
-@pytest.mark.parametrize("graph", [generate.ONE_PEER, generate.TIGHT], ids=lambda g: g.name)
+@pytest.mark.parametrize(
+    "graph",
+    [generate.ONE_PEER, generate.TIGHT, pytest.param(generate.TWO_PEERS, marks=pytest.mark.deep)],
+    ids=lambda g: g.name,
+)
 def test_the_compiled_station_is_that_of_the_graph(graph: generate.Graph) -> None:
     known = oracle.load(graph.path, generate.spec_hash())
     found = agreement.compare(known, forms.open_station(known.constants))
     assert [str(difference) for difference in found.found] == []
     assert found.differences == 0 and found.states == len(known.states)
     assert found.inputs == known.transitions + known.refusals
-
-
-@pytest.mark.deep
-def test_the_compiled_station_is_that_of_the_graph_of_two_peers() -> None:
-    known = oracle.load(generate.TWO_PEERS.path, generate.spec_hash())
-    found = agreement.compare(known, forms.open_station(known.constants))
-    assert found.differences == 0 and found.inputs == known.transitions + known.refusals
 
 
 def test_transitions_alone(tight: oracle.Oracle) -> None:

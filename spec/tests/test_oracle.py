@@ -128,6 +128,10 @@ def test_cited_finds_ids_only() -> None:
     assert cited("see NEG-4, (END-8) and not XNEG-4 or KIN-1") == {"NEG-4", "END-8"}
 
 
+def test_every_input_goes_to_an_operator_that_is_there(one_peer: oracle.Oracle) -> None:
+    assert {handler(i) for i in one_peer.inputs} <= operators(TLA).keys()
+
+
 def test_blanks_before_the_sign_of_a_definition_hide_no_operator() -> None:
     known = operators(TLA)
     assert "OlderOrSame" not in known["SameProposal"][1]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import pytest
 
@@ -10,6 +12,7 @@ from automcm_spec import models
 from automcm_spec.models import Verdict
 from automcm_spec.station import Receive
 from automcm_spec.steps import Step, steps
+from automcm_spec.tlc import TraceState
 
 
 @cache
@@ -61,23 +64,13 @@ def test_the_bound_of_t_2_is_reached_by_a_restart_after_a_cam() -> None:
 
 
 def test_a_station_that_is_a_model_value_is_found_by_its_name() -> None:
-    verdict = checked("bare_ack")
-    trace = [
-        state.__class__(
-            state.index,
-            state.action,
-            state.location,
-            state.values
-            | {"st": dict(zip(("a", "b"), state.values["st"], strict=True))}
-            | {
-                "last": {
-                    **state.values["last"],
-                    "station": "ab"[(state.values["last"]["station"] or 1) - 1],
-                }
-            },
-        )
-        for state in verdict.trace
-    ]
-    assert [step.station for step in steps(trace)] == [
-        "ab"[(step.station or 1) - 1] for step in steps(verdict.trace)
+    def named(state: TraceState) -> TraceState:
+        last: Any = state.values["last"]
+        stations = dict(zip("ab", state.values["st"], strict=True))
+        changed = {"st": stations, "last": {**last, "station": "ab"[(last["station"] or 1) - 1]}}
+        return replace(state, values=state.values | changed)
+
+    trace = checked("bare_ack").trace
+    assert [step.station for step in steps(list(map(named, trace)))] == [
+        "ab"[(step.station or 1) - 1] for step in steps(trace)
     ]

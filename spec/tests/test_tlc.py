@@ -85,34 +85,28 @@ def test_an_invariant(clock: Path) -> None:
     assert result.trace[1].location == Location("Clock", 6, 9, 13, 40)
 
 
-def test_an_invariant_in_the_initial_state(clock: Path) -> None:
-    result = tlc.run("Clock", cfg(clock, "cycle", "INVARIANT NotZero"), tla_dir=clock)
-    assert (result.outcome, result.property) == ("violates", "NotZero")
-    assert [s.values for s in result.trace] == [{"x": 0}]
+FAIR = "SPECIFICATION Fair"
 
 
-def test_an_action_property(clock: Path) -> None:
-    result = tlc.run("Clock", cfg(clock, "cycle", "PROPERTY Grows"), tla_dir=clock)
-    assert (result.outcome, result.property, len(result.trace)) == ("violates", "Grows", 4)
-
-
-def test_a_deadlock(clock: Path) -> None:
-    result = tlc.run("Clock", cfg(clock, "stops"), tla_dir=clock)
-    assert (result.outcome, result.property, len(result.trace)) == ("violates", tlc.DEADLOCK, 3)
-
-
-@pytest.mark.parametrize(("name", "loop", "length"), [("Seven", 1, 3), ("Idle", 1, 3)])
-def test_a_temporal_property(clock: Path, name: str, loop: int, length: int) -> None:
-    path = cfg(clock, "cycle", f"PROPERTY {name}", spec="SPECIFICATION Fair")
-    result = tlc.run("Clock", path, tla_dir=clock)
-    assert (result.outcome, result.property) == ("violates", None)
-    assert (result.loop, len(result.trace)) == (loop, length)
-
-
-def test_a_temporal_counterexample_that_stutters(clock: Path) -> None:
-    path = cfg(clock, "stops", "PROPERTY Seven", "CHECK_DEADLOCK FALSE", spec="SPECIFICATION Fair")
-    result = tlc.run("Clock", path, tla_dir=clock)
-    assert (result.loop, len(result.trace)) == (3, 3)
+@pytest.mark.parametrize(
+    ("mode", "lines", "named", "length", "loop"),
+    [
+        ("cycle", ["INVARIANT NotZero"], "NotZero", 1, None),
+        ("cycle", ["PROPERTY Grows"], "Grows", 4, None),
+        ("stops", [], tlc.DEADLOCK, 3, None),
+        ("cycle", ["PROPERTY Seven", FAIR], None, 3, 1),
+        ("cycle", ["PROPERTY Idle", FAIR], None, 3, 1),
+        ("stops", ["PROPERTY Seven", "CHECK_DEADLOCK FALSE", FAIR], None, 3, 3),  # it stutters
+    ],
+)
+def test_what_is_violated(
+    mode: str, lines: list[str], named: str | None, length: int, loop: int | None, clock: Path
+) -> None:
+    """An invariant at once, an action property, a deadlock, temporal properties."""
+    spec = "" if FAIR in lines else "INIT Init\nNEXT Next"
+    result = tlc.run("Clock", cfg(clock, mode, *lines, spec=spec), tla_dir=clock)
+    assert (result.outcome, result.property) == ("violates", named)
+    assert (len(result.trace), result.loop) == (length, loop)
 
 
 def test_what_it_prints_is_streamed(clock: Path) -> None:

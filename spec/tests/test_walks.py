@@ -90,12 +90,6 @@ def test_the_time_ends_the_behaviours() -> None:
         assert short.exit_code == 4
 
 
-def test_an_unknown_name_lists_the_nearest() -> None:
-    result = CliRunner().invoke(app, ["spec", "simulate", "two_by_thre"])
-    assert result.exit_code == 2
-    assert "two_by_three" in result.output
-
-
 def test_a_module_that_does_not_extend_system_is_refused() -> None:
     model = walks.Walked("open", KNOWN["one_by_two"].cfg, "OpenStation")
     with pytest.raises(walks.WalkError, match="does not extend System"):
