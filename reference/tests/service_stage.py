@@ -72,9 +72,11 @@ class Noted(Straight):
         return [call for call in self.calls if isinstance(call, kind)]
 
 
-def alone(application: Application | None = None, **more: Any) -> tuple[McService, Wire, Any]:
+def alone(
+    application: Application | None = None, clock: Any = None, **more: Any
+) -> tuple[McService, Wire, Any]:
     """A service of station 1 on a link that leads nowhere."""
-    clock, wire = VirtualClock(), Wire()
+    clock, wire = clock or VirtualClock(), Wire()
     service = McService(1, application or Noted(), wire, clock, **more)
     service.start()
     return service, wire, clock

@@ -23,20 +23,9 @@ SMALL: Json = {
     "restart_gaps": [20.0, 45.0],
     "accelerations": [2.5],
 }
-PLACES: Json = {
-    "target_m": 260.0,
-    "signal_m": 45.0,
-    "signal_span_m": 10.0,
-    "beside_m": 5.0,
-    "beside_span_m": 2.5,
-}
-MODEL: Json = {
-    "notice": 0.5,
-    "brake": 3.0,
-    "restart_s": 1.5,
-    "restart_gap": 45.0,
-    "acceleration": 1.5,
-}
+USUAL: Json = arrival.Arrival().model_dump(mode="json")
+PLACES: Json = {name: USUAL[name] for name in arrival.PLACES}
+MODEL: Json = {name: USUAL[name] for name in (*arrival.MODEL, "acceleration")}
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,9 @@ from automcm.experiments.bandwidth_air import (
     FORMS,
     Air,
     Recorded,
+    Sent,
     column,
+    in_forms,
     measured,
     offered,
     on_air,
@@ -112,13 +114,9 @@ def test_on_the_air_ids_and_times_are_long() -> None:
     sent = prescription(1, (1, 5), dst=2, prescribed=trajectory(), hold_ms=1, lease_ms=2)
     there = on_air(sent)
     assert isinstance(there, Prescription)
-    assert (there.src, there.dst, there.session) == (
-        3_000_000_001,
-        3_000_000_002,
-        (3_000_000_001, 5),
-    )
-    assert there.prescribed == trajectory(1_800_000_000_007)
-    assert (there.seq, there.proposal, there.hold_ms, there.lease_ms) == (2, 1, 1, 2)
+    me, other = 3_000_000_001, 3_000_000_002
+    later = {"prescribed": trajectory(1_800_000_000_007)}
+    assert there == sent.model_copy(update={"src": me, "dst": other, "session": (me, 5)} | later)
     cam = Cam(src=1, generation_ms=9, x_mm=1, y_mm=2, heading_mrad=3, speed_mm_s=4, marks=((2, 5),))
     there = on_air(cam)
     assert isinstance(there, Cam)
@@ -149,13 +147,7 @@ def test_a_codec_that_notes_changes_nothing() -> None:
     sent = Cancel(src=1, dst=2, session=(1, 1), seq=1, reason="not_selected")
     assert air.decode(air.encode(sent)) == sent
     (noted,) = air.sent
-    assert (noted.ms, noted.src, noted.type, noted.prescriber, noted.cancelled) == (
-        12,
-        1,
-        "Cancel",
-        1,
-        2,
-    )
+    assert noted == Sent(12, 1, "Cancel", 1, in_forms(sent), cancelled=2)
 
 
 def test_bins_hold_every_byte(four: Recorded) -> None:
@@ -175,15 +167,8 @@ def test_a_session_is_counted_from_its_first_message_to_its_last(four: Recorded)
     found = session(four, 1)
     times = [s.ms for s in four.air.sent if s.type != "CAM"]
     assert found["ms"] == times[-1] - times[0]
-    assert found["count"] == {
-        "Acceptance": 1,
-        "Ack": 8,
-        "Advertisement": 21,
-        "Cancel": 2,
-        "Fin": 1,
-        "Intention": 3,
-        "Prescription": 1,
-    }
+    few = {"Acceptance": 1, "Prescription": 1, "Fin": 1, "Cancel": 2, "Intention": 3}
+    assert found["count"] == few | {"Ack": 8, "Advertisement": 21}
     assert found["cancelled"] == [2, 4] and found["finished"]
     assert found["cams"]["count"] == pytest.approx(4 * found["ms"] / 100, abs=4)
     whole = sum(found["bytes"]["sent"]["uper"].values())

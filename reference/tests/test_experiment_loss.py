@@ -65,12 +65,8 @@ def made() -> Json:
 
 def test_without_loss_all_agree_and_with_nothing_but_loss_none() -> None:
     assert block(0, 0)["agreed"] == 100 and block(2000, 0, 10)["agreed"] == 10
-    assert block(1000, 100, 10) | {"sent": 0} == {
-        "agreed": 0,
-        "sent": 0,
-        "agreed_ms": 0,
-        "bins": [],
-    }
+    nothing = {"agreed": 0, "sent": 0, "agreed_ms": 0, "bins": []}
+    assert block(1000, 100, 10) | {"sent": 0} == nothing
 
 
 def test_a_session_without_loss_takes_the_window_and_what_is_sent_in_it() -> None:
@@ -228,10 +224,10 @@ def points(made: Json, shares: dict[int, float], trials: int = 10_000) -> Json:
 
 
 def test_a_longer_time_out_must_not_be_worse(made: Json) -> None:
-    longer = {c.claim: c.verdict for c in claims(points(made, {0: 0.5, 1000: 0.7, 2000: 0.9}))}
-    assert longer["the longest time-out stands the most loss"] == "reproduced"
-    worse = {c.claim: c.verdict for c in claims(points(made, {0: 0.5, 1000: 0.9, 2000: 0.7}))}
-    assert worse["the longest time-out stands the most loss"] == "not reproduced"
+    for second, third, verdict in ((0.7, 0.9, "reproduced"), (0.9, 0.7, "not reproduced")):
+        _, claim, *_ = claims(points(made, {0: 0.5, 1000: second, 2000: third}))
+        assert claim.claim == "the longest time-out stands the most loss"
+        assert claim.verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -251,23 +247,21 @@ def test_eq_2_explains_nothing_unless_it_has_the_papers_knees(made: Json) -> Non
 
 
 def test_a_summary_is_of_its_cells_alone(made: Json) -> None:
-    again = [Cell(cell["values"], cell["result"]) for cell in reversed(made["cells"])]
-    assert summary(again)["points"] == made["summary"]["points"]
+    turned = made | {"cells": made["cells"][::-1]}
+    assert summarised(turned)["points"] == made["summary"]["points"]
+
+
+def summarised(made: Json, *more: Cell) -> Json:
+    """The summary of the report's cells and some more."""
+    return summary([*(Cell(cell["values"], cell["result"]) for cell in made["cells"]), *more])
 
 
 def test_costs_are_of_all_that_was_sent_and_of_the_times_to_agreement(made: Json) -> None:
-    cells_ = [Cell(cell["values"], cell["result"]) for cell in made["cells"]]
     values = {"part": "cost", "loss": 50, "burst_ms": 0, "block": 0, "trials": 100}
     few = {"agreed": 40, "sent": 800, "agreed_ms": 8000, "bins": [[1, 30], [3, 8], [9, 2]]}
     all_ = {"agreed": 100, "sent": 900, "agreed_ms": 50_000, "bins": [[5, 100]]}
-    found = summary(
-        [
-            *cells_,
-            Cell(values | {"t_timeout": 0}, few),
-            Cell(values | {"t_timeout": 700}, all_),
-            Cell(values | {"t_timeout": 3000}, all_),
-        ]
-    )
+    of = ((0, few), (700, all_), (3000, all_))
+    found = summarised(made, *(Cell(values | {"t_timeout": t}, result) for t, result in of))
     first = next(row for row in found["cost"] if row["loss"] == 50)
     assert (first["messages"], first["mean_ms"], first["q95_ms"]) == (20.0, 200, 400)
     smallest = next(row for row in found["smallest"] if row["loss"] == 50)
@@ -275,9 +269,8 @@ def test_costs_are_of_all_that_was_sent_and_of_the_times_to_agreement(made: Json
 
 
 def test_a_class_of_fig_9_ends_with_its_limit(made: Json) -> None:
-    cells_ = [Cell(cell["values"], cell["result"]) for cell in made["cells"]]
     times = [29.0, 29.001, 30.0, 31.0, 31.001]
     result = {"arrival_s": times} | {n: [0] * 5 for n in ("agreed", "completed", "stopped")}
-    found = summary([*cells_, Cell({"part": "road", "t_timeout": 0, "loss": 50}, result)])
+    found = summarised(made, Cell({"part": "road", "t_timeout": 0, "loss": 50}, result))
     row = next(row for row in found["road"]["0"] if row["loss"] == 50)
     assert row["classes"] == [1, 2, 1, 1]

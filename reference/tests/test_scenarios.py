@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,14 @@ def lane_changers(drive: Drive) -> list[LaneChange]:
 
 def said(driver: LaneChange) -> list[str]:
     return [what for _, what in driver.story]
+
+
+def driven(signal: Callable[[], None], *drivers: Any, until: float = 30, **more: Any) -> Drive:
+    """These drivers together, the first of which signals at 100 ms."""
+    drive = Drive(drivers, **more)
+    drive.simulation.clock.at(100, signal)
+    drive.run(until)
+    return drive
 
 
 def slowest(drive: Drive, station_id: int) -> Sample:
@@ -76,17 +85,6 @@ def test_kin_5_when_it_moves_over_the_gap_has_grown_as_prescribed() -> None:
     assert wanted - 3 < gap(begins + 4)
 
 
-def test_coordination_spares_the_hard_braking() -> None:
-    hard = {
-        coordinated: -min(
-            s.acceleration
-            for s in FourVehicles(vehicles=2, coordinated=coordinated).run().road.of(3)
-        )
-        for coordinated in (True, False)
-    }
-    assert hard[True] < hard[False]
-
-
 def test_pre_3_with_nobody_in_the_way_it_goes_at_once() -> None:
     drive = FourVehicles(vehicles=2, beside_m=60, until_s=15).run()
     prescriber, b = lane_changers(drive)
@@ -95,25 +93,27 @@ def test_pre_3_with_nobody_in_the_way_it_goes_at_once() -> None:
 
 
 def test_pre_1_nobody_answers_is_no_free_lane() -> None:
-    vehicle = Vehicle(1, 0, 0, 8, 8)
-    driver = LaneChange(vehicle)
-    drive = Drive([driver])
-    drive.simulation.clock.at(100, lambda: driver.signal(1))
-    drive.run(10)
-    assert said(driver)[-1] == "drives alone: no_participants" and vehicle.lane == 0
+    driver = LaneChange(Vehicle(1, 0, 0, 8, 8))
+    driven(lambda: driver.signal(1), driver, until=10)
+    assert said(driver)[-1] == "drives alone: no_participants" and driver.vehicle.lane == 0
 
 
-def two(limits: Limits | None = None, **more: float) -> tuple[Drive, LaneChange, LaneChange]:
+def two(
+    limits: Limits | None = None, *, cut_ms: int = 60_000, until: float = 30, **more: float
+) -> tuple[LaneChange, LaneChange]:
+    """A prescriber that signals after a second and a receiver, driven; from ``cut_ms`` on neither
+    hears the other."""
     prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33), Plan(**more))
     receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33), limits=limits)
     drive = Drive([prescriber, receiver])
     drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
-    return drive, prescriber, receiver
+    drive.simulation.clock.at(cut_ms, lambda: drive.simulation.radio.partition([1], [3]))
+    drive.run(until)
+    return prescriber, receiver
 
 
 def test_neg_7_a_refusal_leads_to_a_gentler_proposal() -> None:
-    drive, prescriber, receiver = two(Limits(acceleration=2.2, deceleration=2.2))
-    drive.run(30)
+    prescriber, receiver = two(Limits(acceleration=2.2, deceleration=2.2))
     assert [w for w in said(prescriber) if "prescribes" in w] == [
         "prescribes 3 to drive 20 km/h slower",
         "prescribes 3 to drive 14 km/h slower",
@@ -123,31 +123,26 @@ def test_neg_7_a_refusal_leads_to_a_gentler_proposal() -> None:
 
 
 def test_neg_7_three_refusals_and_it_stays() -> None:
-    drive, prescriber, receiver = two(Limits(acceleration=0.1, deceleration=0.1))
-    drive.run(30)
+    prescriber, receiver = two(Limits(acceleration=0.1, deceleration=0.1))
     assert sum("refuses" in what for what in said(receiver)) == 3
     assert said(prescriber)[-1] == "drives alone: no_agreement" and prescriber.vehicle.lane == 0
 
 
-def test_act_2_a_target_that_falls_silent_leads_both_to_drive_alone() -> None:
-    drive, prescriber, receiver = two()
-    drive.simulation.clock.at(5000, lambda: drive.simulation.radio.partition([1], [3]))
-    drive.run(30)
+def test_act_1_act_2_a_target_that_falls_silent_leads_both_to_drive_alone() -> None:
+    prescriber, receiver = two(cut_ms=5000)
+    assert receiver.vehicle._profile is None and "moves over" not in said(prescriber)
     assert said(prescriber)[-1] == said(receiver)[-1] == "drives alone: cam_loss"
     assert prescriber.vehicle.lane == 0 and receiver.vehicle.speed == pytest.approx(8.33, abs=0.1)
 
 
 def test_end_1_what_is_begun_is_ended_by_the_planner_on_board() -> None:
-    drive, prescriber, _ = two()
-    drive.simulation.clock.at(9500, lambda: drive.simulation.radio.partition([1], [3]))
-    drive.run(30)
+    prescriber, _ = two(cut_ms=9500)
     assert "moves over" in said(prescriber) and "drives alone: cam_loss" in said(prescriber)
     assert prescriber.vehicle.lane == 1 and not prescriber.vehicle.changing
 
 
 def test_kin_5_a_trajectory_too_short_to_gain_the_gap_is_given_up() -> None:
-    drive, prescriber, receiver = two(gain_m=5000.0)
-    drive.run(12)
+    prescriber, receiver = two(gain_m=5000.0, until=12)
     assert any(what.startswith("gives up") for what in said(prescriber))
     assert said(receiver)[-1] == "drives alone: abort"
 
@@ -167,6 +162,14 @@ class Odd(LaneChange):
         return self.sends
 
 
+def answered_by(sends: messages.Trajectory, until: float) -> tuple[LaneChange, Odd]:
+    """A prescriber, and the receiver that sends this Intention, driven."""
+    prescriber, receiver = LaneChange(Vehicle(1, 0, 0, 8, 8)), Odd(Vehicle(3, -3, 1, 8, 8))
+    receiver.sends = sends
+    driven(lambda: prescriber.signal(1), prescriber, receiver, until=until)
+    return prescriber, receiver
+
+
 def rows(*points: tuple[int, int, int], t0: int = 0) -> messages.Trajectory:
     return messages.Trajectory(t0=t0, points=points)
 
@@ -181,14 +184,7 @@ def rows(*points: tuple[int, int, int], t0: int = 0) -> messages.Trajectory:
     ids=["one point", "a second", "another clock"],
 )
 def test_kin_3_where_nothing_is_known_the_lane_is_not_free(sends: messages.Trajectory) -> None:
-    prescriber, receiver = (
-        LaneChange(Vehicle(1, 0, 0, 8.33, 8.33)),
-        Odd(Vehicle(3, -3, 1, 8.33, 8.33)),
-    )
-    receiver.sends = sends
-    drive = Drive([prescriber, receiver])
-    drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
-    drive.run(30)
+    prescriber, _ = answered_by(sends, 30)
     assert "moves over" not in said(prescriber) and prescriber.vehicle.lane == 0
     assert "would come too close to [3]" in said(prescriber)
 
@@ -197,11 +193,7 @@ def test_kin_3_where_nothing_is_known_the_lane_is_not_free(sends: messages.Traje
 def test_end_5_an_intention_that_is_no_trajectory_crashes_nothing(
     sends: messages.Trajectory,
 ) -> None:
-    prescriber, receiver = LaneChange(Vehicle(1, 0, 0, 8, 8)), Odd(Vehicle(3, -3, 1, 8, 8))
-    receiver.sends = sends
-    drive = Drive([prescriber, receiver])
-    drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
-    drive.run(8)
+    prescriber, receiver = answered_by(sends, 8)
     assert "gives up: Intention of 3" in " ".join(said(prescriber))
     assert said(receiver)[-1] == "drives alone: abort" and prescriber.wanted is None
 
@@ -224,8 +216,10 @@ def test_kin_5_it_waits_for_the_gap_however_uneven_the_plan_is() -> None:
 
 
 def test_adv_1_a_second_signal_changes_nothing() -> None:
-    drive, prescriber, receiver = two()
-    for t, lane in ((3000, 2), (5000, 0), (6000, 1)):
+    prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33))
+    receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33))
+    drive = Drive([prescriber, receiver])
+    for t, lane in ((1000, 1), (3000, 2), (5000, 0), (6000, 1)):
         drive.simulation.clock.at(t, lambda lane=lane: prescriber.signal(lane))  # type: ignore[misc]
     drive.run(30)
     assert prescriber.vehicle.lane == 1 and prescriber.vehicle.y == LANE_WIDTH
@@ -241,13 +235,6 @@ def test_end_7_after_a_refused_request_it_may_ask_again() -> None:
     drive.run(5)
     assert [w for w in said(driver) if "refused" in w] == ["request is refused by END-7"]
     assert said(driver).count("signals for lane 1") == 3
-
-
-def test_act_1_after_a_fallback_nothing_prescribed_is_driven_and_nobody_moves_over() -> None:
-    drive, prescriber, receiver = two()
-    drive.simulation.clock.at(5000, lambda: drive.simulation.radio.partition([1], [3]))
-    drive.run(30)
-    assert receiver.vehicle._profile is None and "moves over" not in said(prescriber)
 
 
 @pytest.mark.parametrize("speed_kmh", [30, 80, 120])
@@ -303,9 +290,7 @@ def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
     assert zone[:, 1].max() == pytest.approx(5.25, abs=0.2)
     prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33), zone=lanes.zone)
     receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33))
-    drive = Drive([prescriber, receiver])
-    drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
-    drive.run(30)
+    driven(lambda: prescriber.signal(1), prescriber, receiver)
     assert "prescribes 3 to drive 20 km/h slower" in said(prescriber)
     with pytest.raises(MapError, match="lane 7"):
         lanes.zone(7)
@@ -316,13 +301,25 @@ def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
 # -- two other applications on the same service
 
 
+def ramp_and_road(x: float, **ramp: float) -> tuple[Merge, Merge]:
+    """One on the ramp at 0 m, one in the lane it joins at ``x``."""
+    joins = Ramp(**ramp)  # type: ignore[arg-type]
+    return Merge(Vehicle(1, 0, 0, 10, 10), joins), Merge(Vehicle(2, x, 1, 10, 10), joins)
+
+
+def answers_of(driver: Any) -> list[str]:
+    """The names of the commands that a driver gives from now on; they go nowhere."""
+    Drive([driver])
+    answers: list[str] = []
+    driver.service.command = lambda command, after_ms=0: answers.append(command.name)
+    return answers
+
+
 def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
     ramp = Ramp(joins_m=120)
     on_ramp = Merge(Vehicle(1, 0, 0, 10, 10), ramp)
     ahead, abreast = Merge(Vehicle(2, 60, 1, 10, 10), ramp), Merge(Vehicle(3, -5, 1, 10, 10), ramp)
-    drive = Drive([on_ramp, ahead, abreast])
-    drive.simulation.clock.at(100, on_ramp.signal)
-    drive.run(30)
+    drive = driven(on_ramp.signal, on_ramp, ahead, abreast)
     assert on_ramp.vehicle.lane == 1 and not on_ramp.vehicle.changing
     assert (ahead.ended, abreast.ended) == (["not_selected"], ["finished"])
     assert abreast.delayed is not None and 0.5 < abreast.delayed < 0.95
@@ -334,11 +331,7 @@ def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
 
 def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
     for cut_ms in (3000, 50):
-        ramp = Ramp(joins_m=120)
-        on_ramp, other = (
-            Merge(Vehicle(1, 0, 0, 10, 10), ramp),
-            Merge(Vehicle(2, -1, 1, 10, 10), ramp),
-        )
+        on_ramp, other = ramp_and_road(-1, joins_m=120)
         drive = Drive([on_ramp, other])
         drive.simulation.clock.at(100, on_ramp.signal)
         drive.simulation.clock.at(
@@ -351,8 +344,7 @@ def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
 
 
 def test_merge_a_later_proposal_asks_for_less_and_never_to_come_earlier() -> None:
-    ramp = Ramp(joins_m=150, slowest=0.999)
-    on_ramp, other = Merge(Vehicle(1, 0, 0, 10, 10), ramp), Merge(Vehicle(2, -22, 1, 10, 10), ramp)
+    on_ramp, other = ramp_and_road(-22, joins_m=150, slowest=0.999)
     drive = Drive([on_ramp, other])
     asked: list[float] = []
     drive.simulation.services[2]._observers = (
@@ -374,11 +366,8 @@ def mean_speed(trajectory: messages.Trajectory) -> float:
 
 
 def test_merge_nonsense_is_refused_and_crashes_nothing() -> None:
-    ramp = Ramp(joins_m=150)
-    other = Merge(Vehicle(2, 0, 1, 10, 10), ramp)
-    drive = Drive([other])
-    answers: list[str] = []
-    other.service.command = lambda command, after_ms=0: answers.append(command.name)  # type: ignore[method-assign]
+    _, other = ramp_and_road(0, joins_m=150)
+    answers = answers_of(other)
     other.concerned(Advertised((1, 1), "merge", {"joins_mm": 150_000}, None))
     for prescribed in (
         rows((0, 10**15, 3500), (1000, 2 * 10**15, 3500)),
@@ -387,33 +376,25 @@ def test_merge_nonsense_is_refused_and_crashes_nothing() -> None:
         rows((5, 0, 3500), (1, 9000, 3500)),
     ):
         other.verify(Proposal((1, 1), 1, prescribed, 0, 1000))
-    assert answers == ["refuse"] * 4 and drive.road.vehicles[0]._profile is None
+    assert answers == ["refuse"] * 4 and other.vehicle._profile is None
 
 
 def test_merge_without_conflict_needs_no_prescription() -> None:
-    ramp = Ramp(joins_m=120)
-    on_ramp, far = Merge(Vehicle(1, 0, 0, 10, 10), ramp), Merge(Vehicle(2, -90, 1, 10, 10), ramp)
-    drive = Drive([on_ramp, far])
-    drive.simulation.clock.at(100, on_ramp.signal)
-    drive.run(25)
+    on_ramp, far = ramp_and_road(-90, joins_m=120)
+    driven(on_ramp.signal, on_ramp, far, until=25)
     assert far.ended == ["not_needed"] and on_ramp.vehicle.lane == 1 and far.delayed is None
 
 
 def test_merge_a_delay_that_is_too_long_is_refused() -> None:
-    ramp = Ramp(joins_m=40, slowest=0.99)
-    on_ramp, other = Merge(Vehicle(1, 0, 0, 10, 10), ramp), Merge(Vehicle(2, -1, 1, 10, 10), ramp)
-    drive = Drive([on_ramp, other], parameters=Parameters(t_timeout=500))
-    drive.simulation.clock.at(100, on_ramp.signal)
-    drive.run(15)
+    on_ramp, other = ramp_and_road(-1, joins_m=40, slowest=0.99)
+    driven(on_ramp.signal, on_ramp, other, until=15, parameters=Parameters(t_timeout=500))
     assert other.ended == ["no_agreement"] and other.delayed is None
 
 
 def test_speed_advice_reaches_the_fastest_and_is_taken_back() -> None:
     works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=6000)
     slow, fast = SpeedAdvice(Vehicle(2, 0, 0, 8, 8)), SpeedAdvice(Vehicle(3, 0, 1, 14, 14))
-    drive = Drive([works, slow, fast])
-    drive.simulation.clock.at(100, works.signal)
-    drive.run(7)
+    drive = driven(works.signal, works, slow, fast, until=7)
     assert fast.vehicle.speed == pytest.approx(6, abs=0.6) and fast.vehicle.desired == 6
     drive.run(30)
     assert (slow.ended, fast.ended) == (["not_selected"], ["finished"])
@@ -423,9 +404,7 @@ def test_speed_advice_reaches_the_fastest_and_is_taken_back() -> None:
 def test_speed_advice_too_slow_is_answered_by_a_milder_one() -> None:
     works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=1000)
     other = SpeedAdvice(Vehicle(2, 0, 0, 10, 10))
-    drive = Drive([works, other])
-    drive.simulation.clock.at(100, works.signal)
-    drive.run(4)
+    driven(works.signal, works, other, until=4)
     assert other.vehicle.desired == pytest.approx(5.5, abs=0.01)
 
 
@@ -441,9 +420,7 @@ def test_speed_advice_too_slow_is_answered_by_a_milder_one() -> None:
 )
 def test_speed_advice_nonsense_or_faster_is_refused(prescribed: messages.Trajectory) -> None:
     driver = SpeedAdvice(Vehicle(2, 0, 0, 9, 9))
-    Drive([driver])
-    answers: list[str] = []
-    driver.service.command = lambda command, after_ms=0: answers.append(command.name)  # type: ignore[method-assign]
+    answers = answers_of(driver)
     driver.verify(Proposal((1, 1), 1, prescribed, 0, 1000))
     driver.verify(Proposal((1, 1), 1, rows((0, 0, 0), (1000, 6000, 0)), 0, 1000))
     assert answers == ["refuse", "accept"]
@@ -452,11 +429,9 @@ def test_speed_advice_nonsense_or_faster_is_refused(prescribed: messages.Traject
 def test_speed_advice_is_taken_back_by_a_fallback_too() -> None:
     works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=6000, advice_ms=40_000)
     other = SpeedAdvice(Vehicle(2, 0, 0, 10, 10))
-    drive = Drive([works, other])
-    drive.simulation.clock.at(100, works.signal)
-    drive.simulation.clock.at(5000, lambda: drive.simulation.radio.partition([1], [2]))
-    drive.run(4.9)
+    drive = driven(works.signal, works, other, until=4.9)
     assert other.vehicle.desired == 6
+    drive.simulation.radio.partition([1], [2])
     drive.run(9)
     assert other.vehicle.desired == 10 and other.ended == ["cam_loss"]
 

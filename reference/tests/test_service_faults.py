@@ -25,6 +25,9 @@ from automcm_traces.explain import explain_file
 from automcm_traces.reader import read
 from automcm_traces.writer import LogWriter
 
+ABOUT: dict[str, Any] = {"run": "r", "station": 1, "implementation": "i", "version": "1"}
+"""A log's header."""
+
 
 def test_mem_1_the_neighbours_kept_are_those_heard_last_and_not_oneself() -> None:
     service, wire, _ = alone()
@@ -102,9 +105,8 @@ def test_what_was_due_happens_even_if_the_application_raises_when_asked_to_join(
         def concerned(self, advertised: Advertised) -> Trajectory | None:
             raise RuntimeError("a bug")
 
-    application, clock, wire = Faulty(), Jumpy(), Wire()
-    service = McService(1, application, wire, clock)
-    service.start()
+    application = Faulty()
+    service, wire, clock = alone(application, Jumpy())
     service.command(LANE_CHANGE)
     clock.time = 2100  # the window closes just before the Advertisement is read
     with pytest.raises(RuntimeError, match="a bug"):
@@ -115,20 +117,13 @@ def test_what_was_due_happens_even_if_the_application_raises_when_asked_to_join(
 
 def test_an_exception_keeps_nobody_else_from_being_told() -> None:
     application = Noted()
-    clock, wire = VirtualClock(), Wire()
 
     def breaks(before: object, effects: object) -> None:
         raise RuntimeError("an observer's bug")
 
     seen: list[str] = []
-    service = McService(
-        1,
-        application,
-        wire,
-        clock,
-        observers=(breaks, lambda before, effects: seen.append(effects.rule)),
-    )
-    service.start()
+    observers = breaks, lambda before, effects: seen.append(effects.rule)
+    service, _, _ = alone(application, observers=observers)
     with pytest.raises(RuntimeError, match="an observer's bug"):
         service.command(Abort(session=(1, 1)))
     assert (application.calls, seen) == ([("refused", "abort", "CMD-1")], ["CMD-1"])
@@ -243,7 +238,7 @@ class Broken(LogWriter):
 
 
 def test_a_log_that_raises_keeps_no_message_from_the_air(tmp_path: Path) -> None:
-    log = Broken(tmp_path / "log", run="r", station=1, implementation="i", version="1")
+    log = Broken(tmp_path / "log", **ABOUT)
     application = Noted()
     service, wire, clock = alone(application, log=log)
     with pytest.raises(OSError, match="no room"):
@@ -285,10 +280,8 @@ def test_end_1_a_service_that_stops_leaves_and_tells_everybody(victim: int, at: 
 
 
 def test_of_an_absence_the_log_tells_once(tmp_path: Path) -> None:
-    clock, wire = Jumpy(), Wire()
-    log = LogWriter(tmp_path / "log", run="r", station=1, implementation="i", version="1")
-    service = McService(1, Noted(), wire, clock, log=log)
-    service.start()
+    log = LogWriter(tmp_path / "log", **ABOUT)
+    service, wire, clock = alone(clock=Jumpy(), log=log)
     first = min(due for due, _ in clock.alarms)
     for late in (0, service.parameters.t_resend // 2, 2000):
         clock.time = max(clock.time, first) + late
@@ -320,10 +313,7 @@ def test_a_message_that_cannot_be_encoded_is_as_if_lost_and_its_step_is_logged(
 
     log = LogWriter(
         tmp_path / "log",
-        run="r",
-        station=1,
-        implementation="i",
-        version="1",
+        **ABOUT,
         parameters=in_header(Parameters().known),
         complete=logging.COMPLETE,
     )
