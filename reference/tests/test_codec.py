@@ -341,17 +341,6 @@ def test_kin_2_far_from_the_origin_json_does_not_fit() -> None:
         assert len(UPER.encode(message)) < 310
 
 
-def test_the_points_measured_are_the_papers() -> None:
-    points = sizes.trajectory(52).points
-    for (t, x, y), (t2, x2, y2) in itertools.pairwise(points):
-        assert (x2 - x) ** 2 + (y2 - y) ** 2 == 5000**2
-        assert 5000 * 3600 // (t2 - t) == 30_000
-
-
-def test_the_table_marks_what_does_not_fit() -> None:
-    assert "| Prescription | 260 | **" in sizes.table()
-
-
 # The fuzzer.
 
 

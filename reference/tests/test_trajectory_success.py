@@ -72,12 +72,6 @@ def test_vectorised(loss: list[float], n: int) -> None:
         assert made[1] == pytest.approx(made[0][::-1], abs=1e-14)
 
 
-def test_ends() -> None:
-    for kernel in (success.message, success.exchange, success.session):
-        assert kernel([0.0, 1.0], 1).tolist() == [1, 0]
-        assert kernel([0.0, 1.0], 21).tolist() == [1, 0]
-
-
 def test_knees_of_fig_9() -> None:
     """The session stays above 85 % one tenth before the paper's knee, and falls below 65 % at or
     one tenth after it; Eq. 2 alone stays above 99 % at the later two."""

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from automcm.experiments import arrival_page, sumo
 from automcm.experiments.arrival_claims import SPEEDS_KMH, claims, summary
-from automcm.experiments.experiment import Experiment, ExperimentError, Settings, Values
+from automcm.experiments.experiment import Experiment, ExperimentError, Settings, Values, columns
 from automcm.experiments.intervals import mean
 from automcm.road import Driving, Late
 from automcm.scenarios.drive import FourVehicles, arrival_s
@@ -90,28 +90,17 @@ def cells(settings: Arrival) -> list[Values]:
             found += [
                 here | {"part": "sumo", "how": how, "draws": settings.trials} for how in sumo.HOWS
             ]
+        here |= {"model": model}
+        trials = here | {"part": "trials"}
         found += [
-            here
-            | {
-                "part": "trials",
-                "model": model,
-                "block": n,
-                "trials": min(BLOCK, all_["trials"] - n),
-            }
+            trials | {"block": n, "trials": min(BLOCK, settings.trials - n)}
             for n in range(0, settings.trials, BLOCK)
         ]
-        here |= {"model": model, "draws": settings.draws}
+        here |= {"draws": settings.draws}
         found += [here | {"part": "one", "name": name, "tried": tried[name]} for name in tried]
-        found += [
-            here
-            | {
-                "part": "grid",
-                "brake": brake,
-                "restart_gaps": tried["restart_gap"],
-                "restarts_s": tried["restart_s"],
-            }
-            for brake in tried["brake"]
-        ]
+        grid = {"part": "grid", "restart_gaps": tried["restart_gap"]}
+        grid |= here | {"restarts_s": tried["restart_s"]}
+        found += [grid | {"brake": brake} for brake in tried["brake"]]
     return sorted(found, key=lambda values: values["part"] != "sumo")
 
 
@@ -136,18 +125,21 @@ def run(values: Values, seed: int) -> Values:
 
 def _trials(values: Values, random: Random) -> Values:
     """Lists, one entry for each trial."""
-    found: Values = {"signal_m": [], "beside_m": [], "with": {}, "without": {}}
-    for _ in range(values["trials"]):
-        draw, seed = (
-            drawn(values["places"], random.random(), random.random()),
-            random.getrandbits(31),
+    draws = [
+        (drawn(values["places"], random.random(), random.random()), random.getrandbits(31))
+        for _ in range(values["trials"])
+    ]
+    found: Values = {
+        "beside_m": [round(beside_m, 3) for (beside_m, _), _ in draws],
+        "signal_m": [round(signal_m, 3) for (_, signal_m), _ in draws],
+    }
+    for which in ("with", "without"):
+        found[which] = columns(
+            [
+                drive(values, draw, values["model"], coordinated=which == "with", seed=seed)
+                for draw, seed in draws
+            ]
         )
-        found["beside_m"].append(round(draw[0], 3))
-        found["signal_m"].append(round(draw[1], 3))
-        for which in ("with", "without"):
-            driven = drive(values, draw, values["model"], coordinated=which == "with", seed=seed)
-            for name, value in driven.items():
-                found[which].setdefault(name, []).append(value)
     return found
 
 
@@ -168,18 +160,19 @@ def _in_sumo(values: Values, seed: int) -> Values:
     places = values["places"]
     speed = values["speed_kmh"] / 3.6
     starts = spread(places, values["draws"])
-    found: Values = {}
-    for beside_m, signal_m in starts:
-        driven = sumo.Trial(
-            how=values["how"],
-            speed=speed,
-            beside_m=beside_m,
-            signal_s=signal_m / speed,
-            target_m=places["target_m"],
-            seed=seed % 2**31,
-        ).run()
-        for name, value in driven.items():
-            found.setdefault(name, []).append(value)
+    found = columns(
+        [
+            sumo.Trial(
+                how=values["how"],
+                speed=speed,
+                beside_m=beside_m,
+                signal_s=signal_m / speed,
+                target_m=places["target_m"],
+                seed=seed % 2**31,
+            ).run()
+            for beside_m, signal_m in starts
+        ]
+    )
     undisturbed = mean([(places["target_m"] - signal_m) / speed for _, signal_m in starts])
     return {
         "arrival_s": round(mean(found["arrival_s"]), 3),

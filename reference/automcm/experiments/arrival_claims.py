@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 
-from automcm.experiments.experiment import Cell, Claim, Values, chosen, graded
+from automcm.experiments.experiment import Cell, Claim, Values, chosen, columns, graded
 from automcm.experiments.intervals import Z, mean, quantile
 
 SPEEDS_KMH = (30, 50)
@@ -69,10 +70,8 @@ def _trials(cells: Sequence[Cell], speed_kmh: int) -> Values:
     found: Values = {"trials": len(signals), "timed_m": round(timed_m, 3)}
     times = {}
     for which in ("with", "without"):
-        lists = {
-            name: [value for cell in cells for value in cell.result[which][name]]
-            for name in cells[0].result[which]
-        }
+        each = columns([cell.result[which] for cell in cells])
+        lists = {name: list(chain.from_iterable(values)) for name, values in each.items()}
         times[which] = lists["arrival_s"]
         found[which] = {
             "mean_s": mean(lists["arrival_s"]),

@@ -14,10 +14,10 @@ from automcm.scenarios.lane_change import Plan
 from automcm_spec import markdown
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 COLOURS = {"with": "tab:blue", "without": "tab:orange"}
+FRAME = {"boxstyle": "round,pad=0.25", "fill": False, "edgecolor": "tab:red", "linewidth": 1.5}
 NAMES = {
     "notice": "noticed that far from its lane's middle, m",
     "brake": "brakes at (at least), m/s²",
@@ -95,9 +95,9 @@ def _grid(report: Values) -> Figure:
         image = plot.imshow(rows, origin="lower", aspect="auto", cmap="viridis", vmin=0, vmax=top)
         for y, row in enumerate(rows):
             for x, value in enumerate(row):
-                _cell(
-                    plot, x, y, value, value < top / 2, abs(value - PAPER[speed_kmh][0]) <= NEAR_S
-                )
+                colour = "white" if value < top / 2 else "black"
+                box = FRAME if abs(value - PAPER[speed_kmh][0]) <= NEAR_S else None
+                plot.text(x, y, f"{value:.1f}", ha="center", va="center", color=colour, bbox=box)
         plot.grid(visible=False)
         plot.set_xticks(range(len(waits)), [f"{wait:g}" for wait in waits])
         plot.set_yticks(range(len(gaps)), [f"{gap:g}" for gap in gaps])
@@ -106,16 +106,3 @@ def _grid(report: Values) -> Figure:
     plots[0].set_ylabel("restarts at a gap of, m")
     figure.colorbar(image, ax=plots, label=f"gain, s (brakes at {brake:g} m/s²)")
     return figure
-
-
-def _cell(plot: Axes, x: int, y: int, value: float, dark: bool, framed: bool) -> None:
-    box = {"boxstyle": "round,pad=0.25", "fill": False, "edgecolor": "tab:red", "linewidth": 1.5}
-    plot.text(
-        x,
-        y,
-        f"{value:.1f}",
-        ha="center",
-        va="center",
-        color="white" if dark else "black",
-        bbox=box if framed else None,
-    )

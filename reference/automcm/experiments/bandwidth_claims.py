@@ -6,13 +6,12 @@ from collections.abc import Sequence
 
 from automcm.experiments.bandwidth_air import CODECS, FORMS
 from automcm.experiments.bandwidth_summary import drive
-from automcm.experiments.experiment import Claim, Values, Verdict, graded
+from automcm.experiments.experiment import Claim, Values, beyond, graded
 
 TEN, MANY = 10.0, 3.0
 """The paper's ratio of a message with a trajectory to a CAM; and what is still many times."""
 SAME = 0.05
 """Amounts that differ by less than this part are the same."""
-BEYOND: Verdict = "beyond the paper"
 
 
 def claims(report: Values) -> list[Claim]:
@@ -122,9 +121,8 @@ def _saves(s: Values) -> Claim:
 
 
 def _often(two: Values, four: Values) -> Claim:
-    return Claim(
+    return beyond(
         "how often lane changes may happen before event-driven saves nothing",
-        "-",
         " and ".join(
             f"{min(d['saving']['sent'][n]['break_even_per_min'] for n in CODECS):.0f} a minute "
             f"with {d['vehicles']} vehicles"
@@ -132,7 +130,6 @@ def _often(two: Values, four: Values) -> Claim:
         )
         + f"; one takes {four['s']:.1f} s, so one after another they are at most "
         f"{60 / four['s']:.1f} a minute",
-        BEYOND,
     )
 
 
@@ -143,22 +140,19 @@ def _lean(two: Values, four: Values) -> Claim:
         for name in CODECS
     )
     form, lean = FORMS[1:]
-    return Claim(
+    return beyond(
         "most bytes are the repeated Advertisement",
-        "-",
         f"up to {part:.0%} of all; without the trajectory in it (it may go without) a lane change "
         f"of four takes {four['event'][lean]['json']:,.0f} instead of "
         f"{four['event'][form]['json']:,.0f} bytes (JSON) or {four['event'][lean]['uper']:,.0f} "
         f"instead of {four['event'][form]['uper']:,.0f} (UPER), with 52 points",
-        BEYOND,
-        f"it is broadcast {four['count']['Advertisement']:.0f} times (ADV-2)",
+        why=f"it is broadcast {four['count']['Advertisement']:.0f} times (ADV-2)",
     )
 
 
 def _lossy(s: Values) -> Claim:
-    return Claim(
+    return beyond(
         "what packet loss adds to event-driven",
-        "-",
         "; ".join(
             f"{n} vehicles at {lossy['loss']:.0%} loss: "
             + _each(
@@ -170,8 +164,8 @@ def _lossy(s: Values) -> Claim:
             for n in (2, 4)
             for lossy in [drive(s, n, lossy=True)]
         ),
-        BEYOND,
-        "more Intentions, Acceptances, Fins and Acks are sent again; Advertisements are not more",
+        why="more Intentions, Acceptances, Fins and Acks are sent again; "
+        "Advertisements are not more",
     )
 
 
@@ -181,18 +175,16 @@ def _scaling(s: Values) -> Claim:
         (each for each in s["many"] if each["participants"] == usual),
         key=lambda each: each["vehicles"],
     )
-    return Claim(
+    return beyond(
         f"share of a 6 Mbit/s channel with {last['vehicles']} vehicles in range",
-        "-",
         "; ".join(
             f"{name.upper()}: CAMs alone {of['cams']:.1%}, and one lane change "
             f"{of['maneuver']:.1%} (busiest half second {of['busiest']:.1%}), "
             f"and always-on {of['always']:.1%}"
             for name, of in last["channel"].items()
         ),
-        BEYOND,
-        "CAMs at 10 Hz and the headers of each frame are counted; preambles, gaps and collisions "
-        "are not",
+        why="CAMs at 10 Hz and the headers of each frame are counted; preambles, gaps and "
+        "collisions are not",
     )
 
 
@@ -201,15 +193,13 @@ def _crowded(s: Values) -> list[Claim]:
     by = {(each["vehicles"], each["participants"]): each for each in s["many"]}
     usual = min(participants for _, participants in by)
     return [
-        Claim(
+        beyond(
             f"with {n} vehicles more want to take part than the {usual} a prescriber notes",
-            "-",
             f"{by[n, usual]['intentions']} Intentions are sent instead of "
             f"{by[n, most]['intentions']}, and {by[n, usual]['event']['json']:,.0f} instead of "
             f"{by[n, most]['event']['json']:,.0f} bytes (JSON)",
-            BEYOND,
-            "beyond max_participants an Intention is ignored (section 3), so its sender repeats it "
-            "until it gives up",
+            why="beyond max_participants an Intention is ignored (section 3), so its sender "
+            "repeats it until it gives up",
         )
         for n, most in sorted(by)
         if most > usual

@@ -259,55 +259,42 @@ class Course:
     """What happens on the same road if nobody wants to change lanes."""
 
 
-NO_CAM_TIMER = "t_cam_loss is so long that it never expires, in both stations"
-SAYS_NOTHING = "the application that gives up drives alone and gives its service no command"
+def _without_act_2(text: str, befalls: Callable[[Run], None]) -> Course:
+    taken = "t_cam_loss is so long that it never expires, in both stations"
+    return Course(text=text, rule="ACT-2", taken=taken, befalls=befalls, cams=False)
+
+
+def _without_a_word(text: str, station_id: int) -> Course:
+    taken = "the application that gives up drives alone and gives its service no command"
+    befalls = lambda run: run.gives_up(station_id)  # noqa: E731
+    return Course(text=text, rule="END-1, END-2", taken=taken, befalls=befalls)
+
+
 COURSES = {
-    "cut": Course(
-        text="from then on no message passes between the prescriber and B",
-        rule="ACT-2",
-        taken=NO_CAM_TIMER,
-        befalls=lambda run: run.cut((PRESCRIBER, B), (B, PRESCRIBER)),
-        cams=False,
+    "cut": _without_act_2(
+        "from then on no message passes between the prescriber and B",
+        lambda run: run.cut((PRESCRIBER, B), (B, PRESCRIBER)),
     ),
-    "cut_to_b": Course(
-        text="from then on B hears nothing of the prescriber, which still hears B",
-        rule="ACT-2",
-        taken=NO_CAM_TIMER,
-        befalls=lambda run: run.cut((PRESCRIBER, B)),
-        cams=False,
+    "cut_to_b": _without_act_2(
+        "from then on B hears nothing of the prescriber, which still hears B",
+        lambda run: run.cut((PRESCRIBER, B)),
     ),
-    "cut_to_prescriber": Course(
-        text="from then on the prescriber hears nothing of B, which still hears it",
-        rule="ACT-2",
-        taken=NO_CAM_TIMER,
-        befalls=lambda run: run.cut((B, PRESCRIBER)),
-        cams=False,
+    "cut_to_prescriber": _without_act_2(
+        "from then on the prescriber hears nothing of B, which still hears it",
+        lambda run: run.cut((B, PRESCRIBER)),
     ),
-    "prescriber_dies": Course(
-        text="the prescriber's station falls silent; its vehicle drives on alone",
-        rule="ACT-2",
-        taken=NO_CAM_TIMER,
-        befalls=lambda run: run.dies(PRESCRIBER),
-        cams=False,
+    "prescriber_dies": _without_act_2(
+        "the prescriber's station falls silent; its vehicle drives on alone",
+        lambda run: run.dies(PRESCRIBER),
     ),
-    "b_dies": Course(
-        text="B's station falls silent; its vehicle drives on alone",
-        rule="ACT-2",
-        taken=NO_CAM_TIMER,
-        befalls=lambda run: run.dies(B),
-        cams=False,
+    "b_dies": _without_act_2(
+        "B's station falls silent; its vehicle drives on alone", lambda run: run.dies(B)
     ),
-    "prescriber_aborts": Course(
-        text="the prescriber's own lane is free again: its application gives the change up",
-        rule="END-1, END-2",
-        taken=SAYS_NOTHING,
-        befalls=lambda run: run.gives_up(PRESCRIBER),
+    "prescriber_aborts": _without_a_word(
+        "the prescriber's own lane is free again: its application gives the change up", PRESCRIBER
     ),
-    "b_aborts": Course(
-        text="B's application can drive the trajectory no longer and gives up",
-        rule="END-1, END-2",
-        taken=SAYS_NOTHING,
-        befalls=lambda run: run.gives_up(B),
+    "b_aborts": _without_a_word(
+        "B's application can drive the trajectory no longer and gives up", B
     ),
     "leader_stops": Course(
         text="A brakes to a stop; the prescriber's application sees it and gives the change up",

@@ -58,7 +58,7 @@ def graded(all_: bool, some: bool) -> Verdict:
     return "reproduced" if all_ else "in shape only" if some else "not reproduced"
 
 
-def beyond(claim: str, here: str, holds: bool, why: str) -> Claim:
+def beyond(claim: str, here: str, holds: bool = True, why: str = "") -> Claim:
     """A claim that the paper has no figure for."""
     return Claim(claim, "-", here, "beyond the paper" if holds else "not reproduced", why)
 
@@ -113,3 +113,8 @@ class Experiment:
 def chosen(cells: Sequence[Cell], **values: Json) -> list[Cell]:
     """The cells that were run with these values."""
     return [cell for cell in cells if all(cell.values.get(name) == v for name, v in values.items())]
+
+
+def columns(rows: Sequence[Values]) -> Values:
+    """By name the values of all rows, which have the names of the first."""
+    return {name: [row[name] for row in rows] for name in rows[0]}

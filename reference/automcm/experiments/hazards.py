@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from automcm.links.simulated import Channel
 from automcm.outcome import Expiry, Restart
@@ -59,12 +60,24 @@ class Hazard:
         return self.until_ms - self.since_ms
 
 
-def by_excuse(hazards: Sequence[Hazard]) -> dict[str, list[int]]:
-    """Lengths in ms, sorted, by what excuses them; ``none`` for nothing."""
-    found: dict[str, list[int]] = {}
-    for hazard in hazards:
-        found.setdefault(hazard.excuse or "none", []).append(hazard.length_ms)
-    return {excuse: sorted(lengths) for excuse, lengths in found.items()}
+def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[str, Any]:
+    """The hazards of runs with these seeds: their ``lengths`` in ms, sorted, by what excuses them
+    (``none`` for nothing), and the first that are ``wrong``: unexcused, or longer than ``b``."""
+    lengths: dict[str, list[int]] = {}
+    for hazard in (hazard for run in runs for hazard in run):
+        lengths.setdefault(hazard.excuse or "none", []).append(hazard.length_ms)
+    wrong = [
+        {"seed": seed, "ms": h.length_ms, "excuse": h.excuse}
+        for seed, run in zip(seeds, runs, strict=True)
+        for h in run
+        if not h.excuse or h.length_ms > b
+    ]
+    return {
+        "bound_ms": b,
+        "lengths": {excuse: sorted(each) for excuse, each in lengths.items()},
+        "with_hazard": sum(bool(run) for run in runs),
+        "wrong": wrong[:5],
+    }
 
 
 class Watched(Simulation):

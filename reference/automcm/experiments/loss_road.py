@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from automcm.experiments.experiment import ExperimentError, Values
+from automcm.experiments.experiment import ExperimentError, Values, columns
 from automcm.links.simulated import Channel
 from automcm.road import Late, Vehicle
 from automcm.scenarios.drive import Drive, arrival_s
@@ -63,14 +63,13 @@ def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Val
 def block(values: Values, seed: int) -> Values:
     """Drives in one cell: a list of each figure."""
     random = Random(seed)
-    found: Values = {}
-    for _ in range(values["trials"]):
-        one = drive(
+    drives = [
+        drive(
             values,
             random.getrandbits(31),
             beside_m=random.uniform(*values["beside_m"]),
             signal_m=random.uniform(*values["signal_m"]),
         )
-        for name, value in one.items():
-            found.setdefault(name, []).append(value)
-    return found
+        for _ in range(values["trials"])
+    ]
+    return columns(drives)

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from automcm.experiments.experiment import Cell, Claim, Values, chosen, graded
+from automcm.experiments.experiment import Cell, Claim, Values, beyond, chosen, graded
 from automcm.experiments.intervals import mean, wilson
 from automcm.experiments.loss_sessions import BIN_MS
 from automcm.trajectory import success
@@ -331,12 +331,10 @@ def _bursts(found: Values) -> Claim:
     for t, loss in ((0, 10), (1000, 50), (2000, 60)):
         even, burst = at(found["points"][str(t)], loss), at(found["bursts"][longest][str(t)], loss)
         parts.append(f"{even:.1%} and {burst:.1%} ({t / 1000:g} s, {loss}%)")
-    return Claim(
+    return beyond(
         f"loss in bursts of {int(longest) / 1000:g} s against even loss of the same mean",
-        "-",
         "success even and in bursts " + ", ".join(parts),
-        "beyond the paper",
-        "a burst as long as the time-out takes all copies of a message",
+        why="a burst as long as the time-out takes all copies of a message",
     )
 
 
@@ -346,12 +344,10 @@ def _smallest_claim(found: Values) -> Claim:
         + (f"{row['measured']} ms" if row["measured"] is not None else f"above {row['longest']} ms")
         for row in found["smallest"]
     ]
-    return Claim(
+    return beyond(
         "the smallest time-out tried with which 99% agree",
-        "-",
         ", ".join(parts),
-        "beyond the paper",
-        "no refusals, an answer within a millisecond",
+        why="no refusals, an answer within a millisecond",
     )
 
 
@@ -361,11 +357,9 @@ def _sockets(found: Values) -> Claim:
         same = next(p for p in found["points"][str(row["t_timeout"])] if p["loss"] == row["loss"])
         inside += row["low"] <= same["high"] and same["low"] <= row["high"]
     trials = sum(row["trials"] for row in found["udp"])
-    return Claim(
+    return beyond(
         "real UDP sockets and a relay that loses give what the simulated radio gives",
-        "-",
         f"{inside} of {len(found['udp'])} points within each other's 95 % intervals, {trials} "
         "sessions",
-        "beyond the paper",
-        "in real time, so not the same again with the same seed",
+        why="in real time, so not the same again with the same seed",
     )

@@ -18,7 +18,7 @@ from automcm.experiments import safety_figures, safety_page, safety_road
 from automcm.experiments.ablations import BY_NAME, WHOLE, Ablation
 from automcm.experiments.experiment import Experiment, Settings, Values
 from automcm.experiments.faults import KINDS, Fault, Roles, drawn, inject
-from automcm.experiments.hazards import Hazard, Watched, bound_ms, by_excuse
+from automcm.experiments.hazards import Hazard, Watched, bound_ms, met
 from automcm.experiments.safety_tables import summary
 from automcm.links.simulated import Channel
 from automcm.straight import Straight
@@ -217,16 +217,7 @@ def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
 
 def together(outcomes: Sequence[Outcome], seeds: Sequence[int], b: int) -> Values:
     """The runs of a cell as counts, and the lengths of its hazards in ms by what excuses them."""
-    wrong = [
-        {"seed": seed, "ms": h.length_ms, "excuse": h.excuse}
-        for seed, outcome in zip(seeds, outcomes, strict=True)
-        for h in outcome.hazards
-        if not h.excuse or h.length_ms > b
-    ]
-    return {
-        "bound_ms": b,
-        "lengths": by_excuse([hazard for outcome in outcomes for hazard in outcome.hazards]),
-        "with_hazard": sum(bool(outcome.hazards) for outcome in outcomes),
+    return met(seeds, [outcome.hazards for outcome in outcomes], b) | {
         "unexcused": sum(any(not h.excuse for h in o.hazards) for o in outcomes),
         "beyond": sum(any(h.length_ms > b for h in o.hazards) for o in outcomes),
         "agreed": sum(outcome.agreed > 0 for outcome in outcomes),
@@ -234,7 +225,6 @@ def together(outcomes: Sequence[Outcome], seeds: Sequence[int], b: int) -> Value
         "completed": sum(outcome.completed for outcome in outcomes),
         "in_vain": sum(outcome.in_vain for outcome in outcomes),
         "stuck": sum(outcome.stuck for outcome in outcomes),
-        "wrong": wrong[:5],
     }
 
 

@@ -23,7 +23,7 @@ def claims(report: Values) -> list[Claim]:
     own = [row for row in s["classes"] if row["ablation"] == WHOLE.name]
     within = sum(row["longest_ms"] <= row["bound_ms"] for row in own)
     drives = f"{whole['hazards']} hazards in {whole['drives']} drives"
-    found = [
+    return [
         beyond(
             "No hazard lasts longer than B = D + L (T-2)",
             f"longest {whole['longest_ms']} ms of {drives}; B = {b} ms",
@@ -54,8 +54,9 @@ def claims(report: Values) -> list[Claim]:
         _class_claim(
             s, "The marks of CAMs shorten a restart of the target (ACT-5)", "target restarts", PLAIN
         ),
+        _mechanism_claim(s),
+        _road_claim(s),
     ]
-    return [*found, *_mechanism_claim(s), *_road_claim(s)]
 
 
 def _class_claim(s: Values, claim: str, fault: str, without: str) -> Claim:
@@ -71,33 +72,29 @@ def _class_claim(s: Values, claim: str, fault: str, without: str) -> Claim:
     )
 
 
-def _mechanism_claim(s: Values) -> list[Claim]:
+def _mechanism_claim(s: Values) -> Claim:
     rows = [row for row in s["mechanisms"] if row["rule"]]
     bad = [row for row in rows if row["unexcused"] or row["beyond"]]
     seen = [row for row in rows if row["shows"]]
-    return [
-        beyond(
-            "Mechanisms without which random faults lead to hazards that S-5 or T-2 forbid",
-            f"{len(bad)} of {len(rows)}; {len(seen)} of {len(rows)} show some effect",
-            len(bad) > 0,
-            "; ".join(row["ablation"] for row in bad) or "none was met",
-        )
-    ]
+    return beyond(
+        "Mechanisms without which random faults lead to hazards that S-5 or T-2 forbid",
+        f"{len(bad)} of {len(rows)}; {len(seen)} of {len(rows)} show some effect",
+        len(bad) > 0,
+        "; ".join(row["ablation"] for row in bad) or "none was met",
+    )
 
 
-def _road_claim(s: Values) -> list[Claim]:
+def _road_claim(s: Values) -> Claim:
     whole = _road_sum(s["road"], WHOLE.name)
     alone = _road_sum(s["road"], UNCOORDINATED)
-    return [
-        beyond(
-            "With faults, too, a prescriber moves over only where there is room",
-            f"{whole['near']} of {whole['moved']} with less than 2 m; "
-            f"without coordination {alone['near']} of {alone['moved']}",
-            whole["moved"] > 0 and whole["near"] * alone["moved"] < alone["near"] * whole["moved"],
-            f"receivers brake harder than {HARD:g} m/s² in {whole['hard']} of "
-            f"{whole['drives']} and {alone['hard']} of {alone['drives']} drives",
-        )
-    ]
+    return beyond(
+        "With faults, too, a prescriber moves over only where there is room",
+        f"{whole['near']} of {whole['moved']} with less than 2 m; "
+        f"without coordination {alone['near']} of {alone['moved']}",
+        whole["moved"] > 0 and whole["near"] * alone["moved"] < alone["near"] * whole["moved"],
+        f"receivers brake harder than {HARD:g} m/s² in {whole['hard']} of "
+        f"{whole['drives']} and {alone['hard']} of {alone['drives']} drives",
+    )
 
 
 def _road_sum(rows: Sequence[Values], name: str) -> Values:

@@ -12,7 +12,7 @@ import numpy as np
 from automcm.experiments.ablations import BY_NAME, WHOLE
 from automcm.experiments.experiment import Values
 from automcm.experiments.faults import CUTS, Roles, drawn, inject
-from automcm.experiments.hazards import Hazard, Watched, bound_ms, by_excuse
+from automcm.experiments.hazards import Hazard, Watched, bound_ms, met
 from automcm.links.simulated import Channel
 from automcm.road import Late, Sample, Vehicle
 from automcm.scenarios.drive import STEP_MS, Drive, FourVehicles
@@ -53,23 +53,12 @@ def run(values: Values, seeds: Sequence[int]) -> Values:
     drives = [drive(values, seed) for seed in seeds]
     ablation = BY_NAME.get(values["ablation"], WHOLE)
     b = bound_ms(ablation.parameters, values["delay_ms"])
-    return {
-        "bound_ms": b,
-        "room_m": [None if d.room_m is None else round(d.room_m, 2) for d in drives],
-        "gap_m": [None if d.gap_m is None else round(d.gap_m, 2) for d in drives],
-        "ttc_s": [None if d.ttc_s is None else round(d.ttc_s, 2) for d in drives],
-        "braking": [round(d.braking, 2) for d in drives],
-        "lengths": by_excuse([h for d in drives for h in d.hazards]),
-        "with_hazard": sum(bool(d.hazards) for d in drives),
-        "begun": sum(d.begun for d in drives),
-        "unasked": sum(d.unasked for d in drives),
-        "wrong": [
-            {"seed": seed, "ms": h.length_ms, "excuse": h.excuse}
-            for seed, d in zip(seeds, drives, strict=True)
-            for h in d.hazards
-            if not h.excuse or h.length_ms > b
-        ][:5],
+    measured = {
+        name: [None if (m := getattr(d, name)) is None else round(m, 2) for d in drives]
+        for name in ("room_m", "gap_m", "ttc_s", "braking")
     }
+    counts = {name: sum(getattr(d, name) for d in drives) for name in ("begun", "unasked")}
+    return met(seeds, [d.hazards for d in drives], b) | measured | counts
 
 
 @dataclass(frozen=True, slots=True)

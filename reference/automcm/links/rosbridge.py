@@ -299,6 +299,15 @@ class _OfSession(_Input):
             raise MessageError("msg.session: must name one")
         return session
 
+    def command(self) -> commands.Command:
+        """The command of its name, but of ``Accept``, which has no trajectory.
+
+        Raises ValueError.
+        """
+        fields = {name: value for name, value in self if name not in ("header", "session")}
+        made: commands.Command = getattr(commands, type(self).__name__)(session=self.key, **fields)
+        return made
+
 
 class Prescribe(_OfSession):
     """The choice of a target, or the next proposal to it (PRE-2, NEG-7)."""
@@ -324,10 +333,6 @@ class Prescribe(_OfSession):
 class Proceed(_OfSession):
     """Nobody is in the way (PRE-3)."""
 
-    def command(self) -> commands.Proceed:
-        """What it asks of the station.  Raises ValueError."""
-        return commands.Proceed(session=self.key)
-
 
 class Accept(_OfSession):
     """The proposal is safe (NEG-2); the selected trajectory is the prescribed one."""
@@ -340,25 +345,13 @@ class Refuse(_OfSession):
 
     proposal: Positive
 
-    def command(self) -> commands.Refuse:
-        """What it asks of the station.  Raises ValueError."""
-        return commands.Refuse(session=self.key, proposal=self.proposal)
-
 
 class Complete(_OfSession):
     """The prescriber's maneuver is done (ACT-3)."""
 
-    def command(self) -> commands.Complete:
-        """What it asks of the station.  Raises ValueError."""
-        return commands.Complete(session=self.key)
-
 
 class Abort(_OfSession):
     """Break off (END-1)."""
-
-    def command(self) -> commands.Abort:
-        """What it asks of the station.  Raises ValueError."""
-        return commands.Abort(session=self.key)
 
 
 def of_command(command: commands.Command) -> Input:

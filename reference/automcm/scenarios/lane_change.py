@@ -54,15 +54,6 @@ class Plan:
     clock_error_s: float = 0.0
 
 
-def kinematics(vehicle: Vehicle) -> Kinematics:
-    """For a CAM."""
-    return Kinematics(
-        x_mm=round(vehicle.x * 1000),
-        y_mm=round(vehicle.y * 1000),
-        speed_mm_s=round(vehicle.speed * 1000),
-    )
-
-
 def planned(vehicle: Vehicle, now_ms: int) -> Trajectory:
     """What it would drive alone: its path as positions over time (KIN-1)."""
     xy, speed = vehicle.path()
@@ -128,7 +119,41 @@ def lane_zone(lane: int) -> Floats:
     return np.array([[-far, low], [far, low], [far, high], [-far, high]])
 
 
-class LaneChange:
+class Coordinated:
+    """What the applications of all scenarios have: a vehicle and a service."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle = vehicle
+        self.ended: list[str] = []
+        """How sessions ended, and which commands were refused."""
+
+    def attach(self, service: Service) -> None:
+        """As ``Application.attach``."""
+        self.service = service
+
+    def kinematics(self, now_ms: int) -> Kinematics:
+        """As ``Application.kinematics``."""
+        v = self.vehicle
+        x_mm, y_mm, speed_mm_s = (round(1000 * value) for value in (v.x, v.y, v.speed))
+        return Kinematics(x_mm=x_mm, y_mm=y_mm, speed_mm_s=speed_mm_s)
+
+    def fallback(self, session: Session, reason: str) -> None:
+        """As ``Application.fallback``."""
+        self._over(reason)
+
+    def finished(self, session: Session) -> None:
+        """As ``Application.finished``."""
+        self._over("finished")
+
+    def refused(self, command: str, rule: str) -> None:
+        """As ``Application.refused``."""
+        self.ended.append(f"{command} {rule}")
+
+    def _over(self, how: str) -> None:
+        self.ended.append(how)
+
+
+class LaneChange(Coordinated):
     """A vehicle that may ask for a lane change, and joins those of others.
 
     ``tick`` is its own control loop, to be called every 0.1 s or so.  ``zone`` gives a lane as a
@@ -142,8 +167,8 @@ class LaneChange:
         limits: Limits | None = None,
         zone: Callable[[int], Floats] = lane_zone,
     ) -> None:
-        self._zone = zone
-        self.vehicle, self.plan, self.limits = vehicle, plan or Plan(), limits or LIMITS
+        super().__init__(vehicle)
+        self._zone, self.plan, self.limits = zone, plan or Plan(), limits or LIMITS
         self.wanted: int | None = None
         """The lane it wants to be in."""
         self.story: list[tuple[int, str]] = []
@@ -151,14 +176,6 @@ class LaneChange:
         self._drive: Drive | None = None
         self._begins_ms: int | None = None
         self._proposal: tuple[Proposal, Trajectory] | None = None
-
-    def attach(self, service: Service) -> None:
-        """As ``Application.attach``."""
-        self.service = service
-
-    def kinematics(self, now_ms: int) -> Kinematics:
-        """As ``Application.kinematics``."""
-        return kinematics(self.vehicle)
 
     # -- prescriber
 

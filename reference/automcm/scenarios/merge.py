@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
+from automcm.application import Advertised, Choice, Drive, Proposal
 from automcm.road import Vehicle
 from automcm.scenarios.lane_change import (
     LIMITS,
     MARGIN_S,
+    Coordinated,
     judged,
-    kinematics,
     planned,
     read,
 )
@@ -25,7 +25,6 @@ from automcm.trajectory.core import Trajectory, TrajectoryError, to_message
 from automcm.trajectory.thin import thin
 from automcm_spec import messages
 from automcm_spec.application import Command, Request
-from automcm_spec.messages import Session
 
 SCENARIO = "merge"
 
@@ -55,26 +54,18 @@ def stretched(trajectory: Trajectory, factor: float) -> Trajectory:
     return Trajectory(begin + (trajectory.t - begin) * factor, trajectory.xy, trajectory.stopped)
 
 
-class Merge:
+class Merge(Coordinated):
     """A vehicle on the ramp (``signal``) or on the main road."""
 
     def __init__(self, vehicle: Vehicle, ramp: Ramp) -> None:
-        self.vehicle, self.ramp = vehicle, ramp
+        super().__init__(vehicle)
+        self.ramp = ramp
         self.merging = self.agreed = False
         """It wants to join, and it may."""
         self.delayed: float | None = None
         """By which factor it was asked to slow down."""
-        self.ended: list[str] = []
         self._drive: Drive | None = None
         self._asked: Trajectory | None = None
-
-    def attach(self, service: Service) -> None:
-        """As ``Application.attach``."""
-        self.service = service
-
-    def kinematics(self, now_ms: int) -> Kinematics:
-        """As ``Application.kinematics``."""
-        return kinematics(self.vehicle)
 
     def signal(self) -> None:
         """It wants to join.  One attempt at a time."""
@@ -157,22 +148,14 @@ class Merge:
                 self.service.command(self._drive.complete())
                 self._drive = None
 
-    def fallback(self, session: Session, reason: str) -> None:
-        """As ``Application.fallback``."""
-        self._over(reason)
-
-    def finished(self, session: Session) -> None:
-        """As ``Application.finished``."""
-        self._over("finished")
-
     def refused(self, command: str, rule: str) -> None:
         """As ``Application.refused``."""
-        self.ended.append(f"{command} {rule}")
+        super().refused(command, rule)
         if command == "request":
             self.merging = self.agreed = False
 
     def _over(self, how: str) -> None:
-        self.ended.append(how)
+        super()._over(how)
         self.vehicle.follow(None)
         self._drive = self._asked = None
         if not self.vehicle.changing:

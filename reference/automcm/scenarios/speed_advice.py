@@ -6,11 +6,11 @@ A receiver that has nothing but adaptive cruise control can be asked to set anot
 
 from __future__ import annotations
 
-from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
+from automcm.application import Advertised, Choice, Drive, Proposal
 from automcm.road import Vehicle
-from automcm.scenarios.lane_change import MARGIN_S, kinematics
+from automcm.scenarios.lane_change import MARGIN_S, Coordinated
 from automcm_spec.application import Request
-from automcm_spec.messages import Session, Trajectory
+from automcm_spec.messages import Trajectory
 
 SCENARIO = "speed_advice"
 
@@ -26,24 +26,15 @@ def speed_in(trajectory: Trajectory) -> int | None:
     return speed if trajectory == a_second_at(speed) and speed >= 0 else None
 
 
-class SpeedAdvice:
+class SpeedAdvice(Coordinated):
     """Advises ``advice_mm_s`` to the fastest for ``advice_ms``, or takes such advice."""
 
     def __init__(
         self, vehicle: Vehicle, advice_mm_s: int = 0, advice_ms: int = 5000, least_mm_s: int = 3000
     ) -> None:
-        self.vehicle = vehicle
+        super().__init__(vehicle)
         self.advice_mm_s, self.advice_ms, self.least_mm_s = advice_mm_s, advice_ms, least_mm_s
-        self.ended: list[str] = []
         self._own = vehicle.desired
-
-    def attach(self, service: Service) -> None:
-        """As ``Application.attach``."""
-        self.service = service
-
-    def kinematics(self, now_ms: int) -> Kinematics:
-        """As ``Application.kinematics``."""
-        return kinematics(self.vehicle)
 
     def signal(self) -> None:
         """Somebody should slow down."""
@@ -91,18 +82,6 @@ class SpeedAdvice:
     def tick(self, now_ms: int) -> None:
         """Nothing to control: the cruise control does."""
 
-    def fallback(self, session: Session, reason: str) -> None:
-        """As ``Application.fallback``."""
-        self._over(reason)
-
-    def finished(self, session: Session) -> None:
-        """As ``Application.finished``."""
-        self._over("finished")
-
-    def refused(self, command: str, rule: str) -> None:
-        """As ``Application.refused``."""
-        self.ended.append(f"{command} {rule}")
-
     def _over(self, how: str) -> None:
-        self.ended.append(how)
+        super()._over(how)
         self.vehicle.desired = self._own
