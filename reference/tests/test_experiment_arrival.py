@@ -240,8 +240,6 @@ def test_the_page_has_the_figures_of_the_report(small: Json) -> None:
             assert f"| {kmh} km/h, {which} | {here[which]['mean_s']:.2f} |" in text
     assert "Not run: it needs `automcm[sumo]`" in text and "| not run |" in text
     assert "2 of 2 (34% to 100%)" in text
-    for name in ("arrival", "baseline"):
-        assert f"]({name}.svg)" in text
 
 
 def test_the_page_has_sumo_s_figures_where_they_are(small: Json) -> None:

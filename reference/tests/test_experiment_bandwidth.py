@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import copy
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import pytest
 from automcm_stage import prescription
 
 from automcm.codec import JSON, CodecError, codec
-from automcm.experiments import bandwidth, bandwidth_air, figures, report
+from automcm.experiments import bandwidth, bandwidth_air, report
 from automcm.experiments.bandwidth_air import (
     BIN_MS,
     FORMS,
@@ -344,17 +343,10 @@ def test_the_page_has_the_figures_of_the_report(made: Values) -> None:
     assert "| 8,877 |" in changed and "| 77.7% |" in changed
 
 
-def test_figures_are_drawn(made: Values, tmp_path: Path) -> None:
-    if not figures.available():
-        pytest.skip("needs matplotlib: pip install 'automcm[plot]'")
-    names = []
-    for name, figure in EXPERIMENT.figures(made):
-        names.append(name)
-        if name == "fig7-json":
-            dashed = figure.axes[1].patches[-1]
-            time = made["summary"]["time"]["4"]["json"]
-            assert dashed.get_data().values[0] * 500 == time["always-on"][0] + time["CAM"][0]
-            assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim(), "comparable"
-    assert names == ["fig7-json", "fig7-uper", "scaling"]
-    for name in names:
-        assert f"({name}.svg)" in EXPERIMENT.page(made)
+def test_figures_are_drawn(made: Values) -> None:
+    pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")
+    figure = dict(EXPERIMENT.figures(made))["fig7-json"]
+    dashed: Any = figure.axes[1].patches[-1]
+    time = made["summary"]["time"]["4"]["json"]
+    assert dashed.get_data().values[0] * 500 == time["always-on"][0] + time["CAM"][0]
+    assert figure.axes[0].get_ylim() == figure.axes[1].get_ylim(), "comparable"

@@ -346,15 +346,12 @@ def test_the_page_has_the_numbers_of_the_report(small: Json) -> None:
     assert "B's station dies, without ACT-2 |" in text
     for part in (", 123.4, ", "| over 60 |", "87.6;", "| 4.3 |"):
         assert part in text
-    for name in ("fig6.svg", "costs.svg"):
-        assert f"]({name})" in text
     assert all(course.text in text for course in COURSES.values())
 
 
 def test_figures_are_drawn(small: Json) -> None:
     pytest.importorskip("matplotlib", reason="matplotlib is not installed (automcm[plot])")
     drawn = dict(comfort.EXPERIMENT.figures(small))
-    assert list(drawn) == ["fig6", "costs"]
     (speed,) = drawn["fig6"].axes
     lines = {line.get_label(): line for line in speed.get_lines()}
     assert list(lines) == ["prescriber", "receiver A", "receiver B", "receiver C"]

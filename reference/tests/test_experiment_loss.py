@@ -182,11 +182,6 @@ def test_the_page_has_the_numbers_of_the_report(made: Json) -> None:
     assert "| 0 s | 30% | 7 of 9 | 40% to 90% |" in loss_page.page(changed)
 
 
-def test_figures_are_drawn(made: Json) -> None:
-    pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")
-    assert [name for name, _ in loss_page.plots(made)] == ["fig9", "success", "cost"]
-
-
 # -- verdicts
 
 

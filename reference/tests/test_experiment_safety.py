@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from automcm import rules
-from automcm.experiments import safety, safety_figures, safety_page, safety_road, safety_tables
+from automcm.experiments import safety, safety_page, safety_road, safety_tables
 from automcm.experiments.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
 from automcm.experiments.experiment import Cell
 from automcm.experiments.faults import CUTS, KINDS, Fault, drawn, inject
@@ -471,11 +471,3 @@ def test_the_page_has_the_figures_of_the_report() -> None:
         assert f"| {ablation.name}: {ablation.text} | {ablation.rule} |" in text
     report["summary"]["mechanisms"][1]["longest_ms"] = 6543
     assert "| 6543 |" in safety_page.page(report)
-
-
-def test_the_figures_are_drawn() -> None:
-    pytest.importorskip("matplotlib", reason="extra automcm[plot]")
-    names = [name for name, _ in safety_figures.figures(made_up())]
-    text = safety_page.page(made_up())
-    assert names == ["hazards", "mechanisms", "room"]
-    assert all(f"]({name}.svg)" in text for name in names)

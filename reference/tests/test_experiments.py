@@ -22,6 +22,7 @@ from automcm.experiments.experiment import (
 from automcm.experiments.intervals import mean, quantile, wilson
 
 Json = Any
+EVALUATION = Path(__file__).resolve().parents[2] / "docs" / "evaluation"
 
 
 class Dice(Settings):
@@ -239,6 +240,15 @@ def test_mean_and_quantile() -> None:
     for of_none in (mean, lambda v: quantile(v, 0.5)):
         with pytest.raises(ValueError, match="no values"):
             of_none([])
+
+
+@pytest.mark.parametrize("name", experiments.NAMES)
+def test_the_page_shows_the_figures_that_are_drawn(name: str) -> None:
+    pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")
+    made = report.load(EVALUATION / name / report.RESULTS)
+    drawn = [figure for figure, _ in experiments.experiment(name).figures(made)]
+    shown = [line for line in report.page(made) if line.startswith("![")]
+    assert sorted(line.split("](")[1] for line in shown) == [f"{n}.svg)" for n in sorted(drawn)]
 
 
 def test_dask_gives_the_same(dice: Thrown, tmp_path: Path) -> None:

@@ -103,16 +103,6 @@ def test_end_8_the_number_is_kept_before_it_goes_on_the_air() -> None:
     assert {a.session for a in wire.of("Advertisement")} == {(1, 42), (1, 43)}
 
 
-def test_end_8_a_restart_forgets_the_session_and_joins_none_for_a_while() -> None:
-    prescriber, receiver, simulation = pair()
-    simulation.restart(2, 3000)
-    simulation.run(3000)
-    assert simulation.services[2].state.quarantine
-    assert ("fallback", (1, 1), "restart") in receiver.calls
-    simulation.run(6000)
-    assert ("fallback", (1, 1), "cam_loss") in prescriber.calls
-
-
 def test_a_closed_service_does_nothing_more() -> None:
     service, wire, clock = alone()
     service.command(LANE_CHANGE)

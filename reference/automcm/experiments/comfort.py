@@ -93,18 +93,9 @@ def cells(settings: Comfort) -> list[Values]:
 def run(values: Values, seed: int) -> Values:
     """A cell."""
     s = values["setting"]
-    setting = Setting(
-        four=FourVehicles(
-            speed_kmh=values["speed_kmh"],
-            gap_m=s["gap_m"],
-            beside_m=s["beside_m"],
-            until_s=s["until_s"],
-        ),
-        t_cam_loss_ms=s["t_cam_loss_ms"],
-        stands_s=s["stands_s"],
-        sees_s=s["sees_s"],
-        open_m=s["open_m"],
-    )
+    places = {name: s[name] for name in ("gap_m", "beside_m", "until_s")}
+    assumed = {name: s[name] for name in ("t_cam_loss_ms", "stands_s", "sees_s", "open_m")}
+    setting = Setting(four=FourVehicles(speed_kmh=values["speed_kmh"], **places), **assumed)
     if values["part"] == "fig6":
         return fig6(setting.drawn(seed, 0.0))
     random = Random(seed)

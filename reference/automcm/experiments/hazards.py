@@ -51,8 +51,6 @@ class Hazard:
     since_ms: int
     until_ms: int
     excuse: str
-    open: bool = False
-    """It was not over when the run was."""
 
     @property
     def length_ms(self) -> int:
@@ -143,7 +141,7 @@ class Watched(Simulation):
 
     def over(self) -> list[Hazard]:
         """All hazards; one that is not over lasts until now."""
-        return self.hazards + [self._hazard(session, True) for session in self._since]
+        return self.hazards + [self._hazard(session) for session in self._since]
 
     def _note(self, station_id: int, before: State, effects: Effects) -> None:
         i = effects.input
@@ -179,7 +177,7 @@ class Watched(Simulation):
                 there.add(st.session)
                 self._since.setdefault(st.session, (now, st.target))
         for session in [session for session in self._since if session not in there]:
-            hazard = self._hazard(session, False)
+            hazard = self._hazard(session)
             del self._since[session]
             if hazard.length_ms:
                 self.hazards.append(hazard)
@@ -190,7 +188,7 @@ class Watched(Simulation):
         same = (peer.session, peer.proposal) == (st.session, st.proposal)
         return same and self.committed(st.target)
 
-    def _hazard(self, session: Session, still: bool) -> Hazard:
+    def _hazard(self, session: Session) -> Hazard:
         since, target = self._since[session]
         excuse = self._excuses.get((session, target), "")
-        return Hazard(session, since, self.clock.now(), excuse, still)
+        return Hazard(session, since, self.clock.now(), excuse)
