@@ -97,6 +97,7 @@ async def test_refuse_and_proceed() -> None:
         asked = await it.until("proposal", proposal=1)
         await it.publish("refuse", session=asked["session"], proposal=1)
         asked = await it.until("proposal", proposal=2)
+        assert not [f for f in it.seen if f["op"] == "status"], "nothing was wrong with it"
         await it.publish("accept", session=asked["session"], proposal=1)  # not this one
         await it.until("refused", command="accept", rule="PRE-5")
         await it.publish("abort", session=asked["session"])

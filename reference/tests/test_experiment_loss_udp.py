@@ -165,11 +165,7 @@ def test_an_application_that_fails_is_no_failed_trial(
 
 @pytest.mark.parametrize(
     ("name", "values"),
-    [
-        ("t_timeout", (-1, 0.0, 1, 1)),
-        ("loss", (0, 1.5, 1, 1)),
-        ("trials", (0, 0.0, 0, 1)),
-    ],
+    [("t_timeout", (-1, 0.0, 1, 1)), ("loss", (0, 1.5, 1, 1)), ("trials", (0, 0.0, 0, 1))],
 )
 def test_what_cannot_be_is_refused_by_name(name: str, values: Any) -> None:
     with pytest.raises(ValueError, match=name):

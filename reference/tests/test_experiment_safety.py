@@ -311,6 +311,7 @@ def test_on_the_road_the_target_lets_go_and_room_is_what_tells() -> None:
     assert coordinated["bound_ms"] == B and coordinated["wrong"] == []
     assert all(room is None or room > 8 for room in coordinated["room_m"])
     assert all(room < 0.5 for room in alone["room_m"]) and alone["lengths"] == {}
+    assert alone["with_hazard"] == 0
     assert min(alone["braking"]) > 4 > max(coordinated["braking"])
     assert alone["unasked"] == 2 and coordinated["unasked"] == 0
 
