@@ -315,6 +315,14 @@ def answers_of(driver: Any) -> list[str]:
     return answers
 
 
+def test_a_driver_says_where_it_is_and_notes_what_was_refused() -> None:
+    driver = SpeedAdvice(Vehicle(2, 7, 1, 9, 9))
+    at = driver.kinematics(0)
+    assert (at.x_mm, at.y_mm, at.speed_mm_s) == (7000, round(1000 * LANE_WIDTH), 9000)
+    driver.refused("request", "END-7")
+    assert driver.ended == ["request END-7"]
+
+
 def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
     ramp = Ramp(joins_m=120)
     on_ramp = Merge(Vehicle(1, 0, 0, 10, 10), ramp)
