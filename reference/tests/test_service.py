@@ -10,6 +10,7 @@ from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal
 from automcm.links.simulated import Channel
 from automcm.simulation import Simulation
 from automcm.straight import LANE_CHANGE
+from automcm_spec.application import Refuse
 from automcm_spec.messages import BROADCAST, Intention, encode
 from automcm_spec.parameters import Parameters
 
@@ -138,3 +139,8 @@ def test_statistics_say_how_late_an_alarm_was() -> None:
     due = clock.alarms[0][0]
     clock.ring(due + 70)
     assert service.statistics.latest_ms == 70
+
+
+def test_refuse_is_a_command_of_its_proposal() -> None:
+    proposal = Proposal((1, 1), 2, PATH, 0, 1)
+    assert proposal.refuse() == Refuse(session=(1, 1), proposal=2)
