@@ -7,7 +7,7 @@ from suite_stage import Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
-from automcm_conformance import records, suite
+from automcm_conformance import purposes, records, suite
 
 # -- cases that no graph carries: each can fail
 
@@ -357,6 +357,14 @@ def test_each_case_without_a_graph_can_fail(conform: Suite, how: str) -> None:
     about, steps = records.read_replay(conform.folder / "report" / failure.replay)
     assert about["case"] == name and steps
     assert found.exit_code == 1
+
+
+def test_every_timer_is_tried(conform: Suite) -> None:
+    """None is left out because the kit does not know how long it lasts."""
+    timers = [p.id for p in purposes.load() if (p.case or "").startswith("timer ")]
+    assert len(timers) > 10
+    found = conform(station(), *timers)
+    assert {case.id: case.verdict for case in found.cases} == dict.fromkeys(timers, "PASS")
 
 
 def test_the_order_of_names_is_free(conform: Suite) -> None:

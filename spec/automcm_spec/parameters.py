@@ -109,8 +109,9 @@ class TimerRow:
     """Of timers due together the one of the lower rank fires first, of one rank the older."""
     rule: str
     """The rule that is broken if it expires too early or too late."""
-    lasts: Formula | None = None
-    """None: a lease, a back-off, or what counts from joining; see below."""
+    lasts: Callable[[Known], int | None] | None = None
+    """None: a lease, or what counts from joining; see below.  A back-off of one length alone is
+    known before it is over."""
 
 
 TIMERS: Final = {
@@ -128,7 +129,9 @@ TIMERS: Final = {
         lambda p: max(p["t_advertise"] + p["t_life"], p["t_cam_loss"] + longest_delay(p)),
     ),
     "forget": TimerRow(11, "ADV-8"),
-    "backoff": TimerRow(12, "END-7"),
+    "backoff": TimerRow(
+        12, "END-7", lambda p: p["backoff_min"] if p["backoff_min"] == p["backoff_max"] else None
+    ),
 }
 ADVERTISED_RANK = 2
 """Of the resend timer of an Advertisement."""
