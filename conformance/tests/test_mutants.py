@@ -47,8 +47,8 @@ CODE = {
     ),
     "the seq of an Ack is not checked": (
         "ending.py",
-        "acked_key(i.message) not in map(key, st.outbox)",
-        "acked_key(i.message)[:3] not in [key(m)[:3] for m in st.outbox]",
+        "entry.session, entry.seq) == named",
+        "entry.session, m.of.seq) == named",
         "END-6",
     ),
     "the hold timer is not armed": ("state.py", 'case "WAITING":', 'case "":', "ADV-6"),
@@ -87,7 +87,7 @@ CODE = {
     ),
     "the lease of the prescriber is not armed": (
         "state.py",
-        'timers = [Timer("lease")]',
+        "timers = [LEASE]",
         "timers = []",
         "PRE-2",
     ),

@@ -38,7 +38,7 @@ def heard(me: Me, st: State, i: Cam) -> Outcome:
     return Outcome(st._replace(heard_ms=i.generation_ms), again=(Timer("cam"),))
 
 
-CAM = (Row("ACT-5", counts_as_heard, heard), Row("ACT-5", always, ignore))
+CAM: tuple[Row[Cam], ...] = (Row("ACT-5", counts_as_heard, heard), Row("ACT-5", always, ignore))
 
 
 def complete(me: Me, st: State, i: Complete) -> Outcome:
@@ -47,7 +47,7 @@ def complete(me: Me, st: State, i: Complete) -> Outcome:
     return leave_with(st, [fin])
 
 
-COMPLETE = (
+COMPLETE: tuple[Row[Complete], ...] = (
     Row(
         "CMD-1",
         lambda me, st, i: not (st.phase == "ACTUATING" and st.role == "prescriber"),
@@ -61,7 +61,7 @@ COMPLETE = (
 def from_own_prescriber(me: Me, st: State, i: Heard[Fin]) -> bool:
     """ACT-3: is it for this receiver, from its prescriber, of its session?"""
     m = i.message
-    return not foreign(me, st, i) and st.role == "receiver" and m.src == st.peer
+    return not foreign(me, st, i) and st.role == "receiver" and m.src == m.session[0]
 
 
 def finished(me: Me, st: State, i: Heard[Fin]) -> Outcome:
@@ -69,4 +69,7 @@ def finished(me: Me, st: State, i: Heard[Fin]) -> Outcome:
     return Outcome(leave(st), (ack(me, i.message),), Finished(session=own(st)))
 
 
-FIN = (Row("ACT-3", from_own_prescriber, finished), Row("END-3", always, acked))
+FIN: tuple[Row[Heard[Fin]], ...] = (
+    Row("ACT-3", from_own_prescriber, finished),
+    Row("END-3", always, acked),
+)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 from automcm.outcome import Expiry, Heard, Input, Me, Restart, Row, Rules
 from automcm.rules import RULES
@@ -38,6 +38,8 @@ from automcm_spec.messages import (
     Trajectory,
 )
 from automcm_spec.parameters import Parameters
+
+_Input = TypeVar("_Input")
 
 ME = 1
 NOW, LATER = 1_000, 1_000_000
@@ -418,10 +420,10 @@ def without(rule: str) -> Rules:
     return {kind: tuple(row for row in rows if row.rule != rule) for kind, rows in RULES.items()}
 
 
-def _loose(row: Row) -> Row:
+def _loose(row: Row[_Input]) -> Row[_Input]:
     """The row; to its guard the session of a message is the own one if the prescriber is."""
 
-    def when(me: Me, st: State, i: Input) -> bool:
+    def when(me: Me, st: State, i: _Input) -> bool:
         if isinstance(i, Heard) and st.session and st.session[0] == i.message.session[0]:
             st = st._replace(session=i.message.session)
         return row.when(me, st, i)

@@ -56,7 +56,7 @@ def advertise_again(me: Me, st: State, i: Expiry) -> Outcome:
     return Outcome(st, (st.advertisement,))
 
 
-REQUEST = (
+REQUEST: tuple[Row[Request], ...] = (
     Row("ADV-1", lambda me, st, i: st.bound, refuse),
     Row("ACT-6", lambda me, st, i: st.quarantine, refuse),
     Row("END-7", lambda me, st, i: st.backoff, refuse),
@@ -90,7 +90,7 @@ def join(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
     return Outcome(post(joined, intention), (intention,))
 
 
-ADVERTISEMENT = (
+ADVERTISEMENT: tuple[Row[Heard[Advertisement]], ...] = (
     Row("ADV-4", lambda me, st, i: st.bound, ignore),
     Row("END-8", lambda me, st, i: st.quarantine, ignore),
     Row("ADV-8", joined_before, ignore),
@@ -117,7 +117,7 @@ def record(me: Me, st: State, i: Heard[Intention]) -> Outcome:
     return Outcome(st._replace(recorded=recorded), (ack(me, m),))
 
 
-INTENTION = (
+INTENTION: tuple[Row[Heard[Intention]], ...] = (
     Row("ADV-5", foreign, answer_closed),
     Row("ADV-5", lambda me, st, i: i.message.src in st.recorded, acked),
     Row("ADV-5", lambda me, st, i: i.message.src in st.withdrawn, answer_closed),

@@ -12,6 +12,7 @@ from automcm.outcome import (
     Restart,
     Row,
     acked,
+    acks,
     always,
     cancels,
     discard,
@@ -20,14 +21,14 @@ from automcm.outcome import (
     ignore,
     leave,
     leave_with,
-    moved,
     others,
     own,
     refuse,
     stale,
 )
+from automcm.phases import after
 from automcm.prescribing import no_participants
-from automcm.state import EntryKey, State, Timer, key
+from automcm.state import QUARANTINE, State
 from automcm_spec.application import Abort, Fallback
 from automcm_spec.messages import (
     BROADCAST,
@@ -43,7 +44,7 @@ def abort(me: Me, st: State, i: Abort) -> Outcome:
     return leave_with(st, cancels(me, st, others(st), "abort"))
 
 
-ABORT = (
+ABORT: tuple[Row[Abort], ...] = (
     Row("CMD-1", lambda me, st, i: not st.bound, refuse),
     Row("PRE-5", stale, refuse),
     Row("END-1", always, abort),
@@ -53,13 +54,14 @@ ABORT = (
 def withdrawn_or_full(me: Me, st: State, i: Heard[Cancel]) -> bool:
     """END-3: in ADVERTISING, has it withdrawn before, or is there no room to note it (MEM-1)?"""
     p = i.message.src
-    noted = p in st.withdrawn or (p not in st.recorded and full(me, st))
-    return st.phase == "ADVERTISING" and noted
+    if st.phase != "ADVERTISING":
+        return False
+    return p in st.withdrawn or (p not in st.recorded and full(me, st))
 
 
 def last_withdraws(me: Me, st: State, i: Heard[Cancel]) -> bool:
     """PRE-1: does the only station left to choose from withdraw?"""
-    return st.recorded.keys() == {i.message.src}
+    return len(st.recorded) == 1 and i.message.src in st.recorded
 
 
 def withdraw(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
@@ -67,21 +69,22 @@ def withdraw(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
     p = i.message.src
     recorded = MappingProxyType({q: m for q, m in st.recorded.items() if q != p})
     withdrawn = st.withdrawn | {p} if st.phase == "ADVERTISING" else st.withdrawn
-    return acked(me, st, i)._replace(state=st._replace(recorded=recorded, withdrawn=withdrawn))
+    left = st._replace(recorded=recorded, withdrawn=withdrawn)
+    return Outcome(left, acks(me, i.message))
 
 
 def last_withdrawn(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
     """PRE-1: ack, and end as without participants."""
-    return no_participants(me, st, i)._replace(messages=acked(me, st, i).messages)
+    return no_participants(me, st, i)._replace(messages=acks(me, i.message))
 
 
 def cancelled(me: Me, st: State, i: Heard[Cancel]) -> Outcome:
     """END-2: ack and leave, and tell the reason."""
     told = Fallback(session=own(st), reason=i.message.reason)
-    return Outcome(leave(st), acked(me, st, i).messages, told)
+    return Outcome(leave(st), acks(me, i.message), told)
 
 
-CANCEL = (
+CANCEL: tuple[Row[Heard[Cancel]], ...] = (
     Row("END-3", foreign, acked),
     Row("END-3", withdrawn_or_full, acked),
     Row("END-2", lambda me, st, i: st.phase == "ADVERTISING", withdraw),
@@ -92,48 +95,49 @@ CANCEL = (
 )
 
 
-def acked_key(m: Ack) -> EntryKey:
-    """END-6: the key of the entry this Ack names, sent to the one it comes from."""
-    return EntryKey(m.of.type, m.src, m.session, m.of.seq)
+def acked_entry(st: State, m: Ack) -> Reliable | None:
+    """END-6: the entry this Ack names, sent to the one it comes from; None: there is no such."""
+    named = (m.of.type, m.src, m.session, m.of.seq)
+    for entry in st.outbox:
+        if (entry.type, entry.dst, entry.session, entry.seq) == named:
+            return entry
+    return None
 
 
 def acks_nothing(me: Me, st: State, i: Heard[Ack]) -> bool:
     """END-6: is there no such entry?"""
-    return acked_key(i.message) not in map(key, st.outbox)
+    return acked_entry(st, i.message) is None
 
 
-def acks(*types: str) -> Callable[[Me, State, Heard[Ack]], bool]:
+def entry_is(*types: str) -> Callable[[Me, State, Heard[Ack]], bool]:
     """END-6: is the entry of one of these types?  (There is one: the first row has looked.)"""
     return lambda me, st, i: i.message.of.type in types
 
 
-def drop(st: State, gone: EntryKey) -> tuple[Reliable, ...]:
-    """The outbox without the entry."""
-    return tuple(entry for entry in st.outbox if key(entry) != gone)
+def drop(st: State, gone: Reliable | None, event: str | None) -> Outcome:
+    """The entry leaves the outbox; ``event`` moves the phase."""
+    kept = tuple([entry for entry in st.outbox if entry is not gone])
+    phase = after(st.role, st.phase, event) if event else st.phase
+    return Outcome(st._replace(phase=phase, outbox=kept))
 
 
 def ack_ends(event: str | None) -> Callable[[Me, State, Heard[Ack]], Outcome]:
     """The acked entry leaves the outbox; ``event`` moves the phase."""
-
-    def then(me: Me, st: State, i: Heard[Ack]) -> Outcome:
-        kept = drop(st, acked_key(i.message))
-        return Outcome((moved(st, event) if event else st)._replace(outbox=kept))
-
-    return then
+    return lambda me, st, i: drop(st, acked_entry(st, i.message), event)
 
 
-ACK = (
+ACK: tuple[Row[Heard[Ack]], ...] = (
     Row("END-6", acks_nothing, ignore),
-    Row("ADV-6", acks("Intention"), ack_ends("wait")),
-    Row("PRE-4", acks("Prescription"), ack_ends("acknowledged")),
-    Row("NEG-9", acks("Acceptance"), ack_ends(None)),
-    Row("END-6", acks("Fin", "Cancel"), ack_ends(None)),
+    Row("ADV-6", entry_is("Intention"), ack_ends("wait")),
+    Row("PRE-4", entry_is("Prescription"), ack_ends("acknowledged")),
+    Row("NEG-9", entry_is("Acceptance"), ack_ends(None)),
+    Row("END-6", entry_is("Fin", "Cancel"), ack_ends(None)),
 )
 
 
 def restart(me: Me, st: State, i: Restart) -> Outcome:
     """END-8: only the number is left, and the quarantine begins."""
-    return Outcome(State(number=st.number, quarantine=True), again=(Timer("quarantine"),))
+    return Outcome(State(number=st.number, quarantine=True), again=(QUARANTINE,))
 
 
 def not_for_me(me: Me, st: State, i: Heard[Message]) -> bool:
@@ -146,12 +150,14 @@ def breaks_protocol(me: Me, st: State, i: Heard[Message]) -> bool:
     m = i.message
     if m.src == me.station_id or (m.dst == BROADCAST) != (m.type == "Advertisement"):
         return True
-    prescriber = m.session[0]
-    if m.type in ("Advertisement", "Prescription"):
-        return m.src != prescriber
+    if m.type == "Cancel":
+        return m.reason == "closed" and m.src != m.session[0]
     if m.type in ("Intention", "Acceptance"):
-        return prescriber != me.station_id
-    return m.type == "Cancel" and m.reason == "closed" and m.src != prescriber
+        return m.session[0] != me.station_id
+    return m.type in ("Advertisement", "Prescription") and m.src != m.session[0]
 
 
-FIRST = (Row("MSG-1", not_for_me, ignore), Row("END-5", breaks_protocol, discard))
+FIRST: tuple[Row[Heard[Message]], ...] = (
+    Row("MSG-1", not_for_me, ignore),
+    Row("END-5", breaks_protocol, discard),
+)

@@ -10,6 +10,7 @@ from automcm.outcome import (
     Row,
     ack,
     acked,
+    acks,
     always,
     cancel_peer,
     discard,
@@ -23,7 +24,7 @@ from automcm.outcome import (
     without,
 )
 from automcm.state import State
-from automcm_spec.application import Accept, Accepted, Propose, Undecided, Verify
+from automcm_spec.application import Accept, Accepted, Propose, Refuse, Undecided, Verify
 from automcm_spec.messages import (
     ANSWER_REASONS,
     Acceptance,
@@ -43,7 +44,7 @@ def instructed(me: Me, st: State, i: Heard[Prescription]) -> Outcome:
     return Outcome(verifying, (ack(me, m),), told)
 
 
-PRESCRIPTION = (
+PRESCRIPTION: tuple[Row[Heard[Prescription]], ...] = (
     Row(
         "NEG-4",
         lambda me, st, i: foreign(me, st, i) and st.bound,
@@ -100,12 +101,12 @@ def refuse_proposal(
     return Outcome(post(moved(st, "refuse"), acceptance), (acceptance,), told)
 
 
-ACCEPT = (
+ACCEPT: tuple[Row[Accept], ...] = (
     Row("CMD-1", not_verifying, refuse),
     Row("PRE-5", stale, refuse),
     Row("NEG-2", always, accept),
 )
-REFUSE = (
+REFUSE: tuple[Row[Refuse], ...] = (
     Row("CMD-1", not_verifying, refuse),
     Row("PRE-5", stale, refuse),
     Row("NEG-3", always, lambda me, st, i: refuse_proposal(me, st, "unsafe")),
@@ -150,10 +151,10 @@ def refused(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
 def no_agreement(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
     """NEG-7: ack, and cancel the target."""
     outcome = cancel_peer("no_agreement")(me, st, i)
-    return outcome._replace(messages=acked(me, st, i).messages + outcome.messages)
+    return outcome._replace(messages=acks(me, i.message) + outcome.messages)
 
 
-ACCEPTANCE = (
+ACCEPTANCE: tuple[Row[Heard[Acceptance]], ...] = (
     Row("NEG-6", lambda me, st, i: foreign(me, st, i) and i.message.accepted, answer_closed),
     Row("NEG-6", foreign, acked),
     Row("END-5", not_yet_sent, discard),

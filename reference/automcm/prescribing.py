@@ -34,7 +34,7 @@ def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
     return Outcome(chosen, told=Choose(session=own(st), intentions=intentions))
 
 
-WINDOW_ENDS = (
+WINDOW_ENDS: tuple[Row[Expiry], ...] = (
     Row("PRE-1", lambda me, st, i: not st.recorded, no_participants),
     Row("PRE-1", always, window_closes),
 )
@@ -69,7 +69,7 @@ def stale_choice(me: Me, st: State, i: Prescribe) -> bool:
     return i.session != st.session or i.proposal != st.proposal + 1
 
 
-PRESCRIBE = (
+PRESCRIBE: tuple[Row[Prescribe], ...] = (
     Row("CMD-1", lambda me, st, i: not (st.phase == "CHOOSING" or st.deciding), refuse),
     Row("PRE-5", stale_choice, refuse),
     Row("PRE-2", lambda me, st, i: not st.deciding and i.target in st.recorded, prescribe),
@@ -84,7 +84,7 @@ def proceed(me: Me, st: State, i: Proceed) -> Outcome:
     return leave_with(st, cancels(me, st, sorted(st.recorded), "not_needed"))
 
 
-PROCEED = (
+PROCEED: tuple[Row[Proceed], ...] = (
     Row("CMD-1", lambda me, st, i: st.phase != "CHOOSING", refuse),
     Row("PRE-5", stale, refuse),
     Row("PRE-3", always, proceed),

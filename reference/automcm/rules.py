@@ -34,7 +34,6 @@ from automcm.outcome import (
     cancel_peer,
     cancels,
     leave_with,
-    moved,
     others,
     own,
 )
@@ -74,16 +73,10 @@ def gives_up(type_: str) -> Callable[[Me, State, Expiry], bool]:
 
 def give_up(event: str | None) -> Callable[[Me, State, Expiry], Outcome]:
     """REL-1: the entry leaves the outbox; ``event`` moves the phase."""
-
-    def then(me: Me, st: State, i: Expiry) -> Outcome:
-        assert i.timer.entry is not None
-        kept = drop(st, i.timer.entry)
-        return Outcome((moved(st, event) if event else st)._replace(outbox=kept))
-
-    return then
+    return lambda me, st, i: drop(st, entry_of(st, i.timer), event)
 
 
-TIMERS: dict[str, tuple[Row, ...]] = {
+TIMERS: dict[str, tuple[Row[Expiry], ...]] = {
     "advertise": WINDOW_ENDS,
     "resend": (
         Row("ADV-2", gives_up("Advertisement"), advertise_again),
@@ -108,7 +101,7 @@ TIMERS: dict[str, tuple[Row, ...]] = {
     "backoff": (Row("END-7", always, lambda me, st, i: Outcome(st._replace(backoff=False))),),
 }
 
-MESSAGES: dict[str, tuple[Row, ...]] = {
+MESSAGES: Rules = {
     "Advertisement": FIRST + ADVERTISEMENT,
     "Intention": FIRST + INTENTION,
     "Prescription": FIRST + PRESCRIPTION,
@@ -118,7 +111,7 @@ MESSAGES: dict[str, tuple[Row, ...]] = {
     "Ack": FIRST + ACK,
 }
 
-COMMANDS: dict[str, tuple[Row, ...]] = {
+COMMANDS: Rules = {
     "request": REQUEST,
     "prescribe": PRESCRIBE,
     "proceed": PROCEED,
@@ -159,11 +152,12 @@ def decide(me: Me, st: State, i: Input, rules: Rules = RULES) -> tuple[str, Outc
 
     Raises KeyError if the row changes the phase and phases.py does not declare its rule for that.
     """
-    for rule, when, then, declared in rules[kind(i)]:
+    rows: tuple[Row[Input], ...] = rules[kind(i)]  # type: ignore[assignment]  # kind: they take it
+    for rule, when, then, declared in rows:
         if when(me, st, i):
             outcome = then(me, st, i)
             to = outcome.state
             if to is not st and to.phase != st.phase and declared:
-                require(st.role if st.bound else to.role, st.phase, to.phase, rule)
+                require((st if st.bound else to).role, st.phase, to.phase, rule)
             return rule, outcome
     return "", Outcome(st)

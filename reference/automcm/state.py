@@ -35,6 +35,10 @@ class Timer(NamedTuple):
     station: int = 0
 
 
+ADVERTISE, DECIDE, HOLD, ANSWER = map(Timer, ("advertise", "decide", "hold", "answer"))
+CAM, LEASE, QUARANTINE, BACKOFF = map(Timer, ("cam", "lease", "quarantine", "backoff"))
+
+
 def key(message: Reliable) -> EntryKey:
     """The key of an outbox entry."""
     return EntryKey(message.type, message.dst, message.session, message.seq)
@@ -102,25 +106,28 @@ def armed(me: int, st: State) -> list[Timer]:
         case "ADVERTISING":
             assert st.session is not None
             advertisement = EntryKey("Advertisement", 0, st.session, 1)
-            timers = [Timer("advertise"), Timer("resend", advertisement)]
+            timers = [ADVERTISE, Timer("resend", advertisement)]
         case "WAITING":
-            timers = [Timer("hold")]
+            timers = [HOLD]
         case "PRESCRIBING":
-            timers = [Timer("lease")]
+            timers = [LEASE]
         case "NEGOTIATING" if st.awaits_answer:
-            timers = [Timer("answer"), Timer("lease")]
+            timers = [ANSWER, LEASE]
         case "CHOOSING" | "NEGOTIATING":
-            timers = [Timer("decide")]
+            timers = [DECIDE]
         case "ACTUATING":
-            timers = [Timer("cam"), Timer("lease")]
+            timers = [CAM, LEASE]
     if st.outbox:
         keys = [key(message) for message in st.outbox]
         timers += [Timer("giveup", k) for k in keys]
         timers += [Timer("resend", k) for k in keys]
     if st.quarantine:
-        timers.append(Timer("quarantine"))
-    bound_to = st.session[0] if st.role == "receiver" and st.session else NOBODY
-    timers += [Timer("forget", None, p) for p in st.joined if p != bound_to]
+        timers.append(QUARANTINE)
+    if st.joined:
+        bound_to = st.session[0] if st.role == "receiver" and st.session else NOBODY
+        for p in st.joined:
+            if p != bound_to:
+                timers.append(Timer("forget", None, p))
     if st.backoff:
-        timers.append(Timer("backoff"))
+        timers.append(BACKOFF)
     return timers

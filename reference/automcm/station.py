@@ -9,19 +9,29 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 from automcm.outcome import Expiry, Heard, Input, Me, Outcome, Restart, Rules
 from automcm.rules import RULES, decide
-from automcm.state import State, Timer, armed
+from automcm.state import LEASE, State, Timer, armed
 from automcm_spec.application import Accepted, Command, Discarded, Indication
 from automcm_spec.messages import Advertisement, Cam, Message, MessageError, Trajectory, decode
-from automcm_spec.parameters import Parameters, durations, forgotten_at, lease_lasts, rank
+from automcm_spec.parameters import Known, Parameters, durations, forgotten_at, lease_lasts, rank
 
 Plan = Callable[[Advertisement], Trajectory | None]
 """The application's predicate "concerned" (ADV-3): what it would drive, or None."""
 Decode = Callable[[bytes], Message | Cam]
 """A codec's decoder; raises MessageError."""
+
+
+DEFAULT = Parameters()
+
+
+@lru_cache
+def _times(p: Parameters) -> tuple[Known, Mapping[str, int | None]]:
+    """All parameters by name, and how long timers last; stations of equal ones share both."""
+    return p.known, durations(p.known)
 
 
 def unconcerned(advertisement: Advertisement) -> Trajectory | None:
@@ -65,7 +75,7 @@ class Station:
         rules: Rules = RULES,
         decode: Decode = decode,
     ) -> None:
-        self.parameters = p = parameters or Parameters()
+        self.parameters = p = parameters or DEFAULT
         self.me = Me(station_id, p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit)
         self.state = State(number=number)
         self.timers: dict[Timer, int] = {}
@@ -73,8 +83,7 @@ class Station:
         self.durations: Mapping[str, int] = {}
         """How long timers of a name last, in ms, instead of what the parameters say.  It counts
         from the next arming on; for the conformance kit."""
-        self._known = p.known
-        self._lasts = durations(self._known)
+        self._times = _times(p)
         self._plan = plan
         self._rules = rules
         self._decode = decode
@@ -150,7 +159,7 @@ class Station:
         if self.state is not before or again or isinstance(i, Expiry):
             newly, stopped = self._rearm(before, outcome, i, now)
         if isinstance(told, Accepted):  # only here is a clock
-            left = self.timers[Timer("lease")] - now
+            left = self.timers[LEASE] - now
             told = told.model_copy(update={"lease_left_ms": left})
         indications = () if told is None else (told,)
         return Effects(now, i, rule, self.state, messages, indications, newly, stopped)
@@ -162,7 +171,7 @@ class Station:
         expired = i.timer if isinstance(i, Expiry) else None
         if expired is not None:
             self.timers.pop(expired, None)
-        if outcome.state.joined != before.joined:
+        if outcome.state.joined is not before.joined:
             self._joined_at = {
                 p: self._joined_at.get(p, now) if before.joined.get(p) == number else now
                 for p, number in outcome.state.joined.items()
@@ -172,25 +181,26 @@ class Station:
         stopped = [timer for timer in timers if timer not in running]
         for timer in stopped:
             del timers[timer]
+        for timer in outcome.again:
+            timers.pop(timer, None)
         newly = []
         for timer in running:
-            if timer not in timers or timer in outcome.again:
-                timers.pop(timer, None)
+            if timer not in timers:
                 timers[timer] = deadline = now + self._duration(timer, now)
                 newly.append((timer, deadline))
         return tuple(newly), tuple(stopped)
 
     def _duration(self, timer: Timer, now: int) -> int:
-        p = self.parameters
-        if timer.name == "lease":
+        p, name = self.parameters, timer.name
+        if name == "lease":
             return lease_lasts(p.clock_drift, self.state.role, self.state.lease_ms)
-        if timer.name in self.durations:
-            return self.durations[timer.name]
-        if timer.name == "backoff":
+        if name in self.durations:
+            return self.durations[name]
+        if name == "backoff":
             return self._random.randint(p.backoff_min, p.backoff_max)
-        if timer.name == "forget":
-            joined = self._joined_at.get(timer.station, now)
-            return forgotten_at(self._known, joined, now) - now
-        lasts = self._lasts[timer.name]
-        assert lasts is not None, f"no formula: {timer.name}"
+        known, lasting = self._times
+        if name == "forget":
+            return forgotten_at(known, self._joined_at.get(timer.station, now), now) - now
+        lasts = lasting[name]
+        assert lasts is not None, f"no formula: {name}"
         return lasts

@@ -15,6 +15,7 @@ from typing import Any
 
 from automcm.adapter import without
 from automcm.advertising import answer_closed
+from automcm.ending import ACK, FIRST
 from automcm.outcome import (
     Heard,
     Me,
@@ -182,13 +183,13 @@ def ack_misread(entry: Callable[[State, Ack], Reliable | None]) -> Rules:
         of = MessageId(type=named.type, seq=named.seq)
         return Heard(i.message.model_copy(update={"src": named.dst, "of": of}))
 
-    def changed(row: Row) -> Row:
+    def changed(row: Row[Heard[Ack]]) -> Row[Heard[Ack]]:
         return row._replace(
             when=lambda me, st, i: row.when(me, st, misread(st, i)),
             then=lambda me, st, i: row.then(me, st, misread(st, i)),
         )
 
-    return {**RULES, "receive Ack": tuple(map(changed, RULES["receive Ack"]))}
+    return {**RULES, "receive Ack": tuple(map(changed, FIRST + ACK))}
 
 
 def acked_by_any(st: State, m: Ack) -> Reliable | None:
