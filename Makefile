@@ -7,21 +7,26 @@ ifneq ($(filter C POSIX,$(LC_ALL)),)
 unexport LC_ALL
 endif
 
-.PHONY: verify test test-all test-deep test-faults test-foreign test-explore test-traces generate \
+.PHONY: verify test test-whole test-all test-deep test-faults test-foreign test-explore test-traces generate \
   pages evaluation docs fuzz clean ready
 .DELETE_ON_ERROR:
 
 verify: ready
 	@$(BIN)/automcm verify $(ARGS)
 
+# Before a commit, in three minutes: lint, types, and the tests that are not slow.
 test: ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+	@$(BIN)/pytest -q -n 2 --dist worksteal -m "not slow and not deep" $(ARGS)
+
+# The whole test suite, quick and slow tests, with branch coverage.
+test-whole: ready
 	@$(BIN)/pytest -q -n 2 --dist worksteal --cov --cov-report=term $(ARGS)
 
 # Everything there is: about two hours.
-test-all: test test-deep test-faults test-traces test-explore test-foreign
+test-all: test test-whole test-deep test-faults test-traces test-explore test-foreign
 
 # The tests marked deep, then a million steps; --steps, --seed and --processes in ARGS.
 test-deep: ready

@@ -197,7 +197,7 @@ def _arithmetic(node: ast.BinOp, place: Place) -> Iterator[tuple[Class, ast.AST 
 
 def _call(node: ast.Call, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
     name, empty = called(node), ast.Tuple([], ast.Load())
-    if name == "Row":
+    if name == "Row" and len(node.args) == 3:
         rule, _, then = node.args
         yes, nothing = "lambda me, st, i: True", "lambda me, st, i: Outcome(st)"
         if ast.unparse(node.args[1]) != "always":

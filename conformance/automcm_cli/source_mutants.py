@@ -86,8 +86,15 @@ def generate(modules: Sequence[str] = MODULES) -> Generated:
     """All mutants of these modules, in the order of their text.  Raises OSError, SyntaxError."""
     found = Generated([])
     for name in modules:
-        _mutants(name, found)
+        _mutants(name, path_of(name), found)
     return found
+
+
+def of_file(path: Path) -> list[Mutant]:
+    """All mutants of any module.  Raises OSError, SyntaxError."""
+    found = Generated([])
+    _mutants(path.stem, path, found)
+    return found.mutants
 
 
 def sample(mutants: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
@@ -117,8 +124,7 @@ def _hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _mutants(module: str, found: Generated) -> None:
-    path = path_of(module)
+def _mutants(module: str, path: Path, found: Generated) -> None:
     source = path.read_text(encoding="utf-8")
     tree = ast.parse(source)
     same: set[tuple[int, str]] = {(node.lineno, ast.dump(node)) for node in tree.body}

@@ -97,6 +97,7 @@ def table(page: str, head: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in lines[2:]]
 
 
+@pytest.mark.slow
 def test_the_protocol_lists_all_that_is_told_and_by_which_rule(told: set[tuple[str, str]]) -> None:
     rows = table("protocol.md", "it is told")
     listed = [(row[0].strip("`"), rule) for row in rows for rule in row[-1].split(", ")]

@@ -88,6 +88,7 @@ def copy(tmp_path: Path) -> Path:
     return copied(tmp_path / "copy")
 
 
+@pytest.mark.slow
 def test_the_short_loop_of_the_page(copy: Path) -> None:
     for step in STEPS:
         if isinstance(step, Change):

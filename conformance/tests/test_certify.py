@@ -44,6 +44,7 @@ def changed(module: str, old: str, new: str) -> Mutant:
     return Mutant(f"{module}/by hand/guard-1", "guard", module, line, "", old, new, mutated)
 
 
+@pytest.mark.slow
 def test_the_same_mutants_come_each_time(made: Generated) -> None:
     again = generate(modules=["state", "ending"])
     assert again.mutants == [m for m in made.mutants if m.module in ("state", "ending")]
@@ -53,6 +54,7 @@ def test_the_same_mutants_come_each_time(made: Generated) -> None:
     assert sample(made.mutants, 0, 1) == made.mutants
 
 
+@pytest.mark.slow
 def test_there_are_enough_of_each_class(made: Generated) -> None:
     assert len(made.mutants) >= len(sample(made.mutants, SHARE, 1)) >= 150
     classes = Counter(m.class_ for m in sample(made.mutants, SHARE, 1))
@@ -111,6 +113,7 @@ def said(module: str, file: str) -> str:
     return subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("class_", [c for c in SCRIPTS if c != "table"])
 def test_a_mutated_child_answers_differently(class_: str, tmp_path: Path) -> None:
     module, old, new = SCRIPTS[class_]
@@ -135,11 +138,13 @@ def walked(mutant: Mutant, folder: Path) -> Difference | None:
     return equivalence.difference(mutant, file, folder, TIGHT)
 
 
+@pytest.mark.slow
 def test_an_equivalent_mutant_is_called_so(folder: Path) -> None:
     same = changed("prescribing", "not (st.phase == ", "True and not (st.phase == ")
     assert walked(same, folder) is None
 
 
+@pytest.mark.slow
 def test_a_difference_is_found_and_shown(folder: Path) -> None:
     module, old, new = SCRIPTS["table"]
     found = walked(changed(module, old, new), folder)
@@ -156,6 +161,7 @@ def test_only_what_may_call_the_change_is_walked(made: Generated) -> None:
     assert kinds["ending/drop"] == {"expire giveup", "receive Ack"}
 
 
+@pytest.mark.slow
 def test_survivors_count_and_are_shown(folder: Path, tmp_path: Path) -> None:
     """A suite that cannot see a mutant, and one that can."""
     mutant = changed(*SCRIPTS["table"])
@@ -227,6 +233,7 @@ def test_what_is_kept_and_never_said_is_equivalent(made: Generated, tmp_path: Pa
     assert hidden(made, "prescribing/window_closes/memory-1", tmp_path)
 
 
+@pytest.mark.slow
 def test_what_is_kept_and_said_later_is_not(made: Generated, tmp_path: Path) -> None:
     """Who withdraws, and stays recorded all the same, is acked again (END-2)."""
     assert not hidden(made, "ending/withdraw/memory-4", tmp_path)

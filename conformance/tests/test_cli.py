@@ -68,6 +68,7 @@ def test_check_shows_and_writes_a_counterexample(tmp_path: Path) -> None:
     assert [s["#meta"]["index"] for s in written["states"]] == list(range(len(written["states"])))
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("kind", "partial", "code"),
     [("timeout", 7, 4), ("memory", 7, 4), ("disk", 7, 4), ("timeout", 0, 3)],
@@ -290,6 +291,7 @@ def test_spec_list_names_every_model() -> None:
     assert {"cfg", "expect", "why"} <= set(listed[0])
 
 
+@pytest.mark.slow
 def test_spec_check_says_when_no_model_tells_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generate, "recorded_hash", lambda: "another")
     answer = run.invoke(app, ["spec", "check", "bare_ack"])
@@ -318,6 +320,7 @@ def test_without_a_recorded_graph_nothing_is_said_of_a_change(
     assert not generated.graph_changed(b"{}")
 
 
+@pytest.mark.slow
 def test_only_another_graph_is_a_change_that_no_model_noticed() -> None:
     fresh = oracle.content(generate.ONE_PEER.path)
     data = json.loads(fresh)

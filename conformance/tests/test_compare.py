@@ -25,6 +25,7 @@ def test_the_map_is_its_own_inverse_on_every_state(oracle: Oracle) -> None:
     assert all(abstract(concrete(state)) == state for state in oracle.states)
 
 
+@pytest.mark.slow
 def test_the_map_is_its_own_inverse_on_every_input_that_changes_something(oracle: Oracle) -> None:
     """But for what neither looks at: is a CAM newer if none was heard, does an Advertisement of
     its own concern it."""
@@ -70,6 +71,7 @@ def test_the_path_to_a_difference_is_a_shortest_one(oracle: Oracle) -> None:
     assert [i.kind for i in inputs[:2]] == ["receive", "receive"] and len(inputs) == 3
 
 
+@pytest.mark.slow
 def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
     class Broken(Reference):
         def apply(self, value: Any) -> Any:
@@ -82,6 +84,7 @@ def test_an_implementation_that_raises_differs_and_the_walk_goes_on(oracle: Orac
     assert "RuntimeError: no" in explain(result.divergences[0], oracle)
 
 
+@pytest.mark.slow
 def test_a_state_that_it_cannot_be_put_into_differs_and_the_walk_goes_on(oracle: Oracle) -> None:
     class Older(Reference):
         def put(self, state: Any) -> None:
@@ -108,6 +111,7 @@ def test_of_each_rule_that_many_differences_are_kept(oracle: Oracle) -> None:
     assert kept == {rule: min(LIMIT, n) for rule, n in result.decided.items()}
 
 
+@pytest.mark.slow
 def test_marks_are_compared(oracle: Oracle) -> None:
     class Unmarked(Reference):
         def marks(self) -> Any:

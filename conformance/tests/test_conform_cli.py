@@ -132,6 +132,7 @@ def test_json_on_standard_output_is_all_there_is(tmp_path: Path) -> None:
     assert json.loads(done.stdout) == json.loads((tmp_path / "r" / "report.json").read_text())
 
 
+@pytest.mark.slow
 def test_json_into_a_file_and_no_colours_in_a_pipe(tmp_path: Path) -> None:
     file = tmp_path / "also.json"
     done = piped(tmp_path, file, CARELESS)
@@ -295,6 +296,7 @@ def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done) -> None:
     assert json.loads(right.output) == {"case": CASE, "verdict": "PASS", "what": ""}
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("does", "what", "stderr"),
     [
@@ -385,6 +387,7 @@ def test_check_adapter() -> None:
     assert "error" in {finding["level"] for finding in json.loads(answer.output)}
 
 
+@pytest.mark.slow
 def test_a_new_adapter_speaks_the_protocol_but_is_no_station(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     answer = run.invoke(app, ["conform", "new", "--language", "python", str(folder)])

@@ -52,6 +52,7 @@ def test_the_full_profile_compares_what_tlc_tells(monkeypatch: pytest.MonkeyPatc
     assert gone.name in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", ["1", pytest.param("2", marks=pytest.mark.deep)])
 def test_the_corpus_does_not_depend_on_the_hash_seed(seed: str) -> None:
     done = subprocess.run(

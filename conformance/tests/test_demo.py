@@ -53,6 +53,7 @@ def report(process: subprocess.Popen[str]) -> dict[str, Any]:
     return value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "story"),
     [
@@ -104,6 +105,7 @@ def shown(folder: Path, **options: list[str]) -> Demo:
     return demo
 
 
+@pytest.mark.slow
 def test_another_end_than_described_is_a_problem(tmp_path: Path) -> None:
     demo = shown(tmp_path, prescriber=SOON_OVER, B=["--refuse-first", "3"])
     assert "not as described: B accepts" in demo.problems
@@ -116,6 +118,7 @@ def test_a_station_that_cannot_start_is_a_problem(tmp_path: Path) -> None:
     assert any(p.startswith("C: ") and "198.51.100.1" in p for p in demo.problems)
 
 
+@pytest.mark.slow
 def test_a_log_that_the_oracle_does_not_allow_is_a_problem(tmp_path: Path) -> None:
     demo = shown(tmp_path, prescriber=SOON_OVER)
     assert demo.problems == []
@@ -134,6 +137,7 @@ def test_a_log_that_the_oracle_does_not_allow_is_a_problem(tmp_path: Path) -> No
     assert any("3.ndjson" in problem and "unreadable" in problem for problem in demo.problems)
 
 
+@pytest.mark.slow
 def test_a_process_that_hangs_or_leaves_early_is_a_problem(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -155,6 +159,7 @@ def test_a_process_that_hangs_or_leaves_early_is_a_problem(
     assert "A: did not end when told to" in hung.problems
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.7, 2.5])
 def test_a_demonstration_told_to_stop_leaves_no_process(after_s: float, tmp_path: Path) -> None:
     with subprocess.Popen([*COMMAND, "demo", "--logs", str(tmp_path)], stderr=subprocess.PIPE) as p:
@@ -255,6 +260,7 @@ def test_end_8_without_a_number_file_a_station_may_have_run_before(tmp_path: Pat
         assert restarts(log) == (not first)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("text", ["rubbish", "-1", "9" * 5000, "9007199254740991", "\u0663"])
 def test_end_8_a_number_file_with_no_number_is_exit_code_3(text: str, tmp_path: Path) -> None:
     kept = tmp_path / "number"
@@ -284,6 +290,7 @@ def test_a_log_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
     assert done.returncode == 3 and "no/log" in done.stderr
 
 
+@pytest.mark.slow
 def test_told_to_stop_while_it_listens_a_station_ends_well() -> None:
     with subprocess.Popen([*COMMAND, "station", "--id", "1", "--listen", "30000"]) as process:
         time.sleep(3)
@@ -291,6 +298,7 @@ def test_told_to_stop_while_it_listens_a_station_ends_well() -> None:
         assert process.wait(timeout=LIMIT_S) == 0
 
 
+@pytest.mark.slow
 def test_driving_software_at_the_other_end_of_a_bridge() -> None:
     """station --bridge, and automcm drive, which asks for a lane change and completes it."""
     with running("link", "relay", "--port", "0") as relay:
@@ -312,6 +320,7 @@ def test_driving_software_at_the_other_end_of_a_bridge() -> None:
     assert seen == ["ADV-1", "PRE-1", "PRE-2", "PRE-4", "NEG-6", "ACT-3"]
 
 
+@pytest.mark.slow
 def test_a_bridge_that_cannot_be_reached_or_opened_is_exit_code_3() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

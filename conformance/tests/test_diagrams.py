@@ -81,6 +81,7 @@ def test_end_8_a_restart_leads_from_every_phase_to_standalone(edges: set[Edge]) 
     assert ways(restarts) == bound == {way for way in WAYS if way[3] == diagrams.RESTART}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("graph", [generate.TIGHT, generate.TWO_PEERS], ids=lambda g: g.name)
 def test_the_other_graphs_have_no_other_step(graph: generate.Graph, edges: set[Edge]) -> None:
     assert diagrams.edges(load(graph.path)) <= edges

@@ -25,6 +25,7 @@ SMALL: list[tuple[str, Json]] = [
 RESULTS = {name: json.loads((FOLDER / name / report.RESULTS).read_text()) for name in NAMES}
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(("name", "values"), SMALL, ids=lambda v: v if isinstance(v, str) else "")
 def test_a_small_cell_gives_what_is_committed(name: str, values: Json) -> None:
     found = RESULTS[name]

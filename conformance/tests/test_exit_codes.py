@@ -145,6 +145,7 @@ def ends(
     return done.returncode, done.stderr
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("command", CHEAP)
 def test_output_that_cannot_be_written(command: str, folder: Path) -> None:
     way, words = CHEAP[command], command.split()
@@ -170,6 +171,7 @@ def path_options(command: str) -> set[str]:
     )
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("command", CHEAP)
 def test_files_that_cannot_be_written(command: str, folder: Path) -> None:
     """As on a full disk: no file takes a byte."""
@@ -197,6 +199,7 @@ def test_files_that_cannot_be_written(command: str, folder: Path) -> None:
 DIFF = ["trace", "diff", "1001.ndjson", "2002.ndjson"]
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("more", [[], ["--json", "-"]], ids=["text", "json"])
 @pytest.mark.parametrize("unbuffered", [False, True], ids=["buffered", "unbuffered"])
 def test_a_verdict_that_cannot_be_written_is_none(
@@ -222,6 +225,7 @@ def shell(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unbuffered", ["", "PYTHONUNBUFFERED=1"])
 def test_a_reader_that_goes_away_is_no_divergence(unbuffered: str, folder: Path) -> None:
     """What pipefail makes of it, and more than a pipe holds; nothing of it is lost otherwise."""
@@ -242,6 +246,7 @@ def test_a_closed_standard_output_is_no_divergence(words: str, folder: Path) -> 
     assert done.stderr == f"automcm: standard output: {os.strerror(errno.EBADF)}\n"
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("closed", ["1", "2", "1 2", "0 1 2"])
 def test_no_file_takes_the_place_of_what_is_closed(closed: str, folder: Path) -> None:
     """What is printed must not get into the page, which would be the next file opened."""
@@ -252,6 +257,7 @@ def test_no_file_takes_the_place_of_what_is_closed(closed: str, folder: Path) ->
     assert (folder / where).read_bytes() == (folder / "page.html").read_bytes()
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("lost", ["2>/dev/full", "2>&-"])
 def test_standard_error_that_cannot_be_written_changes_no_verdict(lost: str, folder: Path) -> None:
     assert shell(f"automcm trace explain none.ndjson {lost}", folder).returncode == 3

@@ -44,6 +44,7 @@ def test_there_is_a_command_for_each_experiment() -> None:
     assert tuple(experiment.ABOUT) == NAMES
 
 
+@pytest.mark.slow
 def test_two_workers_write_the_same_bytes(small: Path, tmp_path: Path) -> None:
     done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path), "--workers", "2", "--json", "-"])
     assert done.exit_code == 0, done.output
@@ -53,6 +54,7 @@ def test_two_workers_write_the_same_bytes(small: Path, tmp_path: Path) -> None:
             assert (tmp_path / "bandwidth" / path.name).read_bytes() == path.read_bytes(), path.name
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_sweep(small: Path) -> None:
     done = RUN.invoke(app, [*SMALL, "--out", str(small), "--seed", "2"])
     assert done.exit_code == 3 and "another sweep (seed differ)" in done.stderr
@@ -118,6 +120,7 @@ def test_something_broken_is_exit_code_1(
     assert done.exit_code == 1 and "BROKEN: a hazard of 9 s" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_report_is_rendered_again(small: Path) -> None:
     before = results(small)
     for path in (small / "bandwidth").glob("bandwidth.*"):

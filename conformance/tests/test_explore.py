@@ -187,6 +187,7 @@ SAME_NUMBER = AFTER_RESTART.format(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [SEQ_AFTER_RESTART, SAME_NUMBER])
 def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
     tmp_path: Path, code: str
@@ -197,6 +198,7 @@ def test_a_wrong_choice_of_the_station_is_wrong_in_the_replay_too(
     replays(found, tmp_path, code)
 
 
+@pytest.mark.slow
 def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> None:
     found = explored(LATE_LEASE, tmp_path, 100)
     (case,) = found.cases
@@ -205,6 +207,7 @@ def test_a_timer_a_millisecond_late_is_found_by_its_deadline(tmp_path: Path) -> 
     replays(found, tmp_path, LATE_LEASE)
 
 
+@pytest.mark.slow
 def test_a_station_that_stops_failing_is_nondeterministic_with_both_logs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,6 +230,7 @@ def test_a_crash_is_shortened_and_its_last_words_are_kept(tmp_path: Path) -> Non
     assert any("out of luck" in line for line in case.failures[0].came)
 
 
+@pytest.mark.slow
 def test_a_station_that_hangs_ends_in_a_report(tmp_path: Path) -> None:
     found = explored(HANGS, tmp_path, 60, limit_s=1.0)
     assert found.cases[0].verdict == "ERROR"
@@ -270,6 +274,7 @@ def answer(command):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [NO_RESET, REFUSES_RESET])
 def test_a_station_that_never_answers_reset_is_an_error(tmp_path: Path, code: str) -> None:
     found = explored(code, tmp_path, 3)
@@ -278,6 +283,7 @@ def test_a_station_that_never_answers_reset_is_an_error(tmp_path: Path, code: st
     assert found.acts[case.id] == 0 and found.problems == []
 
 
+@pytest.mark.slow
 def test_what_is_remembered_over_reset_is_nondeterministic(tmp_path: Path) -> None:
     found = explored(LEAKS, tmp_path, 60)
     (case,) = found.cases
@@ -285,6 +291,7 @@ def test_what_is_remembered_over_reset_is_nondeterministic(tmp_path: Path) -> No
     assert len(list((tmp_path / "logs").glob("1-again.*"))) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [LINE_TOO_MANY, LINE_TOO_FEW])
 def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str) -> None:
     found = explored(code, tmp_path, 30, limit_s=1.0)
@@ -293,6 +300,7 @@ def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str)
     assert not found.problems
 
 
+@pytest.mark.slow
 def test_an_interruption_of_shortening_keeps_the_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -326,6 +334,7 @@ def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
     assert found.problems == ["interrupted"] and found.coverage
 
 
+@pytest.mark.slow
 def test_walks_go_where_none_has_been() -> None:
     from random import Random
 
@@ -349,6 +358,7 @@ def test_walks_go_where_none_has_been() -> None:
     assert walker.timed(10) == []
 
 
+@pytest.mark.slow
 def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
     # Two Cancels are given up at once, the later of the two times; forget(2) is due between.
     closed = received("Cancel", NEXT)
@@ -404,6 +414,7 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert no_command.exit_code == 2
 
 
+@pytest.mark.slow
 def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
     """Two Cancels, or a Prescription and a Cancel, are sent again together or not at all."""
     from automcm_conformance.exchange import Exchange

@@ -47,6 +47,7 @@ def test_each_line_has_the_right_form(mine: Path) -> None:
     assert code == 0 and "error" not in output, output
 
 
+@pytest.mark.slow
 def test_the_cases_of_the_page_pass(mine: Path, tmp_path: Path) -> None:
     assert f"automcm conform run {' '.join(CASES)} -- mine/run" in PAGE
     code, output = conform("run", *CASES, "--out", str(tmp_path), "--", str(mine))
@@ -58,6 +59,7 @@ def test_the_cases_of_the_page_pass(mine: Path, tmp_path: Path) -> None:
     assert list(driven.groups()) == counts
 
 
+@pytest.mark.slow
 def test_the_mistake_of_the_page_is_found(tmp_path: Path) -> None:
     run = python_station(tmp_path / "mine")
     station = run.parent / "station.py"

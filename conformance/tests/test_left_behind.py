@@ -94,6 +94,7 @@ COMMANDS: dict[str, tuple[list[str], str, int]] = {
 }
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("what", COMMANDS)
 def test_a_command_that_is_killed_leaves_no_process(
     what: str, home: Path, running: Callable[[], list[str]]
@@ -108,6 +109,7 @@ def test_a_command_that_is_killed_leaves_no_process(
     assert until(lambda: not running()), running()
 
 
+@pytest.mark.slow
 def test_what_a_killed_command_left_is_removed_by_the_next(
     home: Path, running: Callable[[], list[str]]
 ) -> None:
@@ -136,6 +138,7 @@ def test_a_command_that_is_told_to_stop_leaves_nothing(
 LOG = Path(__file__).resolve().parents[2] / "traces/corpus/pair/1001.ndjson"
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     "arguments",
     [

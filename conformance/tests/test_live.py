@@ -377,6 +377,7 @@ def station(*options: str) -> Iterator[str]:
             child.terminate()
 
 
+@pytest.mark.slow
 def test_a_station_of_the_reference_over_sockets(tmp_path: Path) -> None:
     """How late it is says how busy this machine is: so a timing miss is no failure here."""
     options = ["--set", "t_resend=600", "--set", "t_timeout=600"]

@@ -39,6 +39,7 @@ def test_a_counterexample_that_is_not_there_is_named(
     assert done.exit_code == 3 and f"{MUST_FAIL[0].cfg}.itf.json" in done.output
 
 
+@pytest.mark.slow
 def test_a_counterexample_that_should_not_be_is_a_page(tmp_path: Path) -> None:
     (model,) = [m for m in models.load() if m.cfg == "ack_from_anybody"]
     found = models.check(model)

@@ -94,6 +94,7 @@ CODE = {
 }
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     "what",
     [pytest.param(w, marks=[pytest.mark.deep] * (w == "one proposal too many")) for w in CODE],
@@ -155,10 +156,12 @@ def differences(tla: Path) -> int:
     return walk(oracle, Reference(oracle.constants), stop_at_first=True).differences
 
 
+@pytest.mark.slow
 def test_unchanged_there_is_no_difference() -> None:
     assert differences(TLA) == 0
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "what", [pytest.param(w, marks=[pytest.mark.deep] * (n % 3 > 0)) for n, w in enumerate(SPEC)]
 )

@@ -27,6 +27,7 @@ def test_the_python_template_runs(tmp_path: Path) -> None:
     assert levels(str(written[1])) == HONEST
 
 
+@pytest.mark.slow
 def test_the_cpp_template_runs(tmp_path: Path) -> None:
     for tool in ("cmake", "c++"):
         if not shutil.which(tool):

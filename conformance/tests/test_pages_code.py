@@ -68,6 +68,7 @@ def test_the_code_of_the_reference_s_page_prints_what_stands_below_it(
     assert CliRunner().invoke(app, ["trace", "explain", *logs]).exit_code == 0
 
 
+@pytest.mark.slow
 def test_the_counterexample_of_the_page_is_what_is_printed(tmp_path: Path) -> None:
     rule, printed, _ = (text for _, text in blocks("reading-the-spec.md"))
     assert rule in (ROOT / "spec" / "tla" / "Station.tla").read_text()
@@ -77,6 +78,7 @@ def test_the_counterexample_of_the_page_is_what_is_printed(tmp_path: Path) -> No
     assert answer.exit_code == 0 and printed in answer.output
 
 
+@pytest.mark.slow
 def test_the_coverage_of_the_page_has_a_line_for_each_action(tmp_path: Path) -> None:
     *_, (_, printed) = blocks("reading-the-spec.md")
     model = next(m for m in models.load() if m.cfg == "restarts")

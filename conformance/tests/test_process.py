@@ -122,6 +122,7 @@ def test_an_answer_that_is_not_flushed_is_a_hang_with_a_hint() -> None:
     assert "flushed" in str(failure(FORGETS_TO_FLUSH, limit_s=LIMIT))
 
 
+@pytest.mark.slow
 def test_the_limit_is_for_each_answer() -> None:
     slow = "import sys, time\nfor line in sys.stdin: time.sleep(.4); print(1, flush=True)"
     with start(slow) as child:
@@ -181,6 +182,7 @@ def test_half_a_line_then_exit() -> None:
     assert "in the middle of a line" in str(error)
 
 
+@pytest.mark.slow
 def test_it_closes_its_output_but_lives() -> None:
     error = failure("import os\nos.close(1)\n" + SLEEPS)
     assert (error.kind, error.exit_code) == ("closed", None)

@@ -58,6 +58,7 @@ def test_without_an_adapter_there_is_nothing(pytester: pytest.Pytester) -> None:
     assert pytester.runpytest("automcm::AMCM").ret == pytest.ExitCode.USAGE_ERROR
 
 
+@pytest.mark.slow
 def test_in_every_run_nothing_of_the_kit_is_imported() -> None:
     code = (
         "import sys, pytest; pytest.main(['--markers']); print(sorted(name for name in sys.modules"
@@ -102,6 +103,7 @@ def test_cases_are_chosen(
     assert 0 < len(listed) < 60 and all(line.startswith(f"automcm::{wanted}") for line in listed)
 
 
+@pytest.mark.slow
 def test_an_adapter_in_the_settings(pytester: pytest.Pytester) -> None:
     pytester.makeini(f"[pytest]\nautomcm_adapter = {GOOD}\nautomcm_select = {CASE}")
     pytester.makepyfile(test_mine="def test_mine(): pass")
@@ -170,12 +172,14 @@ def test_no_adapter_is_one_failure(pytester: pytest.Pytester) -> None:
     done.stdout.fnmatch_lines(["no run: no-such-adapter cannot be started*"])
 
 
+@pytest.mark.slow
 def test_no_adapter_is_one_failure_of_all_workers(pytester: pytest.Pytester) -> None:
     arguments = (*options("no-such-adapter"), *selected("AMCM/RCV/NEG/BI"), "-n", "2")
     outcomes = pytester.runpytest_subprocess(*arguments).parseoutcomes()
     assert outcomes["failed"] == 1 and outcomes["skipped"] == 5
 
 
+@pytest.mark.slow
 def test_workers_share_one_run(pytester: pytest.Pytester, bad: str) -> None:
     station = pytester.path / "station.py"
     station.write_text(f"open('started', 'a').write('x')\n{station.read_text()}")

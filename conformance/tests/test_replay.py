@@ -29,6 +29,7 @@ def test_behaviours_of_four_stations_agree(behaviours: list[Behaviour]) -> None:
     assert [replay(b, fresh) for b in behaviours] == [None] * 12
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_behaviours(behaviours: list[Behaviour]) -> None:
     assert simulate.behaviours(12, 40, 7, lively=True) == behaviours
 

@@ -82,6 +82,7 @@ def test_the_suite_has_these_cases() -> None:
     assert cases == set(NAMES)
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_reference_passes(name: str, tmp_path: Path) -> None:
     outcome = run(name, REFERENCE, tmp_path)
@@ -263,6 +264,7 @@ Station._duration = lasts
 }
 
 
+@pytest.mark.sweep(9)
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_broken_station_fails(name: str, tmp_path: Path) -> None:
     mutant = MUTANTS[name]
@@ -306,6 +308,7 @@ def test_what_it_cannot_do_is_skipped(tmp_path: Path) -> None:
     assert skipped("scenario prescriber restarts", features=features) == "needs restart"
 
 
+@pytest.mark.slow
 def test_limits_are_followed_and_lead_elsewhere(tmp_path: Path) -> None:
     """MEM-1: the only participant is not the target."""
     hello = HELLO.model_copy(update={"fixed": {"max_participants": 1}})
@@ -333,6 +336,7 @@ first('receive Cancel', 'END-2', lambda me, st, i: (me.station_id, st.phase) == 
 """One station does not hear that it was not chosen."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stations", [5, 12])
 def test_any_number_of_stations_is_played_and_judged(
     stations: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -381,6 +385,7 @@ def test_a_session_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert "1001 is still in ACTUATING" in outcome.finding.observed
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     name = "scenario one in five lost"
     one, other = (run(name, REFERENCE, tmp_path / n) for n in ("one", "other"))

@@ -35,6 +35,7 @@ def test_the_lane_change_is_told_and_drawn(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.glob("*.ndjson"))[0] == "1.ndjson"
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_pictures(tmp_path: Path) -> None:
     for name in "ab":
         run("simulate", "lane-change", "--seconds", "12", "--out", str(tmp_path / name))
@@ -75,6 +76,7 @@ def test_without_matplotlib_there_are_no_plots_and_it_says_so(
     assert done.exit_code == 0 and "install automcm[plot]" in done.output
 
 
+@pytest.mark.slow
 def test_bench_station_has_every_figure_beside_a_baseline() -> None:
     code, said = run("bench", "station", "--seconds", "0.2", "--json", "-")
     report = json.loads(said)
@@ -92,11 +94,13 @@ def test_bench_station_has_every_figure_beside_a_baseline() -> None:
     assert [c["codec"] for c in report["codings"]] == ["json", "uper"]
 
 
+@pytest.mark.slow
 def test_bench_station_prints_ratios() -> None:
     code, said = run("bench", "station", "--seconds", "0.2")
     assert code == 0 and "times that" in said and "bytes a station" in said
 
 
+@pytest.mark.slow
 def test_bench_kernels_prints_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     small = partial(kernel_bench.run, points=(40,), pairs=(1, 4))
     monkeypatch.setattr(kernel_bench, "run", small)

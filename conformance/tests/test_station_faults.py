@@ -41,6 +41,7 @@ def pair(on: Road, victim: int, *args: str, **more: Any) -> tuple[Running, Runni
     return on.prescriber("--maneuver", "1500", *args, **more), receiver
 
 
+@pytest.mark.slow
 @BOTH
 def test_reports_that_nobody_reads_hold_nothing(victim: int, tmp_path: Path) -> None:
     with road(tmp_path) as on:
@@ -63,6 +64,7 @@ def test_reports_that_nobody_reads_do_not_put_off_the_end(tmp_path: Path) -> Non
         assert unread.wait() == 0 and "reports are lost" in unread.errors()
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_log_on_a_full_disk_ends_no_session_and_goes_on_when_there_is_room(
     victim: int, tmp_path: Path
@@ -97,6 +99,7 @@ def limit(running: Running, size: int) -> None:
     resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (size, hard))
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: Path) -> None:
     with road(tmp_path) as on:
@@ -121,6 +124,7 @@ def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: 
     assert len(errors) == 2 and all("standard output" in line for line in errors)
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_station_goes_on_when_nobody_reads_its_reports_any_more(
     victim: int, tmp_path: Path
@@ -136,6 +140,7 @@ def test_a_station_goes_on_when_nobody_reads_its_reports_any_more(
     assert read(on.log(victim)).end is not None
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @BOTH
 def test_end_1_a_station_told_to_stop_cancels_its_session(
@@ -158,6 +163,7 @@ def test_end_1_a_station_told_to_stop_cancels_its_session(
     assert abort["rule"] == "END-1" in RULES
 
 
+@pytest.mark.slow
 def test_a_station_that_is_told_to_stop_waits_for_its_ack_and_no_longer_when_told_again(
     tmp_path: Path,
 ) -> None:
@@ -179,6 +185,7 @@ def test_a_station_that_is_told_to_stop_waits_for_its_ack_and_no_longer_when_tol
     assert len(waited) >= STOP_MS // 100 - 1 > len(ended) > 0
 
 
+@pytest.mark.slow
 def test_under_nohup_a_station_goes_on_when_the_terminal_is_gone(tmp_path: Path) -> None:
     log = tmp_path / "log"
     args = ["station", "--id", "9", "--listen", "0", "--for", "600", "--log", str(log)]
@@ -191,6 +198,7 @@ def test_under_nohup_a_station_goes_on_when_the_terminal_is_gone(tmp_path: Path)
     assert process.returncode == 0 and last[1].t_ms - first[1].t_ms > 300
 
 
+@pytest.mark.slow
 def test_a_restart_leaves_the_log_of_the_life_before(tmp_path: Path) -> None:
     log = tmp_path / "log.ndjson"
     args = [*COMMAND, "station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log)]
@@ -204,6 +212,7 @@ def test_a_restart_leaves_the_log_of_the_life_before(tmp_path: Path) -> None:
     assert all(read(tmp_path / name).ended for name in names)
 
 
+@pytest.mark.slow
 def test_two_stations_on_one_path_write_two_logs(tmp_path: Path) -> None:
     args = ["station", "--listen", "0", "--log", str(tmp_path / "log"), "--first"]
     with road(tmp_path) as on:
@@ -241,6 +250,7 @@ def test_a_log_without_room_for_its_header_is_no_start(tmp_path: Path) -> None:
     assert done.stdout == "" and not log.exists()
 
 
+@pytest.mark.slow
 @BOTH
 def test_act_2_a_station_that_was_away_for_t_cam_loss_leaves_and_says_how_late_it_was(
     victim: int, tmp_path: Path

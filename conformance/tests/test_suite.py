@@ -64,6 +64,7 @@ COSTLY = ("is killed", "no UTF-8", "half a line", "output without end", "an erro
 """Of each kind one other is quick, and test_process.py has them all."""
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     "how", [pytest.param(h, marks=[pytest.mark.deep] * (h in COSTLY)) for h in BROKEN]
 )
@@ -109,6 +110,7 @@ def test_what_a_run_that_was_cut_short_left_out_is_open(conform: Suite) -> None:
     assert not any("forbidden" in case.reason for case in found.cases)
 
 
+@pytest.mark.slow
 def test_some_crashes_do_not_end_the_run(conform: Suite) -> None:
     """A few faults, however often each is tried again until the shortest exchange is found."""
     conform.patch.setattr(suite, "PATIENCE", 2 * suite.ENOUGH)
@@ -121,6 +123,7 @@ def test_some_crashes_do_not_end_the_run(conform: Suite) -> None:
     assert of(found, ACCEPTS).verdict == of(found, LATER).verdict == "PASS"
 
 
+@pytest.mark.slow
 def test_it_crashes_when_it_has_answered(conform: Suite) -> None:
     code = """
 def answer(c):
@@ -135,6 +138,7 @@ def answer(c):
     assert of(found, ACCEPTS).verdict == of(found, LATER).verdict == "PASS"
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("again", ["os._exit(5)", "print('no', flush=True)"])
 def test_it_cannot_be_started_again(conform: Suite, again: str) -> None:
     file = conform.folder / "started"
@@ -148,6 +152,7 @@ def bad(): os._exit(3)
     assert of(found, BUSY).verdict == "ERROR" and found.exit_code == 3
 
 
+@pytest.mark.slow
 def test_its_children_end_with_it(conform: Suite) -> None:
     file = conform.folder / "children"
     fork = f"""
@@ -163,6 +168,7 @@ def bad(): os._exit(3)
     assert all(gone(int(pid)) for pid in pids)
 
 
+@pytest.mark.slow
 def test_stop_ignored_is_a_problem_and_no_verdict(conform: Suite) -> None:
     loop = """
 for line in sys.stdin.buffer:
@@ -185,6 +191,7 @@ def test_a_deadline_in_the_past_is_wrong(conform: Suite) -> None:
     assert of(found, ACCEPTS).verdict == "PASS"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("second", ["the same", pytest.param("busy!", marks=pytest.mark.deep)])
 def test_more_answers_than_asked(conform: Suite, second: str) -> None:
     bad = """

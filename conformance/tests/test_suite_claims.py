@@ -79,6 +79,7 @@ SOME = (
 )
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "feature",
     [pytest.param(f, marks=[pytest.mark.deep] * (f in ("durations", "cam"))) for f in CLAIMS],
@@ -125,6 +126,7 @@ def answer(c):
 """
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("name", "value", "skipped"),
     [
@@ -152,6 +154,7 @@ def test_a_fixed_parameter(conform: Suite, name: str, value: int, skipped: dict[
     assert of(found, LATER).verdict == "PASS"
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(
     "fixed",
     [

@@ -347,6 +347,7 @@ station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "backoff"
 }
 
 
+@pytest.mark.sweep(14)
 @pytest.mark.parametrize("how", WRONG)
 def test_each_case_without_a_graph_can_fail(conform: Suite, how: str) -> None:
     name, first, code, says = WRONG[how]
@@ -378,6 +379,7 @@ def answer(c): return turned(right(c))
     assert conform(station(code), *names).counts["PASS"] == 3
 
 
+@pytest.mark.slow
 def test_wrong_marks_in_a_tour_are_blamed_on_the_marks(conform: Suite) -> None:
     marks, others = "AMCM/STA/ACT/BV-01", ("AMCM/STA/REL/TI-01", "AMCM/STA/END/BV-01")
     found = conform(station(first=WRONG["cam marks"][1]), *others, marks, states=700)

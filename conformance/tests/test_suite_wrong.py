@@ -35,6 +35,7 @@ def test_a_wrong_answer_is_blamed_on_its_case(conform: Suite) -> None:
         assert len(inputs) == 2, "an Advertisement, and a Prescription of another session"
 
 
+@pytest.mark.slow
 def test_no_bulk_changes_what_is_found(conform: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
     """One bulk is judged while the station answers the next, and after a wrong answer that one is
     played again."""

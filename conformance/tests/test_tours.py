@@ -86,6 +86,7 @@ def test_done_names_the_case_once(tight: Oracle) -> None:
     assert tours.left == {} and tours.next() is None
 
 
+@pytest.mark.slow
 def test_avoid_finds_other_ways_as_long_as_there_are(tight: Oracle) -> None:
     tours = Tours.over(tight, every(tight), lambda s, i: True)
     target = max(range(len(tight.states)), key=lambda s: len(tours.path(s) or []))
@@ -120,6 +121,7 @@ def test_allowed_keeps_tours_away(tight: Oracle) -> None:
     assert any(tight.states[s].role == "prescriber" for s in tours.left)
 
 
+@pytest.mark.slow
 def test_drop_leaves_the_other_cases(tight: Oracle) -> None:
     tours = Tours.over(tight, every(tight), lambda s, i: True)
     tours.drop("END-6")
@@ -191,6 +193,7 @@ def two() -> Oracle:
     return graph(TWO_PEERS.path)
 
 
+@pytest.mark.slow
 def test_the_remainder_is_of_this_specification(two: Oracle) -> None:
     assert remainder.spec_hash() == spec_hash() == two.spec_hash
 

@@ -42,6 +42,7 @@ def test_a_folder_stands_for_the_logs_in_it(tmp_path: Path) -> None:
     assert b"4004.ndjson: ALLOWED" in out.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_counterexample_is_named_after_its_file(tmp_path: Path) -> None:
     itf = TRACES / "counterexamples" / "ack_from_anybody.itf.json"
     out = tmp_path / "page.html"
@@ -81,6 +82,7 @@ def test_two_runs_are_compared(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_two_counterexamples_are_compared(tmp_path: Path) -> None:
     itf = [str(TRACES / "counterexamples" / f"{n}.itf.json") for n in ("no_lease", "no_decide")]
     out = tmp_path / "page.html"

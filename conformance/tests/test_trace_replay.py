@@ -29,6 +29,7 @@ from automcm_traces.explain import explain_files
 # -- a station that is right
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("which", STATIONS)
 def test_the_reference_does_again_what_it_did(which: int, logs: Path, tmp_path: Path) -> None:
     code, result = replay(logs / f"{which}.ndjson", REFERENCE, tmp_path)
@@ -51,12 +52,14 @@ def test_the_reference_does_again_what_it_did(which: int, logs: Path, tmp_path: 
     assert told[0] == told[1]
 
 
+@pytest.mark.slow
 def test_the_same_replay_gives_the_same_bytes(logs: Path, tmp_path: Path) -> None:
     first = replay(logs / "1002.ndjson", AUTOMCM, tmp_path / "a")[1]["log"]
     again = replay(logs / "1002.ndjson", AUTOMCM, tmp_path / "b")[1]["log"]
     assert Path(first).read_bytes() == Path(again).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_replayed_log_can_be_replayed(logs: Path, tmp_path: Path) -> None:
     first = replay(logs / "1001.ndjson", REFERENCE, tmp_path)[1]["log"]
     code, result = replay(Path(first), REFERENCE, tmp_path)
@@ -257,6 +260,7 @@ def answer(command):
     assert result["event"].startswith("deadline: ") and verdict(result) == "allowed"
 
 
+@pytest.mark.slow
 def test_a_crash_and_a_hang_are_errors_with_what_was_logged(logs: Path, tmp_path: Path) -> None:
     for code, text in (("sys.exit('no idea')", "it ended after"), ("time.sleep(60)", "no answer")):
         broken = f"""

@@ -7,6 +7,7 @@ import json
 import sys
 from pathlib import Path
 
+import pytest
 from replay_stage import REFERENCE, Json, edited, inputs, records, replay, verdict
 from replay_stage import logs as logs
 from wrong_station import station
@@ -22,6 +23,7 @@ from automcm_spec.parameters import Parameters
 REQUEST = {"ev": "command", "command": {"name": "request", "scenario": "merge", "details": {}}}
 
 
+@pytest.mark.slow
 def test_without_durations_and_cams_and_with_a_fixed_parameter(logs: Path, tmp_path: Path) -> None:
     bare = """
 def answer(command):

@@ -40,6 +40,7 @@ def test_what_is_expected_is_filled_in(tmp_path: Path, monkeypatch: pytest.Monke
             vectors.texts()
 
 
+@pytest.mark.slow
 def test_the_schema_fits_the_files() -> None:
     schema = json.loads((VECTORS / vectors.SCHEMA).read_text())
     jsonschema.Draft202012Validator.check_schema(schema)

@@ -50,6 +50,7 @@ def shown(report: verify_.Report) -> str:
     return console.export_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [["--rule", "NEG-4"], ["--no-models", "--profile", "full", "--rule", "NEG-4"]],
@@ -91,6 +92,7 @@ def test_a_rule_that_the_reference_does_not_keep(monkeypatch: pytest.MonkeyPatch
     assert "taken away" not in text and "Left out" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", [rule for rule in RULES if rule in NO_GRAPH])
 def test_a_rule_that_decides_nothing_there_is_4(rule: str) -> None:
     report = verify_.run(models_too=False, rule=rule)
@@ -98,6 +100,7 @@ def test_a_rule_that_decides_nothing_there_is_4(rule: str) -> None:
     assert f"Cannot tell {rule} decides nothing in the small graph; it is shown by" in shown(report)
 
 
+@pytest.mark.slow
 def test_the_small_graph_misses_every_rule_that_is_taken_away(built: Any) -> None:
     graph = oracle.parse(oracle.dump(built[0]), "small")
     found = compare.covered(graph, lambda rule: verify_._without(graph.constants, rule))

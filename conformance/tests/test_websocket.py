@@ -97,6 +97,7 @@ def test_an_answer_may_end_in_a_line_feed() -> None:
         assert there.exchange([LINE]) == [LINE.rstrip()]
 
 
+@pytest.mark.slow
 def test_no_answer() -> None:
     def does(connection: ServerConnection) -> None:
         connection.send(connection.recv())
@@ -107,6 +108,7 @@ def test_no_answer() -> None:
     assert str(error) == "no answer within 0.3 s after 1 of 2 answers"
 
 
+@pytest.mark.slow
 def test_a_server_that_does_not_even_read() -> None:
     def does(connection: ServerConnection) -> None:
         time.sleep(2 * LIMIT)
@@ -328,6 +330,7 @@ def _breaking(how: Does) -> Does:
     return does
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("how", "said"),
     [

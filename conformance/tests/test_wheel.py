@@ -79,6 +79,7 @@ def test_the_wheel_holds_the_packages_their_data_and_the_schemas(wheel: Path) ->
     assert "automcm = automcm_cli.main:main" in entries.read_text()
 
 
+@pytest.mark.slow
 def test_a_station_and_a_log_are_judged_without_java_and_repository(wheel: Path) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert automcm(wheel, "--version").stdout == f"automcm {project['version']}\n"

@@ -87,6 +87,7 @@ async def test_receiver() -> None:
         assert other.names() == ["load"]
 
 
+@pytest.mark.slow
 async def test_refuse_and_proceed() -> None:
     other = Recorder(refuse_first=1)
     topics = ("state", "drive", "proposal", "choice", "refused")
@@ -167,6 +168,7 @@ async def test_an_open_question_is_asked_again() -> None:
             assert not [f for f in it.seen if f.get("topic", "").endswith("proposal")]
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("connected", [False, True])
 async def test_silent_driving_software_frees_the_peer(connected: bool) -> None:
     """END-1, whether it is gone or only says nothing any more."""

@@ -305,6 +305,7 @@ RUBBISH = frame(b"rubbish") * 200
 QUIET_FLOOD = frame(b'{"op":"unadvertise","topic":"/v2x/mcm/input/plan"}') * 200
 
 
+@pytest.mark.slow
 async def test_a_session_during_a_flood() -> None:
     """The flood is never answered, so it goes on, and goes on during a whole session."""
 
@@ -330,6 +331,7 @@ async def test_who_floods_and_does_not_read_is_cut_off(monkeypatch: pytest.Monke
         await holds(lambda: len(world.bridge._clients) == 1)
 
 
+@pytest.mark.slow
 async def test_who_stalls_is_cut_off_and_nobody_else() -> None:
     async with World(Recorder()) as world, client(world, "proposal", "state") as it:
         stalled = raw(world)

@@ -46,6 +46,7 @@ async def test_remote_prescriber() -> None:
         await holds(lambda: ("refused", "abort", "CMD-1") in mine.told)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("expect", [(), (LANE_CHANGE,)])
 async def test_remote_receiver(expect: Any) -> None:
     other, mine = Recorder(), Recorder()
@@ -71,6 +72,7 @@ async def test_remote_reconnects_within_a_commitment() -> None:
         assert mine.names() == ["load", "finished"]
 
 
+@pytest.mark.slow
 async def test_remote_falls_back_by_itself() -> None:
     other, mine = Recorder(maneuver_ms=60_000), Recorder()
     async with World(other) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
@@ -92,6 +94,7 @@ async def test_remote_falls_back_by_itself() -> None:
         assert len(mine.told) == 3  # the bridge's "alone" is no news
 
 
+@pytest.mark.slow
 async def test_remote_that_let_go_says_so() -> None:
     """The bridge goes quiet, but hears: the vehicle drives alone, so the session must end."""
 

@@ -207,6 +207,7 @@ def test_cells_are_fig_6_and_each_stage_at_each_speed() -> None:
     assert courses == [(speed, name) for speed in (30, 50) for name in STAGES]
 
 
+@pytest.mark.slow
 def test_a_trial_again_is_the_same_and_another_seed_is_not(
     small: Json, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -75,6 +75,7 @@ def test_a_session_without_loss_takes_the_window_and_what_is_sent_in_it() -> Non
     assert found.sent == 11 + 3 * 2, "Advertisements; Intention, Prescription, Acceptance; Acks"
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(("t_timeout", "loss"), [(0, 20), (300, 40), (1000, 75)])
 def test_success_is_that_of_four_messages(t_timeout: int, loss: int) -> None:
     agreed = block(t_timeout, loss, 400)["agreed"]
@@ -152,6 +153,7 @@ def test_who_never_arrives_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 # -- the whole
 
 
+@pytest.mark.slow
 def test_a_cell_gives_the_same_again(made: Json) -> None:
     for n in (0, 40, -1):
         cell = made["cells"][n]

@@ -72,6 +72,7 @@ def test_with_all_lost_none_agrees(sockets: Sockets) -> None:
     assert sockets.open == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("patient")
 def test_one_that_acts_alone_has_not_agreed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The receiver has accepted, but its prescriber cannot know."""
@@ -150,6 +151,7 @@ def test_a_port_that_cannot_be_had_is_named(monkeypatch: pytest.MonkeyPatch) -> 
             over_udp(0, 0.0, 1, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("patient")
 def test_an_application_that_fails_is_no_failed_trial(
     sockets: Sockets, monkeypatch: pytest.MonkeyPatch

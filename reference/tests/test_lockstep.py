@@ -165,6 +165,7 @@ def test_a_lease_lasts_as_long_as_its_prescription_says() -> None:
         stage.compare(effects, _replaced(armed=armed))
 
 
+@pytest.mark.slow
 def test_a_machine_sets_up_2_to_12_stations_with_limits_that_bind(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -104,6 +104,7 @@ MESSAGES = [
 ]
 
 
+@pytest.mark.sweep(17)
 @EVERYWHERE
 def test_end_4_end_5_msg_1_mem_1_every_message_in_every_phase(state: State) -> None:
     for s, message in each(state, MESSAGES):

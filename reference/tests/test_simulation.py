@@ -84,6 +84,7 @@ def reasons(simulation: Watched, station_id: int) -> list[str]:
     return [indication.reason for indication in heard(simulation, station_id, "fallback")]
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize(
     "seed", [pytest.param(s, marks=[pytest.mark.deep] * (s >= 3)) for s in SEEDS]

@@ -14,6 +14,7 @@ BUSY = re.compile(r"^  (?:never|false) OnForeignPrescription:\d+ Bound\(st\)$", 
 """A condition of Station.tla (NEG-4) that was never true, in a report."""
 
 
+@pytest.mark.slow
 def test_s_1_to_s_7_t_1_to_t_3_and_the_oracle() -> None:
     """Some thousand steps, a million in ``make test-deep``.  All rules and phases must be met; if a
     change of the machine changes what a seed draws, others may be needed for that."""
@@ -44,6 +45,7 @@ SLOW = ("the mark goes before the Fin is acknowledged",)
 """Those that take more than four seconds."""
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize(
     "name", [pytest.param(b, marks=[pytest.mark.deep] * (b in SLOW)) for b in BUGS]
 )

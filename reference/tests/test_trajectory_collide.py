@@ -90,6 +90,7 @@ def test_symmetric(pair: Pair) -> None:
         assert hit.place_a == pytest.approx(back.place_b, abs=1e-3)
 
 
+@pytest.mark.slow
 @given(pairs, numbers(-4, 4), places, numbers(-9, 9), numbers(0.2, 5), numbers(0.2, 5))
 def test_turned_shifted_and_scaled(
     pair: Pair,
@@ -109,6 +110,7 @@ def test_turned_shifted_and_scaled(
     assert two.distance == pytest.approx(space * one.distance, abs=1e-5)
 
 
+@pytest.mark.slow
 @given(pairs, numbers(0, 30), numbers(0, 10))
 def test_monotone_in_the_threshold(pair: Pair, threshold: float, more: float) -> None:
     hit, wider = (collide.collision(*pair, each) for each in (threshold, threshold + more))
@@ -151,6 +153,7 @@ def test_first_time_below(pair: Pair, threshold: float) -> None:
     assert sampled(a, np.array([hit.time]))[0] == pytest.approx(hit.place_a, abs=EXACT)
 
 
+@pytest.mark.slow
 @given(pairs, numbers(0, 20), numbers(0, 1), st.none() | numbers(0, 40))
 def test_clock_error_inflates(
     pair: Pair, threshold: float, error: float, speed: float | None
@@ -176,6 +179,7 @@ def test_clock_error_covers_a_late_clock(pair: Pair, late: float) -> None:
     assert collide.collision(a, b, real.distance + EXACT, clock_error=abs(late)) is not None
 
 
+@pytest.mark.slow
 @given(trajectories(), st.lists(trajectories(), max_size=6))
 def test_many_as_one_by_one(a: Trajectory, others: list[Trajectory]) -> None:
     found = collide.closest_approach_many(a, others)

@@ -91,6 +91,7 @@ def test_interpolation_gives_the_speeds_back(
     assert len(made) == n + 1
 
 
+@pytest.mark.slow
 @given(roads(), numbers(0.5, 4), numbers(-3, 3), places)
 def test_scaled_turned_and_shifted(
     road: tuple[Floats, Floats, tuple[float, float]],

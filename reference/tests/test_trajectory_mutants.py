@@ -98,6 +98,7 @@ def quick() -> Iterator[None]:
         sys.modules.pop(name, None)
 
 
+@pytest.mark.sweep(14)
 @pytest.mark.parametrize(
     ("kernel", "old", "new", "tests", "parts"),
     MUTANTS,

@@ -75,6 +75,7 @@ def test_gains_what_it_should_by_the_end(case: Case) -> None:
     assert sampled(plan, np.array([start]))[0] == pytest.approx(result.xy[0], abs=1e-5)
 
 
+@pytest.mark.slow
 @given(cases())
 def test_the_gap_at_each_time(case: Case) -> None:
     """As by stepping through the rule: while holding, acting and after."""
@@ -120,6 +121,7 @@ def test_the_action_ends_when_gained(case: Case) -> None:
         assert (behind[:over] < wanted["gain"]).all()
 
 
+@pytest.mark.slow
 @given(cases(), numbers(-3, 3), places, numbers(0.5, 3), numbers(0.5, 3))
 def test_turned_shifted_and_scaled(
     case: Case, angle: float, by: tuple[float, float], space: float, time: float
@@ -224,6 +226,7 @@ def test_elsewhere_is_not(case: Case, away: float, angle: float) -> None:
     assert Reason.START in found
 
 
+@pytest.mark.slow
 @given(cases(), numbers(0.6, 10), st.data())
 def test_off_the_path_is_not(case: Case, aside: float, data: st.DataObject) -> None:
     """shapely says how far a bent one is off; none further off than the limit passes, and none

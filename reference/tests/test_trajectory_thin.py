@@ -86,6 +86,7 @@ def test_verdict_within_the_deviation(
         assert hits[0] == hits[1]
 
 
+@pytest.mark.slow
 @given(plans(), numbers(0.5, 4), numbers(0.5, 4), numbers(-3, 3))
 def test_scaled_and_turned(full: Trajectory, space: float, time: float, angle: float) -> None:
     """The same points stay."""
@@ -112,6 +113,7 @@ def straight(n: int) -> Trajectory:
     return Trajectory(1.8e9 + 0.6 * np.arange(n), xy)
 
 
+@pytest.mark.slow
 @given(plans(), st.data())
 def test_what_no_message_tells_apart_costs_no_other_point(
     full: Trajectory, data: st.DataObject

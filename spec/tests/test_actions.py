@@ -66,6 +66,7 @@ def quickest(found: Iterable[models.Model]) -> dict[str, models.Model]:
 MUST_FAIL = quickest(m for m in LISTED if m.expect == "violates")
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("module", sorted(MUST_FAIL))
 def test_a_counterexample_names_actions(module: str) -> None:
     model = MUST_FAIL[module]
@@ -85,6 +86,7 @@ def test_the_actions_of_system_are_named_after_the_kinds_of_inputs() -> None:
     assert actions("System", "Spec") == {kind.capitalize() for kind in kinds}
 
 
+@pytest.mark.slow
 def test_the_next_of_the_random_behaviours_is_that_of_system(tmp_path: Path) -> None:
     """It is one action; the steps are the same, and as many."""
     model = next(m for m in LISTED if m.cfg == "restarts")

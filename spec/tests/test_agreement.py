@@ -33,7 +33,11 @@ def of(tight: oracle.Oracle, made: type[OpenStation], **options: Any) -> agreeme
 
 @pytest.mark.parametrize(
     "graph",
-    [generate.ONE_PEER, generate.TIGHT, pytest.param(generate.TWO_PEERS, marks=pytest.mark.deep)],
+    [
+        generate.TIGHT,
+        pytest.param(generate.ONE_PEER, marks=pytest.mark.slow),
+        pytest.param(generate.TWO_PEERS, marks=pytest.mark.deep),
+    ],
     ids=lambda g: g.name,
 )
 def test_the_compiled_station_is_that_of_the_graph(graph: generate.Graph) -> None:
@@ -49,6 +53,7 @@ def test_transitions_alone(tight: oracle.Oracle) -> None:
     assert (found.differences, found.inputs) == (0, tight.transitions)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     "change",
     [
@@ -80,6 +85,7 @@ def test_an_exception_is_a_difference(tight: oracle.Oracle) -> None:
     assert "LookupError: nothing" in str(of(tight, Broken).found[0])
 
 
+@pytest.mark.slow
 def test_marks_invariant_alphabet_and_offered_count(tight: oracle.Oracle) -> None:
     class Unmarked(OpenStation):
         def marks(self, st: State) -> frozenset[tuple[int, int]]:

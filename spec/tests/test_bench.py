@@ -68,6 +68,7 @@ def test_a_bound_too_low_is_no_verdict(
     assert report.as_dict()["encodings"][1]["ratio"] == naive[0][0] / 10
 
 
+@pytest.mark.slow
 def test_what_ends_in_time_is_finished(tmp_path: Path) -> None:
     folder = small(tmp_path, Receivers="{}", MaxSessions="1", MaxRounds="1")
     report = bench.run(60, bench=folder)
@@ -76,6 +77,7 @@ def test_what_ends_in_time_is_finished(tmp_path: Path) -> None:
     assert all(f.distinct_states > report.ours.distinct_states for f in report.naive)
 
 
+@pytest.mark.slow
 def test_what_does_not_end_gives_a_lower_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from automcm_spec import compiler
 from automcm_spec.paths import TLA
 
@@ -15,6 +17,7 @@ def test_the_committed_station_is_what_would_be_generated(open_xml: bytes) -> No
     assert compiler.PATH.read_text() == compiler.text(xml=open_xml)
 
 
+@pytest.mark.slow
 def test_it_is_the_same_in_every_process(open_xml: bytes, tmp_path: Path) -> None:
     (tmp_path / "open.xml").write_bytes(open_xml)
     code = (

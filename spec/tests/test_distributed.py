@@ -24,6 +24,7 @@ def shared(name: str, number: int = 2) -> tuple[distributed.Shared, list[Future[
     return server.result(), workers
 
 
+@pytest.mark.slow
 def test_two_workers_find_the_states_of_one() -> None:
     found, workers = shared("one_by_two")
     assert found.problem is None
@@ -31,12 +32,14 @@ def test_two_workers_find_the_states_of_one() -> None:
     assert len([worker.result() for worker in workers]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["any_lease_order", "no_busy_refusal"])
 def test_a_violated_invariant_and_a_violated_action_property_are_found(name: str) -> None:
     found, _ = shared(name, 1)
     assert (found.outcome, found.problem) == ("violates", None)
 
 
+@pytest.mark.slow
 def test_a_worker_waits_for_its_server() -> None:
     with pytest.raises(tlc.TlcError) as error:
         distributed.work("127.0.0.1", timeout_s=1)

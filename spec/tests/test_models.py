@@ -148,6 +148,7 @@ def test_the_models_with_a_liar_are_those_that_extend_it() -> None:
     assert all(m.unsent for m in lied_to)
 
 
+@pytest.mark.slow
 def test_a_model_with_too_little_memory_is_an_error(folder: Path) -> None:
     """With it no session is opened, and everything holds (MEM-1)."""
     cfg = folder / "one_by_two.cfg"
@@ -190,6 +191,7 @@ def test_probes_reach_every_rule_phase_type_and_refusal() -> None:
 ANSWER = '[] t[1] = "answer"     -> '
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("probe", "deleted"),
     [
@@ -285,6 +287,7 @@ HOLDS = {"distinct_states": 1, "states": 1, "depth": 1}
 NO_FAILS, NO_HOLDS = dict.fromkeys(FAILS), dict.fromkeys(HOLDS)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("cfg", "changes", "problem"),
     [
@@ -324,6 +327,7 @@ def test_no_verdict() -> None:
     assert verdict.error is not None and verdict.error.kind == "timeout"
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_all_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     ends: list[str] = []
 

@@ -172,6 +172,7 @@ def test_the_sample_is_a_fixed_one() -> None:
     assert mutants.sample(found, None) == found
 
 
+@pytest.mark.slow
 def test_a_property_kills_counts_kill_and_an_equivalent_mutant_survives(folder: Path) -> None:
     by_change = changes(folder, "Tiny")
     step, same = "IF x < 3 THEN x + 1 ELSE 0", "IF x > 7 THEN 0 ELSE x"
@@ -427,6 +428,7 @@ def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert "| definition | mutants |" in page and "## Survivors" in page
 
 
+@pytest.mark.slow
 def test_a_mutant_that_only_changes_answers_is_found_in_the_graph(tmp_path: Path) -> None:
     """No model is asked: an answer with a seq differs in the graph of one station."""
     mutant = next(m for m in mutants.generate() if m.operator == "AnswerSeq" and m.kind == "number")

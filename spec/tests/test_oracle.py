@@ -82,6 +82,7 @@ def test_what_is_not_in_the_graph_is_a_key_error(one_peer: oracle.Oracle) -> Non
         one_peer.ask(INITIAL._replace(phase="NOWHERE"), REQUEST)
 
 
+@pytest.mark.slow
 def test_generation_gives_the_same_bytes_twice() -> None:
     tiny = generate.Graph("tiny", (2,), 1, 1, 1, 3, 1)
     assert generate.generate(tiny, workers=1) == generate.generate(tiny, workers=2)

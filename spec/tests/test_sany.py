@@ -80,6 +80,7 @@ def test_names_are_replaced_below_everything() -> None:
     assert [name for name, _ in put.bounds] == ["z"] and some.args[0].args[0] == x
 
 
+@pytest.mark.slow
 def test_two_at_once_do_not_take_each_other_the_standard_modules_away(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -36,12 +36,14 @@ def test_every_step_of_a_station_names_its_input_rule_and_line() -> None:
     assert f"station {last.station}: " in last.text and f"[{last.rule}: OnAck" in last.text
 
 
+@pytest.mark.slow
 def test_the_only_station_of_a_model_is_found() -> None:
     assert [step.station for step in found("finishes_silently")] == [1, 1]
     last = found("finishes_silently")[-1]
     assert last.rule == "ACT-3" and last.changes["phase"][1] == "STANDALONE"
 
 
+@pytest.mark.slow
 def test_a_liveness_counterexample_goes_on_for_ever() -> None:
     result = checked("no_give_up").result
     assert result is not None and result.loop in range(1, len(result.trace) + 1)
@@ -49,6 +51,7 @@ def test_a_liveness_counterexample_goes_on_for_ever() -> None:
     assert "a message is lost: " in "".join(text)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(("cfg", "event"), [("bound_less_one", "tick"), ("silent_cam_loss", "cut")])
 def test_time_and_the_radio_have_steps_of_their_own(cfg: str, event: str) -> None:
     events = [step for step in found(cfg) if step.station is None]

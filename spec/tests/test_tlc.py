@@ -73,6 +73,7 @@ def test_it_holds(clock: Path, scratch: Path) -> None:
     assert list(scratch.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_an_invariant(clock: Path) -> None:
     result = tlc.run("Clock", cfg(clock, "cycle", "INVARIANT NotTwo"), tla_dir=clock)
     assert (result.outcome, result.property) == ("violates", "NotTwo")
@@ -88,6 +89,7 @@ def test_an_invariant(clock: Path) -> None:
 FAIR = "SPECIFICATION Fair"
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("mode", "lines", "named", "length", "loop"),
     [
@@ -109,6 +111,7 @@ def test_what_is_violated(
     assert (len(result.trace), result.loop) == (length, loop)
 
 
+@pytest.mark.slow
 def test_what_it_prints_is_streamed(clock: Path) -> None:
     lines: list[str] = []
     tlc.run("Clock", cfg(clock, "print"), tla_dir=clock, on_print=lines.append)
@@ -154,6 +157,7 @@ def test_a_module_that_is_missing(tmp_path: Path, clock: Path, scratch: Path) ->
     assert "Cannot find source file for module None" in str(error)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("line", "message"),
     [
@@ -175,6 +179,7 @@ def test_a_cfg_that_is_missing(clock: Path, scratch: Path) -> None:
     assert "File not found" in str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "line"), [("wrong", 11), ("unset", None)])
 def test_an_error_while_checking(clock: Path, scratch: Path, mode: str, line: int | None) -> None:
     error = fails("Clock", cfg(clock, mode), clock, scratch)
@@ -187,6 +192,7 @@ def test_a_value_that_cannot_be_read(clock: Path, scratch: Path) -> None:
     assert error.kind == "other"
 
 
+@pytest.mark.slow
 def test_out_of_memory(clock: Path, scratch: Path) -> None:
     path = cfg(clock, "huge")
     assert fails("Clock", path, clock, scratch, heap_mb=64).kind == "memory"
@@ -198,6 +204,7 @@ def test_a_timeout(clock: Path, scratch: Path) -> None:
     assert (error.kind, str(error)) == ("timeout", "TLC did not end within 1 s")
 
 
+@pytest.mark.slow
 def test_another_thread_stops_it(clock: Path, scratch: Path) -> None:
     stop = tlc.Stop()
     threading.Timer(1, stop.now).start()

@@ -194,6 +194,7 @@ def test_each_construct_has_the_value_that_tlc_gives(
     assert len(of_tlc) == len(CONSTRUCTS)
 
 
+@pytest.mark.slow
 def test_a_case_without_an_arm_stops_as_tlc_does(code: str, folder: Path, load: Load) -> None:
     text = (folder / "Constructs.tla").read_text()
     line = text[: text.index("\nNothing")].count("\n") + 2
@@ -232,6 +233,7 @@ def _needed_by_any_part(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Translator, "needs", needs)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("wrong", [_eager_let, _eager_arguments, _sure_of_all, _needed_by_any_part])
 def test_a_compiler_that_is_not_lazy_is_seen(
     wrong: Callable[[pytest.MonkeyPatch], None],
@@ -305,6 +307,7 @@ def refused(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes]:
     return path, sany.export("Refused", path)
 
 
+@pytest.mark.sweep(14)
 @pytest.mark.parametrize("n", range(len(REFUSED)), ids=list(REFUSED))
 def test_what_is_not_in_the_subset_is_named_with_its_line(
     n: int, refused: tuple[Path, bytes]

@@ -17,6 +17,7 @@ def test_the_listed_models_and_the_larger_ones_have_names() -> None:
     assert set(KNOWN) == {p.stem for p in [*MODELS.glob("*.cfg"), *SIMULATION.glob("*.cfg")]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "depth"), [(4, 20), pytest.param(20, 30, marks=pytest.mark.deep)]
 )
@@ -34,6 +35,7 @@ def test_the_same_seed_gives_the_same_bytes(number: int, depth: int) -> None:
     assert one["behaviours"] == number
 
 
+@pytest.mark.slow
 def test_every_step_is_decided_by_a_rule() -> None:
     found = walks.run(KNOWN["one_by_two"], depth=12, seconds=None, number=100)
     assert (found.behaviours, found.ended, found.exit_code) == (100, "number", 0)
@@ -49,6 +51,7 @@ def test_lively_behaviours_get_as_far_as_driving() -> None:
     assert "PRE-3" in found.never
 
 
+@pytest.mark.slow
 def test_a_violated_property_is_reported_with_its_steps() -> None:
     result = CliRunner().invoke(
         app, ["spec", "simulate", "bare_ack", "--seconds", "60", "--depth", "40"]
@@ -80,6 +83,7 @@ def test_a_model_that_must_fail_and_does_not_is_no_verdict() -> None:
     assert (found.property, found.exit_code) == (None, 4)
 
 
+@pytest.mark.slow
 def test_the_time_ends_the_behaviours() -> None:
     short = walks.run(KNOWN["two_by_three"], depth=30, seconds=2)
     assert short.ended == "time"

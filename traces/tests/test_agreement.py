@@ -31,6 +31,7 @@ def judged(lines: Lines, folder: Path) -> Verdict:
     return verdict
 
 
+@pytest.mark.slow
 def test_good_logs_of_model_and_reference_are_allowed(good: list[Lines], tmp_path: Path) -> None:
     assert len(good) == NUMBER and sum(map(len, good)) > 20 * NUMBER
     verdicts = [judged(lines, tmp_path) for lines in good]
@@ -64,6 +65,7 @@ def test_an_edit_keeps_the_log_readable_and_is_the_same_for_the_same_seed(
         assert times == sorted(times), kind
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_logs(good: list[Lines]) -> None:
     assert of_the_reference(4, 3) == of_the_reference(4, 3) != of_the_reference(4, 4)
     assert modelled() == good[:OF_THE_MODEL]

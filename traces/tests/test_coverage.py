@@ -114,6 +114,7 @@ def test_every_figure_has_its_whole(covered: Coverage) -> None:
     json.dumps(covered.as_dict())
 
 
+@pytest.mark.slow
 def test_one_peer_shows_all_ways_and_inputs_that_two_do() -> None:
     two = load(TWO_PEERS.path, spec_hash())
     phases = [state[0] for state in two.states]

@@ -137,6 +137,7 @@ def test_other_seeds_and_parameters_are_allowed(seed: int, tmp_path: Path) -> No
     assert exit_code(explain_files(four_stations(tmp_path, seed, parameters))) == 0
 
 
+@pytest.mark.slow
 def test_six_stations_that_abort_and_restart_are_allowed(tmp_path: Path) -> None:
     for seed in range(4):
         chance = random.Random(seed)
@@ -360,6 +361,7 @@ def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Pat
     assert explain(read(path)).verdict == "allowed"
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("max_rounds", [1, 2, 3, 5])
 @pytest.mark.parametrize("proposal", [2, 4])
 @pytest.mark.parametrize("target", [2, 1, 9])

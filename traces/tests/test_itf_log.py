@@ -113,6 +113,7 @@ def test_the_itf_of_a_log_that_diverges_ends_there_and_says_so() -> None:
     assert len(value["states"]) == 1
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "model",
     [
@@ -181,6 +182,7 @@ def test_a_log_that_cannot_be_told_is_4(tmp_path: Path) -> None:
     assert answer.exit_code in (0, 4), "an engine may tell more"
 
 
+@pytest.mark.slow
 def test_a_message_received_that_nobody_sent_is_no_story() -> None:
     found = behaviour(COUNTEREXAMPLES / "bare_ack.itf.json")
     found.moves[0:1] = []  # the request, and with it the Advertisement

@@ -244,6 +244,7 @@ def test_numbers_are_a_set(drawn: list[int]) -> None:
     assert [n for n in range(-1, 32) if n in numbers] == sorted(plain)
 
 
+@pytest.mark.slow
 def test_a_long_log_is_linted_in_bounded_memory(tmp_path: Path) -> None:
     sends = [send(n, f"7:{n}", x_padding="x" * 400) for n in range(1, 10_001)]
     path = write(tmp_path, {**HEADER, "complete": []}, *sends)

@@ -61,6 +61,7 @@ def test_same() -> None:
     assert not same([1], [1, 2]) and not same({"a": 1}, {"b": 1})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("values", [(1, 1, True), (True, 1), (0, 0, False)])
 def test_true_is_not_1(values: tuple[object, ...], tmp_path: Path) -> None:
     right = changed(tmp_path / "right.ndjson", lane(values[1]))
@@ -173,6 +174,7 @@ def test_a_prefix_whose_last_line_lacks_its_line_feed(cut: Path, tmp_path: Path)
     )
 
 
+@pytest.mark.slow
 def test_a_last_line_without_line_feed_is_shrunk_too(cut: Path) -> None:
     whole = cut.with_name("whole.ndjson")
     whole.write_bytes(cut.read_bytes() + b"\n")
@@ -228,6 +230,7 @@ def test_a_fault_of_ours_is_not_blamed_on_the_log(
 ODD_VALUES = (0, -1, 7, 2**53, 10**30, True, None, 1.5, "", "CAM", [], [1001, "1"], [[1], 2], {})
 
 
+@pytest.mark.sweep(40)
 @pytest.mark.parametrize("seed", range(150))
 def test_no_odd_field_ends_with_an_exception_of_ours(seed: int, tmp_path: Path) -> None:
     draw = random.Random(seed)

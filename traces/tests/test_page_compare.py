@@ -86,6 +86,7 @@ def test_equal_runs_share_every_row_but_those_of_cams() -> None:
     assert len(shared) > 100 and all(is_cam(data, row) for row in alone)
 
 
+@pytest.mark.sweep(1)
 def test_each_run_is_there_as_it_stands_alone(two: Two) -> None:
     data = two.data
     found = events(data)
@@ -100,6 +101,7 @@ def test_each_run_is_there_as_it_stands_alone(two: Two) -> None:
             assert data["logs"][log]["run"] == n and data["logs"][log]["file"] == str(path)
 
 
+@pytest.mark.sweep(1)
 def test_what_shares_a_row_is_of_one_station_and_the_same_but_the_first_difference(
     two: Two,
 ) -> None:
@@ -149,6 +151,7 @@ def test_messages_stay_in_their_run_and_go_down(two: Two) -> None:
             assert logs[row + down] == to
 
 
+@pytest.mark.slow
 def test_runs_that_begin_at_other_times_are_aligned_all_the_same(tmp_path: Path) -> None:
     late = [later(path, tmp_path, 70_000) for path in FOUR]
     data, same = as_dict(beside(FOUR, late)), as_dict(beside(FOUR, FOUR))

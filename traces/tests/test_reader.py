@@ -155,6 +155,7 @@ def test_warnings_are_kept_within_bounds(tmp_path: Path) -> None:
     assert (len(log.warnings), log.overlooked) == (MOST_WARNINGS, 100)
 
 
+@pytest.mark.slow
 def test_a_long_log_is_streamed_in_bounded_memory(tmp_path: Path) -> None:
     def lines() -> Iterator[bytes]:
         yield json.dumps(HEADER).encode() + b"\n"

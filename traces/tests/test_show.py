@@ -73,6 +73,7 @@ def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None
     assert placed(rows(*paths)) == [(8, 2), (7, 2), (7, 3), (8, 3)]
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "seed", [pytest.param(s, marks=[pytest.mark.deep] * (s >= 3)) for s in range(5)]
 )
@@ -291,6 +292,7 @@ def test_any_message_has_words(tmp_path: Path, message: Line) -> None:
     assert len(placed(rows(*both, cams=True))) == 2
 
 
+@pytest.mark.slow
 def test_long_logs_are_merged_in_bounded_memory(tmp_path: Path) -> None:
     said_ = {"message": fin(7, 8), "x_pad": "x" * 400}
     sent = [event("send", n, tx=f"7:{n}", **said_) for n in range(800)]

@@ -163,6 +163,7 @@ def cause_of(value: Input) -> str:
     return kind(value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "n", [n if n in QUICK else pytest.param(n, marks=pytest.mark.deep) for n in range(10)]
 )
@@ -199,6 +200,7 @@ BAD = [e for e in INDEX if e["file"].startswith("bad/") and e["verdict"] == "div
 """Every second one is deep."""
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(
     "entry",
     [pytest.param(e, marks=[pytest.mark.deep] * (n % 2)) for n, e in enumerate(BAD)],
@@ -258,6 +260,7 @@ def test_logs_that_violate_a_property_only_together_are_shrunk_together(tmp_path
     assert judged["S-4"] == "violated"
 
 
+@pytest.mark.slow
 def test_the_same_logs_give_the_same_bytes() -> None:
     paths = [CORPUS / "bad/lease_longer.ndjson"]
     texts = [[log.text() for log in shrink(paths).logs] for _ in range(2)]
@@ -275,6 +278,7 @@ def test_what_is_left_is_moved_together() -> None:
     assert times[-1] - times[0] < 100
 
 
+@pytest.mark.slow
 def test_a_log_of_other_promises_keeps_them(tmp_path: Path) -> None:
     """Without timers promised, what is unseen is supposed; the header stays as it is."""
     log = Edited((CORPUS / "bad/another_trajectory.ndjson").read_bytes())
@@ -290,6 +294,7 @@ def test_a_log_of_other_promises_keeps_them(tmp_path: Path) -> None:
     assert explain_file(small).finding.rule == before.finding.rule
 
 
+@pytest.mark.slow
 def test_an_end_stays_and_what_is_without_stays_without(tmp_path: Path) -> None:
     text = (CORPUS / "bad/lease_longer.ndjson").read_bytes()
     path = tmp_path / "no_end.ndjson"

@@ -265,6 +265,7 @@ def judged(
     return dict(zip(WRONG, zip(lines, other, explain_batch(logs), strict=True), strict=True))
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_log_diverges_at_its_line_by_the_rule_that_both_engines_name(
     name: str, judged: dict[str, tuple[int, Verdict, Verdict]]
@@ -343,6 +344,7 @@ def test_what_is_right_is_allowed(good: dict[str, Records], tmp_path: Path) -> N
     assert [v.events for v in verdicts] == [len(log.events) for log in logs]
 
 
+@pytest.mark.slow
 def test_without_timers_and_commands_a_wrong_log_still_diverges(
     good: dict[str, Records], tmp_path: Path
 ) -> None:
@@ -365,6 +367,7 @@ def test_what_tlc_cannot_tell(good: dict[str, Records], tmp_path: Path) -> None:
     assert verdicts == [("cannot_tell", 0), ("cannot_tell", 0)]
 
 
+@pytest.mark.slow
 def test_end_5_a_received_message_without_a_field_must_be_reported(
     good: dict[str, Records], tmp_path: Path
 ) -> None:
@@ -379,6 +382,7 @@ def test_end_5_a_received_message_without_a_field_must_be_reported(
     )
 
 
+@pytest.mark.slow
 def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -> None:
     """What comes before the missing records is judged, what comes after is not."""
     path = tmp_path / "gap.ndjson"
@@ -395,6 +399,7 @@ def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -
 CORPUS = Path(__file__).parents[1] / "corpus"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "every"), [(7, 10), pytest.param(0, 1, marks=pytest.mark.deep)])
 def test_tlc_gives_each_log_of_the_corpus_its_verdict_line_and_rule(first: int, every: int) -> None:
     """Forged messages show only beside the log of their sender, without any engine."""

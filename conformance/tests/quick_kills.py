@@ -1,0 +1,226 @@
+"""How many of the faults that the whole test suite finds does the quick set find?
+
+    python conformance/tests/quick_kills.py [--count 80] [--seed 1] [--only PACKAGE]
+
+Makes small faults in the source of the five packages (``source_edits``), one at a time, in a copy
+of the repository.  Quick tests run first: of the files that import the module, then of those that
+import one of its users.  A fault that they do not find goes to the slow tests of the files that
+import the module; only if one of these finds it, the rest of the quick set runs too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib.util import cache_from_source
+from itertools import islice
+from pathlib import Path
+
+from copied_tree import FOLDERS, ROOT, copied
+
+from automcm_cli.source_mutants import Mutant, of_file
+
+PACKAGES = {
+    "automcm_spec": "spec",
+    "automcm": "reference",
+    "automcm_traces": "traces",
+    "automcm_conformance": "conformance",
+    "automcm_cli": "conformance",
+}
+QUICK, SLOW = "not slow and not deep", "slow and not deep"
+LIMIT_S = 300
+FEW = 8
+"""Test files that are not worth a second process."""
+PASSED, NO_TESTS = 0, 5
+TIME = "time"
+
+
+def modules(only: str) -> list[Path]:
+    """The product's modules, without what is generated."""
+    return [
+        path
+        for package, folder in PACKAGES.items()
+        if only in ("", package)
+        for path in sorted((ROOT / folder / package).rglob("*.py"))
+        if path.name != "__init__.py"
+        and "templates" not in path.parts
+        and "Generated:" not in path.read_text(encoding="utf-8")[:200]
+    ]
+
+
+def drawn(paths: Sequence[Path], count: int, seed: int) -> Iterator[tuple[Path, Mutant]]:
+    """One fault each of ``count`` modules, drawn by a hash; several of each if there are fewer."""
+
+    def order(text: str) -> str:
+        return hashlib.sha256(f"{seed} {text}".encode()).hexdigest()
+
+    turn = 0
+    while count and turn < 1000:
+        for path in sorted(paths, key=lambda path: order(str(path.relative_to(ROOT)))):
+            mutants = sorted(of_file(path), key=lambda mutant: order(mutant.id))
+            if turn < len(mutants) and count:
+                count -= 1
+                yield path, mutants[turn]
+        turn += 1
+
+
+@cache
+def imported(file: Path) -> frozenset[str]:
+    """The last names of all modules that a file imports; of a test, also those of its helpers."""
+    names: set[str] = set()
+    files = [file]
+    for each in files:
+        new: set[str] = set()
+        for node in ast.walk(ast.parse(each.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                new |= {alias.name.rpartition(".")[2] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                new |= {(node.module or "").rpartition(".")[2], *(a.name for a in node.names)}
+        if file.parent.name == "tests":
+            helpers = [file.parent / f"{name}.py" for name in sorted(new - names)]
+            files += [helper for helper in helpers if helper.exists()]
+        names |= new
+    return frozenset(names)
+
+
+def replace(target: Path, source: str) -> None:
+    """Write a module; what was compiled of it may be of the same second and size."""
+    target.write_text(source, encoding="utf-8")
+    Path(cache_from_source(str(target))).unlink(missing_ok=True)
+
+
+class Suite:
+    """The test suite in a copy of the repository."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = copied(root)
+        self.files = [
+            path.relative_to(ROOT) for f in FOLDERS for path in (ROOT / f / "tests").glob("test_*")
+        ]
+        self.left_out: list[str] = []
+        self.sound: set[str] = set()
+        """Tests that pass without a fault."""
+
+    def failure(self, files: Sequence[Path], marked: str, *options: str) -> str:
+        """The first test that fails; empty if none does."""
+        if not files:
+            return ""
+        words = [
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "-rfE",
+            "-p",
+            "no:cacheprovider",
+            "-m",
+            marked,
+            *options,
+        ]
+        words += ["-n", "2", "--dist", "worksteal"] * (len(files) > FEW)
+        words += [f"--deselect={test}" for test in self.left_out]
+        process = subprocess.Popen(
+            [sys.executable, *words, *map(str, files)],
+            cwd=self.root,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(str(self.root / f) for f in FOLDERS)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            output, _ = process.communicate(timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            return TIME
+        if process.returncode in (PASSED, NO_TESTS):
+            return ""
+        failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", output, re.MULTILINE)
+        return failed[1] if failed else output[-300:]
+
+    def found(self, path: Path, mutant: Mutant) -> tuple[str, str]:
+        """What finds the fault: of the quick set, else of the slow tests near it."""
+        users = {path.stem, *(each.stem for each in modules("") if path.stem in imported(each))}
+        direct = [
+            file
+            for file in self.files
+            if path.stem in imported(ROOT / file) or path.stem in file.stem
+        ]
+        folder = "" if direct else path.relative_to(ROOT).parts[0]
+        near = [
+            file
+            for file in self.files
+            if file not in direct and (users & imported(ROOT / file) or file.parts[0] == folder)
+        ]
+        far = [file for file in self.files if file not in (*direct, *near)]
+        quick = self.killer(path, mutant, direct, QUICK) or self.killer(path, mutant, near, QUICK)
+        if quick:
+            return quick, ""
+        slow = self.killer(path, mutant, direct or near, SLOW)
+        if slow in ("", TIME):
+            return "", ""
+        return self.killer(path, mutant, far, QUICK), slow
+
+    def killer(self, path: Path, mutant: Mutant, files: Sequence[Path], marked: str) -> str:
+        """The first of these tests that fails with the fault, and without it does not."""
+        target = self.root / path.relative_to(ROOT)
+        right = target.read_text(encoding="utf-8")
+        while True:
+            replace(target, mutant.source)
+            try:
+                test = self.failure(files, marked)
+            finally:
+                replace(target, right)
+            file = Path(test.partition("::")[0])
+            if file not in self.files or test in self.sound:
+                return test
+            if not self.failure([file], "not deep", f"-k={test.partition('::')[2].split('[')[0]}"):
+                self.sound.add(test)
+                return test
+            print(f"left out, fails without a fault: {test}", flush=True)
+            self.left_out.append(test)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=80)
+    parser.add_argument("--skip", type=int, default=0, help="not the first so many faults")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="", choices=["", *PACKAGES])
+    chosen = parser.parse_args()
+    quick: list[str] = []
+    slow: list[str] = []
+    neither: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        suite = Suite(Path(folder) / "copy")
+        faults = drawn(modules(chosen.only), chosen.skip + chosen.count, chosen.seed)
+        for path, mutant in islice(faults, chosen.skip, None):
+            begun = time.monotonic()
+            by = suite.found(path, mutant)
+            name = f"{mutant.file}:{mutant.line} {mutant.old}  =>  {mutant.new}"
+            (quick if by[0] else slow if by[1] else neither).append(name)
+            how = f"quick: {by[0]}" if by[0] else f"SLOW: {by[1]}" if by[1] else "nothing"
+            print(f"{time.monotonic() - begun:4.0f} s  {name}\n    {how}", flush=True)
+    whole = len(quick) + len(slow)
+    print(
+        f"\n{len(quick) + len(slow) + len(neither)} faults; the whole suite finds {whole}, ", end=""
+    )
+    print(f"the quick set {len(quick)} of them ({100 * len(quick) / max(whole, 1):.1f} %)")
+    for name in slow:
+        print(f"only slow tests find: {name}")
+    sys.exit(len(quick) < 0.95 * whole)
+
+
+if __name__ == "__main__":
+    main()

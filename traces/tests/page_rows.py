@@ -1,0 +1,82 @@
+"""A page as a browser finds it: its data, rows and events."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from automcm_traces.follow import follow
+from automcm_traces.page_follow import Followed, States
+from automcm_traces.page_pack import Shapes
+from automcm_traces.reader import Log
+
+Json = Any
+CORPUS = Path(__file__).parents[1] / "corpus"
+FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
+
+
+def data_of(page: bytes) -> Json:
+    """The data as a browser finds it."""
+    found = re.search(rb'<script type="application/json" id="data">(.*?)</script>', page, re.S)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def column(rows: Json, name: str) -> list[int]:
+    value = rows[name]
+    return value if isinstance(value, list) else [value] * len(rows["kinds"])
+
+
+def referred(rows: Json, name: str) -> list[int]:
+    found, new = [], 0
+    for back in column(rows, name):
+        found.append(new - back if back else new)
+        new += not back
+    return found
+
+
+def events(data: Json) -> list[tuple[int, int, Json]]:
+    """What viewer/data.js makes of the rows: station, line and event."""
+    rows, shapes = data["rows"], Shapes(data["shapes"])
+    kinds = {"s": "send", "r": "receive", "t": "timer", "c": "command", "i": "indication"}
+    lines, found, t_ms = [1] * len(data["logs"]), [], 0
+    bodies, hints = referred(rows, "body"), column(rows, "hint")
+    for row, (log, line, t) in enumerate(
+        zip(column(rows, "log"), column(rows, "line"), column(rows, "t"), strict=True)
+    ):
+        lines[log] += line + 1
+        t_ms += t
+        event = {
+            "rec": "event",
+            "seq": lines[log] - 1,
+            "t_ms": t_ms,
+            "ev": kinds.get(rows["kinds"][row], "restart"),
+            **shapes.unpack(rows["bodies"][bodies[row]]),
+        }
+        if "deadline" in event:
+            event["deadline"] += t_ms
+        hint = data["strings"][hints[row]]
+        event |= {n: v for n, v in zip(("rule", "phase", "role"), hint, strict=True) if v}
+        found.append((data["logs"][log]["station"], lines[log], event))
+    return found
+
+
+def number(value: Json) -> int:
+    return int(value["#bigint"]) if isinstance(value, dict) else int(value)
+
+
+def followed_by(log: Log) -> Followed:
+    states = States(range(sys.maxsize))
+    follow(log, watchers=[states])
+    return states.followed(log)
+
+
+def fives(numbers: list[int]) -> list[tuple[int, ...]]:
+    found, row = [], 0
+    for n in range(0, len(numbers), 5):
+        row += numbers[n]
+        found.append((row, *numbers[n + 1 : n + 5]))
+    return found
