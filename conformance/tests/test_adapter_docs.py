@@ -99,7 +99,7 @@ def table(page: str, head: str) -> list[list[str]]:
 
 @pytest.mark.slow
 def test_the_protocol_lists_all_that_is_told_and_by_which_rule(told: set[tuple[str, str]]) -> None:
-    rows = table("protocol.md", "it is told")
+    rows = table("protocol.md", "indication")
     listed = [(row[0].strip("`"), rule) for row in rows for rule in row[-1].split(", ")]
     assert sorted(listed) == sorted(told)
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from automcm.phases import WAYS
-from automcm_conformance import diagrams
+from automcm_conformance import diagrams, uncited
 from automcm_conformance.diagrams import Edge, Way
 from automcm_spec import generate, models
 from automcm_spec.oracle import Oracle, load
+from automcm_spec.rules import RULES
 
 ROOT = Path(__file__).resolve().parents[2]
 PROTOCOL = (ROOT / "docs" / "protocol.md").read_text()
@@ -118,25 +119,43 @@ def test_the_order_of_the_graph_does_not_matter(one_peer: Oracle, edges: set[Edg
         assert diagrams.diagram(WAYS, shuffled, role) == diagrams.diagram(WAYS, edges, role)
 
 
-def rule_rows() -> dict[str, list[str]]:
-    """The cells of every rule's row, by id; the kernels' rules are not the station's."""
-    rows = re.findall(r"^\| ([A-Z]{3}-\d) \| (.*) \|$", PROTOCOL, re.MULTILINE)
-    return {rule: cells.split(" | ") for rule, cells in rows if not rule.startswith("KIN")}
+RULE = re.compile(
+    r"^#### ([A-Z]{3}-\d)\n\n(1\. .*?)\n\n"
+    r"Source: (.+?)\.(?:\nOperators: (.+?)\.\nNeed shown by: (.+?)\.)?\n(?:\n|\Z)",
+    re.MULTILINE | re.DOTALL,
+)
+"""A rule of protocol.md: id, sentences, source, operators and models; a kernel rule ends with its
+source."""
+PARSED = {rule: fields for rule, *fields in RULE.findall(PROTOCOL)}
 
 
-def test_every_rule_names_source_operator_and_need() -> None:
-    assert {len(cells) for cells in rule_rows().values()} == {4}
+def test_the_page_has_every_rule_once_and_no_other() -> None:
+    headings = re.findall(r"^#### (\S+)$", PROTOCOL, re.MULTILINE)
+    assert headings == list(PARSED)
+    assert sorted(headings) == sorted([*RULES, *uncited.KINEMATIC])
+
+
+def test_every_rule_of_the_station_has_operators_and_need_and_no_kernel_rule_has() -> None:
+    assert {rule for rule, (*_, need) in PARSED.items() if need} == set(RULES)
+
+
+def test_the_sentences_of_a_rule_are_numbered_and_short() -> None:
+    for rule, (sentences, *_) in PARSED.items():
+        items = re.split(r"^\d\. ", sentences, flags=re.MULTILINE)[1:]
+        numbers = re.findall(r"^(\d)\. ", sentences, re.MULTILINE)
+        assert numbers == [str(n) for n in range(1, len(items) + 1)], rule
+        assert all(len(part) < 320 for item in items for part in item.split("\n    - ")), rule
 
 
 def test_every_operator_named_is_in_the_specification() -> None:
     modules = "\n".join(path.read_text() for path in (ROOT / "spec" / "tla").glob("*.tla"))
-    for rule, (_, _, operators, _) in rule_rows().items():
+    for rule, (*_, operators, _) in PARSED.items():
         for name in re.findall(r"`(\w+)`", operators):
             assert re.search(rf"^{name}\b.*==", modules, re.MULTILINE), f"{rule}: {name}"
 
 
 def test_every_model_that_must_fail_is_named_by_a_rule_that_it_takes_away() -> None:
-    named = {name for cells in rule_rows().values() for name in re.findall(r"`(\w+)`", cells[3])}
+    named = {name for *_, need in PARSED.values() for name in re.findall(r"`(\w+)`", need)}
     # ..._less_one shows that a bound is tight; it takes no rule away
     must_fail = {m.cfg for m in models.load() if m.expect == "violates"}
-    assert {name for name in must_fail if not name.endswith("_less_one")} <= named
+    assert {name for name in must_fail if not name.endswith("_less_one")} == named

@@ -24,6 +24,16 @@ def test_docs_models_links_to_a_page_for_each_model_that_must_fail_and_can_have_
     assert all((generated.COUNTEREXAMPLES / f"{cfg}.itf.json").exists() for cfg in links)
 
 
+def test_docs_models_names_what_each_model_changes() -> None:
+    table = generated.MODELS_PAGE.read_text().split("## Must fail")[1]
+    rows = re.findall(r"^\| \[?`(\w+)`[^|]*\| ([^|]*?) ?\|", table, re.MULTILINE)
+    changed = dict(rows)
+    assert list(changed) == [m.cfg for m in models.load() if m.expect == "violates"]
+    assert changed["retarget"] == "`NextTarget`" and changed["no_hold"] == "`timer hold`"
+    only_constants = {name for name, changes in rows if not changes}
+    assert only_constants == {"drift_no_margin", "cam_loss_too_short"}
+
+
 def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
     wanted = [model for model in MUST_FAIL if model.cfg == "bare_ack"]
     [page] = model_pages.committed([*wanted, *HOLD, *UNSENT], tmp_path / "new")
