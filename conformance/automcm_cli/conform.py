@@ -230,7 +230,9 @@ def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None
 @app.command(epilog=example("conform new --language cpp my_adapter"))
 def new(
     folder: Annotated[Path, typer.Argument(help="Where to write it; must be new or empty.")],
-    language: Annotated[str, typer.Option(help="python or cpp.")] = "python",
+    language: Annotated[
+        str, typer.Option(help="cpp, go, java, javascript, python or rust.")
+    ] = "python",
 ) -> None:
     """Write an adapter that runs, and holds no station yet."""
     from automcm_conformance.new import create, next_commands

@@ -146,9 +146,14 @@ def _write_corpus(kinds: Sequence[str], wanted: dict[Path, bytes]) -> list[Path]
 def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
     """What is generated within a second each; ``one_peer`` is the graph that the diagrams show."""
     from automcm import phases, sizes
-    from automcm.experiments import report
+    from automcm.experiments import NAMES, report
 
-    return {
+    results = EVALUATION.with_suffix("")
+    details: dict[Path, Callable[[], str]] = {
+        results / name / report.PAGE: partial(_details, results / name / report.RESULTS)
+        for name in NAMES
+    }
+    return details | {
         compiler.PATH: compiler.text,
         SCHEMA: lambda: json_schema.text(schema.schema()),
         ADAPTER_SCHEMA: lambda: json_schema.text(adapter_schema.schema()),
@@ -159,9 +164,15 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
         CLI_PAGE: cli_page.text,
         MODELS_PAGE: lambda: spec.models_page(models.load()),
         PICTURE: picture,
-        EVALUATION: lambda: report.evaluation(EVALUATION.with_suffix("")),
+        EVALUATION: lambda: report.evaluation(results),
         DIAGRAMS: lambda: diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),
     }
+
+
+def _details(results: Path) -> str:
+    from automcm.experiments import report
+
+    return report.page(report.load(results))
 
 
 def _architecture() -> str:

@@ -11,8 +11,19 @@ from automcm_spec import files
 FILES = {
     "python": ("adapter.py", "run"),
     "cpp": ("CMakeLists.txt", "README.md", "adapter.cpp", "run"),
+    "go": ("adapter.go", "go.mod", "run"),
+    "java": ("Adapter.java", "Json.java", "run"),
+    "javascript": ("adapter.js", "run"),
+    "rust": ("Cargo.toml", "json.rs", "main.rs", "run"),
 }
-"""By language.  Each begins with an adapter that speaks the protocol and fails the suite."""
+"""By language.  Each is an adapter that speaks the protocol, around a station that does nothing."""
+BUILD = {
+    "cpp": "cmake -S {at} -B {at}/build && cmake --build {at}/build",
+    "go": "go build -C {at} -o adapter",
+    "java": "javac -d {at}/build {at}/*.java",
+    "rust": "cargo build --release --manifest-path {at}/Cargo.toml",
+}
+"""The shell command that builds a template in the folder ``at``; the others need none."""
 
 
 def create(language: str, target: Path) -> list[Path]:
@@ -37,12 +48,10 @@ def create(language: str, target: Path) -> list[Path]:
 
 
 def next_commands(language: str, target: Path) -> list[str]:
-    """What to type when the template is written."""
-    at = shlex.quote(str(target))
-    build = [f"cmake -S {at} -B {at}/build && cmake --build {at}/build"]
+    """The commands that build the template, check it and run the suite."""
     run = shlex.quote(str(target / "run"))
     return [
-        *(build if language == "cpp" else []),
+        *([BUILD[language].format(at=shlex.quote(str(target)))] if language in BUILD else []),
         f"automcm conform check-adapter -- {run}",
         f"automcm conform run -- {run}",
     ]

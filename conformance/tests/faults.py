@@ -103,17 +103,18 @@ def stops(text: str = STOPS, codes: tuple[int, ...] = (0,)) -> Why:
 
 
 WHY: dict[str, Why] = {
-    "nothing": unharmed("The control."),
-    "send refused": Why("Lost messages, and no CAMs: the peer leaves by its timers.", CAMS),
+    "nothing": unharmed("Control."),
+    "send refused": Why("Messages and CAMs are lost: the peer leaves by its timers.", CAMS),
     "send refused now and then": unharmed("Lost messages are sent again."),
     "receive fails": Why(
-        "The station is deaf: its own timers end the session, with a Cancel.", ("Cancel(cam_loss)",)
+        "The station receives nothing: its timers end the session, with a Cancel.",
+        ("Cancel(cam_loss)",),
     ),
     "select fails": Why("The event loop ends at once, and so do the CAMs.", CAMS, (3,)),
     "names cannot be looked up": unharmed("Nothing: addresses are numbers."),
     "log: no space": unharmed(GOES_ON + "  The exit code says that records are lost.", LOG),
     "log: input/output error": unharmed("As without space.", LOG),
-    "log: space for half a line": unharmed("As without space; the half is taken back.", LOG),
+    "log: space for half a line": unharmed("As without space; the half line is removed.", LOG),
     "log: write blocks": unharmed("As without space: a thread waits, the station does not.", LOG),
     "standard output: no space": unharmed(GOES_ON),
     "standard output: closed": unharmed(GOES_ON),
@@ -138,14 +139,16 @@ WHY: dict[str, Why] = {
         ("Cancel(cam_loss)",),
         diverges=True,
     ),
-    "time goes back": Why("Nothing is due for so long: no CAMs.", CAMS, diverges=True),
+    "time goes back": Why("Nothing is due until time has caught up: no CAMs.", CAMS, diverges=True),
     "time stands still": Why("Nothing is ever due: no CAMs.", CAMS, diverges=True),
     "the host sleeps": Why(
-        "As if time jumped ahead: its peers were awake.", ("Cancel(cam_loss)",), diverges=True
+        "As if time jumped ahead, because its peers were awake.",
+        ("Cancel(cam_loss)",),
+        diverges=True,
     ),
     "the position raises": stops(codes=OURS),
     "the application raises": stops(
-        STOPS + "  Where it is asked nothing more, the session goes on.", (0, *OURS)
+        STOPS + "  If the application is not called again, the session goes on.", (0, *OURS)
     ),
     "SIGTERM": stops(),
     "SIGTERM twice": stops(
@@ -403,21 +406,21 @@ def page(cells: Sequence[Cell]) -> str:
 
 PAGE = f"""# Faults of a station
 
-`make test-faults` starts a station and a peer on UDP, makes a system call of the station's process
-fail, or does something else to it, when it enters a phase, and looks at what its peer notices. This
-page is what came out. A cell says how the session ended for the peer:
+`make test-faults` starts a station and a peer on UDP. When the station enters a phase, the test
+injects a fault, such as a failing system call, and observes the peer. A cell says how the session
+ended for the peer:
 
 - *Fin*: as if nothing had failed;
-- *Cancel(reason)*: the station, or the application, told it;
+- *Cancel(reason)*: by a Cancel of the station;
 - *end of CAMs*: no CAM that names the session came for `t_cam_loss` (ACT-2);
-- *timer (rule)*: another timer of its own, before it acted;
+- *timer (rule)*: by another timer of the peer, before it acted;
 - *no session*: the station never answered or never asked.
 
-What must come out is held for each fault. In every cell it was also held that the peer does not act
+Each fault has an expected outcome. In every cell the test also checks that the peer does not act
 longer than D + `t_cam_loss` after the station left or last sent a CAM that names the session (T-2),
-that no CAM names a session the station has left (ACT-5), that the station ends when told to, and
+that no CAM names a session the station has left (ACT-5), that the station stops on request, and
 that its log can be read. *Time jumps* and *the host sleeps* are
-{JUMP_S} s. Where a log diverges, a timer was late or a step was lost by the fault.
+{JUMP_S} s. A log diverges where the fault delayed a timer or lost a step.
 """
 
 

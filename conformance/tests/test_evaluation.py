@@ -49,10 +49,20 @@ def test_what_stands_beside_the_results_is_made_of_them(name: str) -> None:
     assert (FOLDER / name / f"{name}.csv").read_text() == report.table(made)
 
 
-def test_each_figure_of_the_page_is_there() -> None:
-    links = re.findall(r"!\[[^\]]+\]\((evaluation/[^)]+)\)", generated.EVALUATION.read_text())
-    assert len(links) >= len(NAMES)
-    for link in links:
-        assert (FOLDER.parent / link).exists(), link
-    drawn = {f"evaluation/{p.parent.name}/{p.name}" for p in FOLDER.glob("*/*.svg")}
-    assert drawn == set(links), "no figure is left that no page shows"
+def test_each_figure_is_there_and_on_a_page() -> None:
+    pages = [generated.EVALUATION, *(FOLDER / name / report.PAGE for name in NAMES)]
+    shown = {
+        page.parent / link
+        for page in pages
+        for link in re.findall(r"!\[[^\]]+\]\(([^)]+)\)", page.read_text())
+    }
+    assert shown == set(FOLDER.glob("*/*.svg"))
+
+
+def test_the_summary_has_a_picture_and_a_link_to_the_details_of_each_experiment() -> None:
+    text = generated.EVALUATION.read_text()
+    for name in NAMES:
+        assert f"](evaluation/{name}/{report.PAGE})" in text
+        assert re.search(rf"!\[[^\]]+\]\(evaluation/{name}/\S+\.svg\)", text), name
+    for claim in (claim for found in RESULTS.values() for claim in found["claims"]):
+        assert (claim["claim"] in text) == (claim["verdict"] != "beyond the paper"), claim["claim"]

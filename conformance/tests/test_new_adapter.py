@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -48,6 +49,49 @@ def test_the_cpp_template_runs(tmp_path: Path) -> None:
     assert levels(str(tmp_path / "run")) == HONEST
 
 
+NEEDS = {
+    "go": ("go",),
+    "java": ("javac", "java"),
+    "javascript": ("node",),
+    "rust": ("cargo", "rustc"),
+}
+
+
+@pytest.mark.parametrize("language", NEEDS)
+def test_a_template_that_needs_no_library_runs(language: str, tmp_path: Path) -> None:
+    for tool in NEEDS[language]:
+        if not shutil.which(tool):
+            pytest.skip(f"{tool} is not installed: the {language} template was not run")
+    create(language, tmp_path)
+    *build, _, _ = next_commands(language, tmp_path)
+    for command in build:
+        done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "warning" not in done.stderr
+    assert levels(str(tmp_path / "run")) == HONEST
+
+
+def test_the_javascript_template_tells_a_float_from_an_integer(tmp_path: Path) -> None:
+    """JSON.parse cannot; 1.0 in a message is malformed (END-5)."""
+    if not shutil.which("node"):
+        pytest.skip("node is not installed: the parser of the javascript template was not run")
+    create("javascript", tmp_path)
+    adapter = (tmp_path / "adapter.js").read_text()
+    parser = adapter[adapter.index("const TOKEN") : adapter.index("// TODO: replace this")]
+    script = (
+        parser
+        + r"""
+console.log(JSON.stringify(parse('{"a": 1.0, "b": [1, 2e3, -4], "c": "1.0 \\" 2.5"}')));
+"""
+    )
+    done = subprocess.run(["node", "-e", script], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout) == {
+        "a": {"not_an_integer": "1.0"},
+        "b": [1, {"not_an_integer": "2e3"}, -4],
+        "c": '1.0 " 2.5',
+    }
+
+
 def test_what_to_type_next() -> None:
     assert next_commands("python", Path("a b"))[-1] == "automcm conform run -- 'a b/run'"
     assert next_commands("cpp", Path("mine"))[0].startswith("cmake -S mine")
@@ -60,7 +104,9 @@ def test_every_file_of_a_template_is_written() -> None:
 
 
 def test_what_cannot_be_created(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="no template in 'cobol', only in cpp, python"):
+    with pytest.raises(
+        ValueError, match="no template in 'cobol', only in cpp, go, java, javascript, python, rust"
+    ):
         create("cobol", tmp_path / "a")
     (tmp_path / "file").write_text("mine")
     for target in (tmp_path, tmp_path / "file"):

@@ -17,11 +17,13 @@ OUTSIDE = re.compile(r"\]\(\.\./([^)#\s]+)(?:#[^)]*)?\)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add what the pages at the top of docs/ link to.  Raises PluginError if it is not there."""
+    """Add what the pages at the top of docs/ link to; those in folders link
+    within docs/.  Raises PluginError if it is not there."""
     root = Path(config.config_file_path).parent
     linked = {
         name: page.src_uri
         for page in files.documentation_pages()
+        if "/" not in page.src_uri
         for name in OUTSIDE.findall(page.content_string)
     }
     for name, page in sorted(linked.items()):
@@ -35,6 +37,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """The links lead to the copies."""
+    if "/" in page.file.src_uri:
+        return markdown
     return OUTSIDE.sub(lambda found: f"]({_copy(found[1])})", markdown)
 
 

@@ -173,11 +173,11 @@ def test_seconds_are_reproduced_only_where_no_baseline_was_fitted(small: Json) -
         made = arrival_claims.gain_claim(found, 30)
         return made.verdict, made.why.split(";")[0]
 
-    assert claim() == ("in shape only", "the baseline is calibrated to it")
+    assert claim() == ("in shape only", "the baseline is fitted to it")
     found["tried"] |= {"least_s": {"30": 4.6}, "greatest_s": {"30": 5.4}}
     assert claim()[0] == "reproduced"
     found["speeds"]["30"] |= {"gain_s": 4.4, "low_s": 4.3}
-    assert claim() == ("in shape only", "the baseline as calibrated misses it")
+    assert claim() == ("in shape only", "the fitted baseline misses it")
     found["speeds"]["30"] |= {"gain_s": 0.1, "low_s": -0.1}
     assert claim()[0] == "not reproduced"
 
@@ -233,7 +233,7 @@ def test_all_baselines_are_counted_once(small: Json) -> None:
 
 
 def test_the_page_has_the_figures_of_the_report(small: Json) -> None:
-    text = "\n".join(report.page(small))
+    text = report.page(small)
     for kmh, here in small["summary"]["speeds"].items():
         assert f"{here['gain_s']:.2f} s (95 % interval" in text
         for which in ("with", "without"):

@@ -324,7 +324,7 @@ def test_a_crowd_is_told_only_if_there_is_one(made: Values) -> None:
 
 
 def test_the_page_has_the_figures_of_the_report(made: Values) -> None:
-    text = "\n".join(report.page(made))
+    text = report.page(made)
     s = made["summary"]
     for n in (2, 4):
         for form in FORMS:

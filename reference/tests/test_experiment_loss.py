@@ -223,7 +223,7 @@ def points(made: Json, shares: dict[int, float], trials: int = 10_000) -> Json:
 def test_a_longer_time_out_must_not_be_worse(made: Json) -> None:
     for second, third, verdict in ((0.7, 0.9, "reproduced"), (0.9, 0.7, "not reproduced")):
         _, claim, *_ = claims(points(made, {0: 0.5, 1000: second, 2000: third}))
-        assert claim.claim == "the longest time-out stands the most loss"
+        assert claim.claim == "the longest time-out tolerates the most loss"
         assert claim.verdict == verdict
 
 

@@ -190,7 +190,7 @@ def gain_claim(found: Values, speed_kmh: int) -> Claim:
     least, greatest = tried["least_s"][name], tried["greatest_s"][name]
     fitted = abs(here["gain_s"] - gain) <= NEAR_S
     whatever = fitted and gain - NEAR_S <= least and greatest <= gain + NEAR_S
-    says = "the baseline is calibrated to it" if fitted else "the baseline as calibrated misses it"
+    says = "the baseline is fitted to it" if fitted else "the fitted baseline misses it"
     return Claim(
         f"at {speed_kmh} km/h the receiver arrives earlier with coordination",
         f"approximately {gain:.0f} s, {share:.0%} faster",
@@ -211,7 +211,7 @@ def order_claim(found: Values) -> Claim:
         "5 s at 30 km/h, 7 s at 50 km/h",
         f"{slow['gain_s']:.2f} s and {fast['gain_s']:.2f} s",
         graded(grows and tried["grows"] == tried["baselines"], grows),
-        f"so in {tried['grows']} of the {tried['baselines']} baselines tried",
+        f"true for {tried['grows']} of the {tried['baselines']} baselines tried",
     )
 
 
@@ -220,18 +220,18 @@ def way_claim(found: Values, target_m: float) -> Claim:
     texts, both, fits, exist = [], [], [], []
     for reading, text in (("reduction", "less time"), ("ratio", "more speed")):
         ranges = [found["ways"][str(speed_kmh)][reading] for speed_kmh in SPEEDS_KMH]
-        texts.append(f"{ranges[0][0]:.0f} m and {ranges[1][0]:.0f} m read as {text}")
+        texts.append(f"{ranges[0][0]:.0f} m and {ranges[1][0]:.0f} m if read as {text}")
         low, high = max(r[1] for r in ranges), min(r[2] for r in ranges)
         both.append(f"{low:.0f} to {high:.0f} m" if low <= high else "no way")
         fits.append(low <= target_m <= high)
         exist.append(low <= high)
     return Claim(
-        "seconds and per cent at 30 and at 50 km/h belong to one way",
+        "the gains in seconds and in per cent at both speeds fit one distance",
         f"{target_m:.0f} m",
         "; ".join(texts),
         graded(any(fits), any(exist)),
-        f"as the figures are rounded {both[0]} would do as less time, {both[1]} as more speed; "
-        "the clock starts at the signal, so the way timed is shorter than the way driven",
+        f"with rounding, {both[0]} fit as less time and {both[1]} as more speed; "
+        "the clock starts at the signal, so the timed distance is shorter than the driven one",
     )
 
 
@@ -245,13 +245,13 @@ def braking_claim(found: Values) -> Claim:
     most, least = max(one["after"] for one in with_), min(one["after"] for one in without)
     stops = [one["stopped"] for one in without]
     return Claim(
-        "with coordination little or no deceleration when lanes are changed; without, a stop",
+        "with coordination the receiver hardly brakes for the lane change; without, it stops",
         "no figure",
         f"median of the hardest braking {with_[0]['after']:.1f} and {with_[1]['after']:.1f} m/s² "
         f"with, {without[0]['after']:.1f} and {without[1]['after']:.1f} m/s² without; "
         f"{sum(stops)} of {sum(trials)} stop without",
         graded(most <= LITTLE and stops == trials, most < least),
-        "the stop is part of the baseline, the little braking is not",
+        "the stop is assumed in the baseline; the weak braking is a result",
     )
 
 

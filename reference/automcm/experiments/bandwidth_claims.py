@@ -45,8 +45,9 @@ def _larger(s: Values) -> Claim:
         )
         + f"; in UPER {etsi['ratio']:.1f} times an ETSI CAM of {etsi['cam']} bytes",
         graded(least > TEN, least > MANY),
-        f"in our UPER a point takes {etsi['here_per_point']:.1f} bytes, being told from the one "
-        f"before; from {etsi['needed_per_point']:.1f} on it is ten times the ETSI CAM",
+        "our UPER encodes a point as the step from the previous one, in "
+        f"{etsi['here_per_point']:.1f} bytes; at "
+        f"{etsi['needed_per_point']:.1f} the ratio would be 10",
     )
 
 
@@ -70,7 +71,7 @@ def _equal(two: Values, four: Values) -> Claim:
     amounts = [_ratio(two["bytes"][n], four["bytes"][n], kind) for n in CODECS for kind in kinds]
     same, alike = (all(abs(r - 1) < SAME for r in ratios) for ratios in (counts, amounts))
     return Claim(
-        "Prescription, Acceptance and Fin take the same with four vehicles as with two",
+        "Prescription, Acceptance and Fin take as many bytes with four vehicles as with two",
         "the same",
         ", ".join(
             f"{kind} {two['bytes']['json'].get(kind, 0):.0f} and "
@@ -79,7 +80,7 @@ def _equal(two: Values, four: Values) -> Claim:
         )
         + " (JSON)",
         graded(same and alike, same),
-        "they pass between the prescriber and its target alone",
+        "only the prescriber and its target exchange them",
     )
 
 
@@ -105,9 +106,9 @@ def _saves(s: Values) -> Claim:
     factors = [saving["factor"] for saving in savings]
     with_cams = [saving["with_cams"] for saving in savings]
     return Claim(
-        "event-driven messages save bandwidth against Intentions of all vehicles all the time",
+        "event-driven messages need less bandwidth than periodic Intentions of all vehicles",
         "effectively (no figure)",
-        "over one lane change, always-on takes "
+        "over one lane change, periodic Intentions take "
         + " and ".join(
             f"{drive(s, n)['saving']['sent']['json']['factor']:.1f} (JSON) or "
             f"{drive(s, n)['saving']['sent']['uper']['factor']:.1f} (UPER) times as many bytes "
@@ -115,21 +116,21 @@ def _saves(s: Values) -> Claim:
             for n in (2, 4)
         ),
         graded(min(factors) > 1, max(factors) > 1),
-        f"without CAMs; with CAMs at 10 Hz on both sides {min(with_cams):.1f} to "
+        f"CAMs not counted; with CAMs at 10 Hz on both sides {min(with_cams):.1f} to "
         f"{max(with_cams):.1f} times",
     )
 
 
 def _often(two: Values, four: Values) -> Claim:
     return beyond(
-        "how often lane changes may happen before event-driven saves nothing",
+        "rate of lane changes from which on event-driven messages save nothing",
         " and ".join(
             f"{min(d['saving']['sent'][n]['break_even_per_min'] for n in CODECS):.0f} a minute "
             f"with {d['vehicles']} vehicles"
             for d in (two, four)
         )
-        + f"; one takes {four['s']:.1f} s, so one after another they are at most "
-        f"{60 / four['s']:.1f} a minute",
+        + f"; a lane change takes {four['s']:.1f} s, so at most "
+        f"{60 / four['s']:.1f} a minute can follow one another",
     )
 
 
@@ -141,8 +142,8 @@ def _lean(two: Values, four: Values) -> Claim:
     )
     form, lean = FORMS[1:]
     return beyond(
-        "most bytes are the repeated Advertisement",
-        f"up to {part:.0%} of all; without the trajectory in it (it may go without) a lane change "
+        "the repeated Advertisement takes most of the bytes",
+        f"up to {part:.0%}; without its trajectory, which is optional, a lane change "
         f"of four takes {four['event'][lean]['json']:,.0f} instead of "
         f"{four['event'][form]['json']:,.0f} bytes (JSON) or {four['event'][lean]['uper']:,.0f} "
         f"instead of {four['event'][form]['uper']:,.0f} (UPER), with 52 points",

@@ -113,7 +113,7 @@ def _fig6(fig6: Values) -> list[Claim]:
                 v=[f["b_at_begin"] for f in of],
             ),
             graded(all(before), any(before)),
-            "agreed before, and held for Δt1",
+            "agreed beforehand and held for Δt1",
         ),
         Claim(
             "C, behind B, decelerates as well to keep its distance (Fig. 6)",
@@ -126,7 +126,7 @@ def _fig6(fig6: Values) -> list[Claim]:
                 gap=[f["c_gap_m"] for f in of],
             ),
             graded(all(follows), any(follows)),
-            "nobody tells it to: it follows by itself",
+            "its driver model follows B",
         ),
         Claim(
             "A, ahead of B, is not disturbed (Fig. 6)",
@@ -146,13 +146,13 @@ def _s(value: float | None) -> str:
 
 def _braking(fig6: Values, station_id: int, claim: str) -> Claim:
     values = [f["hardest_in_change"][str(station_id)] for f in fig6.values()]
-    gap = "it keeps its distance to A, which is nearer than its driver model wants"
+    gap = "its driver model wants a longer gap to A"
     return Claim(
         claim,
         "little or no deceleration",
         _each(fig6, "{v:.1f} m/s² at most", v=values),
         graded(max(values) <= LITTLE, max(values) <= COMFORTABLE),
-        gap if station_id == PRESCRIBER else "it has its gap by then and speeds up again",
+        gap if station_id == PRESCRIBER else "its gap is open by then, and it accelerates",
     )
 
 
@@ -170,35 +170,35 @@ def _mitigation(all_: Values) -> list[Claim]:
     softer = leader["hard"] < blind["hard"]
     return [
         Claim(
-            "Without mitigation vehicles go on to decelerate unnecessarily (III-D)",
+            "Without mitigation vehicles keep decelerating unnecessarily (III-D)",
             "no figure",
-            "needless way lost by B and C, with and without: "
+            "needless distance lost by B and C, with and without mitigation: "
             + "; ".join(
                 f"{_text(name)} {all_[name]['needless_m']:.1f} and "
                 f"{all_[name + WITHOUT]['needless_m']:.1f} m"
                 for name in ABANDONED
             ),
             graded(all(fewer), any(fewer)),
-            "means over all moments of the fault; most is saved by an early one",
+            "means over all moments of the fault; an early fallback saves most",
         ),
         Claim(
             "Falling back to driving alone is safe (III-D)",
             "no figure",
             f"vehicles touched in {touched} of {sum(r['drives'] for r in with_)} drives with the "
-            f"rules, {touched_without} of {sum(r['drives'] for r in without)} without; somebody "
+            f"rules, {touched_without} of {sum(r['drives'] for r in without)} without; a vehicle "
             f"braked harder than {HARD:g} m/s² in {hard} and {hard_without}",
             "not reproduced" if touched else "in shape only" if hard else "reproduced",
-            "the driver model does not hit what it sees; hard braking is for A that stops and "
-            "for a B that gave up before it was chosen",
+            "the driver model cannot hit a vehicle it sees; the hard braking is behind a "
+            "stopping A, or by a B that gave up before it was chosen",
         ),
         Claim(
             "Comfort gains when the scenario changes (III-D): A stops, and the prescriber gives up",
             "may improve",
-            f"needless way lost by B and C {leader['needless_m']:.1f} and "
-            f"{blind['needless_m']:.1f} m, with and without; somebody braked harder than "
+            f"needless distance lost by B and C {leader['needless_m']:.1f} and "
+            f"{blind['needless_m']:.1f} m, with and without; a vehicle braked harder than "
             f"{HARD:g} m/s² in {leader['hard']} and {blind['hard']} of {blind['drives']} drives",
             graded(calmer and softer, calmer or softer),
-            "B must brake for A in any case, and so must a prescriber that has begun to move over",
+            "B must brake for A in any case, and so must a prescriber already moving over",
         ),
     ]
 
@@ -222,24 +222,25 @@ def _beyond(all_: Values) -> list[Claim]:
         beyond(
             "Coordination spares B a hard braking",
             f"hardest {b['B braking']:.1f} m/s² and jerk {b['B jerk']:.1f} m/s³; without "
-            f"{alone['B braking']:.1f} and {alone['B jerk']:.1f}; way lost {b['B lost_m']:.1f} "
-            f"and {alone['B lost_m']:.1f} m",
+            f"{alone['B braking']:.1f} and {alone['B jerk']:.1f}; distance lost "
+            f"{b['B lost_m']:.1f} and {alone['B lost_m']:.1f} m",
             b["B braking"] < alone["B braking"] and b["B jerk"] < alone["B jerk"],
             "without it, the stop is a rule of the model (road.Late)",
         ),
         beyond(
-            "The fallback on CAM loss has its price where only the radio fails (ACT-2)",
-            f"needless way lost by B and C {mean([all_[n]['needless_m'] for n in LINK]):.1f} m, "
+            "The fallback on CAM loss costs distance where only the radio fails (ACT-2)",
+            "needless distance lost by B and C "
+            f"{mean([all_[n]['needless_m'] for n in LINK]):.1f} m, "
             f"without the rule {mean([all_[n + WITHOUT]['needless_m'] for n in LINK]):.1f} m; "
             f"the lane change is made in {gave_up} and {went_on} of {drives} drives",
             mean(more) > 0 and gave_up < went_on,
             "a prescriber that hears nothing cannot know that B still makes room",
         ),
         beyond(
-            "It pays where B no longer makes room (ACT-2, END-1)",
-            f"way lost by B {hard:.1f} m on average, without the rules {harder:.1f} m",
+            "The fallback saves distance where B no longer makes room (ACT-2, END-1)",
+            f"distance lost by B {hard:.1f} m on average, without the rules {harder:.1f} m",
             hard < harder,
-            "without them the prescriber moves over all the same; yet who gives up before "
-            "it was chosen is taken for nobody in the way",
+            "without the rules the prescriber moves over all the same; a B that gives up before "
+            "it is chosen counts as no obstacle",
         ),
     ]

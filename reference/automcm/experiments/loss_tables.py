@@ -248,7 +248,8 @@ def _fits(knee: Values, t: int) -> bool:
     return knee["knee"] is not None and knee["knee"] - NEAR <= PAPER_KNEES[t] <= high + NEAR
 
 
-def _percent(value: float | None) -> str:
+def percent(value: float | None) -> str:
+    """A loss, or that it was never reached."""
     return "never" if value is None else f"{value:g}%"
 
 
@@ -257,16 +258,15 @@ def _rises(found: Values) -> Claim:
     fits = [_fits(of[t], t) for t in T_TIMEOUTS]
     halves = [100.0 if of[t]["half"] is None else of[t]["half"] for t in T_TIMEOUTS]
     here = ", ".join(
-        f"{_percent(of[t]['knee'])} to {_percent(of[t]['half'])} ({t / 1000:g} s)"
-        for t in T_TIMEOUTS
+        f"{percent(of[t]['knee'])} to {percent(of[t]['half'])} ({t / 1000:g} s)" for t in T_TIMEOUTS
     )
     return Claim(
         "arrival times increase rapidly with the loss, later with a longer time-out",
         "from 10% (0 s), 60% (1 s), 70% (2 s)",
         f"a tenth to a half of the drives in the slowest class at {here}",
         graded(all(fits), halves == sorted(set(halves))),
-        "four messages must get there once each; if each needed its Ack as well, success would "
-        "fall where the paper's does",
+        "four messages must arrive once each; if each also needed its Ack, success would fall "
+        "where the paper's does",
     )
 
 
@@ -280,12 +280,12 @@ def _longer(found: Values) -> Claim:
     better = sum(b["low"] > a["high"] for a, b in pairs)
     best = {t: found["knees"][str(t)]["measured"]["knee"] for t in T_TIMEOUTS}
     return Claim(
-        "the longest time-out stands the most loss",
+        "the longest time-out tolerates the most loss",
         "t_timeout = 2 s is the most robust",
         "success falls below 90% at "
-        + ", ".join(f"{_percent(best[t])} ({t / 1000:g} s)" for t in T_TIMEOUTS),
+        + ", ".join(f"{percent(best[t])} ({t / 1000:g} s)" for t in T_TIMEOUTS),
         graded(ordered and better > 0, False),
-        f"a longer one is better beyond doubt in {better} of {len(pairs)} comparisons",
+        f"a longer one is significantly better in {better} of {len(pairs)} comparisons",
     )
 
 
@@ -296,13 +296,13 @@ def _explained(found: Values) -> Claim:
     apart = {n: found["deviation"][n]["largest"] for n in MODELS}
     nearest = min(apart, key=lambda name: apart[name])
     return Claim(
-        "Eq. 2 explains from which loss on coordination fails",
+        "Eq. 2 explains at which loss coordination fails",
         "p = 1 - λ^(t_timeout/t_resend)",
-        f"the paper's knees fit {fits('eq2')} of 3 of Eq. 2 and {fits('three_exchanges')} of 3 of "
-        f"three exchanges with Acks; what is measured here differs from Eq. 2 by up to "
-        f"{apart['eq2']:.0%}, least ({apart[nearest]:.1%}) from {NAMES[nearest]}",
+        f"Eq. 2 matches {fits('eq2')} of the paper's 3 knees, a model of three exchanges with Acks "
+        f"{fits('three_exchanges')} of 3; our measurement differs from Eq. 2 by up to "
+        f"{apart['eq2']:.0%}, from {NAMES[nearest]} by up to {apart[nearest]:.1%}",
         graded(fits("eq2") == len(T_TIMEOUTS), False),
-        "with t_timeout = 0 Eq. 2 gives no success at all; one message is not a coordination",
+        "with t_timeout = 0 Eq. 2 predicts no success; it covers one message, not a coordination",
     )
 
 
@@ -333,7 +333,7 @@ def _bursts(found: Values) -> Claim:
         parts.append(f"{even:.1%} and {burst:.1%} ({t / 1000:g} s, {loss}%)")
     return beyond(
         f"loss in bursts of {int(longest) / 1000:g} s against even loss of the same mean",
-        "success even and in bursts " + ", ".join(parts),
+        "success with even loss and in bursts: " + ", ".join(parts),
         why="a burst as long as the time-out takes all copies of a message",
     )
 
@@ -347,7 +347,7 @@ def _smallest_claim(found: Values) -> Claim:
     return beyond(
         "the smallest time-out tried with which 99% agree",
         ", ".join(parts),
-        why="no refusals, an answer within a millisecond",
+        why="no refusals; answers within a millisecond",
     )
 
 
@@ -358,8 +358,8 @@ def _sockets(found: Values) -> Claim:
         inside += row["low"] <= same["high"] and same["low"] <= row["high"]
     trials = sum(row["trials"] for row in found["udp"])
     return beyond(
-        "real UDP sockets and a relay that loses give what the simulated radio gives",
-        f"{inside} of {len(found['udp'])} points within each other's 95 % intervals, {trials} "
+        "UDP sockets with a lossy relay agree with the simulated radio",
+        f"{inside} of {len(found['udp'])} points with overlapping 95 % intervals, {trials} "
         "sessions",
-        why="in real time, so not the same again with the same seed",
+        why="run in real time, so not repeatable by seed",
     )

@@ -31,7 +31,7 @@ def claims(report: Values) -> list[Claim]:
             f"{whole['beyond']} were longer",
         ),
         beyond(
-            "B is reached, so that no smaller bound could be claimed",
+            "B is reached: no smaller bound holds",
             f"longest {whole['longest_ms']} of {b} ms",
             whole["longest_ms"] >= REACHED * b,
             "a target that goes silent just after a CAM",
@@ -43,10 +43,10 @@ def claims(report: Values) -> list[Claim]:
             "whatever the radio and the prescriber do",
         ),
         beyond(
-            "With a perfect radio each fault class keeps to a bound of its own",
+            "With a perfect radio each fault class keeps its own bound",
             f"{within} of {len(own)} classes",
             within == len(own),
-            "the table of verification.md, section 4",
+            "verification.md, section 4",
         ),
         _class_claim(
             s, "The Cancel on CAM loss shortens a one-way cut (ACT-2)", "cut forth", SILENT
@@ -77,10 +77,10 @@ def _mechanism_claim(s: Values) -> Claim:
     bad = [row for row in rows if row["unexcused"] or row["beyond"]]
     seen = [row for row in rows if row["shows"]]
     return beyond(
-        "Mechanisms without which random faults lead to hazards that S-5 or T-2 forbid",
+        "Mechanisms whose removal leads to hazards that S-5 or T-2 forbid, under random faults",
         f"{len(bad)} of {len(rows)}; {len(seen)} of {len(rows)} show some effect",
         len(bad) > 0,
-        "; ".join(row["ablation"] for row in bad) or "none was met",
+        "; ".join(row["ablation"] for row in bad) or "none occurred",
     )
 
 
@@ -88,7 +88,7 @@ def _road_claim(s: Values) -> Claim:
     whole = _road_sum(s["road"], WHOLE.name)
     alone = _road_sum(s["road"], UNCOORDINATED)
     return beyond(
-        "With faults, too, a prescriber moves over only where there is room",
+        "Under faults a prescriber still moves over only where there is room",
         f"{whole['near']} of {whole['moved']} with less than 2 m; "
         f"without coordination {alone['near']} of {alone['moved']}",
         whole["moved"] > 0 and whole["near"] * alone["moved"] < alone["near"] * whole["moved"],
