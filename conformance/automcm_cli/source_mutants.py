@@ -103,7 +103,7 @@ def sample(mutants: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
     if count == 0:
         return list(mutants)
     places: dict[tuple[str, str], list[Mutant]] = defaultdict(list)
-    for mutant in sorted(mutants, key=lambda mutant: _hash(f"{seed} {mutant.id}")):
+    for mutant in sorted(mutants, key=lambda mutant: hash_of(f"{seed} {mutant.id}")):
         places[mutant.class_, mutant.id.rsplit("/", 1)[0]].append(mutant)
     by_class: dict[str, list[Mutant]] = {}
     for class_ in CLASSES:
@@ -120,7 +120,8 @@ def _in_turn(groups: Sequence[Sequence[Mutant]]) -> Iterator[Mutant]:
                 yield group[k]
 
 
-def _hash(text: str) -> str:
+def hash_of(text: str) -> str:
+    """What a draw by seed is ordered by."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 

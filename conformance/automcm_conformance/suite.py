@@ -452,12 +452,16 @@ class Runner:
         *,
         again: bool = True,
     ) -> Fault:
-        """A fault; its rule is that of the last pair, or of a case that has a name."""
+        """A fault.  Its rule is the one that decides the last pair; of a named case, the case's
+        own, unless a message or an indication is wrong."""
         rule = purpose.rules[0] if purpose else ""
+        named = bool(purpose and purpose.case)
+        if isinstance(error, Mismatch):
+            named = named and not {"messages", "indications"} & {part for part, _ in error.problems}
         value: Input | None = None
         if pairs:
             value = part.oracle.inputs[pairs[-1][1]]
             answer = part.oracle.answer(*pairs[-1])
-            if answer is not None and not (purpose and purpose.case):
+            if answer is not None and not named:
                 rule = answer.effect.rule
         return Fault(finding(error, rule, why, again=again), value, error)

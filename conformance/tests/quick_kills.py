@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import ast
-import hashlib
 import os
 import re
 import signal
@@ -28,15 +27,9 @@ from pathlib import Path
 
 from copied_tree import FOLDERS, ROOT, copied
 
-from automcm_cli.source_mutants import Mutant, of_file
+from automcm_cli.imports import PACKAGES
+from automcm_cli.source_mutants import Mutant, hash_of, of_file
 
-PACKAGES = {
-    "automcm_spec": "spec",
-    "automcm": "reference",
-    "automcm_traces": "traces",
-    "automcm_conformance": "conformance",
-    "automcm_cli": "conformance",
-}
 QUICK, SLOW = "not slow and not deep", "slow and not deep"
 LIMIT_S = 300
 FEW = 8
@@ -62,7 +55,7 @@ def drawn(paths: Sequence[Path], count: int, seed: int) -> Iterator[tuple[Path, 
     """One fault each of ``count`` modules, drawn by a hash; several of each if there are fewer."""
 
     def order(text: str) -> str:
-        return hashlib.sha256(f"{seed} {text}".encode()).hexdigest()
+        return hash_of(f"{seed} {text}")
 
     turn = 0
     while count and turn < 1000:
@@ -115,18 +108,8 @@ class Suite:
         """The first test that fails; empty if none does."""
         if not files:
             return ""
-        words = [
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "-rfE",
-            "-p",
-            "no:cacheprovider",
-            "-m",
-            marked,
-            *options,
-        ]
+        words = ["-m", "pytest", "-x", "-q", "-rfE", "-p", "no:cacheprovider", "-m", marked]
+        words += options
         words += ["-n", "2", "--dist", "worksteal"] * (len(files) > FEW)
         words += [f"--deselect={test}" for test in self.left_out]
         process = subprocess.Popen(
@@ -213,10 +196,11 @@ def main() -> None:
             how = f"quick: {by[0]}" if by[0] else f"SLOW: {by[1]}" if by[1] else "nothing"
             print(f"{time.monotonic() - begun:4.0f} s  {name}\n    {how}", flush=True)
     whole = len(quick) + len(slow)
+    share = 100 * len(quick) / max(whole, 1)
     print(
-        f"\n{len(quick) + len(slow) + len(neither)} faults; the whole suite finds {whole}, ", end=""
+        f"\n{whole + len(neither)} faults; the quick set, or a slow test near one, finds {whole};"
     )
-    print(f"the quick set {len(quick)} of them ({100 * len(quick) / max(whole, 1):.1f} %)")
+    print(f"the quick set alone {len(quick)} of these ({share:.1f} %)")
     for name in slow:
         print(f"only slow tests find: {name}")
     sys.exit(len(quick) < 0.95 * whole)
