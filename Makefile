@@ -72,7 +72,7 @@ docs: pages .venv/docs
 
 # Ten million changed encodings; make fuzz ARGS="--count 100000 --seed 2" for fewer or others.
 fuzz: ready
-	@$(BIN)/python -m automcm.fuzz $(ARGS)
+	@$(BIN)/python -m automcm_maintenance.benches.decoder_fuzz $(ARGS)
 
 clean:
 	@rm -rf .venv .coverage .coverage.* .hypothesis .mypy_cache .pytest_cache .ruff_cache runs dist build site

@@ -15,7 +15,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from automcm_spec.bad_input import BadInput
+from automcm_spec.support.bad_input import BadInput
 
 UNWRITTEN, FAULT, CLOSED_PIPE = 3, 70, 141
 """Exit codes (``common.CODES``).  141 is what a shell makes of an end by SIGPIPE."""

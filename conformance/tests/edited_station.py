@@ -10,16 +10,16 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from automcm_spec import compiler
+from automcm_spec.compilation import compiler
 
 
 def found(scenario: str, logs: Path, empty: Path) -> dict[str, Any]:
     """The verdict on each log, and on the reference; and the rules and phases met in the logs."""
     from test_scenarios import REFERENCE, run  # after the station is compiled
 
-    from automcm_conformance.words import finding
-    from automcm_traces.coverage import measure
-    from automcm_traces.explain import explain_file
+    from automcm_conformance.exchange.transcript import finding
+    from automcm_traces.explain.coverage import measure
+    from automcm_traces.explain.explain import explain_file
 
     files = sorted(logs.rglob("*.ndjson"))
     covered = measure(files)

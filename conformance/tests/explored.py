@@ -18,10 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from automcm_cli import cpp
-from automcm_cli.common import markdown_table
-from automcm_conformance import explore, shrink
-from automcm_conformance.shrink import Short
+from automcm_cli.shared.common import markdown_table
+from automcm_conformance.explore import explore
+from automcm_conformance.explore import walk_shrinking as shrink
+from automcm_conformance.explore.walk_shrinking import Short
+from automcm_maintenance.code_mutation import cpp_station
 
 RATIO = 1.5
 NEAREST = 20_000
@@ -104,18 +105,21 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="for each exploration")
     options = parser.parse_args()
     chosen = [
-        m for m in cpp.mutants(cpp.COMBINED) if options.mutant is None or m.name in options.mutant
+        m
+        for m in cpp_station.mutants(cpp_station.COMBINED)
+        if options.mutant is None or m.name in options.mutant
     ]
     if not chosen or len(chosen) < len(set(options.mutant or ())):
-        parser.error(f"--mutant: one of {', '.join(m.name for m in cpp.mutants(cpp.COMBINED))}")
-    if lacking := cpp.missing():
+        names = (m.name for m in cpp_station.mutants(cpp_station.COMBINED))
+        parser.error(f"--mutant: one of {', '.join(names)}")
+    if lacking := cpp_station.missing():
         print(f"SKIPPED: {lacking} is not installed", file=sys.stderr)
         return 0
     rows = []
     with TemporaryDirectory(prefix="automcm-explored-") as name:
         folder = Path(name)
         with ThreadPoolExecutor(2) as pool:
-            stations = list(pool.map(lambda m: cpp.build_mutant(m, folder), chosen))
+            stations = list(pool.map(lambda m: cpp_station.build_mutant(m, folder), chosen))
         for mutant, station in zip(chosen, stations, strict=True):
             for seed in range(1, options.seeds + 1):
                 out = folder / f"{mutant.name}-{seed}"

@@ -29,16 +29,16 @@ from typing import Any, NamedTuple
 
 from faulty_station import FAULTS, JUMP_S
 
-from automcm.clock import AsyncioClock
-from automcm.links.udp import BROADCAST_HOST, UdpLink
-from automcm.outcome import Heard
-from automcm.service import McService
-from automcm.state import State
-from automcm.station import Effects
-from automcm.straight import LANE_CHANGE, Straight
-from automcm_spec.messages import Cam
-from automcm_spec.parameters import Parameters
-from automcm_traces.explain import explain_file
+from automcm.core.outcome import Heard
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.links.clock import AsyncioClock
+from automcm.links.udp_link import BROADCAST_HOST, UdpLink
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service.service import McService
+from automcm_spec.vocabulary.messages import Cam
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.explain.explain import explain_file
 
 HERE = Path(__file__).parent
 SETTINGS = {"t_timeout": 300, "t_resend": 50, "t_cam_loss": 1100, "t_decide": 300}

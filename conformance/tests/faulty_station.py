@@ -23,10 +23,10 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from automcm import output, process, service
-from automcm.state import State
-from automcm.station import Effects
-from automcm.straight import Straight
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.scenarios.straight_lane import Straight
+from automcm.service import line_output, service, station_process
 from automcm_cli.main import app
 
 _write, _monotonic = os.write, time.monotonic
@@ -210,7 +210,11 @@ def main() -> None:
             tell(fault=fault)
             FAULTS[fault]()
 
-    observe, start, create = process.StationProcess._observe, service.McService.start, output.create
+    observe, start, create = (
+        station_process.StationProcess._observe,
+        service.McService.start,
+        line_output.create,
+    )
 
     def observed(self: Any, before: State, effects: Effects) -> None:
         look(effects.state)
@@ -227,9 +231,9 @@ def main() -> None:
         log_fds.add(fd)
         return fd, created
 
-    process.StationProcess._observe = observed  # type: ignore[method-assign]
+    station_process.StationProcess._observe = observed  # type: ignore[method-assign]
     service.McService.start = started  # type: ignore[method-assign]
-    process.create = created  # type: ignore[attr-defined]
+    station_process.create = created  # type: ignore[attr-defined]
     app(["station", *sys.argv[5:]])
 
 

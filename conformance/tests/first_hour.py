@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from automcm_conformance.new import create
+from automcm_conformance.adapter.new_adapter import create
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "first-hour.md").read_text(encoding="utf-8")
 CASES = ("AMCM/RCV/ADV/BV", "AMCM/RCV/NEG")

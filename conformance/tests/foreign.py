@@ -28,7 +28,15 @@ from typing import Any
 import first_hour
 import foreign_logs
 
-from automcm_cli.cpp import SECONDS, SOURCE, Mutant, build, build_mutant, missing, mutants
+from automcm_maintenance.code_mutation.cpp_station import (
+    SECONDS,
+    SOURCE,
+    Mutant,
+    build,
+    build_mutant,
+    missing,
+    mutants,
+)
 
 Json = Any
 GO = SOURCE.with_name("go")

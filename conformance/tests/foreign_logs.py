@@ -12,10 +12,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_cli.cpp import SECONDS, SOURCE, Mutant, build_mutant, mutants
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_maintenance.code_mutation.cpp_station import (
+    SECONDS,
+    SOURCE,
+    Mutant,
+    build_mutant,
+    mutants,
+)
 
 Json = Any
 AUTOMCM = Path(sys.executable).parent / "automcm"

@@ -27,8 +27,8 @@ from pathlib import Path
 
 from copied_tree import FOLDERS, ROOT, copied
 
-from automcm_cli.imports import PACKAGES
-from automcm_cli.source_mutants import Mutant, hash_of, of_file
+from automcm_maintenance.code_mutation.source_mutants import Mutant, hash_of, of_file
+from automcm_maintenance.documents.import_graph import PACKAGES
 
 QUICK, SLOW = "not slow and not deep", "slow and not deep"
 LIMIT_S = 300

@@ -12,12 +12,12 @@ import pytest
 from typer.testing import CliRunner
 from wrong_station import station
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
 from automcm_cli.main import app
-from automcm_traces.explain import explain_files
-from automcm_traces.writer import LogWriter
+from automcm_traces.explain.explain import explain_files
+from automcm_traces.format.writer import LogWriter
 
 Json = Any
 AUTOMCM = [sys.executable, "-m", "automcm_cli", "adapter"]

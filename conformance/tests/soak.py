@@ -28,15 +28,15 @@ from typing import Any
 
 import typer
 
-from automcm.codec import JSON
+from automcm.encoding.codec import JSON
 from automcm.links.relay import Relay
-from automcm.links.simulated import Channel
-from automcm.links.udp import UdpLink
-from automcm.process import NumberFile, StationProcess
-from automcm.straight import LANE_CHANGE, Straight
-from automcm_cli.station import carry_out
-from automcm_spec.parameters import Parameters
-from automcm_traces.explain import explain_file
+from automcm.links.simulated_radio import Channel
+from automcm.links.udp_link import UdpLink
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service.station_process import NumberFile, StationProcess
+from automcm_cli.reference.station_commands import carry_out
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.explain.explain import explain_file
 
 PARAMETERS = Parameters(t_timeout=1000, t_cam=500)
 REQUEST_EVERY_S = 20

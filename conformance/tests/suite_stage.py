@@ -10,13 +10,20 @@ from typing import Any
 
 import pytest
 
-from automcm_conformance import opened, purposes, remainder, suite, verdicts, whole
-from automcm_conformance.process import Process
-from automcm_conformance.results import CaseResult, Report
-from automcm_conformance.tally import Part
-from automcm_conformance.wire import PLAIN
-from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
-from automcm_spec.oracle import Oracle, content
+from automcm_conformance.adapter import connect
+from automcm_conformance.adapter.process import Process
+from automcm_conformance.exchange.results import CaseResult, Report
+from automcm_conformance.exchange.wire import PLAIN
+from automcm_conformance.suite import (
+    graph_cases,
+    purposes,
+    suite_run,
+    two_peer_residual,
+    verdicts,
+)
+from automcm_conformance.suite.tally import Part
+from automcm_spec.graph.oracle import Oracle, content
+from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 
 Json = Any
 LIMIT = 20.0
@@ -99,17 +106,17 @@ class Suite:
             TWO_PEERS.path: graph(TIGHT.path),
             TIGHT.path: graph(TIGHT.path),
         }
-        self.patch.setattr(whole, "load", lambda path, spec: cut[path])
+        self.patch.setattr(suite_run, "load", lambda path, spec: cut[path])
         self.patch.setattr(
-            whole,
+            suite_run,
             "Part",
             lambda name, o, third=False: Part(name, one if name == "special" else o, third),
         )
-        self.patch.setattr(suite, "VALUES", (PLAIN,))  # stations here may know an id
-        self.patch.setattr(remainder, "read", lambda two: [])
-        self.patch.setattr(opened, "Process", Patient)
+        self.patch.setattr(graph_cases, "VALUES", (PLAIN,))  # stations here may know an id
+        self.patch.setattr(two_peer_residual, "read", lambda two: [])
+        self.patch.setattr(connect, "Process", Patient)
         chosen = purposes.select(purposes.load(), selectors)
-        return whole.conform(
+        return suite_run.conform(
             command,
             chosen,
             self.folder / folder,

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from automcm_conformance.adapter import Adapter
-from automcm_conformance.process import AdapterError
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.adapter.process import AdapterError
 
 HELLO = {
     "protocol": 1,

@@ -11,11 +11,10 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from automcm.kit import serve
+from automcm.adapters.adapter_lines import serve
 from automcm_cli.main import app
-from automcm_conformance.protocol import COMMAND, INDICATIONS, read_answer, read_hello
-from automcm_conformance.purposes import load as load_purposes
-from automcm_conformance.results import (
+from automcm_conformance.adapter.protocol import COMMAND, INDICATIONS, read_answer, read_hello
+from automcm_conformance.exchange.results import (
     EXPLORED,
     VERDICTS,
     CaseResult,
@@ -26,9 +25,10 @@ from automcm_conformance.results import (
     Report,
     Verdict,
 )
-from automcm_conformance.verdicts import expectations
-from automcm_spec.generate import TIGHT, TWO_PEERS
-from automcm_spec.oracle import load
+from automcm_conformance.suite.purposes import load as load_purposes
+from automcm_conformance.suite.verdicts import expectations
+from automcm_spec.graph.oracle import load
+from automcm_spec.graph.oracle_generation import TIGHT, TWO_PEERS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 FREE = {"rule", "detail", "version"}

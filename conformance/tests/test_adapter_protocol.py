@@ -10,8 +10,8 @@ import jsonschema
 import pytest
 from pydantic import ValidationError
 
-from automcm_conformance import adapter_schema
-from automcm_conformance.protocol import (
+from automcm_conformance.adapter import adapter_schema
+from automcm_conformance.adapter.protocol import (
     COMMAND,
     DEFAULTS,
     INDICATIONS,
@@ -20,11 +20,17 @@ from automcm_conformance.protocol import (
     read_answer,
     read_hello,
 )
-from automcm_spec import application
-from automcm_spec.application import Phase, Role, names
-from automcm_spec.json_schema import text
-from automcm_spec.messages import Acceptance, Intention, Prescription, Trajectory, to_dict
-from automcm_spec.station import Station
+from automcm_spec.vocabulary import application
+from automcm_spec.vocabulary.application import Phase, Role, names
+from automcm_spec.vocabulary.json_schema import text
+from automcm_spec.vocabulary.messages import (
+    Acceptance,
+    Intention,
+    Prescription,
+    Trajectory,
+    to_dict,
+)
+from automcm_spec.vocabulary.station import Station
 
 ROOT = Path(__file__).resolve().parents[2]
 HELLO = {

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from copied_tree import ROOT, copied, python
 
-from automcm_conformance import purposes
+from automcm_conformance.suite import purposes
 
 PAGE = ROOT / "docs" / "adding-a-rule.md"
 STEP = re.compile(
@@ -110,9 +110,9 @@ def test_the_page_changes_the_rule_and_neither_the_tools_nor_the_kit() -> None:
     """Nothing that follows or explains a log, and nothing that drives a station, repeats a rule."""
     assert {step.path for step in STEPS if isinstance(step, Change)} == {
         "spec/tla/Station.tla",
-        "spec/automcm_spec/rules.py",
-        "reference/automcm/prescribing.py",
-        "reference/automcm/phases.py",
+        "spec/automcm_spec/vocabulary/rules.py",
+        "reference/automcm/core/prescribing.py",
+        "reference/automcm/core/phases.py",
     }
     table = re.findall(r"^\| .*", PAGE.read_text().split("\n## 4. ")[1].split("\n## ")[0], re.M)
     assert table and not re.search(r"automcm_(traces|conformance)/", "".join(table))

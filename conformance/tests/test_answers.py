@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from automcm_conformance import answers, records
-from automcm_conformance.protocol import ProtocolError
-from automcm_conformance.wire import Expected
-from automcm_spec.bad_input import BadInput
+from automcm_conformance.adapter.protocol import ProtocolError
+from automcm_conformance.exchange import answers, records
+from automcm_conformance.exchange.wire import Expected
+from automcm_spec.support.bad_input import BadInput
 
 NOTHING: dict[str, Any] = {"messages": [], "indications": [], "deadline": None}
 FIN = {"v": 1, "type": "Fin", "src": 1, "dst": 2, "session": [1, 1], "seq": 3}

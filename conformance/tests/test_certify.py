@@ -13,13 +13,25 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from automcm_cli import certificate, certificate_page, equivalence, source_mutants
-from automcm_cli.certificate import Asked, Certificate, Row
-from automcm_cli.equivalence import Difference
 from automcm_cli.main import app
-from automcm_cli.mutated import NO_IMPORT
-from automcm_cli.source_edits import CLASSES
-from automcm_cli.source_mutants import SHARE, Generated, Mutant, generate, path_of, sample
+from automcm_maintenance.code_mutation import (
+    certificate,
+    certificate_page,
+    equivalence,
+    source_mutants,
+)
+from automcm_maintenance.code_mutation.certificate import Asked, Certificate, Row
+from automcm_maintenance.code_mutation.equivalence import Difference
+from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
+from automcm_maintenance.code_mutation.source_edits import CLASSES
+from automcm_maintenance.code_mutation.source_mutants import (
+    SHARE,
+    Generated,
+    Mutant,
+    generate,
+    path_of,
+    sample,
+)
 
 TIGHT = (("tight", 0),)
 
@@ -109,7 +121,13 @@ LINES = [
 
 def said(module: str, file: str) -> str:
     lines = "".join(json.dumps(line) + "\n" for line in LINES)
-    command = [sys.executable, "-m", "automcm_cli.mutated", module, file]
+    command = [
+        sys.executable,
+        "-m",
+        "automcm_maintenance.code_mutation.mutated_process",
+        module,
+        file,
+    ]
     return subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout
 
 
@@ -127,7 +145,13 @@ def test_a_mutated_child_answers_differently(class_: str, tmp_path: Path) -> Non
 def test_what_does_not_import_is_told_from_what_is_wrong(tmp_path: Path) -> None:
     file = tmp_path / "source.py"
     file.write_text("1 / 0")
-    command = [sys.executable, "-m", "automcm_cli.mutated", "state", str(file)]
+    command = [
+        sys.executable,
+        "-m",
+        "automcm_maintenance.code_mutation.mutated_process",
+        "state",
+        str(file),
+    ]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     assert done.returncode == NO_IMPORT and "ZeroDivisionError" in done.stderr
 
@@ -186,7 +210,9 @@ def of(*rows: Row, chosen: int = 2) -> Certificate:
     return Certificate(asked, "ab" * 32, Generated([]), chosen, list(rows))
 
 
-KILLED = Row("state/armed/timer-1", "timer", "reference/automcm/state.py", 9, "ACT-5", "a | b", "a")
+KILLED = Row(
+    "state/armed/timer-1", "timer", "reference/automcm/core/state.py", 9, "ACT-5", "a | b", "a"
+)
 
 
 def test_the_exit_code_says_what_is_left() -> None:

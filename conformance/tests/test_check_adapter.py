@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_conformance.check import Checked, check
+from automcm_conformance.adapter.check_adapter import Checked, check
 
 GOOD = """
 import json, sys, time

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from automcm_conformance import citations, uncited
-from automcm_conformance.citations import COLUMNS, Cell
-from automcm_spec.rules import RULES
+from automcm_maintenance.documents import citations, uncited
+from automcm_maintenance.documents.citations import COLUMNS, Cell
+from automcm_spec.vocabulary.rules import RULES
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -36,7 +36,7 @@ def test_each_rule_kernel_and_property_has_a_row_and_each_link_leads_somewhere(
 def test_what_is_found_is_what_is_there(found: dict[str, dict[str, Cell]]) -> None:
     assert ("OnForeignPrescription", "spec/tla/Station.tla") in found["NEG-4"]["specification"]
     assert ("no_busy_refusal", "spec/models/no_busy_refusal.cfg") in found["NEG-4"]["must fail"]
-    assert ("negotiating.py", "reference/automcm/negotiating.py") in found["NEG-4"]["code"]
+    assert ("negotiating.py", "reference/automcm/core/negotiating.py") in found["NEG-4"]["code"]
     assert "AMCM/PRE/NEG/BI-01" in [name for name, _ in found["NEG-4"]["case"]]
     assert found["KIN-3"]["vector"] == [("collide.json", "conformance/vectors/collide.json")]
     assert "no_re_ack" in [name for name, _ in found["END-3"]["counterexample"]]

@@ -12,18 +12,22 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from automcm_cli import generated, screen, spec
-from automcm_cli import verify as verify_
 from automcm_cli.main import app
-from automcm_conformance import vectors
-from automcm_conformance.compare import Comparison, Coverage, Divergence
-from automcm_spec import compiler, generate, models, oracle, tlc
-from automcm_spec.agreement import Agreement, Difference
-from automcm_spec.sany import Refused
-from automcm_spec.station import Restart
-from automcm_spec.tlc import ErrorKind, Progress, Result, TlcError
+from automcm_cli.spec import model_output
+from automcm_conformance.replay.graph_comparison import Comparison, Coverage, Divergence
+from automcm_conformance.vectors import vectors
+from automcm_maintenance.documents import generated_files
+from automcm_maintenance.verify import verify as verify_
+from automcm_maintenance.verify import verify_screen
+from automcm_spec.compilation import compiler
+from automcm_spec.compilation.sany import Refused
+from automcm_spec.graph import oracle, oracle_generation
+from automcm_spec.graph.oracle_agreement import Agreement, Difference
+from automcm_spec.model_checking import models, tlc
+from automcm_spec.model_checking.tlc import ErrorKind, Progress, Result, TlcError
+from automcm_spec.vocabulary.station import Restart
 
-ROOT = generated.ROOT
+ROOT = generated_files.ROOT
 run = CliRunner()
 NOT_COVERED = "No property covers what you changed"
 
@@ -91,22 +95,24 @@ def test_a_run_that_does_not_end_is_incomplete(
 
 def test_counterexamples_are_those_of_the_models() -> None:
     names = {model.cfg for model in models.load() if model.expect == "violates"}
-    files = {path.name.removesuffix(".itf.json") for path in generated.COUNTEREXAMPLES.iterdir()}
+    files = {
+        path.name.removesuffix(".itf.json") for path in generated_files.COUNTEREXAMPLES.iterdir()
+    }
     assert files == names
 
 
 def test_a_generated_part_of_a_page_stands_between_its_marks() -> None:
     page = "before\n<!-- begin: a -->\nold\n<!-- end: a -->\nafter\n"
-    renewed = generated.between(page, "a", "new")
+    renewed = generated_files.between(page, "a", "new")
     assert renewed == "before\n<!-- begin: a -->\nnew\n<!-- end: a -->\nafter\n"
     with pytest.raises(ValueError, match="the marks <!-- begin: b -->"):
-        generated.between(page, "b", "new")
+        generated_files.between(page, "b", "new")
 
 
 def test_generated_files_are_not_stale() -> None:
-    texts = generated._texts(oracle.content(generate.ONE_PEER.path))
-    stale = [path for path, make in texts.items() if generated._text_drift(path, make)]
-    assert stale == [] == generated._vectors_drift()
+    texts = generated_files._texts(oracle.content(oracle_generation.ONE_PEER.path))
+    stale = [path for path, make in texts.items() if generated_files._text_drift(path, make)]
+    assert stale == [] == generated_files._vectors_drift()
 
 
 def good_report() -> verify_.Report:
@@ -126,7 +132,7 @@ def good_report() -> verify_.Report:
 
 def shown(report: verify_.Report) -> str:
     console = Console(file=io.StringIO(), record=True, width=100)
-    screen.show(report, console)
+    verify_screen.show(report, console)
     return console.export_text()
 
 
@@ -238,19 +244,19 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
         raise Refused("CHOOSE", tlc.Location("Station", 12, 1, 12, 2))
 
     def of_another_version(*_: object) -> Any:
-        return oracle.load(generate.TIGHT.path, "another")
+        return oracle.load(oracle_generation.TIGHT.path, "another")
 
-    texts = {generated.DIAGRAMS: raises, compiler.PATH: refused}
+    texts = {generated_files.DIAGRAMS: raises, compiler.PATH: refused}
     texts |= {ROOT / "docs" / "nowhere.md": lambda: "text"}
-    monkeypatch.setattr(generated, "_texts", lambda one_peer: texts)
-    monkeypatch.setattr(generated, "_corpus", of_another_version)
+    monkeypatch.setattr(generated_files, "_texts", lambda one_peer: texts)
+    monkeypatch.setattr(generated_files, "_corpus", of_another_version)
     monkeypatch.setattr(vectors, "texts", raises)
-    monkeypatch.setattr(generated, "counterexample_drift", raises)
-    monkeypatch.setattr(generate, "spec_hash", lambda: "another")
+    monkeypatch.setattr(generated_files, "counterexample_drift", raises)
+    monkeypatch.setattr(oracle_generation, "spec_hash", lambda: "another")
     cannot = "cannot be generated now: KeyError: 'PRE-6'"
     stale = "not what would be generated now; run make generate"
     diagrams_, station, nowhere, vectors_, corpus, counterexamples, graph, remainder = (
-        generated.drift("quick", b"another oracle", lambda text: None)
+        generated_files.drift("quick", b"another oracle", lambda text: None)
     )
     assert diagrams_ == f"docs/state-diagrams.md: {cannot}"
     assert station.endswith(
@@ -266,17 +272,17 @@ def test_what_cannot_be_generated_is_one_line_of_drift(monkeypatch: pytest.Monke
 
 def test_the_diagrams_are_drawn_from_the_fresh_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     """The one on disk is of the old specification while a rule is added."""
-    fresh = oracle.content(generate.ONE_PEER.path)
+    fresh = oracle.content(oracle_generation.ONE_PEER.path)
     monkeypatch.setattr(oracle, "load", None)
-    text = generated._texts(fresh)[generated.DIAGRAMS]()
-    assert text == generated.DIAGRAMS.read_text()
+    text = generated_files._texts(fresh)[generated_files.DIAGRAMS]()
+    assert text == generated_files.DIAGRAMS.read_text()
 
 
 def test_counterexamples_are_those_that_tlc_finds() -> None:
     chosen = [m for m in models.load() if m.cfg == "bare_ack"]
     verdicts = models.check_all(chosen)
-    assert generated.counterexample_drift(verdicts) == []
-    itf = json.loads(spec.counterexample(verdicts[0]))
+    assert generated_files.counterexample_drift(verdicts) == []
+    itf = json.loads(model_output.counterexample(verdicts[0]))
     last = itf["states"][-1]["#meta"]
     assert last["rule"] in ("END-6", "NEG-9", "PRE-4", "ADV-6")
     assert last["location"]["module"] == "Station" and last["input"][0] == "receive"
@@ -293,7 +299,7 @@ def test_spec_list_names_every_model() -> None:
 
 @pytest.mark.slow
 def test_spec_check_says_when_no_model_tells_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generate, "recorded_hash", lambda: "another")
+    monkeypatch.setattr(oracle_generation, "recorded_hash", lambda: "another")
     answer = run.invoke(app, ["spec", "check", "bare_ack"])
     assert answer.exit_code == 0 and "as recorded before your change" in answer.output
     assert "as expected" not in answer.output
@@ -307,27 +313,27 @@ def test_a_model_that_tells_a_change_covers_it(monkeypatch: pytest.MonkeyPatch) 
     result = Result("holds", None, 10, 20, 3, 0.1)
     same = models.Verdict(model, "holds", None, result, None)
     other = models.Verdict(model, "holds", None, result, "states is 20, 19 expected")
-    assert spec.not_covered([same, other]) == "" == spec.not_covered([])
-    assert spec.not_covered([same, same]).startswith(NOT_COVERED)
-    assert "NOT as expected" in spec.shown(other, True)
+    assert model_output.not_covered([same, other]) == "" == model_output.not_covered([])
+    assert model_output.not_covered([same, same]).startswith(NOT_COVERED)
+    assert "NOT as expected" in model_output.shown(other, True)
 
 
 def test_without_a_recorded_graph_nothing_is_said_of_a_change(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(generate.Graph, "path", tmp_path / "none.json.xz")
-    assert generate.recorded_hash() is None and not spec.specification_changed()
-    assert not generated.graph_changed(b"{}")
+    monkeypatch.setattr(oracle_generation.Graph, "path", tmp_path / "none.json.xz")
+    assert oracle_generation.recorded_hash() is None and not model_output.specification_changed()
+    assert not generated_files.graph_changed(b"{}")
 
 
 @pytest.mark.slow
 def test_only_another_graph_is_a_change_that_no_model_noticed() -> None:
-    fresh = oracle.content(generate.ONE_PEER.path)
+    fresh = oracle.content(oracle_generation.ONE_PEER.path)
     data = json.loads(fresh)
-    assert not generated.graph_changed(fresh)
-    assert not generated.graph_changed(json.dumps(data | {"spec_hash": "a comment"}).encode())
+    assert not generated_files.graph_changed(fresh)
+    assert not generated_files.graph_changed(json.dumps(data | {"spec_hash": "a comment"}).encode())
     data["effects"][0][2] = "PRE-6"
-    assert generated.graph_changed(json.dumps(data).encode())
+    assert generated_files.graph_changed(json.dumps(data).encode())
 
 
 @pytest.mark.parametrize("noticed", [False, True])
@@ -335,8 +341,8 @@ def test_verify_says_when_no_model_noticed(noticed: bool, monkeypatch: pytest.Mo
     report = good_report()
     if noticed:
         violates(report)
-    monkeypatch.setattr(generated, "drift", lambda *_: [])
-    monkeypatch.setattr(generated, "graph_changed", lambda fresh: True)
+    monkeypatch.setattr(generated_files, "drift", lambda *_: [])
+    monkeypatch.setattr(generated_files, "graph_changed", lambda fresh: True)
     verify_._drift(report, b"", lambda text: None)
     assert report.as_dict()["unnoticed"] is not noticed
     assert ("no property covers what changed" in shown(report)) is not noticed

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from automcm_conformance.clock import UNKNOWN, Clock
-from automcm_spec.station import Entry, Timer
+from automcm_conformance.exchange.armed_timers import UNKNOWN, Clock
+from automcm_spec.vocabulary.station import Entry, Timer
 
 
 def test_timers_fire_by_deadline_then_rank_then_age() -> None:

@@ -7,18 +7,25 @@ from typing import Any
 
 import pytest
 
-from automcm.adapter import Reference, abstract, abstract_input, answer, concrete, without
-from automcm_conformance.compare import LIMIT, covered, explain, walk
-from automcm_spec import generate
-from automcm_spec.oracle import Oracle, load
-from automcm_spec.station import Cam, Receive
+from automcm.adapters.spec_mapping import (
+    Reference,
+    abstract,
+    abstract_input,
+    answer,
+    concrete,
+    without,
+)
+from automcm_conformance.replay.graph_comparison import LIMIT, covered, explain, walk
+from automcm_spec.graph import oracle_generation
+from automcm_spec.graph.oracle import Oracle, load
+from automcm_spec.vocabulary.station import Cam, Receive
 
 PEER = 2
 
 
 @pytest.fixture(scope="module")
 def oracle() -> Oracle:
-    return load(generate.ONE_PEER.path, generate.spec_hash())
+    return load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash())
 
 
 def test_the_map_is_its_own_inverse_on_every_state(oracle: Oracle) -> None:
@@ -125,7 +132,7 @@ def test_a_rule_that_nothing_misses_is_uncovered(oracle: Oracle) -> None:
     def nothing_is_taken_away(rule: str) -> Reference:
         return Reference(oracle.constants)
 
-    small = load(generate.ONE_PEER.path)
+    small = load(oracle_generation.ONE_PEER.path)
     small.states = small.states[:1]
     small.answers = lambda n: iter(())  # type: ignore[method-assign,assignment]
     assert "NEG-4" in covered(small, nothing_is_taken_away).uncovered

@@ -14,11 +14,12 @@ import pytest
 from junitparser import JUnitXml
 from typer.testing import CliRunner
 
-from automcm.kit import HELLO
+from automcm.adapters.adapter_lines import HELLO
 from automcm_cli.main import app
-from automcm_conformance import report, whole
-from automcm_conformance.process import Process
-from automcm_conformance.results import CaseResult, Implementation, Report, Verdict
+from automcm_conformance.adapter.process import Process
+from automcm_conformance.exchange.results import CaseResult, Implementation, Report, Verdict
+from automcm_conformance.report import report
+from automcm_conformance.suite import suite_run
 
 Json = Any
 run = CliRunner()
@@ -31,7 +32,7 @@ CARELESS = [
     "-c",
     """
 import json, sys
-from automcm.kit import Kit
+from automcm.adapters.adapter_lines import Kit
 kit = Kit()
 for line in sys.stdin:
     command = json.loads(line)
@@ -255,7 +256,7 @@ def test_the_exit_code_is_that_of_the_report(
     ]
     who = Implementation("x", "1", "", [], ["lane_change"], {}, REFERENCE)
     made = Report(who, cases, {"rules": [1, 1]}, {}, "0" * 64, 1, [])
-    monkeypatch.setattr(whole, "conform", lambda *_, **__: replace(made))
+    monkeypatch.setattr(suite_run, "conform", lambda *_, **__: replace(made))
     assert conform(tmp_path, CASE).code == code
 
 

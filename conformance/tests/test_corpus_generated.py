@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from automcm_cli import generated
+from automcm_maintenance.documents import generated_files
 
 CODE = (
-    "import hashlib, json; from automcm_cli import generated as g;"
+    "import hashlib, json; from automcm_maintenance.documents import generated_files as g;"
     "print(json.dumps({str(p): hashlib.sha256(d).hexdigest() for p, d in g._corpus().items()}))"
 )
 
@@ -22,12 +22,12 @@ CODE = (
 def test_what_needs_no_tlc_is_not_stale_and_each_drift_is_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    files = generated._corpus()
-    assert generated._stale_corpus(generated._AT_ONCE, files) == []
-    changed = generated.CORPUS_ROOT / "bad" / "cut.ndjson"
-    missing = generated.CORPUS_ROOT / "bad" / "none.ndjson"
-    stale = generated._stale_corpus(
-        generated._AT_ONCE,
+    files = generated_files._corpus()
+    assert generated_files._stale_corpus(generated_files._AT_ONCE, files) == []
+    changed = generated_files.CORPUS_ROOT / "bad" / "cut.ndjson"
+    missing = generated_files.CORPUS_ROOT / "bad" / "none.ndjson"
+    stale = generated_files._stale_corpus(
+        generated_files._AT_ONCE,
         {p: d for p, d in files.items() if p.name != "empty.ndjson"} | {changed: b"", missing: b""},
     )
     assert [text.split(":")[0].split("/")[-1] for text in stale] == [
@@ -42,13 +42,15 @@ def test_the_full_profile_compares_what_tlc_tells(monkeypatch: pytest.MonkeyPatc
     """The behaviours are minutes of work, so here the logs on disk stand in for them."""
     there = {
         path: path.read_bytes()
-        for kind in generated._FROM_TLC
-        for path in (generated.CORPUS_ROOT / kind).rglob("*")
+        for kind in generated_files._FROM_TLC
+        for path in (generated_files.CORPUS_ROOT / kind).rglob("*")
         if path.is_file()
     }
-    assert len(there) > 700 and generated._stale_corpus(generated._FROM_TLC, there) == []
+    assert (
+        len(there) > 700 and generated_files._stale_corpus(generated_files._FROM_TLC, there) == []
+    )
     gone = there.popitem()[0]
-    (text,) = generated._stale_corpus(generated._FROM_TLC, there)
+    (text,) = generated_files._stale_corpus(generated_files._FROM_TLC, there)
     assert gone.name in text
 
 

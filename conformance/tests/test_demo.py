@@ -18,10 +18,10 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from automcm.links.udp import bind
-from automcm_cli.demo import Demo, Vehicle
+from automcm.links.udp_link import bind
 from automcm_cli.main import app
-from automcm_traces.reader import read
+from automcm_cli.reference.demo_processes import Demo, Vehicle
+from automcm_traces.format.reader import read
 
 COMMAND = [sys.executable, "-m", "automcm_cli"]
 LIMIT_S = 60
@@ -141,7 +141,7 @@ def test_a_log_that_the_oracle_does_not_allow_is_a_problem(tmp_path: Path) -> No
 def test_a_process_that_hangs_or_leaves_early_is_a_problem(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("automcm_cli.demo.ENDING_S", 2)
+    monkeypatch.setattr("automcm_cli.reference.demo_processes.ENDING_S", 2)
     early = shown(tmp_path / "early", C=["--for", "2500"])
     assert early.problems[0] == "C: ended before it was told to"
 

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from automcm.phases import WAYS
-from automcm_conformance import diagrams, uncited
-from automcm_conformance.diagrams import Edge, Way
-from automcm_spec import generate, models
-from automcm_spec.oracle import Oracle, load
-from automcm_spec.rules import RULES
+from automcm.core.phases import WAYS
+from automcm_maintenance.documents import state_diagrams, uncited
+from automcm_maintenance.documents.state_diagrams import Edge, Way
+from automcm_spec.graph import oracle_generation
+from automcm_spec.graph.oracle import Oracle, load
+from automcm_spec.model_checking import models
+from automcm_spec.vocabulary.rules import RULES
 
 ROOT = Path(__file__).resolve().parents[2]
 PROTOCOL = (ROOT / "docs" / "protocol.md").read_text()
@@ -20,12 +21,12 @@ PROTOCOL = (ROOT / "docs" / "protocol.md").read_text()
 
 @pytest.fixture(scope="module")
 def one_peer() -> Oracle:
-    return load(generate.ONE_PEER.path)
+    return load(oracle_generation.ONE_PEER.path)
 
 
 @pytest.fixture(scope="module")
 def edges(one_peer: Oracle) -> set[Edge]:
-    return diagrams.edges(one_peer)
+    return state_diagrams.edges(one_peer)
 
 
 @pytest.fixture(scope="module")
@@ -52,21 +53,21 @@ def test_a_way_missing_from_either_is_named(way: Way, edges: set[Edge]) -> None:
     role, source, target, rule = way
     said = f"{role} {source} to {target} by {rule}"
     with pytest.raises(ValueError, match=f"differ: only in the graph: {said}$"):
-        diagrams.diagram(WAYS.keys() - {way}, edges, role)
+        state_diagrams.diagram(WAYS.keys() - {way}, edges, role)
     with pytest.raises(ValueError, match=f"differ: only declared: {said}$"):
-        diagrams.check(WAYS, {edge for edge in edges if edge.way != way})
+        state_diagrams.check(WAYS, {edge for edge in edges if edge.way != way})
 
 
 def test_a_page_whose_declaration_names_a_wrong_rule_is_not_drawn(one_peer: Oracle) -> None:
     right: Way = ("prescriber", "STANDALONE", "ADVERTISING", "ADV-1")
     wrong: Way = (*right[:3], "ADV-3")
     with pytest.raises(ValueError, match=r"only declared: .* by ADV-3; only in the graph: .*ADV-1"):
-        diagrams.text(one_peer, [wrong if way == right else way for way in WAYS])
+        state_diagrams.text(one_peer, [wrong if way == right else way for way in WAYS])
 
 
 def test_the_tables_of_the_protocol_name_every_step_and_its_rules(drawn: set[Edge]) -> None:
     told: set[tuple[str, str, str, str]] = set()
-    for role in diagrams.ROLES:
+    for role in state_diagrams.ROLES:
         bound = {e.source for e in drawn if e.role == role} - {"STANDALONE"}
         for sources, target, by in table_rows(f"{role}: from"):
             given = bound if "each but" in sources else re.findall(r"[A-Z]+", sources)
@@ -79,21 +80,25 @@ def test_end_8_a_restart_leads_from_every_phase_to_standalone(edges: set[Edge]) 
     restarts = {edge for edge in edges if edge.event == "restart"}
     assert {edge.rule for edge in restarts} == {"END-8"}
     bound = {(e.role, e.source, "STANDALONE", "END-8") for e in edges if e.source != "STANDALONE"}
-    assert ways(restarts) == bound == {way for way in WAYS if way[3] == diagrams.RESTART}
+    assert ways(restarts) == bound == {way for way in WAYS if way[3] == state_diagrams.RESTART}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("graph", [generate.TIGHT, generate.TWO_PEERS], ids=lambda g: g.name)
-def test_the_other_graphs_have_no_other_step(graph: generate.Graph, edges: set[Edge]) -> None:
-    assert diagrams.edges(load(graph.path)) <= edges
+@pytest.mark.parametrize(
+    "graph", [oracle_generation.TIGHT, oracle_generation.TWO_PEERS], ids=lambda g: g.name
+)
+def test_the_other_graphs_have_no_other_step(
+    graph: oracle_generation.Graph, edges: set[Edge]
+) -> None:
+    assert state_diagrams.edges(load(graph.path)) <= edges
 
 
-@pytest.mark.parametrize("role", diagrams.ROLES)
+@pytest.mark.parametrize("role", state_diagrams.ROLES)
 def test_every_step_is_drawn_and_its_rule_named(
     role: str, edges: set[Edge], drawn: set[Edge]
 ) -> None:
     arrows = {}
-    for line in diagrams.diagram(WAYS, edges, role).splitlines()[2:]:
+    for line in state_diagrams.diagram(WAYS, edges, role).splitlines()[2:]:
         arrow, label = line.split(" : ")
         assert not set(":;#") & set(label), "Mermaid would end the label there"
         source, target = arrow.strip().split(" --> ")
@@ -107,16 +112,18 @@ def test_every_step_is_drawn_and_its_rule_named(
 
 
 def test_an_event_with_two_ways_says_what_is_told(edges: set[Edge]) -> None:
-    text = diagrams.diagram(WAYS, edges, "prescriber")
+    text = state_diagrams.diagram(WAYS, edges, "prescriber")
     assert "ADVERTISING --> CHOOSING : advertise expires / choose (PRE-1)" in text
     assert "CHOOSING --> PRESCRIBING : prescribe (PRE-2)" in text
 
 
 def test_the_order_of_the_graph_does_not_matter(one_peer: Oracle, edges: set[Edge]) -> None:
-    assert diagrams.text(one_peer, WAYS).endswith("```\n")
+    assert state_diagrams.text(one_peer, WAYS).endswith("```\n")
     shuffled = set(sorted(edges, key=lambda e: (e.told, e.event, e.role, e.rule)))
-    for role in diagrams.ROLES:
-        assert diagrams.diagram(WAYS, shuffled, role) == diagrams.diagram(WAYS, edges, role)
+    for role in state_diagrams.ROLES:
+        assert state_diagrams.diagram(WAYS, shuffled, role) == state_diagrams.diagram(
+            WAYS, edges, role
+        )
 
 
 RULE = re.compile(

@@ -19,8 +19,8 @@ from first_hour import python_station
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from automcm.experiments import NAMES
 from automcm_cli.main import app
+from automcm_evaluation.runs.catalogue import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))

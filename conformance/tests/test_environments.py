@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_cli.imports import PACKAGES
+from automcm_maintenance.documents.import_graph import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "ein Weg (mit Ümläuten) & 'mehr'"
@@ -79,7 +79,7 @@ def test_what_cannot_be_downloaded_is_one_line(tmp_path: Path) -> None:
     """The first run of all, without a network; what was downloaded before is not looked at."""
     code = """
 import sys
-from automcm_spec import tlc, toolchain
+from automcm_spec.model_checking import tlc, toolchain
 sys.prefix = sys.argv[1]
 try:
     tlc.tools()

@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 
-from automcm.experiments import NAMES, experiment, report, sweep
-from automcm_cli import generated
+from automcm_evaluation.runs import report, sweep
+from automcm_evaluation.runs.catalogue import NAMES, experiment
+from automcm_maintenance.documents import generated_files
 
 Json = Any
-FOLDER = generated.EVALUATION.with_suffix("")
+FOLDER = generated_files.EVALUATION.with_suffix("")
 SMALL: list[tuple[str, Json]] = [
     ("bandwidth", {"part": "sizes"}),
     ("bandwidth", {"part": "drive", "vehicles": 2, "loss": 0.0}),
@@ -50,7 +51,7 @@ def test_what_stands_beside_the_results_is_made_of_them(name: str) -> None:
 
 
 def test_each_figure_is_there_and_on_a_page() -> None:
-    pages = [generated.EVALUATION, *(FOLDER / name / report.PAGE for name in NAMES)]
+    pages = [generated_files.EVALUATION, *(FOLDER / name / report.PAGE for name in NAMES)]
     shown = {
         page.parent / link
         for page in pages
@@ -60,7 +61,7 @@ def test_each_figure_is_there_and_on_a_page() -> None:
 
 
 def test_the_summary_has_a_picture_and_a_link_to_the_details_of_each_experiment() -> None:
-    text = generated.EVALUATION.read_text()
+    text = generated_files.EVALUATION.read_text()
     for name in NAMES:
         assert f"](evaluation/{name}/{report.PAGE})" in text
         assert re.search(rf"!\[[^\]]+\]\(evaluation/{name}/\S+\.svg\)", text), name

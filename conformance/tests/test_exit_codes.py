@@ -18,8 +18,9 @@ from pathlib import Path
 import pytest
 from test_help import COMMANDS
 
-from automcm.experiments import NAMES
-from automcm_cli import common, exit_codes
+from automcm_cli import exit_codes
+from automcm_cli.shared import common
+from automcm_evaluation.runs.catalogue import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "traces" / "corpus"
@@ -285,7 +286,7 @@ def test_a_fault_of_ours_is_70_and_says_how_to_report_it() -> None:
 def test_a_fault_of_the_follower_is_no_verdict_on_the_log() -> None:
     log = CORPUS / "pair" / "1001.ndjson"
     done = in_a_program(
-        "from automcm_cli.main import app\nfrom automcm_traces.engine import Engine\n"
+        "from automcm_cli.main import app\nfrom automcm_traces.checker.engine import Engine\n"
         "def broken(*_): raise KeyError('ours')\nEngine.feed = broken\n"
         f"sys.argv = ['automcm', 'trace', 'explain', {str(log)!r}]\nprogram = app"
     )
@@ -294,7 +295,7 @@ def test_a_fault_of_the_follower_is_no_verdict_on_the_log() -> None:
 
 
 def test_bad_input_that_nobody_caught_is_3_and_named() -> None:
-    text = "from automcm_spec.bad_input import BadInput\n"
+    text = "from automcm_spec.support.bad_input import BadInput\n"
     done = in_a_program(f"{text}def program(): raise BadInput('a.json', 3, 'x', 'is odd', 'form')")
     assert (done.returncode, done.stderr) == (3, "automcm: a.json:3: x: is odd [form]\n")
 

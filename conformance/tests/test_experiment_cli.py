@@ -15,9 +15,12 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from automcm.experiments import NAMES, figures, report
-from automcm_cli import experiment, generated
 from automcm_cli.main import app
+from automcm_cli.reference import experiment_commands
+from automcm_evaluation.framework import figures
+from automcm_evaluation.runs import report
+from automcm_evaluation.runs.catalogue import NAMES
+from automcm_maintenance.documents import generated_files
 
 Json = Any
 RUN = CliRunner()
@@ -25,7 +28,7 @@ SMALL = [
     *("experiment", "bandwidth", "--set", "trials=1", "--set", "maneuvers=1"),
     *("--set", "vehicles=[2]"),
 ]
-EVALUATION = generated.EVALUATION.with_suffix("")
+EVALUATION = generated_files.EVALUATION.with_suffix("")
 
 
 def results(folder: Path) -> bytes:
@@ -41,7 +44,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_there_is_a_command_for_each_experiment() -> None:
-    assert tuple(experiment.ABOUT) == NAMES
+    assert tuple(experiment_commands.ABOUT) == NAMES
 
 
 @pytest.mark.slow

@@ -10,12 +10,16 @@ from pathlib import Path
 import pytest
 from wrong_station import station
 
-from automcm_conformance import explore, records
-from automcm_conformance.adapter import Adapter
-from automcm_conformance.exchange import Mismatch
-from automcm_conformance.play import play
-from automcm_conformance.results import EXPLORED, Exploration
-from automcm_conformance.scripts import (
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.exchange import records
+from automcm_conformance.exchange.exchange import Mismatch
+from automcm_conformance.exchange.play import play
+from automcm_conformance.exchange.results import EXPLORED, Exploration
+from automcm_conformance.explore import explore
+from automcm_conformance.explore.walk_shrinking import Short, Shrinker
+from automcm_conformance.explore.walks import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
+from automcm_conformance.suite.graph_cases import Runner
+from automcm_conformance.suite.scripts import (
     ABORT,
     ADVERTISED,
     LEAVE,
@@ -29,12 +33,9 @@ from automcm_conformance.scripts import (
     expire,
     received,
 )
-from automcm_conformance.shrink import Short, Shrinker
-from automcm_conformance.suite import Runner
-from automcm_conformance.walk import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
-from automcm_spec.generate import ONE_PEER, TWO_PEERS
-from automcm_spec.oracle import Oracle
-from automcm_spec.oracle import load as read
+from automcm_spec.graph.oracle import Oracle
+from automcm_spec.graph.oracle import load as read
+from automcm_spec.graph.oracle_generation import ONE_PEER, TWO_PEERS
 
 LIMIT_S = 20.0
 LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_limit": 4}
@@ -417,9 +418,9 @@ def test_the_command_line(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
     """Two Cancels, or a Prescription and a Cancel, are sent again together or not at all."""
-    from automcm_conformance.exchange import Exchange
-    from automcm_conformance.play import play
-    from automcm_conformance.suite import PARAMETERS
+    from automcm_conformance.exchange.exchange import Exchange
+    from automcm_conformance.exchange.play import play
+    from automcm_conformance.suite.graph_cases import PARAMETERS
 
     two = load(TWO_PEERS.path)
     intentions = [received("Intention", MINE, source=p) for p in (2, 3)]

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from automcm_cli import cpp
+from automcm_maintenance.code_mutation import cpp_station
 
 # -- what make test-foreign needs
 
@@ -30,7 +30,7 @@ def foreign() -> Any:
 def test_the_mutants_are_well_formed(foreign: Any) -> None:
     found = foreign.mutants()
     assert len(found) == 29
-    combined = foreign.mutants(cpp.COMBINED)
+    combined = foreign.mutants(cpp_station.COMBINED)
     assert len(combined) == 10
     assert all(len(mutant.edits) == len(mutant.rules) == 2 for mutant in combined)
     assert all(mutant.story.endswith(".") for mutant in [*found, *combined])

@@ -19,19 +19,19 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from automcm.clock import VirtualClock
-from automcm.links import Receiver
-from automcm.service import McService
-from automcm.straight import Straight
-from automcm_cli import conform_live
+from automcm.links.clock import VirtualClock
+from automcm.links.link import Receiver
+from automcm.scenarios.straight_lane import Straight
+from automcm.service.service import McService
+from automcm_cli.conform import conform_live
 from automcm_cli.main import app
-from automcm_conformance.adapter import Adapter
-from automcm_conformance.live_cases import CASES, Case, Judged, Session, Twin, twin
-from automcm_conformance.protocol import DEFAULTS
-from automcm_conformance.scripts import expire
-from automcm_spec.generate import ONE_PEER, spec_hash
-from automcm_spec.oracle import Oracle, load
-from automcm_spec.parameters import Parameters
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.adapter.protocol import DEFAULTS
+from automcm_conformance.live.live_cases import CASES, Case, Judged, Session, Twin, twin
+from automcm_conformance.suite.scripts import expire
+from automcm_spec.graph.oracle import Oracle, load
+from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
+from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any
 run = CliRunner()
@@ -44,7 +44,7 @@ Sent = list[tuple[int, Json]]
 Radio = Callable[[Json], Sent]
 DOUBLE = """
 import sys
-from automcm import kit
+from automcm.adapters import adapter_lines as kit
 class Slow(kit.Kit):
     def _reset(self, command):
         answer = super()._reset(command)

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from automcm_cli import generated, model_pages
 from automcm_cli.main import app
-from automcm_spec import models
+from automcm_maintenance.documents import counterexample_pages, generated_files
+from automcm_spec.model_checking import models
 
 MUST_FAIL = [m for m in models.load() if m.expect == "violates" and not m.unsent]
 UNSENT = [m for m in models.load() if m.expect == "violates" and m.unsent]
@@ -19,13 +19,13 @@ HOLD = [model for model in models.load() if model.expect == "holds"]
 
 
 def test_docs_models_links_to_a_page_for_each_model_that_must_fail_and_can_have_one() -> None:
-    links = re.findall(r"\(counterexamples/(\w+)\.html\)", generated.MODELS_PAGE.read_text())
+    links = re.findall(r"\(counterexamples/(\w+)\.html\)", generated_files.MODELS_PAGE.read_text())
     assert links == [model.cfg for model in MUST_FAIL]
-    assert all((generated.COUNTEREXAMPLES / f"{cfg}.itf.json").exists() for cfg in links)
+    assert all((generated_files.COUNTEREXAMPLES / f"{cfg}.itf.json").exists() for cfg in links)
 
 
 def test_docs_models_names_what_each_model_changes() -> None:
-    table = generated.MODELS_PAGE.read_text().split("## Must fail")[1]
+    table = generated_files.MODELS_PAGE.read_text().split("## Must fail")[1]
     rows = re.findall(r"^\| \[?`(\w+)`[^|]*\| ([^|]*?) ?\|", table, re.MULTILINE)
     changed = dict(rows)
     assert list(changed) == [m.cfg for m in models.load() if m.expect == "violates"]
@@ -36,7 +36,7 @@ def test_docs_models_names_what_each_model_changes() -> None:
 
 def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
     wanted = [model for model in MUST_FAIL if model.cfg == "bare_ack"]
-    [page] = model_pages.committed([*wanted, *HOLD, *UNSENT], tmp_path / "new")
+    [page] = counterexample_pages.committed([*wanted, *HOLD, *UNSENT], tmp_path / "new")
     assert page == tmp_path / "new" / "bare_ack.html"
     assert "<title>bare_ack, as TLC found it" in page.read_text()
 
@@ -44,7 +44,7 @@ def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
 def test_a_counterexample_that_is_not_there_is_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(model_pages, "COUNTEREXAMPLES", tmp_path)
+    monkeypatch.setattr(counterexample_pages, "COUNTEREXAMPLES", tmp_path)
     done = CliRunner().invoke(app, ["spec", "pages", "--out", str(tmp_path / "new")])
     assert done.exit_code == 3 and f"{MUST_FAIL[0].cfg}.itf.json" in done.output
 
@@ -53,9 +53,9 @@ def test_a_counterexample_that_is_not_there_is_named(
 def test_a_counterexample_that_should_not_be_is_a_page(tmp_path: Path) -> None:
     (model,) = [m for m in models.load() if m.cfg == "ack_from_anybody"]
     found = models.check(model)
-    assert found.trace and model_pages.failed([found], tmp_path) == []  # it must fail
+    assert found.trace and counterexample_pages.failed([found], tmp_path) == []  # it must fail
     wrong = replace(found, problem="it should hold")
     assert not wrong.ok
-    (page,) = model_pages.failed([wrong], tmp_path)
+    (page,) = counterexample_pages.failed([wrong], tmp_path)
     assert page == tmp_path / "ack_from_anybody.html"
     assert b"ack_from_anybody, as TLC found it" in page.read_bytes()

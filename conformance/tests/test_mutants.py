@@ -14,20 +14,20 @@ from pathlib import Path
 
 import pytest
 
-from automcm.adapter import Reference
-from automcm_conformance.compare import walk
-from automcm_spec import generate
-from automcm_spec.oracle import dump, parse
-from automcm_spec.paths import TLA
+from automcm.adapters.spec_mapping import Reference
+from automcm_conformance.replay.graph_comparison import walk
+from automcm_spec.graph import oracle_generation
+from automcm_spec.graph.oracle import dump, parse
+from automcm_spec.support.paths import TLA
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "reference" / "automcm"
 
 WALK = """
-from automcm.adapter import Reference
-from automcm_conformance.compare import walk
-from automcm_spec import generate, oracle
-graph = oracle.load(generate.ONE_PEER.path)
+from automcm.adapters.spec_mapping import Reference
+from automcm_conformance.replay.graph_comparison import walk
+from automcm_spec.graph import oracle, oracle_generation
+graph = oracle.load(oracle_generation.ONE_PEER.path)
 found = walk(graph, Reference(graph.constants), stop_at_first=True).divergences
 print(found[0].rule if found else "no difference")
 """
@@ -102,9 +102,10 @@ CODE = {
 def test_a_change_to_the_reference_is_named(what: str, tmp_path: Path) -> None:
     file, old, new, rule = CODE[what]
     shutil.copytree(REFERENCE, tmp_path / "automcm")
-    text = (tmp_path / "automcm" / file).read_text()
+    module = tmp_path / "automcm" / "core" / file
+    text = module.read_text()
     assert text.count(old) == 1, "the change no longer applies"
-    (tmp_path / "automcm" / file).write_text(text.replace(old, new))
+    module.write_text(text.replace(old, new))
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     answer = subprocess.run(
         [sys.executable, "-c", WALK], env=environment, capture_output=True, text=True, check=True
@@ -112,7 +113,7 @@ def test_a_change_to_the_reference_is_named(what: str, tmp_path: Path) -> None:
     assert answer.stdout.strip() == rule
 
 
-TINY = generate.Graph("tiny", (2,), 1, 1, 2, 3, 1)
+TINY = oracle_generation.Graph("tiny", (2,), 1, 1, 2, 3, 1)
 
 SPEC = {
     "a withdrawn station is acked": (
@@ -148,7 +149,7 @@ SPEC = {
 def differences(tla: Path) -> int:
     """How much the reference differs from the specification in a folder, where it first does."""
     try:
-        data, _ = generate.build(TINY, tla=tla, workers=1, short=True)
+        data, _ = oracle_generation.build(TINY, tla=tla, workers=1, short=True)
     except ValueError as error:  # the type invariant
         assert "TypeInv" in str(error)
         return 1

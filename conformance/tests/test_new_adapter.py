@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from automcm_conformance.check import check
-from automcm_conformance.new import FILES, create, next_commands
-from automcm_conformance.paths import TEMPLATES
+from automcm_conformance.adapter.check_adapter import check
+from automcm_conformance.adapter.kit_paths import TEMPLATES
+from automcm_conformance.adapter.new_adapter import FILES, create, next_commands
 
 
 def levels(*command: str) -> list[str]:

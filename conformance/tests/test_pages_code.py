@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_spec import models, tlc
-from automcm_spec.paths import MODELS, TLA
+from automcm_spec.model_checking import models, tlc
+from automcm_spec.support.paths import MODELS, TLA
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_conformance.process import CUT, TAIL, AdapterError, Process
+from automcm_conformance.adapter.process import CUT, TAIL, AdapterError, Process
 
 LIMIT = 0.4
 """For what is to be waited out; all else has time enough on a busy machine."""

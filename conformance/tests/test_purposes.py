@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from automcm_conformance.purposes import (
+from automcm_conformance.suite.purposes import (
     FEATURES,
     INPUTS,
     PATH,
@@ -23,11 +23,11 @@ from automcm_conformance.purposes import (
     load,
     select,
 )
-from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS
-from automcm_spec.oracle import Oracle
-from automcm_spec.oracle import load as load_oracle
-from automcm_spec.rules import RULES
-from automcm_spec.station import Receive
+from automcm_spec.graph.oracle import Oracle
+from automcm_spec.graph.oracle import load as load_oracle
+from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
+from automcm_spec.vocabulary.rules import RULES
+from automcm_spec.vocabulary.station import Receive
 
 PURPOSES = load()
 SELECTED = [purpose for purpose in PURPOSES if purpose.select is not None]

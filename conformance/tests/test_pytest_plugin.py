@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-import automcm_conformance.pytest_cases  # noqa: F401  else pytester would import it in each run
+import automcm_conformance.report.pytest_cases  # noqa: F401  else pytester would import it in each run
 
 pytest_plugins = "pytester"
 GOOD = shlex.join([sys.executable, "-m", "automcm_cli", "adapter"])
@@ -21,7 +21,7 @@ SKIPPED = "AMCM/STA/ACT/TI-02"
 """A case that needs the feature cam."""
 STATION = """
 import json, sys
-from automcm.kit import Kit
+from automcm.adapters.adapter_lines import Kit
 kit = Kit()
 for line in sys.stdin:
     command = json.loads(line)
@@ -66,8 +66,10 @@ def test_in_every_run_nothing_of_the_kit_is_imported() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     found = done.stdout.splitlines()[-1]
-    assert "automcm_conformance.pytest_plugin" in found, "it is not installed: make .venv/ready"
-    assert found.count("automcm_") == 2, found
+    assert "automcm_conformance.report.pytest_plugin" in found, (
+        "it is not installed: make .venv/ready"
+    )
+    assert found.count("automcm_") == 3, found  # with its two packages
 
 
 def test_cases_are_listed_without_the_adapter(pytester: pytest.Pytester) -> None:
@@ -212,4 +214,4 @@ def test_usage_errors(pytester: pytest.Pytester, arguments: list[str], says: str
 
 def test_the_entry_point_is_declared() -> None:
     text = (Path(__file__).resolve().parents[2] / "pyproject.toml").read_text()
-    assert 'automcm = "automcm_conformance.pytest_plugin"' in text
+    assert 'automcm = "automcm_conformance.report.pytest_plugin"' in text

@@ -6,21 +6,30 @@ from typing import Any
 
 import pytest
 
-from automcm.adapter import Reference, without
-from automcm_conformance.replay import replay, seen_by
-from automcm_spec import simulate
-from automcm_spec.renaming import input_of, state
-from automcm_spec.simulate import Behaviour
-from automcm_spec.station import Cam, Command, Entry, Expire, Message, Receive, Restart, Station
+from automcm.adapters.spec_mapping import Reference, without
+from automcm_conformance.replay.behaviour_replay import replay, seen_by
+from automcm_spec.model_checking import tlc_simulation
+from automcm_spec.model_checking.tlc_simulation import Behaviour
+from automcm_spec.vocabulary.renumbering import input_of, state
+from automcm_spec.vocabulary.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Message,
+    Receive,
+    Restart,
+    Station,
+)
 
 
 @pytest.fixture(scope="module")
 def behaviours() -> list[Behaviour]:
-    return simulate.behaviours(12, 40, 7, lively=True)
+    return tlc_simulation.behaviours(12, 40, 7, lively=True)
 
 
 def fresh() -> Reference:
-    return Reference(simulate.CONSTANTS)
+    return Reference(tlc_simulation.CONSTANTS)
 
 
 def test_behaviours_of_four_stations_agree(behaviours: list[Behaviour]) -> None:
@@ -31,12 +40,12 @@ def test_behaviours_of_four_stations_agree(behaviours: list[Behaviour]) -> None:
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_behaviours(behaviours: list[Behaviour]) -> None:
-    assert simulate.behaviours(12, 40, 7, lively=True) == behaviours
+    assert tlc_simulation.behaviours(12, 40, 7, lively=True) == behaviours
 
 
 def test_a_missing_rule_shows(behaviours: list[Behaviour]) -> None:
     rows = without("ADV-3")
-    answers = [replay(b, lambda: Reference(simulate.CONSTANTS, rows)) for b in behaviours]
+    answers = [replay(b, lambda: Reference(tlc_simulation.CONSTANTS, rows)) for b in behaviours]
     found = [answer for answer in answers if answer]
     assert found and "spec" in found[0] and "code" in found[0]
 
@@ -46,7 +55,7 @@ def test_an_implementation_that_raises_shows(behaviours: list[Behaviour]) -> Non
         def apply(self, value: Any) -> Any:
             raise RuntimeError("no")
 
-    answer = replay(behaviours[0], lambda: Broken(simulate.CONSTANTS))
+    answer = replay(behaviours[0], lambda: Broken(tlc_simulation.CONSTANTS))
     assert answer is not None and "RuntimeError: no" in answer
 
 
@@ -67,7 +76,7 @@ def test_a_station_sees_itself_as_1() -> None:
         (Receive("receive", message, True), Receive("receive", heard, True)),
     ):
         assert input_of(value, to) == other and input_of(other, to) == value
-    waiting = Station(*simulate.CONSTANTS.values()).initial._replace(
+    waiting = Station(*tlc_simulation.CONSTANTS.values()).initial._replace(
         session=(1, 2),
         recorded=frozenset({1, 2}),
         withdrawn=frozenset({1}),

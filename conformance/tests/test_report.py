@@ -15,8 +15,7 @@ import pytest
 from junitparser import JUnitXml
 from rich.console import Console
 
-from automcm_conformance import report, show
-from automcm_conformance.results import (
+from automcm_conformance.exchange.results import (
     CaseResult,
     Failure,
     Implementation,
@@ -25,6 +24,7 @@ from automcm_conformance.results import (
     Report,
     Verdict,
 )
+from automcm_conformance.report import report, terminal_report
 
 HOSTILE = [
     "<script>alert(1)</script><img src=x onerror=alert(2)>",
@@ -344,7 +344,9 @@ def test_an_expected_failure_does_not_conform() -> None:
 
 def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
     cases = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason=f"why {n}") for n in range(20)]
-    out = printed(lambda console: show.summary(run(case(), *cases), console, tmp_path), width=40)
+    out = printed(
+        lambda console: terminal_report.summary(run(case(), *cases), console, tmp_path), width=40
+    )
     lines = out.splitlines()
     assert "\x1b" not in out
     assert len(lines) < 40 and max(len(line) for line in lines[:-1]) <= 100
@@ -357,7 +359,9 @@ def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
 @pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 80}])
 def test_a_long_reason_hides_no_verdict(options: Any) -> None:
     bad = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason="why " * 100) for n in range(5)]
-    out = printed(lambda console: show.summary(run(*bad), console), no_color=True, **options)
+    out = printed(
+        lambda console: terminal_report.summary(run(*bad), console), no_color=True, **options
+    )
     table = [line for line in out.splitlines() if "AMCM/PRE" in line]
     assert len(table) == 5
     for line, each in zip(table, bad, strict=True):
@@ -367,19 +371,19 @@ def test_a_long_reason_hides_no_verdict(options: Any) -> None:
 @pytest.mark.parametrize("reason", ["", "left out of 9: 1 needs cam"])
 def test_what_was_expected_stands_before_the_reason(reason: str) -> None:
     gone = case(wanted="FAIL", because="ticket 12", reason=reason)
-    out = printed(lambda console: show.summary(run(gone), console))
+    out = printed(lambda console: terminal_report.summary(run(gone), console))
     wanted = f"PASS  {gone.id}  FAIL was expected{'; ' if reason else ''}{reason}"
     assert wanted in [line.rstrip() for line in out.splitlines()]
 
 
 def test_a_good_summary_is_short() -> None:
-    out = printed(lambda console: show.summary(run(case()), console))
+    out = printed(lambda console: terminal_report.summary(run(case()), console))
     assert out.endswith("Every verdict is as expected.\n")
 
 
 def test_a_failure_in_a_pipe() -> None:
     bad = case(verdict="FAIL", failures=[failure()])
-    out = printed(lambda console: show.failure(bad, bad.failures[0], console))
+    out = printed(lambda console: terminal_report.failure(bad, bad.failures[0], console))
     lines = out.splitlines()
     assert "Station.tla, line 321: OnForeignPrescription" in lines
     assert lines[-1] == "automcm conform replay text"
@@ -392,8 +396,8 @@ def test_a_failure_in_a_pipe() -> None:
 def test_nothing_of_the_station_is_obeyed(hostile: Report, options: Any) -> None:
     bad = hostile.cases[1]
     outs = [
-        printed(lambda console: show.summary(hostile, console, Path("out")), **options),
-        printed(lambda console: show.failure(bad, bad.failures[0], console), **options),
+        printed(lambda console: terminal_report.summary(hostile, console, Path("out")), **options),
+        printed(lambda console: terminal_report.failure(bad, bad.failures[0], console), **options),
     ]
     for out in outs:
         own = out.replace("\x1b[", "") if options else out

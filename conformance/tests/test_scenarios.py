@@ -9,15 +9,26 @@ from typing import Any
 
 import pytest
 
-from automcm_conformance import purposes, scenarios
-from automcm_conformance.protocol import HelloAnswer
-from automcm_conformance.scenarios import BOTH, COMPLETE, DONE, NAMES, RECEIVER, REQUEST, P, Q, R
-from automcm_conformance.stage import Application, Outcome, Play, When, hazard
-from automcm_conformance.words import answerable, finding
-from automcm_spec.rules import RULES, line
-from automcm_traces.explain import explain_files
-from automcm_traces.finding import NOTHING_WRONG
-from automcm_traces.track import INITIAL, Track
+from automcm_conformance.adapter.protocol import HelloAnswer
+from automcm_conformance.exchange.transcript import answerable, finding
+from automcm_conformance.scenarios import scenario_cases
+from automcm_conformance.scenarios.scenario_cases import (
+    BOTH,
+    COMPLETE,
+    DONE,
+    NAMES,
+    RECEIVER,
+    REQUEST,
+    P,
+    Q,
+    R,
+)
+from automcm_conformance.scenarios.scenario_runner import Application, Outcome, Play, When, hazard
+from automcm_conformance.suite import purposes
+from automcm_spec.vocabulary.rules import RULES, line
+from automcm_traces.checker.finding import NOTHING_WRONG
+from automcm_traces.checker.track import INITIAL, Track
+from automcm_traces.explain.explain import explain_files
 
 COMMAND = [sys.executable, "-m", "automcm_cli", "adapter"]
 HELLO = HelloAnswer(
@@ -31,13 +42,14 @@ HELLO = HelloAnswer(
 )
 FRAME = """
 import sys
-from automcm import kit, rules
-from automcm.negotiating import foreign
-from automcm.outcome import Outcome, Row, always, ignore, leave
-from automcm.rules import RULES, gives_up
-from automcm_spec.application import Fallback
-from automcm.state import State
-from automcm.station import Station
+from automcm.adapters import adapter_lines as kit
+from automcm.core import rules
+from automcm.core.negotiating import foreign
+from automcm.core.outcome import Outcome, Row, always, ignore, leave
+from automcm.core.rules import RULES, gives_up
+from automcm_spec.vocabulary.application import Fallback
+from automcm.core.state import State
+from automcm.core.station import Station
 
 rules.require = lambda *arrow: None
 edit = lambda kit, command, answer: answer
@@ -74,7 +86,7 @@ def run(
     name: str, command: list[str], folder: Path, hello: HelloAnswer = HELLO, **more: Any
 ) -> Outcome:
     more = {"limit_s": 10.0, "seed": 1} | more
-    return scenarios.run(name, command, hello, folder, **more)
+    return scenario_cases.run(name, command, hello, folder, **more)
 
 
 def test_the_suite_has_these_cases() -> None:
@@ -206,7 +218,7 @@ kit_ = kit.Kit
         "prescriber restarts",
         "ADV-1",
         """
-from automcm.state import Timer
+from automcm.core.state import Timer
 again = Timer("quarantine"),
 RULES["restart"] = Row("END-8", always, lambda *_: Outcome(State(quarantine=True), again=again)),
 """,

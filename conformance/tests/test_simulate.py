@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from automcm import kernel_bench
-from automcm_cli import simulate
 from automcm_cli.main import app
+from automcm_cli.reference import simulate_command
+from automcm_maintenance.benches import kernel_bench
 
 PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png", "space-time.svg")
 
@@ -71,7 +71,7 @@ def test_a_folder_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
 def test_without_matplotlib_there_are_no_plots_and_it_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(simulate, "_plots", lambda drive, out: [])
+    monkeypatch.setattr(simulate_command, "_plots", lambda drive, out: [])
     done = CliRunner().invoke(app, ["simulate", "lane-change", "--out", str(tmp_path)])
     assert done.exit_code == 0 and "install automcm[plot]" in done.output
 

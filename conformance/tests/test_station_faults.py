@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 from station_stage import COMMAND, LIMIT_S, PRESCRIBER, RECEIVER, Road, Running, road
 
-from automcm.process import STOP_MS
-from automcm_spec.rules import RULES
-from automcm_traces.explain import explain_files
-from automcm_traces.reader import read
+from automcm.service.station_process import STOP_MS
+from automcm_spec.vocabulary.rules import RULES
+from automcm_traces.explain.explain import explain_files
+from automcm_traces.format.reader import read
 
 BOTH = pytest.mark.parametrize("victim", [PRESCRIBER, RECEIVER])
 

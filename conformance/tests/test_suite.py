@@ -14,9 +14,10 @@ from suite_stage import conform as conform
 from test_process import gone
 from wrong_station import station
 
-from automcm.kit import HELLO
-from automcm_conformance import purposes, report, suite, verdicts, whole
-from automcm_conformance.adapter import PATIENCE
+from automcm.adapters.adapter_lines import HELLO
+from automcm_conformance.adapter.adapter import PATIENCE
+from automcm_conformance.report import report
+from automcm_conformance.suite import graph_cases, purposes, suite_run, verdicts
 
 # -- what breaks
 
@@ -103,7 +104,7 @@ def test_a_station_that_crashes_all_the_time_is_given_up(conform: Suite) -> None
 
 
 def test_what_a_run_that_was_cut_short_left_out_is_open(conform: Suite) -> None:
-    conform.patch.setattr(suite, "PATIENCE", 1)
+    conform.patch.setattr(graph_cases, "PATIENCE", 1)
     code = "def answer(c):\n    if received(c, 'Prescription'): os._exit(3)\n    return right(c)"
     found = conform(station(code), "AMCM/RCV", "AMCM/PRE/ADV", "AMCM/STA/ADV", states=60)
     assert "cut short" in found.problems[0] and of(found, LATER).verdict == "INCONC"
@@ -113,13 +114,15 @@ def test_what_a_run_that_was_cut_short_left_out_is_open(conform: Suite) -> None:
 @pytest.mark.slow
 def test_some_crashes_do_not_end_the_run(conform: Suite) -> None:
     """A few faults, however often each is tried again until the shortest exchange is found."""
-    conform.patch.setattr(suite, "PATIENCE", 2 * suite.ENOUGH)
+    conform.patch.setattr(graph_cases, "PATIENCE", 2 * graph_cases.ENOUGH)
     code = (
         "def answer(c):\n    if station._station and foreign(c): os._exit(3)\n    return right(c)"
     )
     found = conform(station(code), BUSY, ACCEPTS, LATER, states=60)
     assert found.problems == []
-    assert of(found, BUSY).verdict == "ERROR" and len(of(found, BUSY).failures) == suite.ENOUGH
+    assert (
+        of(found, BUSY).verdict == "ERROR" and len(of(found, BUSY).failures) == graph_cases.ENOUGH
+    )
     assert of(found, ACCEPTS).verdict == of(found, LATER).verdict == "PASS"
 
 
@@ -283,7 +286,7 @@ def test_what_was_found_is_not_lost(
     def special(*_: object) -> None:
         raise error
 
-    conform.patch.setattr(whole.named, "special", special)
+    conform.patch.setattr(suite_run.named_cases, "special", special)
     found = conform(station(""), ACCEPTS, "AMCM/RCV/ADV/TI-03", states=60)
     assert found.problems == [problem] and found.exit_code == exit_code
     assert of(found, ACCEPTS).verdict == "PASS"

@@ -7,12 +7,13 @@ from suite_stage import Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
-from automcm_conformance import purposes, records, suite
+from automcm_conformance.exchange import records
+from automcm_conformance.suite import graph_cases, purposes
 
 # -- cases that no graph carries: each can fail
 
 LASTS = """
-from automcm import station as station_
+from automcm.core import station as station_
 lasts = station_.Station._duration
 def other(self, t, now):
     ms = lasts(self, t, now)
@@ -87,7 +88,7 @@ WRONG: dict[str, tuple[str, str, str, str]] = {
     "same instant": (
         "AMCM/STA/ACT/TI-01",
         """
-from automcm import station as station_
+from automcm.core import station as station_
 def receive(self, message, now):
     if isinstance(message, bytes):
         message = self._decode(message)
@@ -315,7 +316,7 @@ station_.Station.receive = receive
     "cam marks": (
         "AMCM/STA/ACT/BV-01",
         """
-from automcm.state import State
+from automcm.core.state import State
 State.marks = property(lambda st: () if st.session is None else (st.session,))
 """,
         "",
@@ -337,7 +338,7 @@ State.marks = property(lambda st: () if st.session is None else (st.session,))
     "back-off, none": (
         "AMCM/STA/END/TI-05",
         """
-from automcm import station as station_
+from automcm.core import station as station_
 armed = station_.armed
 station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "backoff"]
 """,
@@ -386,5 +387,5 @@ def test_wrong_marks_in_a_tour_are_blamed_on_the_marks(conform: Suite) -> None:
     case = of(found, marks)
     assert case.verdict == "FAIL" and len(case.failures) > 1, "not only in the case itself"
     assert all("CAM.marks" in failure.what for failure in case.failures)
-    assert len(case.failures) <= suite.ENOUGH + 1
+    assert len(case.failures) <= graph_cases.ENOUGH + 1
     assert {of(found, name).verdict for name in others} <= {"PASS", "INCONC"}

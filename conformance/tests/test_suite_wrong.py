@@ -10,13 +10,14 @@ from suite_stage import ACCEPTS, BUSY, IGNORES, LATER, LIMIT, Suite, of
 from suite_stage import conform as conform
 from wrong_station import station
 
-from automcm_conformance import records, suite, tour
-from automcm_conformance.adapter import Adapter
-from automcm_conformance.answers import differences
-from automcm_conformance.exchange import Mismatch
-from automcm_conformance.protocol import ProtocolError
-from automcm_conformance.wire import Expected, Wire
-from automcm_spec.station import Message
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.adapter.protocol import ProtocolError
+from automcm_conformance.exchange import records, tours
+from automcm_conformance.exchange.answers import differences
+from automcm_conformance.exchange.exchange import Mismatch
+from automcm_conformance.exchange.wire import Expected, Wire
+from automcm_conformance.suite import graph_cases
+from automcm_spec.vocabulary.station import Message
 
 
 def test_a_wrong_answer_is_blamed_on_its_case(conform: Suite) -> None:
@@ -24,8 +25,8 @@ def test_a_wrong_answer_is_blamed_on_its_case(conform: Suite) -> None:
     case = of(found, BUSY)
     assert case.verdict == "FAIL" and "not sent: Acceptance" in case.reason
     assert [c.verdict for c in found.cases if c is not case] == ["PASS", "PASS"]
-    assert found.exit_code == 1 and len(case.failures) == suite.ENOUGH
-    assert case.reached == suite.ENOUGH < case.total
+    assert found.exit_code == 1 and len(case.failures) == graph_cases.ENOUGH
+    assert case.reached == graph_cases.ENOUGH < case.total
     for failure in case.failures:
         assert (failure.rule, failure.operator) == ("NEG-4", "OnPrescription")
         assert failure.line > 0 and failure.rule_text
@@ -47,10 +48,10 @@ def test_no_bulk_changes_what_is_found(conform: Suite, monkeypatch: pytest.Monke
         send(self, lines, on=on)
 
     monkeypatch.setattr(Adapter, "send", counted)
-    monkeypatch.setattr(tour, "LONGEST", 20)
+    monkeypatch.setattr(tours, "LONGEST", 20)
     names = (BUSY, ACCEPTS, "AMCM/RCV/ADV/BV-01")
     for bulk in (1, 40, 100_000):
-        monkeypatch.setattr(suite, "BULK", bulk)
+        monkeypatch.setattr(graph_cases, "BULK", bulk)
         sent.append(0)
         right = conform(station(), *names, states=60, folder=f"right-{bulk}")
         assert [(c.verdict, c.reached) for c in right.cases] == [
@@ -140,7 +141,7 @@ def answer(c):
 
 def test_a_timer_that_is_not_armed_is_blamed_on_its_expiry(conform: Suite) -> None:
     first = """
-from automcm import station as station_
+from automcm.core import station as station_
 armed = station_.armed
 station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "hold"]
 """

@@ -11,16 +11,16 @@ from pathlib import Path
 import pytest
 from suite_stage import graph
 
-from automcm_conformance import remainder
-from automcm_conformance.play import offered
-from automcm_conformance.tour import LATER_MS, LONGEST, Tours, timetable
-from automcm_conformance.wire import LONG, STEP_MS
-from automcm_spec import oracle as oracle_
-from automcm_spec import renaming
-from automcm_spec.generate import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
-from automcm_spec.oracle import Oracle
-from automcm_spec.parameters import TIMERS
-from automcm_spec.station import Expire, Timer
+from automcm_conformance.exchange.play import offered
+from automcm_conformance.exchange.tours import LATER_MS, LONGEST, Tours, timetable
+from automcm_conformance.exchange.wire import LONG, STEP_MS
+from automcm_conformance.suite import two_peer_residual
+from automcm_spec.graph import oracle as oracle_
+from automcm_spec.graph.oracle import Oracle
+from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
+from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary.parameters import TIMERS
+from automcm_spec.vocabulary.station import Expire, Timer
 
 # -- tours, without any station
 
@@ -195,11 +195,11 @@ def two() -> Oracle:
 
 @pytest.mark.slow
 def test_the_remainder_is_of_this_specification(two: Oracle) -> None:
-    assert remainder.spec_hash() == spec_hash() == two.spec_hash
+    assert two_peer_residual.spec_hash() == spec_hash() == two.spec_hash
 
 
 def test_each_pair_of_the_remainder_is_offered(two: Oracle) -> None:
-    written = json.loads(remainder.PATH.read_bytes())["pairs"]
+    written = json.loads(two_peer_residual.PATH.read_bytes())["pairs"]
     kept = REAL_READ(two)
     assert len(kept) == sum(map(len, written.values())) > 10_000
     assert len({(a.state, a.input) for a in kept}) == len(kept)
@@ -207,7 +207,7 @@ def test_each_pair_of_the_remainder_is_offered(two: Oracle) -> None:
 
 def test_a_remainder_of_another_specification(two: Oracle, tmp_path: Path) -> None:
     file = tmp_path / "remainder.json"
-    file.write_text(remainder.PATH.read_text().replace(two.spec_hash, "0" * 64))
+    file.write_text(two_peer_residual.PATH.read_text().replace(two.spec_hash, "0" * 64))
     for path in (file, tmp_path / "none.json"):
         with pytest.raises(oracle_.OracleError, match=path.name):
             REAL_READ(two, path)
@@ -217,7 +217,9 @@ def test_the_remainder_is_what_has_no_image(two: Oracle) -> None:
     """A sample: no pair of the file has an image, and of pairs that are alike the first decides."""
     one, dice = graph(ONE_PEER.path), random.Random(1)
     kept = REAL_READ(two)
-    assert not any(remainder._has_image(two, one, answer) for answer in dice.sample(kept, 300))
+    assert not any(
+        two_peer_residual._has_image(two, one, answer) for answer in dice.sample(kept, 300)
+    )
     alike = {key(two, answer) for answer in kept}
     seen = Counter[bool]()
     for _ in range(300):
@@ -226,12 +228,12 @@ def test_the_remainder_is_what_has_no_image(two: Oracle) -> None:
         either = {key(two, answer), key(two, mirror(two, answer))}
         written = bool(alike & either)
         seen[written] += 1
-        if not remainder._has_image(two, one, answer) and not written:
-            assert remainder._has_image(two, one, first_like(two, either))
+        if not two_peer_residual._has_image(two, one, answer) and not written:
+            assert two_peer_residual._has_image(two, one, first_like(two, either))
     assert min(seen.values()) > 10
 
 
-Key = tuple[remainder.Seen, int]
+Key = tuple[two_peer_residual.Seen, int]
 
 
 def first_like(two: Oracle, keys: set[Key]) -> oracle_.Answer:
@@ -246,15 +248,15 @@ def first_like(two: Oracle, keys: set[Key]) -> oracle_.Answer:
 
 def key(two: Oracle, answer: oracle_.Answer) -> Key:
     """Equal for pairs that differ only in what the input cannot touch."""
-    view = remainder._touches(two.inputs[answer.input])
-    return remainder._view(two.states[answer.state], view), answer.input
+    view = two_peer_residual._touches(two.inputs[answer.input])
+    return two_peer_residual._view(two.states[answer.state], view), answer.input
 
 
 def mirror(two: Oracle, answer: oracle_.Answer) -> oracle_.Answer:
     """The pair with the peers exchanged."""
-    state = renaming.state(two.states[answer.state], remainder._swap)
-    i = renaming.input_of(two.inputs[answer.input], remainder._swap)
+    state = renumbering.state(two.states[answer.state], two_peer_residual._swap)
+    i = renumbering.input_of(two.inputs[answer.input], two_peer_residual._swap)
     return two.ask(state, i)
 
 
-REAL_READ = remainder.read
+REAL_READ = two_peer_residual.read

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_traces import itf_log
-from automcm_traces.track import CannotTell
+from automcm_traces.checker.track import CannotTell
+from automcm_traces.export import itf_log
 
 run = CliRunner()
 CORPUS = Path(__file__).parents[2] / "traces/corpus"

@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from automcm_cli import trace_logs
 from automcm_cli.main import app
-from automcm_traces import itf_log, page_run
+from automcm_cli.trace import trace_logs
+from automcm_traces.export import itf_log
+from automcm_traces.viewer import page_run
 
 TRACES = Path(__file__).parents[2] / "traces"
 CORPUS = TRACES / "corpus"

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
 from automcm_cli.main import app
-from automcm_spec.station import CONDITIONS
+from automcm_spec.vocabulary.station import CONDITIONS
 
 run = CliRunner()
 COMMANDS = ("lint", "show", "coverage")

@@ -21,10 +21,10 @@ from replay_stage import logs as logs
 from wrong_station import station
 
 from automcm_cli.main import app
-from automcm_conformance.log_compare import Names
-from automcm_spec.messages import LIMIT
-from automcm_spec.rules import RULES
-from automcm_traces.explain import explain_files
+from automcm_conformance.replay.log_compare import Names
+from automcm_spec.vocabulary.messages import LIMIT
+from automcm_spec.vocabulary.rules import RULES
+from automcm_traces.explain.explain import explain_files
 
 # -- a station that is right
 

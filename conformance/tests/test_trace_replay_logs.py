@@ -12,10 +12,10 @@ from replay_stage import REFERENCE, Json, edited, inputs, records, replay, verdi
 from replay_stage import logs as logs
 from wrong_station import station
 
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_conformance.log_compare import Compared, Names
-from automcm_spec.parameters import Parameters
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_conformance.replay.log_compare import Compared, Names
+from automcm_spec.vocabulary.parameters import Parameters
 
 # -- what a log may hold
 

@@ -17,10 +17,10 @@ import shapely
 from typer.testing import CliRunner
 from vector_bugs import CASES, SUCCESS, mutated
 
-from automcm import vector_adapter
-from automcm_cli import vectors as command
-from automcm_conformance import exact, vectors
-from automcm_conformance.paths import VECTORS
+from automcm.adapters import vector_adapter
+from automcm_cli.reference import vector_commands as command
+from automcm_conformance.adapter.kit_paths import VECTORS
+from automcm_conformance.vectors import exact_kernels, vectors
 
 
 def test_the_files_are_what_would_be_generated() -> None:
@@ -65,7 +65,7 @@ def test_figures_of_the_paper_and_of_the_design() -> None:
     loss |= {(2000, 0.6): 92, (2000, 0.7): 64, (2000, 0.8): 19}
     for (t_timeout, share), per_cent in loss.items():
         given = {"t_timeout": t_timeout, "t_resend": 100, "loss": share}
-        assert round(100 * exact.call("success", given)["session"]) == per_cent
+        assert round(100 * exact_kernels.call("success", given)["session"]) == per_cent
     t = next(case for case in CASES if case.id == "prescribe-thirty").expected["t"]
     assert min(abs(when - (2 + 3.6)) for when in t) < 1e-9
 
@@ -76,21 +76,21 @@ def test_root_against_mpmath() -> None:
         for _ in range(200):
             value = Fraction(draw.randrange(10**9), draw.randrange(1, 10**6))
             right = mpmath.sqrt(mpmath.mpf(value.numerator) / value.denominator)
-            mine = exact.root(value)
+            mine = exact_kernels.root(value)
             assert (
                 abs(mpmath.mpf(mine.numerator) / mine.denominator - right) < mpmath.mpf(10) ** -50
             )
-    assert exact.root(Fraction(9, 4)) == Fraction(3, 2)
+    assert exact_kernels.root(Fraction(9, 4)) == Fraction(3, 2)
 
 
 def test_inside_against_shapely() -> None:
     draw = random.Random(2)
     zone = [(0, 0), (40, 0), (40, 20), (20, 20), (20, 10), (0, 10)]
     polygon = shapely.Polygon(zone)
-    corners = [exact.place(each) for each in zone]
+    corners = [exact_kernels.place(each) for each in zone]
     for _ in range(500):
         point = draw.randrange(-5, 46), draw.randrange(-5, 26)
-        mine = exact.inside(corners, exact.place(point))
+        mine = exact_kernels.inside(corners, exact_kernels.place(point))
         assert mine == polygon.covers(shapely.Point(point)), point
 
 
@@ -98,12 +98,12 @@ def test_closest_against_a_fine_grid() -> None:
     for case in CASES:
         if case.kernel != "collide" or not case.expected.get("approach"):
             continue
-        a, b = (exact.trajectory(case.inputs[name]) for name in "ab")
-        grid = exact.common(a, b)
+        a, b = (exact_kernels.trajectory(case.inputs[name]) for name in "ab")
+        grid = exact_kernels.common(a, b)
         least = case.expected["approach"]["distance"]
         for n in range(401):
             when = grid[0] + (grid[-1] - grid[0]) * Fraction(n, 400)
-            assert float(exact.distance(a.at(when), b.at(when))) >= least - 1e-9
+            assert float(exact_kernels.distance(a.at(when), b.at(when))) >= least - 1e-9
 
 
 # -- bad files

@@ -7,8 +7,8 @@ import json
 import pytest
 from vector_bugs import CASES, MUTATIONS, mutated
 
-from automcm import vector_adapter
-from automcm_conformance import vectors
+from automcm.adapters import vector_adapter
+from automcm_conformance.vectors import vectors
 
 BUGS = {
     vector["id"]: vector["bug"]

@@ -11,42 +11,44 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from automcm.adapter import Reference, without
-from automcm_cli import generated, screen
-from automcm_cli import verify as verify_
+from automcm.adapters.spec_mapping import Reference, without
 from automcm_cli.main import app
-from automcm_conformance import compare
-from automcm_spec import generate, oracle
-from automcm_spec.rules import NO_GRAPH, RULES
+from automcm_conformance.replay import graph_comparison
+from automcm_maintenance.documents import generated_files
+from automcm_maintenance.verify import verify as verify_
+from automcm_maintenance.verify import verify_screen
+from automcm_spec.graph import oracle, oracle_generation
+from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
 
 run = CliRunner()
-REAL = generate.build
+REAL = oracle_generation.build
 
 
 @pytest.fixture(scope="module")
 def built() -> Any:
-    return REAL(generate.SMALL, short=True)
+    return REAL(oracle_generation.SMALL, short=True)
 
 
 @pytest.fixture(autouse=True)
-def built_once(built: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def built_once(built: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """TLC writes the small graph once for all tests here; nothing else is asked for."""
 
-    def build(graph: generate.Graph, *, short: bool) -> Any:
-        assert graph is generate.SMALL and short
+    def build(graph: oracle_generation.Graph, *, short: bool) -> Any:
+        assert graph is oracle_generation.SMALL and short
         return built
 
     def unwanted(*_: object, **__: object) -> None:
         raise AssertionError("only the small graph is compared")
 
-    monkeypatch.setattr(generate, "build", build)
-    for module, name in ((verify_, "_models"), (verify_, "_behave"), (generated, "drift")):
+    monkeypatch.setattr(oracle_generation, "build", build)
+    monkeypatch.setattr(verify_, "KEPT", tmp_path)
+    for module, name in ((verify_, "_models"), (verify_, "_behave"), (generated_files, "drift")):
         monkeypatch.setattr(module, name, unwanted)
 
 
 def shown(report: verify_.Report) -> str:
     console = Console(file=io.StringIO(), record=True, width=200)
-    screen.show(report, console)
+    verify_screen.show(report, console)
     return console.export_text()
 
 
@@ -71,7 +73,9 @@ def test_a_rule_that_the_reference_keeps() -> None:
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.output)
     assert found["rule"] == "NEG-4" and found["reference"]["rules_covered"] == ["NEG-4"]
-    graph = oracle.parse(oracle.dump(generate.build(generate.SMALL, short=True)[0]), "small")
+    graph = oracle.parse(
+        oracle.dump(oracle_generation.build(oracle_generation.SMALL, short=True)[0]), "small"
+    )
     assert found["reference"]["states_compared"] == len(graph.states)
     assert found["reference"]["inputs_compared"] == graph.transitions + graph.refusals
 
@@ -103,13 +107,13 @@ def test_a_rule_that_decides_nothing_there_is_4(rule: str) -> None:
 @pytest.mark.slow
 def test_the_small_graph_misses_every_rule_that_is_taken_away(built: Any) -> None:
     graph = oracle.parse(oracle.dump(built[0]), "small")
-    found = compare.covered(graph, lambda rule: verify_._without(graph.constants, rule))
+    found = graph_comparison.covered(graph, lambda rule: verify_._without(graph.constants, rule))
     assert not found.uncovered and set(found.covered) == set(RULES) - set(NO_GRAPH)
 
 
 def test_the_small_graph_is_never_on_disk() -> None:
-    assert generate.SMALL not in generate.GRAPHS.values()
-    assert not generate.SMALL.path.exists()
+    assert oracle_generation.SMALL not in oracle_generation.GRAPHS.values()
+    assert not oracle_generation.SMALL.path.exists()
 
 
 def test_a_reference_that_cannot_be_imported_is_3(

@@ -17,12 +17,12 @@ from typer.testing import CliRunner
 from websockets.sync.server import ServerConnection
 from websockets.sync.server import serve as listening
 
-from automcm.kit import Kit, answered
+from automcm.adapters.adapter_lines import Kit, answered
 from automcm_cli.main import app
-from automcm_conformance import websocket
-from automcm_conformance.opened import opened
-from automcm_conformance.process import AdapterError
-from automcm_conformance.websocket import AHEAD, WebSocket
+from automcm_conformance.adapter import websocket
+from automcm_conformance.adapter.connect import opened
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.websocket import AHEAD, WebSocket
 
 run = CliRunner()
 AUTOMCM = [sys.executable, "-m", "automcm_cli"]

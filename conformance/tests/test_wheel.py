@@ -17,14 +17,20 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "bad" / "ack_missing.ndjson"
-PACKAGES = ("automcm_spec", "automcm", "automcm_traces", "automcm_conformance", "automcm_cli")
+PACKAGES = (
+    *("automcm_spec", "automcm", "automcm_evaluation", "automcm_traces"),
+    *("automcm_conformance", "automcm_cli"),
+)
 # No file .pth is read with -S, so that nothing leads back to the repository.
 LAUNCHER = """import sys
 sys.path[:1] = {path!r}
 from automcm_cli.main import main
 main()
 """
-NEED_REPOSITORY = ("verify", "generate", "spec pages", "spec mutate", "conform certify")
+NEED_REPOSITORY = (
+    *("verify", "generate", "bench", "spec bench", "spec pages", "spec mutate"),
+    "conform certify",
+)
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +67,13 @@ def _run(wheel: Path, *command: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_wheel_holds_the_packages_their_data_and_the_schemas(wheel: Path) -> None:
     lib = wheel / "lib"
-    assert {path.name for path in lib.iterdir() if path.is_dir()} >= set(PACKAGES)
+    ours = {path.name for path in lib.glob("automcm*") if path.suffix != ".dist-info"}
+    assert ours == set(PACKAGES)
     for inside, source in {
         "automcm_spec/_data": "spec",
         "automcm_conformance/_data": "conformance",
-        "automcm_traces": "traces/automcm_traces",
-        "automcm": "reference/automcm",
+        "automcm_traces/format": "traces/automcm_traces/format",
+        "automcm_spec/vocabulary": "spec/automcm_spec/vocabulary",
     }.items():
         for name in ("tla", "models", "oracle", "bench", "simulation", "suite", "vectors"):
             there = ROOT / source / name

@@ -1,4 +1,4 @@
-"""The bugs that the vectors name, each as an edit of the exact kernels (exact.py)."""
+"""The bugs that the vectors name, each as an edit of the exact kernels (exact_kernels.py)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from automcm_conformance import exact, vectors
-from automcm_conformance.paths import VECTORS
+from automcm_conformance.adapter.kit_paths import VECTORS
+from automcm_conformance.vectors import exact_kernels, vectors
 
 CASES = [case for path in vectors.paths() for case in vectors.load(path)]
 SUCCESS = (VECTORS / "success.json").read_text()
@@ -288,12 +288,12 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
 
 def mutated(kernel: str, bug: str) -> vectors.Call:
     """The exact implementation with this bug."""
-    source = Path(exact.__file__).read_text()
+    source = Path(exact_kernels.__file__).read_text()
     texts = MUTATIONS[kernel][bug]
     for old, new in zip(texts[::2], texts[1::2], strict=True):
         assert source.count(old) == 1, f"{kernel}: {bug}: {source.count(old)} times {old!r}"
         source = source.replace(old, new)
-    module: dict[str, Any] = {"__name__": exact.__name__}
+    module: dict[str, Any] = {"__name__": exact_kernels.__name__}
     exec(compile(source, f"<exact with {bug}>", "exec"), module)
     call: Callable[[str, Any], Any] = module["call"]
     return call

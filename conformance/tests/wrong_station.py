@@ -7,8 +7,8 @@ import sys
 STATION = """
 import json, os, sys, time
 {first}
-from automcm import kit
-from automcm.kit import Kit
+from automcm.adapters import adapter_lines as kit
+from automcm.adapters.adapter_lines import Kit
 station = Kit()
 
 def answer(command):

@@ -1,9 +1,9 @@
 """Diagrams in Mermaid, drawn as SVG when the site is built: a page loads no script for them.
 
 A flowchart is for ``flowchart.py``.  Of state diagrams only what
-``automcm_conformance/diagrams.py`` writes is understood: ``A --> B : event<br/>event``.  The states
-stand in a column.  Ways back to the first go by a rail on the left, other ways that leave a state
-out by one on the right.
+``automcm_maintenance/documents/state_diagrams.py`` writes is understood: ``A --> B :
+event<br/>event``.  The states stand in a column.  Ways back to the first go by a rail on the left,
+other ways that leave a state out by one on the right.
 """
 
 from __future__ import annotations

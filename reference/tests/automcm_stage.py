@@ -7,9 +7,9 @@ from typing import Any
 
 from stateful_oracle import Coverage, Lockstep
 
-from automcm.station import Effects, Station
-from automcm_spec.application import COMMAND, Indication
-from automcm_spec.messages import (
+from automcm.core.station import Effects, Station
+from automcm_spec.vocabulary.application import COMMAND, Indication
+from automcm_spec.vocabulary.messages import (
     Acceptance,
     Ack,
     Advertisement,
@@ -23,7 +23,7 @@ from automcm_spec.messages import (
     Session,
     Trajectory,
 )
-from automcm_spec.parameters import Parameters
+from automcm_spec.vocabulary.parameters import Parameters
 
 ME, TARGET, OTHER, PRESCRIBER = 1, 2, 3, 9
 PLANNED = Trajectory(t0=0, points=((0, 0, 0), (1000, 8333, 0)))

@@ -12,14 +12,14 @@ from typing import Any
 
 from websockets.asyncio.client import ClientConnection, connect
 
-from automcm.application import Application, Drive
-from automcm.clock import AsyncioClock
-from automcm.links.bridge import WebSocketBridge
-from automcm.links.simulated import Channel, Radio
-from automcm.service import McService
-from automcm.straight import LANE_CHANGE, Straight
-from automcm_spec.messages import Session
-from automcm_spec.parameters import Parameters
+from automcm.bridge.websocket_bridge import WebSocketBridge
+from automcm.links.clock import AsyncioClock
+from automcm.links.simulated_radio import Channel, Radio
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service.application import Application, Drive
+from automcm.service.service import McService
+from automcm_spec.vocabulary.messages import Session
+from automcm_spec.vocabulary.parameters import Parameters
 
 BRIDGED, OTHER = 1001, 2002
 QUICK = Parameters(t_timeout=300, t_resend=100, t_decide=1000, t_cam_loss=1100, t_cam=50)

@@ -12,8 +12,8 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from automcm.experiments import arrival, arrival_claims, sumo
-from automcm.experiments.experiment import Cell, ExperimentError, chosen
+from automcm_evaluation.arrival import arrival, arrival_claims, sumo
+from automcm_evaluation.framework.experiment import Cell, ExperimentError, chosen
 
 SIGNAL_S = 5.0
 FREE_S = {30: 260 * 3.6 / 30 - SIGNAL_S, 50: 260 * 3.6 / 50 - SIGNAL_S}

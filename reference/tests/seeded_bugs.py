@@ -16,10 +16,13 @@ from unittest import mock
 from stateful import Call, Coordination, profile, run, shortened
 from stateful_oracle import ALL, PROPERTIES, Broken
 
-from automcm import station
-from automcm.adapter import without
-from automcm.advertising import answer_closed
-from automcm.experiments.ablations import (
+from automcm.adapters.spec_mapping import without
+from automcm.core import station
+from automcm.core.advertising import answer_closed
+from automcm.core.outcome import Me, Outcome, Rules, leave
+from automcm.core.rules import RULES
+from automcm.core.state import State, Timer, armed
+from automcm_evaluation.safety.ablations import (
     ack_misread,
     any_cam,
     bound_session,
@@ -29,10 +32,7 @@ from automcm.experiments.ablations import (
     never,
     take_over,
 )
-from automcm.outcome import Me, Outcome, Rules, leave
-from automcm.rules import RULES
-from automcm.state import State, Timer, armed
-from automcm_spec.messages import Ack, Cancel, Prescription
+from automcm_spec.vocabulary.messages import Ack, Cancel, Prescription
 
 
 def give_up_and_leave(me: Me, st: State, i: Any) -> Outcome:

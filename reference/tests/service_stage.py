@@ -7,13 +7,13 @@ from typing import Any
 
 import automcm_stage
 
-from automcm.application import Advertised, Application, Choice, Drive, Proposal
-from automcm.clock import VirtualClock
-from automcm.links.simulated import Channel
-from automcm.service import McService
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.messages import Session, Trajectory, decode, encode
+from automcm.links.clock import VirtualClock
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm.service.application import Advertised, Application, Choice, Drive, Proposal
+from automcm.service.service import McService
+from automcm_spec.vocabulary.messages import Session, Trajectory, decode, encode
 
 PATH = Trajectory(t0=0, points=((0, 0, 0),))
 

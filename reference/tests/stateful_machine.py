@@ -14,8 +14,8 @@ from stateful_odd import odd_messages
 from stateful_oracle import ALL, IDS, LEASES, Coverage, Setup, setup
 from stateful_world import Rules, World, trajectory
 
-from automcm.rules import RULES
-from automcm_spec.application import (
+from automcm.core.rules import RULES
+from automcm_spec.vocabulary.application import (
     Abort,
     Accept,
     Command,
@@ -25,7 +25,7 @@ from automcm_spec.application import (
     Refuse,
     Request,
 )
-from automcm_spec.messages import encode
+from automcm_spec.vocabulary.messages import encode
 
 # -- the machine
 

@@ -7,7 +7,7 @@ from typing import Any
 from stateful_oracle import STRANGER, UNUSED_SEQ
 from stateful_world import World
 
-from automcm_spec.messages import (
+from automcm_spec.vocabulary.messages import (
     Acceptance,
     Ack,
     Advertisement,

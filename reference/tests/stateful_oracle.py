@@ -7,18 +7,18 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-from automcm.adapter import abstract, abstract_input, answer, is_copy
-from automcm.outcome import Expiry, Heard, Restart, Row
-from automcm.phases import WAYS
-from automcm.rules import RULES
-from automcm.state import State, Timer
-from automcm.station import Effects, Station
-from automcm_spec import station as specification
-from automcm_spec.condition_coverage import ConditionCoverage, lacking, reached
-from automcm_spec.conditions import recording
-from automcm_spec.messages import Cam, Prescription
-from automcm_spec.parameters import Parameters, durations, lease_lasts, rank
-from automcm_spec.rules import RULES as EVERY_RULE
+from automcm.adapters.spec_mapping import abstract, abstract_input, answer, is_copy
+from automcm.core.outcome import Expiry, Heard, Restart, Row
+from automcm.core.phases import WAYS
+from automcm.core.rules import RULES
+from automcm.core.state import State, Timer
+from automcm.core.station import Effects, Station
+from automcm_spec.vocabulary import station as specification
+from automcm_spec.vocabulary.condition_coverage import ConditionCoverage, lacking, reached
+from automcm_spec.vocabulary.conditions import recording
+from automcm_spec.vocabulary.messages import Cam, Prescription
+from automcm_spec.vocabulary.parameters import Parameters, durations, lease_lasts, rank
+from automcm_spec.vocabulary.rules import RULES as EVERY_RULE
 
 IDS = (1001, 22, 303, 4_000_004, 5, 606, 70_007, 88, 2**32 - 1, 909, 10, 12_012)
 STRANGER = 404

@@ -9,13 +9,13 @@ from typing import Any
 
 from stateful_oracle import ALL, IDS, Coverage, Lockstep, Setup, broken
 
-from automcm.outcome import Expiry, Heard, Restart, Row
-from automcm.phases import WAYS
-from automcm.rules import RULES, kind
-from automcm.state import State, Timer, key
-from automcm.station import Effects, Station
-from automcm_spec.application import Abort, Accepted, Command, Verify
-from automcm_spec.messages import (
+from automcm.core.outcome import Expiry, Heard, Restart, Row
+from automcm.core.phases import WAYS
+from automcm.core.rules import RULES, kind
+from automcm.core.state import State, Timer, key
+from automcm.core.station import Effects, Station
+from automcm_spec.vocabulary.application import Abort, Accepted, Command, Verify
+from automcm_spec.vocabulary.messages import (
     Acceptance,
     Ack,
     Advertisement,
@@ -28,7 +28,7 @@ from automcm_spec.messages import (
     Trajectory,
     encode,
 )
-from automcm_spec.parameters import longest_session
+from automcm_spec.vocabulary.parameters import longest_session
 
 # -- the world
 

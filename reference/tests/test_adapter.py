@@ -6,10 +6,10 @@ from typing import Any
 
 from automcm_stage import ME, cancel
 
-from automcm.adapter import without
-from automcm.outcome import Heard, Me
-from automcm.rules import RULES, decide
-from automcm.state import State
+from automcm.adapters.spec_mapping import without
+from automcm.core.outcome import Heard, Me
+from automcm.core.rules import RULES, decide
+from automcm.core.state import State
 
 IN_SESSION_1 = State(phase="INTENDING", role="receiver", session=(9, 1))
 LIMITS = Me(ME, 2, 2, 9, 2)

@@ -12,10 +12,10 @@ from automcm_stage import prescription
 from hypothesis import given
 from hypothesis import strategies as st
 
-from automcm import autoware
-from automcm.application import Kinematics
-from automcm.links import rosbridge as ros
-from automcm_spec.messages import LIMIT, MAX_BYTES, MessageError, Trajectory, encode
+from automcm.bridge import autoware
+from automcm.bridge import rosbridge as ros
+from automcm.service.application import Kinematics
+from automcm_spec.vocabulary.messages import LIMIT, MAX_BYTES, MessageError, Trajectory, encode
 
 # -- conversion
 

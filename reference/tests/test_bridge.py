@@ -17,13 +17,13 @@ from bridge_stage import (
     plans,
 )
 
-from automcm import autoware
-from automcm.links import rosbridge as ros
-from automcm.links.bridge import WebSocketBridge
-from automcm.simulation import Simulation
-from automcm.straight import LANE_CHANGE
-from automcm_spec.application import Abort
-from automcm_spec.messages import Trajectory
+from automcm.bridge import autoware
+from automcm.bridge import rosbridge as ros
+from automcm.bridge.websocket_bridge import WebSocketBridge
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import LANE_CHANGE
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.messages import Trajectory
 
 # -- whole sessions
 

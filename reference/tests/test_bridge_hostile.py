@@ -28,14 +28,14 @@ from bridge_stage import (
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from automcm import autoware
-from automcm.application import Proposal
-from automcm.links import LinkError
-from automcm.links import rosbridge as ros
-from automcm.links.bridge import MAX_SOCKETS, WebSocketBridge
-from automcm.links.remote import RemoteApplication
-from automcm.straight import LANE_CHANGE
-from automcm_spec.messages import Trajectory
+from automcm.bridge import autoware
+from automcm.bridge import rosbridge as ros
+from automcm.bridge.remote_application import RemoteApplication
+from automcm.bridge.websocket_bridge import MAX_SOCKETS, WebSocketBridge
+from automcm.links.link import LinkError
+from automcm.scenarios.straight_lane import LANE_CHANGE
+from automcm.service.application import Proposal
+from automcm_spec.vocabulary.messages import Trajectory
 
 # -- clear errors
 
@@ -78,8 +78,8 @@ async def test_unreachable(uri: str, problem: str) -> None:
 
 
 def test_without_websockets_it_says_what_to_install() -> None:
-    code = "import sys; sys.modules['websockets'] = None; import automcm.links.{}"
-    for module in ("bridge", "remote"):
+    code = "import sys; sys.modules['websockets'] = None; import automcm.bridge.{}"
+    for module in ("websocket_bridge", "remote_application"):
         command = [sys.executable, "-c", code.format(module)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         last = done.stderr.splitlines()[-1]
@@ -212,7 +212,7 @@ async def test_web_pages_are_refused() -> None:
 
 
 async def test_clients_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("automcm.links.bridge.HANDSHAKE_S", 3 * PATIENCE)
+    monkeypatch.setattr("automcm.bridge.websocket_bridge.HANDSHAKE_S", 3 * PATIENCE)
 
     async with World(Recorder(), WebSocketBridge(port=0, max_clients=2)) as world:
         async with client(world, drives=False), client(world, "state", drives=False) as it:

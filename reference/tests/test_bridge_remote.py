@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from bridge_stage import BRIDGED, OTHER, PATIENCE, Recorder, World, holds
 
-from automcm.application import Application, Kinematics
-from automcm.links.bridge import WebSocketBridge
-from automcm.links.remote import RemoteApplication
-from automcm.straight import LANE_CHANGE
-from automcm_spec.application import Abort
+from automcm.bridge.remote_application import RemoteApplication
+from automcm.bridge.websocket_bridge import WebSocketBridge
+from automcm.scenarios.straight_lane import LANE_CHANGE
+from automcm.service.application import Application, Kinematics
+from automcm_spec.vocabulary.application import Abort
 
 # -- the far side, with an application of application.py
 

@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from test_messages import BY_TYPE, changed
 
-from automcm import fuzz, sizes
-from automcm.codec import FRAME_BYTES, JSON, Codec, CodecError, codec
-from automcm.uper import MAX_POINTS, SCHEMA, UPER
-from automcm_spec.messages import (
+from automcm.encoding import sizes
+from automcm.encoding.codec import FRAME_BYTES, JSON, Codec, CodecError, codec
+from automcm.encoding.uper import MAX_POINTS, SCHEMA, UPER
+from automcm_maintenance.benches import decoder_fuzz
+from automcm_spec.vocabulary.messages import (
     LIMIT,
     MAX_BYTES,
     MAX_DEPTH,
@@ -36,7 +37,7 @@ from automcm_spec.messages import (
 )
 
 BOTH: list[Codec] = [JSON, UPER]
-EXAMPLES = fuzz.examples()
+EXAMPLES = decoder_fuzz.examples()
 
 
 def refused(used: Codec, data: bytes, text: str) -> None:
@@ -214,7 +215,7 @@ def test_without_asn1tools_the_error_says_what_to_install(monkeypatch: Any) -> N
             raise ModuleNotFoundError("No module named 'asn1tools'", name=name)
         return real(name, *rest)
 
-    monkeypatch.delitem(sys.modules, "automcm.uper")
+    monkeypatch.delitem(sys.modules, "automcm.encoding.uper")
     monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(CodecError, match=r"pip install 'automcm\[asn1\]'"):
         codec("uper")
@@ -346,10 +347,10 @@ def test_kin_2_far_from_the_origin_json_does_not_fit() -> None:
 
 @pytest.mark.parametrize(("name", "count"), [("json", 8000), ("uper", 3000)])
 def test_end_5_decoders_survive_changed_inputs(name: str, count: int) -> None:
-    outcome = fuzz.fuzz(codec(name), count, seed=7)
+    outcome = decoder_fuzz.fuzz(codec(name), count, seed=7)
     assert outcome.accepted + outcome.refused == count
     assert outcome.accepted > count // 50 and outcome.refused > count // 2
-    assert fuzz.fuzz(codec(name), count, seed=7) == outcome
+    assert decoder_fuzz.fuzz(codec(name), count, seed=7) == outcome
 
 
 class Broken:
@@ -386,15 +387,15 @@ class Broken:
     ],
 )
 def test_a_decoder_that_leaks_is_caught(fault: str, problem: str) -> None:
-    with pytest.raises(fuzz.Found, match=problem) as found:
-        fuzz.fuzz(Broken(fault), 50_000, seed=1)
-    with pytest.raises(fuzz.Found, match=problem):
-        fuzz.check(Broken(fault), found.value.data)
+    with pytest.raises(decoder_fuzz.Found, match=problem) as found:
+        decoder_fuzz.fuzz(Broken(fault), 50_000, seed=1)
+    with pytest.raises(decoder_fuzz.Found, match=problem):
+        decoder_fuzz.check(Broken(fault), found.value.data)
 
 
 def test_what_is_accepted_must_be_encoded_and_read_again() -> None:
-    with pytest.raises(fuzz.Found, match="then not encoded and read again: TypeError"):
-        fuzz.check(Broken("again"), b" " + JSON.encode(fin()))
+    with pytest.raises(decoder_fuzz.Found, match="then not encoded and read again: TypeError"):
+        decoder_fuzz.check(Broken("again"), b" " + JSON.encode(fin()))
 
 
 def test_a_codec_that_reads_its_own_bytes_as_another_message_is_caught() -> None:
@@ -402,17 +403,17 @@ def test_a_codec_that_reads_its_own_bytes_as_another_message_is_caught() -> None
         def encode(self, message: Message | Cam) -> bytes:
             return JSON.encode(fin())
 
-    with pytest.raises(fuzz.Found, match="read again as another message"):
-        fuzz.check(Forgetful(""), JSON.encode(cancel()))
+    with pytest.raises(decoder_fuzz.Found, match="read again as another message"):
+        decoder_fuzz.check(Forgetful(""), JSON.encode(cancel()))
 
 
 def test_the_fuzzer_as_a_command(capsys: Any, monkeypatch: Any) -> None:
-    assert fuzz.main(["--count", "500", "--seed", "3"]) == 0
+    assert decoder_fuzz.main(["--count", "500", "--seed", "3"]) == 0
     printed = capsys.readouterr()
     assert [line.split(",")[0] for line in printed.out.splitlines()] == ["uper", "json"]
     assert "100 inputs" in printed.out and "400 inputs" in printed.out and not printed.err
-    monkeypatch.setattr(fuzz, "codec", lambda _: Broken("leak"))
-    assert fuzz.main(["--count", "50000", "--codec", "json"]) == 1
+    monkeypatch.setattr(decoder_fuzz, "codec", lambda _: Broken("leak"))
+    assert decoder_fuzz.main(["--count", "50000", "--codec", "json"]) == 1
     first, data = capsys.readouterr().out.splitlines()
     assert first.startswith("json, seed 1: decode raised IndexError")
     assert bytes.fromhex(data).startswith(b"[")

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from automcm.experiments import arrival, arrival_claims, report, sumo, sweep
-from automcm.experiments.experiment import Cell, ExperimentError
 from automcm.scenarios.drive import FourVehicles
 from automcm.scenarios.lane_change import LaneChange
+from automcm_evaluation.arrival import arrival, arrival_claims, sumo
+from automcm_evaluation.framework.experiment import Cell, ExperimentError
+from automcm_evaluation.runs import report, sweep
 
 Json = Any
 SMALL: Json = {

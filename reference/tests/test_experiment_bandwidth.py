@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 from automcm_stage import prescription
 
-from automcm.codec import JSON, CodecError, codec
-from automcm.experiments import bandwidth, bandwidth_air, report
-from automcm.experiments.bandwidth_air import (
+from automcm.encoding.codec import JSON, CodecError, codec
+from automcm.scenarios.drive import FourVehicles
+from automcm_evaluation.bandwidth import bandwidth, bandwidth_air
+from automcm_evaluation.bandwidth.bandwidth_air import (
     BIN_MS,
     FORMS,
     Air,
@@ -26,12 +27,12 @@ from automcm.experiments.bandwidth_air import (
     record,
     session,
 )
-from automcm.experiments.bandwidth_claims import claims
-from automcm.experiments.bandwidth_summary import CHANNEL_BIT_S, HEADERS, drive
-from automcm.experiments.experiment import Cell, ExperimentError, Values
-from automcm.experiments.sweep import run_cell
-from automcm.scenarios.drive import FourVehicles
-from automcm_spec.messages import (
+from automcm_evaluation.bandwidth.bandwidth_claims import claims
+from automcm_evaluation.bandwidth.bandwidth_summary import CHANNEL_BIT_S, HEADERS, drive
+from automcm_evaluation.framework.experiment import Cell, ExperimentError, Values
+from automcm_evaluation.runs import report
+from automcm_evaluation.runs.sweep import run_cell
+from automcm_spec.vocabulary.messages import (
     Ack,
     Advertisement,
     Cam,
@@ -40,7 +41,7 @@ from automcm_spec.messages import (
     Prescription,
     Trajectory,
 )
-from automcm_spec.parameters import Parameters
+from automcm_spec.vocabulary.parameters import Parameters
 
 EXPERIMENT = bandwidth.EXPERIMENT
 ABOUT = {"experiment": "bandwidth", "profile": "quick", "seed": 1, "version": "0", "code": "0"}

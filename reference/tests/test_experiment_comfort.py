@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from automcm.experiments import comfort, comfort_claims, report, sweep
-from automcm.experiments.comfort_courses import (
+from automcm.scenarios.drive import FourVehicles
+from automcm.scenarios.lane_change import Plan
+from automcm_evaluation.comfort import comfort, comfort_claims
+from automcm_evaluation.comfort.comfort_courses import (
     COURSES,
     NEVER_MS,
     PRESCRIBER,
@@ -27,7 +29,7 @@ from automcm.experiments.comfort_courses import (
     uncoordinated,
     undisturbed,
 )
-from automcm.experiments.comfort_measures import (
+from automcm_evaluation.comfort.comfort_measures import (
     FAR_S,
     Track,
     braking,
@@ -38,10 +40,9 @@ from automcm.experiments.comfort_measures import (
     slowed,
     tracks,
 )
-from automcm.experiments.experiment import Cell, Claim
-from automcm.scenarios.drive import FourVehicles
-from automcm.scenarios.lane_change import Plan
-from automcm_spec.parameters import Parameters
+from automcm_evaluation.framework.experiment import Cell, Claim
+from automcm_evaluation.runs import report, sweep
+from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any
 SETTING = Setting(four=FourVehicles(until_s=30.0))

@@ -8,11 +8,14 @@ from typing import Any
 
 import pytest
 
-from automcm.experiments import experiment, loss_page, loss_road, loss_sessions, report, sweep
-from automcm.experiments.experiment import Cell, ExperimentError
-from automcm.experiments.intervals import wilson
-from automcm.experiments.loss import FINE, TENS, Loss, cells
-from automcm.experiments.loss_tables import (
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.drive import Drive
+from automcm.scenarios.road import Vehicle
+from automcm_evaluation.framework.experiment import Cell, ExperimentError
+from automcm_evaluation.framework.intervals import wilson
+from automcm_evaluation.loss import loss_page, loss_road, loss_sessions
+from automcm_evaluation.loss.loss import FINE, TENS, Loss, cells
+from automcm_evaluation.loss.loss_tables import (
     T_TIMEOUTS,
     claims,
     eq2,
@@ -22,9 +25,8 @@ from automcm.experiments.loss_tables import (
     summary,
     three_exchanges,
 )
-from automcm.links.simulated import Channel
-from automcm.road import Vehicle
-from automcm.scenarios.drive import Drive
+from automcm_evaluation.runs import report, sweep
+from automcm_evaluation.runs.catalogue import experiment
 
 Json = Any
 SMALL = Loss(

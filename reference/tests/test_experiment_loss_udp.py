@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from automcm.experiments import loss_udp
-from automcm.experiments.experiment import ExperimentError
-from automcm.experiments.loss_udp import over_udp
-from automcm.links import relay, udp
-from automcm.links.udp import bind
-from automcm.straight import Straight
-from automcm_spec.parameters import Parameters
+from automcm.links import relay, udp_link
+from automcm.links.udp_link import bind
+from automcm.scenarios.straight_lane import Straight
+from automcm_evaluation.framework.experiment import ExperimentError
+from automcm_evaluation.loss import loss_udp
+from automcm_evaluation.loss.loss_udp import over_udp
+from automcm_spec.vocabulary.parameters import Parameters
 
 
 class Sockets:
@@ -39,7 +39,7 @@ class Sockets:
 @pytest.fixture
 def sockets(monkeypatch: pytest.MonkeyPatch) -> Sockets:
     made = Sockets()
-    for module in (udp, relay):
+    for module in (udp_link, relay):
         monkeypatch.setattr(module, "bind", made.bind)
     return made
 
@@ -92,15 +92,15 @@ def test_a_trial_that_is_decided_sends_nothing_while_others_go_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The first is over after 100 ms, the second begins after 500."""
-    links: list[udp.UdpLink] = []
+    links: list[udp_link.UdpLink] = []
     sent: list[int] = []
 
-    class Link(udp.UdpLink):
+    class Link(udp_link.UdpLink):
         def send(self, data: bytes, to: int, tx: str) -> None:
             sent.append(links.index(self))
             super().send(data, to, tx)
 
-    def link_of(**more: Any) -> udp.UdpLink:
+    def link_of(**more: Any) -> udp_link.UdpLink:
         links.append(link := Link(**more))
         return link
 

@@ -10,24 +10,24 @@ from typing import Any
 
 import pytest
 
-from automcm import rules
-from automcm.experiments import safety, safety_page, safety_road, safety_tables
-from automcm.experiments.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
-from automcm.experiments.experiment import Cell
-from automcm.experiments.faults import CUTS, KINDS, Fault, drawn, inject
-from automcm.experiments.hazards import Watched, bound_ms
-from automcm.experiments.report import assemble
-from automcm.experiments.sweep import canonical, run_cell
-from automcm.links.simulated import Channel
-from automcm.road import Late, Sample, Vehicle
-from automcm.service import McService
-from automcm.state import State
-from automcm.straight import Straight
-from automcm_spec.messages import Fin, Session
-from automcm_spec.parameters import Parameters
-from automcm_spec.rules import RULES as RULE_IDS
-from automcm_traces.properties import judge
-from automcm_traces.reader import read
+from automcm.core import rules
+from automcm.core.state import State
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.road import Late, Sample, Vehicle
+from automcm.scenarios.straight_lane import Straight
+from automcm.service.service import McService
+from automcm_evaluation.framework.experiment import Cell
+from automcm_evaluation.runs.report import assemble
+from automcm_evaluation.runs.sweep import canonical, run_cell
+from automcm_evaluation.safety import safety, safety_page, safety_road, safety_tables
+from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
+from automcm_evaluation.safety.faults import CUTS, KINDS, Fault, drawn, inject
+from automcm_evaluation.safety.hazard_measures import Watched, bound_ms
+from automcm_spec.vocabulary.messages import Fin, Session
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_spec.vocabulary.rules import RULES as RULE_IDS
+from automcm_traces.format.reader import read
+from automcm_traces.system.properties import judge
 
 Json = Any
 B = 1540

@@ -9,9 +9,7 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from automcm import experiments
-from automcm.experiments import report, sweep
-from automcm.experiments.experiment import (
+from automcm_evaluation.framework.experiment import (
     Cell,
     Claim,
     Experiment,
@@ -19,7 +17,8 @@ from automcm.experiments.experiment import (
     Settings,
     chosen,
 )
-from automcm.experiments.intervals import mean, quantile, wilson
+from automcm_evaluation.framework.intervals import mean, quantile, wilson
+from automcm_evaluation.runs import catalogue, report, sweep
 
 Json = Any
 EVALUATION = Path(__file__).resolve().parents[2] / "docs" / "evaluation"
@@ -82,7 +81,7 @@ def run(thrown: Thrown, folder: Path, seed: int = 1, again: bool = False, **chan
 
 def test_an_unknown_experiment_is_named() -> None:
     with pytest.raises(ExperimentError, match="no experiment 'luck'; there are: bandwidth"):
-        experiments.experiment("luck")
+        catalogue.experiment("luck")
 
 
 @pytest.mark.parametrize(
@@ -241,11 +240,11 @@ def test_mean_and_quantile() -> None:
             of_none([])
 
 
-@pytest.mark.parametrize("name", experiments.NAMES)
+@pytest.mark.parametrize("name", catalogue.NAMES)
 def test_the_page_shows_the_figures_that_are_drawn(name: str) -> None:
     pytest.importorskip("matplotlib", reason="automcm[plot] is not installed")
     made = report.load(EVALUATION / name / report.RESULTS)
-    drawn = [figure for figure, _ in experiments.experiment(name).figures(made)]
+    drawn = [figure for figure, _ in catalogue.experiment(name).figures(made)]
     shown = [line for line in report.page(made).splitlines() if line.startswith("![")]
     assert sorted(line.split("](")[1] for line in shown) == [f"{n}.svg)" for n in sorted(drawn)]
 

@@ -9,10 +9,10 @@ import pytest
 from automcm_stage import Stage, fin
 from pydantic import ValidationError
 
-from automcm.station import Station
-from automcm_spec.application import Request
-from automcm_spec.messages import MessageError, Trajectory, decode, encode
-from automcm_spec.parameters import Parameters
+from automcm.core.station import Station
+from automcm_spec.vocabulary.application import Request
+from automcm_spec.vocabulary.messages import MessageError, Trajectory, decode, encode
+from automcm_spec.vocabulary.parameters import Parameters
 
 PLANNED = Trajectory(t0=0, points=((0, 0, 0),))
 

@@ -14,18 +14,18 @@ from typing import Any
 import pytest
 from automcm_stage import cam
 
-from automcm.clock import AsyncioClock, VirtualClock
-from automcm.links import LinkError
 from automcm.links import relay as relay_
-from automcm.links import udp as udp_
+from automcm.links import udp_link as udp_
+from automcm.links.clock import AsyncioClock, VirtualClock
+from automcm.links.link import LinkError
 from automcm.links.relay import Relay
-from automcm.links.simulated import Channel, Radio
-from automcm.links.udp import UdpLink, address, bind
-from automcm.process import stopping
-from automcm.service import McService
-from automcm.straight import LANE_CHANGE, Straight
-from automcm_spec.messages import BROADCAST, encode
-from automcm_spec.parameters import Parameters
+from automcm.links.simulated_radio import Channel, Radio
+from automcm.links.udp_link import UdpLink, address, bind
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service.service import McService
+from automcm.service.station_process import stopping
+from automcm_spec.vocabulary.messages import BROADCAST, encode
+from automcm_spec.vocabulary.parameters import Parameters
 
 # -- simulated
 

@@ -12,10 +12,10 @@ from stateful import Coordination, profile, run
 from stateful_oracle import Broken, Setup
 from stateful_world import World
 
-from automcm.adapter import abstract, concrete
-from automcm.state import Timer
-from automcm.station import Effects
-from automcm_spec.application import Fallback
+from automcm.adapters.spec_mapping import abstract, concrete
+from automcm.core.state import Timer
+from automcm.core.station import Effects
+from automcm_spec.vocabulary.application import Fallback
 
 Change = Callable[[Effects], Effects]
 

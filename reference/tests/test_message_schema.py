@@ -12,11 +12,19 @@ from automcm_stage import advertisement, cancel, no, prescription
 from hypothesis import given, settings
 from test_messages import BY_TYPE, ONE_OF_EACH, REFUSED, changed, without
 
-from automcm import fuzz
-from automcm_spec import json_schema, messages
-from automcm_spec.messages import LIMIT, Cam, Message, MessageError, MessageType, decode, to_dict
+from automcm_maintenance.benches import decoder_fuzz
+from automcm_spec.vocabulary import json_schema, messages
+from automcm_spec.vocabulary.messages import (
+    LIMIT,
+    Cam,
+    Message,
+    MessageError,
+    MessageType,
+    decode,
+    to_dict,
+)
 
-EXAMPLES = fuzz.examples()
+EXAMPLES = decoder_fuzz.examples()
 VALIDATOR = jsonschema.Draft202012Validator(json_schema.messages())
 
 

@@ -21,7 +21,7 @@ from automcm_stage import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from automcm_spec.messages import (
+from automcm_spec.vocabulary.messages import (
     ANSWER_REASONS,
     Acceptance,
     Ack,

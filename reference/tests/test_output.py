@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from automcm import output
-from automcm.output import LineOutput, create
+from automcm.service import line_output
+from automcm.service.line_output import LineOutput, create
 
 SOON_S = 10
 
@@ -138,7 +138,7 @@ def test_an_end_waits_no_longer_than_told(
         go_on.wait()
         raise OSError(errno.EIO, "at last")
 
-    monkeypatch.setattr(output.os, "write", write)
+    monkeypatch.setattr(line_output.os, "write", write)
     out = LineOutput(pipe[1])
     out.write(b"1\n")
     out.write(b"2\n")

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from automcm.road import LANE_WIDTH, STEP_S, Driving, Late, Road, Vehicle, idm
-from automcm.trajectory.core import Trajectory
+from automcm.kernels.trajectory import Trajectory
+from automcm.scenarios.road import LANE_WIDTH, STEP_S, Driving, Late, Road, Vehicle, idm
 
 D = Driving()
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from automcm.rules import RULES
-from automcm_spec.paths import TLA
-from automcm_spec.rules import cited, operators
+from automcm.core.rules import RULES
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.rules import cited, operators
 
 COMMENT = re.compile(r"\(\*.*?\*\)|\\\*[^\n]*", re.DOTALL)
 BODY = {

@@ -26,9 +26,9 @@ from automcm_stage import (
     yes,
 )
 
-from automcm.outcome import Heard
-from automcm.rules import decide
-from automcm_spec.messages import MessageId, Session
+from automcm.core.outcome import Heard
+from automcm.core.rules import decide
+from automcm_spec.vocabulary.messages import MessageId, Session
 
 OWN = (ME, 6)
 """The stage's own session: five went before it."""

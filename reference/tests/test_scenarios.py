@@ -10,20 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from automcm.application import Advertised, Proposal
-from automcm.links.simulated import Channel
-from automcm.road import LANE_WIDTH, Sample, Vehicle
+from automcm.kernels.prescribe import prescribe
+from automcm.kernels.trajectory import TrajectoryError, from_message
+from automcm.kernels.verify import Limits
+from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import Drive, FourVehicles, arrival_s
 from automcm.scenarios.lane_change import LaneChange, Plan, gained_at, read
-from automcm.scenarios.merge import Merge, Ramp
+from automcm.scenarios.ramp_merge import Merge, Ramp
+from automcm.scenarios.road import LANE_WIDTH, Sample, Vehicle
 from automcm.scenarios.speed_advice import SpeedAdvice
-from automcm.trajectory.core import TrajectoryError, from_message
-from automcm.trajectory.prescribe import prescribe
-from automcm.trajectory.verify import Limits
-from automcm_spec import messages
-from automcm_spec.application import Verify
-from automcm_spec.parameters import Parameters
-from automcm_traces.explain import explain_files
+from automcm.service.application import Advertised, Proposal
+from automcm_spec.vocabulary import messages
+from automcm_spec.vocabulary.application import Verify
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.explain.explain import explain_files
 
 
 def lane_changers(drive: Drive) -> list[LaneChange]:
@@ -280,7 +280,7 @@ LANELETS = """<osm version="0.6">
 
 def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
     pytest.importorskip("lanelet2", reason="extra automcm[map]: not for this machine")
-    from automcm.maps import LaneMap, MapError
+    from automcm.kernels.lanelet_map import LaneMap, MapError
 
     path = tmp_path / "road.osm"
     path.write_text(LANELETS)

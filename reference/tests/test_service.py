@@ -6,13 +6,13 @@ from itertools import pairwise
 
 from service_stage import PATH, Jumpy, Noted, alone, cam, pair
 
-from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import LANE_CHANGE
-from automcm_spec.application import Refuse
-from automcm_spec.messages import BROADCAST, Intention, encode
-from automcm_spec.parameters import Parameters
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import LANE_CHANGE
+from automcm.service.application import Advertised, Choice, Drive, Kinematics, Proposal
+from automcm_spec.vocabulary.application import Refuse
+from automcm_spec.vocabulary.messages import BROADCAST, Intention, encode
+from automcm_spec.vocabulary.parameters import Parameters
 
 
 def test_act_1_neg_6_both_drive_what_was_accepted_and_each_knows_from_when_until_when() -> None:

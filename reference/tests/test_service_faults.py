@@ -10,20 +10,27 @@ from typing import Any
 import pytest
 from service_stage import Jumpy, Noted, Wire, alone, cam, pair
 
-from automcm import logging
-from automcm.application import Advertised, Kinematics, Proposal
-from automcm.clock import VirtualClock
-from automcm.codec import JSON
-from automcm.links.simulated import Channel
-from automcm.service import NEIGHBOURS, McService
-from automcm.simulation import Simulation
-from automcm.straight import LANE_CHANGE, Straight
-from automcm_spec.application import Abort, Request
-from automcm_spec.messages import MAX_BYTES, Advertisement, Fin, Session, Trajectory, encode
-from automcm_spec.parameters import Parameters, in_header
-from automcm_traces.explain import explain_file
-from automcm_traces.reader import read
-from automcm_traces.writer import LogWriter
+from automcm.encoding.codec import JSON
+from automcm.links.clock import VirtualClock
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service import event_log
+from automcm.service.application import Advertised, Kinematics, Proposal
+from automcm.service.service import NEIGHBOURS, McService
+from automcm_spec.vocabulary.application import Abort, Request
+from automcm_spec.vocabulary.messages import (
+    MAX_BYTES,
+    Advertisement,
+    Fin,
+    Session,
+    Trajectory,
+    encode,
+)
+from automcm_spec.vocabulary.parameters import Parameters, in_header
+from automcm_traces.explain.explain import explain_file
+from automcm_traces.format.reader import read
+from automcm_traces.format.writer import LogWriter
 
 ABOUT: dict[str, Any] = {"run": "r", "station": 1, "implementation": "i", "version": "1"}
 """A log's header."""
@@ -315,7 +322,7 @@ def test_a_message_that_cannot_be_encoded_is_as_if_lost_and_its_step_is_logged(
         tmp_path / "log",
         **ABOUT,
         parameters=in_header(Parameters().known),
-        complete=logging.COMPLETE,
+        complete=event_log.COMPLETE,
     )
     service, wire, clock = alone(codec=Scarce(), log=log)
     with pytest.raises(MemoryError):

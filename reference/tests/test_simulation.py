@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from automcm.links.simulated import Channel
-from automcm.service import Observer
-from automcm.simulation import Simulation
-from automcm.state import State
-from automcm.station import Effects
-from automcm.straight import Straight
-from automcm_spec.application import Indication
-from automcm_spec.parameters import Parameters
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm.service.service import Observer
+from automcm_spec.vocabulary.application import Indication
+from automcm_spec.vocabulary.parameters import Parameters
 
 PRESCRIBER, TARGET = 1001, 2002
 STATIONS = (1001, 2002, 3003, 4004)

@@ -26,7 +26,7 @@ from automcm_stage import (
     yes,
 )
 
-from automcm_spec.messages import Trajectory, encode
+from automcm_spec.vocabulary.messages import Trajectory, encode
 
 # -- seq
 

@@ -23,7 +23,7 @@ from automcm_stage import (
     yes,
 )
 
-from automcm_spec.parameters import lease_lasts
+from automcm_spec.vocabulary.parameters import lease_lasts
 
 # -- repetition
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from automcm import kernel_bench
-from automcm.trajectory.collide import closest_approach, closest_approach_pairs
+from automcm.kernels.collide import closest_approach, closest_approach_pairs
+from automcm_maintenance.benches import kernel_bench
 
 
 def test_report() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from automcm.trajectory.core import Floats, Trajectory
+from automcm.kernels.trajectory import Floats, Trajectory
 
 BAD = (float("nan"), float("inf"), -float("inf"))
 
@@ -82,7 +82,7 @@ def raises(what: str, call: Any) -> None:
     """It raises TrajectoryError whose text begins with ``what``."""
     import pytest
 
-    from automcm.trajectory.core import TrajectoryError
+    from automcm.kernels.trajectory import TrajectoryError
 
     with pytest.raises(TrajectoryError) as caught:
         call()

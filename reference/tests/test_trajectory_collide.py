@@ -21,8 +21,8 @@ from test_trajectory_cases import (
     trajectories,
 )
 
-from automcm.trajectory import collide
-from automcm.trajectory.core import Trajectory
+from automcm.kernels import collide
+from automcm.kernels.trajectory import Trajectory
 
 pairs = st.tuples(trajectories(), trajectories())
 Pair = tuple[Trajectory, Trajectory]

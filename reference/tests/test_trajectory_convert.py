@@ -18,9 +18,9 @@ from test_trajectory_cases import (
     turned,
 )
 
-from automcm.trajectory import convert
-from automcm.trajectory.core import Floats, Trajectory, from_message, to_message
-from automcm_spec import messages
+from automcm.kernels import convert
+from automcm.kernels.trajectory import Floats, Trajectory, from_message, to_message
+from automcm_spec.vocabulary import messages
 
 V_EPS = 0.1
 

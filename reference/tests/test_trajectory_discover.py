@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from shapely import Point, Polygon
 from test_trajectory_cases import BAD, numbers, places, raises, turned
 
-from automcm.trajectory import discover
-from automcm.trajectory.core import Floats
+from automcm.kernels import discover
+from automcm.kernels.trajectory import Floats
 
 LANE = np.array([(-60, -60), (60, -60), (60, 60), (-60, 60.0)])
 """Holds every place of the strategies."""

@@ -14,7 +14,7 @@ from types import ModuleType
 import pytest
 from hypothesis import Phase, settings
 
-import automcm.trajectory.convert
+import automcm.kernels.convert
 
 QUICK = settings(database=None, phases=[Phase.explicit, Phase.generate], deadline=None)
 
@@ -70,7 +70,7 @@ MUTANTS = [
 
 
 def mutated(kernel: str, old: str, new: str) -> ModuleType:
-    module = importlib.import_module(f"automcm.trajectory.{kernel}")
+    module = importlib.import_module(f"automcm.kernels.{kernel}")
     source = inspect.getsource(module)
     assert source.count(old) >= 1, f"{kernel}: {old!r} is not there"
     copy = ModuleType(module.__name__)
@@ -137,4 +137,4 @@ def test_is_caught(
 
 
 def test_the_kernels_are_restored() -> None:
-    assert sys.modules["automcm.trajectory.convert"] is automcm.trajectory.convert
+    assert sys.modules["automcm.kernels.convert"] is automcm.kernels.convert

@@ -11,9 +11,15 @@ from hypothesis import strategies as st
 from shapely import LineString, Point, hausdorff_distance
 from test_trajectory_cases import BAD, moved, numbers, places, plans, raises, sampled, turned
 
-from automcm.trajectory import prescribe, verify
-from automcm.trajectory.core import Floats, Trajectory, TrajectoryError, from_message, to_message
-from automcm.trajectory.thin import thin
+from automcm.kernels import prescribe, verify
+from automcm.kernels.thin import thin
+from automcm.kernels.trajectory import (
+    Floats,
+    Trajectory,
+    TrajectoryError,
+    from_message,
+    to_message,
+)
 
 Case = tuple[Trajectory, float, dict[str, float]]
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_trajectory_cases import BAD, numbers, raises
 
-from automcm.trajectory import success
-from automcm_spec.parameters import Parameters
+from automcm.kernels import success
+from automcm_spec.vocabulary.parameters import Parameters
 
 losses = st.floats(0, 1)
 counts = st.integers(1, 50)

@@ -8,10 +8,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from test_trajectory_cases import moved, numbers, plans, raises, sampled, trajectories
 
-from automcm.codec import FRAME_BYTES, JSON
-from automcm.trajectory import collide, thin
-from automcm.trajectory.core import Trajectory, TrajectoryError, to_message
-from automcm_spec.messages import Intention
+from automcm.encoding.codec import FRAME_BYTES, JSON
+from automcm.kernels import collide, thin
+from automcm.kernels.trajectory import Trajectory, TrajectoryError, to_message
+from automcm_spec.vocabulary.messages import Intention
 
 
 def points(of: Trajectory) -> int:

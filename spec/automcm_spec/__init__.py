@@ -1,1 +1,5 @@
-"""The specification: its TLA+ modules, its models, and the driver that runs TLC on them."""
+"""The specification as a package: its vocabulary, its graphs, and TLC, which checks it.
+
+For every other package.
+Subpackages, from the bottom: support, vocabulary, graph, model_checking, compilation.
+"""

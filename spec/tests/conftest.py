@@ -12,7 +12,7 @@ import pytest
 @pytest.fixture(scope="session")
 def open_xml() -> bytes:
     """SANY's XML of OpenStation."""
-    from automcm_spec import compiler, sany  # not in every run of pytest
+    from automcm_spec.compilation import compiler, sany  # not in every run of pytest
 
     return sany.export(compiler.PLAN.module)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec import models, tlc
-from automcm_spec.paths import BENCH, MODELS, SIMULATION, TLA
-from automcm_spec.steps import steps
+from automcm_spec.model_checking import models, tlc
+from automcm_spec.model_checking.counterexample_steps import steps
+from automcm_spec.support.paths import BENCH, MODELS, SIMULATION, TLA
 
 CFGS = sorted(path for folder in (MODELS, BENCH, SIMULATION) for path in folder.glob("*.cfg"))
 TEXTS = {path.stem: path.read_text(encoding="utf-8") for path in TLA.glob("*.tla")}

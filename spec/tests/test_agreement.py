@@ -7,14 +7,15 @@ from typing import Any
 
 import pytest
 
-from automcm_spec import agreement, forms, generate, oracle
-from automcm_spec.forms import canonical
-from automcm_spec.station import Input, OpenStation, Outcome, State
+from automcm_spec.graph import oracle, oracle_agreement, oracle_generation
+from automcm_spec.vocabulary import json_forms
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.station import Input, OpenStation, Outcome, State
 
 
 @pytest.fixture(scope="module")
 def tight() -> oracle.Oracle:
-    return oracle.load(generate.TIGHT.path, generate.spec_hash())
+    return oracle.load(oracle_generation.TIGHT.path, oracle_generation.spec_hash())
 
 
 def stepping(change: Callable[[Outcome], Outcome]) -> type[OpenStation]:
@@ -25,24 +26,24 @@ def stepping(change: Callable[[Outcome], Outcome]) -> type[OpenStation]:
     return Wrong
 
 
-def of(tight: oracle.Oracle, made: type[OpenStation], **options: Any) -> agreement.Agreement:
-    station = forms.open_station(tight.constants)
+def of(tight: oracle.Oracle, made: type[OpenStation], **options: Any) -> oracle_agreement.Agreement:
+    station = json_forms.open_station(tight.constants)
     station.__class__ = made
-    return agreement.compare(tight, station, **options)
+    return oracle_agreement.compare(tight, station, **options)
 
 
 @pytest.mark.parametrize(
     "graph",
     [
-        generate.TIGHT,
-        pytest.param(generate.ONE_PEER, marks=pytest.mark.slow),
-        pytest.param(generate.TWO_PEERS, marks=pytest.mark.deep),
+        oracle_generation.TIGHT,
+        pytest.param(oracle_generation.ONE_PEER, marks=pytest.mark.slow),
+        pytest.param(oracle_generation.TWO_PEERS, marks=pytest.mark.deep),
     ],
     ids=lambda g: g.name,
 )
-def test_the_compiled_station_is_that_of_the_graph(graph: generate.Graph) -> None:
-    known = oracle.load(graph.path, generate.spec_hash())
-    found = agreement.compare(known, forms.open_station(known.constants))
+def test_the_compiled_station_is_that_of_the_graph(graph: oracle_generation.Graph) -> None:
+    known = oracle.load(graph.path, oracle_generation.spec_hash())
+    found = oracle_agreement.compare(known, json_forms.open_station(known.constants))
     assert [str(difference) for difference in found.found] == []
     assert found.differences == 0 and found.states == len(known.states)
     assert found.inputs == known.transitions + known.refusals
@@ -71,7 +72,7 @@ def test_each_part_of_an_outcome_counts(
     tight: oracle.Oracle, change: Callable[[Outcome], Outcome]
 ) -> None:
     found = of(tight, stepping(change))
-    assert found.differences and len(found.found) <= agreement.LIMIT
+    assert found.differences and len(found.found) <= oracle_agreement.LIMIT
     first = found.found[0]
     assert first.input is not None and canonical(first.expected) != canonical(first.actual)
     assert "\n  TLC      " in str(first) and "\n  compiled " in str(first)

@@ -7,10 +7,11 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_spec import bench, tlc
-from automcm_spec.bench import Figure, Report
-from automcm_spec.models import PROPERTIES, checked_in
-from automcm_spec.paths import BENCH, MODELS
+from automcm_maintenance.benches import encoding_bench
+from automcm_maintenance.benches.encoding_bench import Figure, Report
+from automcm_spec.model_checking import tlc
+from automcm_spec.model_checking.models import PROPERTIES, checked_in
+from automcm_spec.support.paths import BENCH, MODELS
 
 
 def constants(cfg: Path) -> dict[str, str]:
@@ -45,8 +46,8 @@ def test_the_encodings_are_measured_on_the_same_model() -> None:
 
 def test_every_encoding_is_checked_for_s_1_to_s_5() -> None:
     wanted = {PROPERTIES[f"S-{n}"] for n in range(1, 6)}
-    assert {path.stem for path in BENCH.glob("*.cfg")} == set(bench.ENCODINGS)
-    for name in bench.ENCODINGS:
+    assert {path.stem for path in BENCH.glob("*.cfg")} == set(encoding_bench.ENCODINGS)
+    for name in encoding_bench.ENCODINGS:
         checked = {c.removeprefix("Naive") for c in checked_in(BENCH / f"{name}.cfg")}
         assert checked == wanted
 
@@ -71,7 +72,7 @@ def test_a_bound_too_low_is_no_verdict(
 @pytest.mark.slow
 def test_what_ends_in_time_is_finished(tmp_path: Path) -> None:
     folder = small(tmp_path, Receivers="{}", MaxSessions="1", MaxRounds="1")
-    report = bench.run(60, bench=folder)
+    report = encoding_bench.run(60, bench=folder)
     assert all(f.finished for f in (report.ours, *report.naive))
     assert report.exit_code == 1
     assert all(f.distinct_states > report.ours.distinct_states for f in report.naive)
@@ -82,7 +83,7 @@ def test_what_does_not_end_gives_a_lower_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = small(tmp_path, MaxSessions="1", MaxRounds="1")
-    monkeypatch.setitem(bench.run.__kwdefaults__, "bench", folder)
+    monkeypatch.setitem(encoding_bench.run.__kwdefaults__, "bench", folder)
     result = CliRunner().invoke(app, ["spec", "bench", "--seconds", "1"])
     assert result.exit_code in (0, 4), result.output
     assert result.output.count("not finished") == 2

@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
-from automcm_spec import children
+from automcm_spec.support import children
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the kernel's part is Linux's")
 
 PARENT = """
 import subprocess, sys
-from automcm_spec import children
+from automcm_spec.support import children
 {start}
 print(child.pid, flush=True)
 input()
@@ -30,7 +30,7 @@ STARTS = {
 }
 POOL = """
 import multiprocessing, os, sys, time
-from automcm_spec import children
+from automcm_spec.support import children
 
 def work(n):
     os.write(1, b"%d\\n" % os.getpid())

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from automcm_spec.condition_coverage import ConditionCoverage, annotated, lacking, reached
-from automcm_spec.conditions import recording
-from automcm_spec.paths import TLA
-from automcm_spec.reachable import steps
-from automcm_spec.rules import RULES, operators
-from automcm_spec.station import CONDITIONS, Command, OpenStation, State, Station
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.condition_coverage import (
+    ConditionCoverage,
+    annotated,
+    lacking,
+    reached,
+)
+from automcm_spec.vocabulary.conditions import recording
+from automcm_spec.vocabulary.reachable_steps import steps
+from automcm_spec.vocabulary.rules import RULES, operators
+from automcm_spec.vocabulary.station import CONDITIONS, Command, OpenStation, State, Station
 
 STATION = Station(max_rounds=3, max_participants=4, outbox_limit=6, memory_limit=2)
 REQUEST = Command("command", "request", (0, 0), 0, 0)

@@ -7,12 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec import conditions, generate, oracle
-from automcm_spec.conditions import Condition, Taken, decided_at, in_the_way, record, recording
-from automcm_spec.forms import open_station
-from automcm_spec.paths import TLA
-from automcm_spec.rules import RULES
-from automcm_spec.station import CONDITIONS, Command, Effect, Receive, State, Station
+from automcm_spec.graph import oracle, oracle_generation
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary import conditions
+from automcm_spec.vocabulary.conditions import (
+    Condition,
+    Taken,
+    decided_at,
+    in_the_way,
+    record,
+    recording,
+)
+from automcm_spec.vocabulary.json_forms import open_station
+from automcm_spec.vocabulary.rules import RULES
+from automcm_spec.vocabulary.station import CONDITIONS, Command, Effect, Receive, State, Station
 
 ME = 4711
 LIMITS = Station(max_rounds=7, max_participants=40, outbox_limit=64, memory_limit=64)
@@ -59,7 +67,7 @@ def test_an_index_is_shown_as_in_tla_and_a_limit_with_its_name() -> None:
 
 
 def test_a_recorded_station_decides_as_the_other() -> None:
-    tight = oracle.load(generate.TIGHT.path, generate.spec_hash())
+    tight = oracle.load(oracle_generation.TIGHT.path, oracle_generation.spec_hash())
     station = open_station(tight.constants)
     met: set[tuple[Condition, bool]] = set()
 

@@ -5,7 +5,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 
-from automcm_spec import distributed, models, scratch, tlc
+from automcm_spec.model_checking import distributed_tlc, models, tlc
+from automcm_spec.support import scratch
 
 MODELS = {model.cfg: model for model in models.load()}
 
@@ -17,10 +18,12 @@ def the_port() -> Iterator[None]:
         yield
 
 
-def shared(name: str, number: int = 2) -> tuple[distributed.Shared, list[Future[int]]]:
+def shared(name: str, number: int = 2) -> tuple[distributed_tlc.Shared, list[Future[int]]]:
     with ThreadPoolExecutor(1 + number) as pool:
-        server = pool.submit(distributed.serve, MODELS[name], timeout_s=120)
-        workers = [pool.submit(distributed.work, "127.0.0.1", timeout_s=120) for _ in range(number)]
+        server = pool.submit(distributed_tlc.serve, MODELS[name], timeout_s=120)
+        workers = [
+            pool.submit(distributed_tlc.work, "127.0.0.1", timeout_s=120) for _ in range(number)
+        ]
     return server.result(), workers
 
 
@@ -42,11 +45,11 @@ def test_a_violated_invariant_and_a_violated_action_property_are_found(name: str
 @pytest.mark.slow
 def test_a_worker_waits_for_its_server() -> None:
     with pytest.raises(tlc.TlcError) as error:
-        distributed.work("127.0.0.1", timeout_s=1)
+        distributed_tlc.work("127.0.0.1", timeout_s=1)
     assert error.value.kind == "timeout"
 
 
 def test_a_server_without_workers_waits() -> None:
     with pytest.raises(tlc.TlcError) as error:
-        distributed.serve(MODELS["one_by_two"], timeout_s=1)
+        distributed_tlc.serve(MODELS["one_by_two"], timeout_s=1)
     assert error.value.kind == "timeout"

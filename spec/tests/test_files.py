@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec import files
+from automcm_spec.support import files
 
 PYTHON = [sys.executable, "-c"]
-WRITE = "import sys; from pathlib import Path; from automcm_spec import files; "
+WRITE = "import sys; from pathlib import Path; from automcm_spec.support import files; "
 
 
 def names(folder: Path) -> list[str]:

@@ -6,46 +6,47 @@ import json
 
 import pytest
 
-from automcm_spec import forms, generate, oracle
-from automcm_spec.forms import canonical
-from automcm_spec.station import Cam, Entry, Expire, Message, OpenStation
+from automcm_spec.graph import oracle, oracle_generation
+from automcm_spec.vocabulary import json_forms
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.station import Cam, Entry, Expire, Message, OpenStation
 
 
 @pytest.fixture(scope="module")
 def one_peer() -> oracle.Oracle:
-    return oracle.load(generate.ONE_PEER.path, generate.spec_hash())
+    return oracle.load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash())
 
 
 def test_what_is_read_is_written_again(one_peer: oracle.Oracle) -> None:
-    file = json.loads(oracle.content(generate.ONE_PEER.path))
+    file = json.loads(oracle.content(oracle_generation.ONE_PEER.path))
     for name in ("states", "inputs", "marks", "effects"):
         values = getattr(one_peer, name)
-        assert canonical(values) == canonical(forms.to_json(values)) == canonical(file[name])
+        assert canonical(values) == canonical(json_forms.to_json(values)) == canonical(file[name])
 
 
 def test_the_classes() -> None:
     entry = ["Fin", 2, [1, 1], 1, False]
-    assert forms.input_of(["expire", ["giveup", entry]]) == Expire(
+    assert json_forms.input_of(["expire", ["giveup", entry]]) == Expire(
         "expire", ("giveup", Entry("Fin", 2, (1, 1), 1, False))
     )
-    assert forms.timer(["forget", 7]) == ("forget", 7)
-    cam = forms.input_of(["cam", 3, [[1, 1]], True])
+    assert json_forms.timer(["forget", 7]) == ("forget", 7)
+    cam = json_forms.input_of(["cam", 3, [[1, 1]], True])
     assert isinstance(cam, Cam) and cam.marks == {(1, 1)}
     message = ["Ack", 2, 1, [1, 1], 0, 0, False, "none", ["Fin", 1]]
-    assert isinstance(forms.message(message), Message)
-    assert forms.message(message).of == ("Fin", 1)
+    assert isinstance(json_forms.message(message), Message)
+    assert json_forms.message(message).of == ("Fin", 1)
 
 
 def test_what_has_another_form_is_refused() -> None:
     with pytest.raises(KeyError):
-        forms.input_of(["telepathy"])
+        json_forms.input_of(["telepathy"])
     with pytest.raises(ValueError, match="zip"):
-        forms.message(["Ack", 2])
+        json_forms.message(["Ack", 2])
 
 
 def test_the_alphabet_on_other_ids() -> None:
-    constants = generate.ONE_PEER.constants | {"Peers": [815, 4711]}
-    station = forms.open_station(constants | {"Me": 99, "Stranger": 100})
+    constants = oracle_generation.ONE_PEER.constants | {"Peers": [815, 4711]}
+    station = json_forms.open_station(constants | {"Me": 99, "Stranger": 100})
     of_peer = {i.message.src for i in station.alphabet if i.kind == "receive"}
     assert of_peer == {815, 4711, 99}
     assert all(station.offered(station.initial, i) for i in station.alphabet if i.kind == "cam")

@@ -9,10 +9,11 @@ from typing import Any
 
 import pytest
 
-from automcm_cli.spec import chosen
-from automcm_spec import models, rules, tlc
-from automcm_spec.models import Model, ModelError, Verdict
-from automcm_spec.paths import MODELS, TLA
+from automcm_cli.spec.model_output import chosen
+from automcm_spec.model_checking import models, tlc
+from automcm_spec.model_checking.models import Model, ModelError, Verdict
+from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.vocabulary import rules
 
 
 @pytest.fixture
@@ -97,10 +98,12 @@ def test_what_a_module_extends_and_what_it_reads() -> None:
         "C": "Inner == INSTANCE D WITH x <- 1",
         "D": "\\* it EXTENDS E",
         "E": "",
+        "G": "---- MODULE G ---- EXTENDS E, \\* D\n  (* A *) B",
     }
     assert models.extended("A", texts) == {"A", "B", "C"}
     assert models.extended("A", texts, instances=True) == {"A", "B", "C", "D"}
     assert models.extended("F", texts) == {"F"}
+    assert models.extended("G", texts) == {"G", "E", "B", "C"}
 
 
 def test_t_6_is_checked_with_two_prescribers() -> None:

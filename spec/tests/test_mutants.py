@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from automcm_cli import mutate
 from automcm_cli.main import app
-from automcm_spec import models, mutants, mutation, survivors
-from automcm_spec.models import Model, Verdict
-from automcm_spec.mutant_rules import KINDS, MODULES, NOT_MUTATED
-from automcm_spec.mutants import Mutant
-from automcm_spec.paths import TLA
-from automcm_spec.tlc import ErrorKind, Result, TlcError
+from automcm_maintenance.spec_mutation import mutant_runs, mutants, mutate_commands, survivors
+from automcm_maintenance.spec_mutation.mutant_rules import KINDS, MODULES, NOT_MUTATED
+from automcm_maintenance.spec_mutation.mutants import Mutant
+from automcm_spec.model_checking import models
+from automcm_spec.model_checking.models import Model, Verdict
+from automcm_spec.model_checking.tlc import ErrorKind, Result, TlcError
+from automcm_spec.support.paths import TLA
 
 TINY = r"""---- MODULE Tiny ----
 EXTENDS Naturals
@@ -87,7 +87,7 @@ def must_fail(cfg: str, seconds: float) -> Model:
 
 
 def run(chosen: list[Model], wanted: list[Mutant], folder: Path, **options: Any) -> Any:
-    return mutation.run(
+    return mutant_runs.run(
         wanted, chosen, tla=folder, models_dir=folder, **({"jobs": 1, "search_s": 9} | options)
     )
 
@@ -284,7 +284,7 @@ def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
 
 def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
     pretend(lambda model, _: failed(model, "java"))
-    with pytest.raises(mutation.MutationError, match="java"):
+    with pytest.raises(mutant_runs.MutationError, match="java"):
         run(FOUR, mutants.generate(folder, ["Tiny"])[:1], folder)
 
 
@@ -292,7 +292,7 @@ def test_a_model_that_is_wrong_without_a_mutant_ends_the_run(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(models, "check", lambda model, **_: ok(model, "depth is 3"))
-    with pytest.raises(mutation.MutationError, match="tiny is not as expected without a mutant"):
+    with pytest.raises(mutant_runs.MutationError, match="tiny is not as expected without a mutant"):
         run([tiny()], mutants.generate(folder, ["Tiny"]), folder)
 
 
@@ -316,7 +316,7 @@ def test_on_a_slower_machine_a_model_gets_more_time(
 def test_what_did_not_end_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one, cache = mutants.generate(folder, ["Tiny"])[:1], folder / "cache.jsonl"
     monkeypatch.setattr(models, "check", lambda model, **_: failed(model, "timeout"))
-    with pytest.raises(mutation.MutationError, match="without a mutant: timeout"):
+    with pytest.raises(mutant_runs.MutationError, match="without a mutant: timeout"):
         run([tiny()], one, folder, cache=cache)
     monkeypatch.setattr(models, "check", lambda model, **_: ok(model))
     assert run([tiny()], one, folder, cache=cache).outcomes[0].survived
@@ -345,9 +345,9 @@ def test_survivors_must_be_those_listed(folder: Path) -> None:
     gone = entry(alive, id="Tiny.Gone.guard.0")
     elsewhere = entry(alive, id="Timed.X.guard.0")
     path.write_text(entry(alive) + entry(killed) + entry(edited, source="old") + gone + elsewhere)
-    kill = mutation.Kill("tiny", "counts", "depth")
-    outcomes = [mutation.Outcome(m, (kill,) if m == killed else ()) for m in every[:4]]
-    report = mutation.Report("quick", 4, outcomes)
+    kill = mutant_runs.Kill("tiny", "counts", "depth")
+    outcomes = [mutant_runs.Outcome(m, (kill,) if m == killed else ()) for m in every[:4]]
+    report = mutant_runs.Report("quick", 4, outcomes)
     problems = survivors.compare(report, survivors.load(folder), every, ["Tiny"])
     assert [text.split(" (")[0] for text in problems] == [
         f"{unlisted.id} survived",
@@ -407,13 +407,13 @@ def test_the_command_refuses(monkeypatch: pytest.MonkeyPatch, options: list[str]
 def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Each mutant but the last is killed by S-1."""
     wanted = mutants.sample(mutants.generate(), 3)
-    kill = mutation.Kill("one_by_two", "property", "S-1")
+    kill = mutant_runs.Kill("one_by_two", "property", "S-1")
 
-    def pretended(found: list[Mutant], *_: Any, **__: Any) -> mutation.Report:
-        outcomes = [mutation.Outcome(m, (kill,) if m != found[-1] else ()) for m in found]
-        return mutation.Report("quick", len(found), outcomes)
+    def pretended(found: list[Mutant], *_: Any, **__: Any) -> mutant_runs.Report:
+        outcomes = [mutant_runs.Outcome(m, (kill,) if m != found[-1] else ()) for m in found]
+        return mutant_runs.Report("quick", len(found), outcomes)
 
-    monkeypatch.setattr(mutation, "run", pretended)
+    monkeypatch.setattr(mutant_runs, "run", pretended)
     monkeypatch.setattr(models, "load", lambda: [tiny()])
     monkeypatch.setattr(survivors, "load", dict)
     answer = CliRunner().invoke(app, ["spec", "mutate", "--limit", "3"])
@@ -422,7 +422,7 @@ def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     assert f"Problem     {wanted[-1].id} survived" in answer.output
     answer = CliRunner().invoke(app, ["spec", "mutate", "--limit", "3", "--json", "-"])
     assert json.loads(answer.output)["properties"]["S-1"] == 2
-    monkeypatch.setattr(mutate, "PAGE", tmp_path / "mutation.md")
+    monkeypatch.setattr(mutate_commands, "PAGE", tmp_path / "mutation.md")
     assert CliRunner().invoke(app, ["spec", "mutate", "--write"]).exit_code == 1
     page = (tmp_path / "mutation.md").read_text()
     assert "| definition | mutants |" in page and "## Survivors" in page
@@ -432,8 +432,8 @@ def test_the_command_reports(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
 def test_a_mutant_that_only_changes_answers_is_found_in_the_graph(tmp_path: Path) -> None:
     """No model is asked: an answer with a seq differs in the graph of one station."""
     mutant = next(m for m in mutants.generate() if m.operator == "AnswerSeq" and m.kind == "number")
-    report = mutation.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
+    report = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
     (outcome,) = report.outcomes
     assert outcome.how == "graph"
-    again = mutation.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
+    again = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
     assert again.outcomes == report.outcomes

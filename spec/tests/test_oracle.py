@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec import generate, oracle
-from automcm_spec.paths import TLA
-from automcm_spec.rules import RULES, cited, handler, line, operators
-from automcm_spec.station import Command, Expire, Message, Receive, Station
+from automcm_spec.graph import oracle, oracle_generation
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.rules import RULES, cited, handler, line, operators
+from automcm_spec.vocabulary.station import Command, Expire, Message, Receive, Station
 
 INITIAL = Station(3, 1, 5, 4).initial
 REQUEST = Command("command", "request", (0, 0), 0, 0)
@@ -20,16 +20,16 @@ REQUEST = Command("command", "request", (0, 0), 0, 0)
 
 @pytest.fixture(scope="module")
 def one_peer() -> oracle.Oracle:
-    return oracle.load(generate.ONE_PEER.path, generate.spec_hash())
+    return oracle.load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash())
 
 
 def test_the_committed_oracles_are_of_this_specification() -> None:
-    for graph in generate.GRAPHS.values():
-        assert oracle.load(graph.path, generate.spec_hash()).constants == graph.constants
+    for graph in oracle_generation.GRAPHS.values():
+        assert oracle.load(graph.path, oracle_generation.spec_hash()).constants == graph.constants
 
 
 def test_the_committed_oracles_are_small() -> None:
-    assert sum(graph.path.stat().st_size for graph in generate.GRAPHS.values()) < 5_000_000
+    assert sum(graph.path.stat().st_size for graph in oracle_generation.GRAPHS.values()) < 5_000_000
 
 
 def test_adv_1_a_question(one_peer: oracle.Oracle) -> None:
@@ -58,7 +58,7 @@ def test_every_input_has_an_answer_where_it_is_offered(one_peer: oracle.Oracle) 
 
 
 def test_what_some_rules_decide_is_found_in_the_same_order() -> None:
-    tight = oracle.load(generate.TIGHT.path)
+    tight = oracle.load(oracle_generation.TIGHT.path)
     everything = [a for state in range(len(tight.states)) for a in tight.answers(state)]
     for rules in ({*RULES, ""}, {"MEM-1"}, {"END-5", "NEG-4", "ADV-1"}, set[str]()):
         expected = [answer for answer in everything if answer.effect.rule in rules]
@@ -84,8 +84,10 @@ def test_what_is_not_in_the_graph_is_a_key_error(one_peer: oracle.Oracle) -> Non
 
 @pytest.mark.slow
 def test_generation_gives_the_same_bytes_twice() -> None:
-    tiny = generate.Graph("tiny", (2,), 1, 1, 1, 3, 1)
-    assert generate.generate(tiny, workers=1) == generate.generate(tiny, workers=2)
+    tiny = oracle_generation.Graph("tiny", (2,), 1, 1, 1, 3, 1)
+    assert oracle_generation.generate(tiny, workers=1) == oracle_generation.generate(
+        tiny, workers=2
+    )
 
 
 def test_another_spec_version_is_refused(tmp_path: Path) -> None:
@@ -94,7 +96,7 @@ def test_another_spec_version_is_refused(tmp_path: Path) -> None:
     with (tmp_path / "Station.tla").open("a") as stream:
         stream.write("\\* another version\n")
     with pytest.raises(oracle.OracleError, match=r"one-peer.*spec_hash.*make generate"):
-        oracle.load(generate.ONE_PEER.path, generate.spec_hash(tmp_path))
+        oracle.load(oracle_generation.ONE_PEER.path, oracle_generation.spec_hash(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_a_file_that_is_no_oracle_is_named(content: bytes, problem: str, tmp_pat
 
 
 def test_a_graph_of_other_values_than_the_compiled_station_has_is_named() -> None:
-    data = json.loads(oracle.content(generate.TIGHT.path))
+    data = json.loads(oracle.content(oracle_generation.TIGHT.path))
     data["states"][0].append(False)
     with pytest.raises(oracle.OracleError, match=r"tight: other values.*make generate"):
         oracle.parse(oracle.dump(data), "tight")

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from automcm_spec.parameters import (
+from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.vocabulary.parameters import (
     ADVERTISED_RANK,
     DEFAULTS,
     DERIVED,
@@ -26,7 +27,6 @@ from automcm_spec.parameters import (
     longest_session,
     rank,
 )
-from automcm_spec.paths import MODELS, TLA
 
 PAGE = Path(__file__).parents[2] / "docs" / "protocol.md"
 

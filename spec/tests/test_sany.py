@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from automcm_spec import sany, tlc
-from automcm_spec.paths import TLA
+from automcm_spec.compilation import sany
+from automcm_spec.model_checking import tlc
+from automcm_spec.support.paths import TLA
 
 
 def module(folder: Path, text: str) -> Path:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec import scratch
+from automcm_spec.support import scratch
 
 HOLD = """
-from automcm_spec import scratch
+from automcm_spec.support import scratch
 with scratch.{what}:
     print("in", flush=True)
     input()

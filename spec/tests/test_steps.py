@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from automcm_spec import models
-from automcm_spec.models import Verdict
-from automcm_spec.station import Receive
-from automcm_spec.steps import Step, steps
-from automcm_spec.tlc import TraceState
+from automcm_spec.model_checking import models
+from automcm_spec.model_checking.counterexample_steps import Step, steps
+from automcm_spec.model_checking.models import Verdict
+from automcm_spec.model_checking.tlc import TraceState
+from automcm_spec.vocabulary.station import Receive
 
 
 @cache

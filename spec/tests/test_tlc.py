@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec import tlc, toolchain
-from automcm_spec.paths import MODELS, TLA
-from automcm_spec.tlc import Location, Progress, TlcError
+from automcm_spec.model_checking import tlc, toolchain
+from automcm_spec.model_checking.tlc import Location, Progress, TlcError
+from automcm_spec.support.paths import MODELS, TLA
 
 CLOCK = """---- MODULE Clock ----
 EXTENDS Naturals, Sequences, TLC

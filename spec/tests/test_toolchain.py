@@ -6,8 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from automcm_spec import paths, toolchain
-from automcm_spec.toolchain import OVERRIDE, ToolError
+from automcm_spec.model_checking import toolchain
+from automcm_spec.model_checking.toolchain import OVERRIDE, ToolError
+from automcm_spec.support import paths
 
 
 def test_the_default_needs_nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,12 +14,13 @@ from typing import Any
 
 import pytest
 
-from automcm_spec import compiler, sany, tlc, values
-from automcm_spec.conditions import NoArm
-from automcm_spec.names import local, snake
-from automcm_spec.paths import TLA
-from automcm_spec.tla_types import INT, SetOf
-from automcm_spec.translate import Translator
+from automcm_spec.compilation import compiler, sany
+from automcm_spec.compilation.tla_types import INT, SetOf
+from automcm_spec.compilation.translation import Translator
+from automcm_spec.model_checking import tla_values, tlc
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.conditions import NoArm
+from automcm_spec.vocabulary.tla_names import local, snake
 
 Load = Callable[[str], ModuleType]
 
@@ -133,11 +134,11 @@ def _module(name: str, definitions: str) -> str:
     )
 
 
-def _tla(value: Any) -> values.Value:
+def _tla(value: Any) -> tla_values.Value:
     """A value of a compiled module as values.parse gives it."""
     if hasattr(value, "_asdict"):
         fields = value._asdict().items()
-        return values.Record({name.rstrip("_"): _tla(item) for name, item in fields})
+        return tla_values.Record({name.rstrip("_"): _tla(item) for name, item in fields})
     if isinstance(value, tuple | frozenset):
         return type(value)(map(_tla, value))
     return value  # type: ignore[no-any-return]
@@ -161,9 +162,9 @@ def of_tlc(folder: Path) -> dict[int, str]:
     printed: dict[int, str] = {}
 
     def line(text: str) -> None:
-        value = values.parse(text[1:-1].replace('\\"', '"'))
+        value = tla_values.parse(text[1:-1].replace('\\"', '"'))
         assert isinstance(value, tuple) and isinstance(value[0], int)
-        printed[value[0]] = values.show(value[1])
+        printed[value[0]] = tla_values.show(value[1])
 
     cfg = folder / "Constructs.cfg"
     tlc.run("Constructs", cfg, tla_dir=folder, on_print=line, short=True)
@@ -186,7 +187,7 @@ def test_each_construct_has_the_value_that_tlc_gives(
     code: str, of_tlc: dict[int, str], load: Load
 ) -> None:
     compiled = load(code).Constructs(3, frozenset({2, 3}))
-    found = {n: values.show(_tla(getattr(compiled, f"e{n}"))) for n in of_tlc}
+    found = {n: tla_values.show(_tla(getattr(compiled, f"e{n}"))) for n in of_tlc}
     names = list(CONSTRUCTS)
     assert {names[n]: text for n, text in found.items()} == {
         names[n]: text for n, text in of_tlc.items()

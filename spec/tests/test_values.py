@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from automcm_spec.values import (
+from automcm_spec.model_checking.tla_values import (
     Function,
     Record,
     Value,

@@ -6,11 +6,11 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_spec import walks
-from automcm_spec.paths import MODELS, SIMULATION
-from automcm_spec.rules import RULES
+from automcm_spec.model_checking import random_walks
+from automcm_spec.support.paths import MODELS, SIMULATION
+from automcm_spec.vocabulary.rules import RULES
 
-KNOWN = walks.known()
+KNOWN = random_walks.known()
 
 
 def test_the_listed_models_and_the_larger_ones_have_names() -> None:
@@ -23,7 +23,7 @@ def test_the_listed_models_and_the_larger_ones_have_names() -> None:
 )
 def test_the_same_seed_gives_the_same_bytes(number: int, depth: int) -> None:
     def report(seed: int) -> str:
-        found = walks.run(
+        found = random_walks.run(
             KNOWN["two_by_three"], seed=seed, depth=depth, seconds=None, number=number
         )
         return json.dumps(found.as_dict())
@@ -37,7 +37,7 @@ def test_the_same_seed_gives_the_same_bytes(number: int, depth: int) -> None:
 
 @pytest.mark.slow
 def test_every_step_is_decided_by_a_rule() -> None:
-    found = walks.run(KNOWN["one_by_two"], depth=12, seconds=None, number=100)
+    found = random_walks.run(KNOWN["one_by_two"], depth=12, seconds=None, number=100)
     assert (found.behaviours, found.ended, found.exit_code) == (100, "number", 0)
     assert found.steps == sum(found.rules.values()) <= 1200
     assert found.rules["ADV-1"] == 100  # one session, and it is opened first
@@ -46,7 +46,7 @@ def test_every_step_is_decided_by_a_rule() -> None:
 
 
 def test_lively_behaviours_get_as_far_as_driving() -> None:
-    found = walks.run(KNOWN["one_by_two"], depth=60, seconds=None, number=50, lively=True)
+    found = random_walks.run(KNOWN["one_by_two"], depth=60, seconds=None, number=50, lively=True)
     assert {"NEG-2", "NEG-6", "ACT-3"} <= set(found.rules)
     assert "PRE-3" in found.never
 
@@ -63,38 +63,40 @@ def test_a_violated_property_is_reported_with_its_steps() -> None:
 
 
 def test_a_violation_where_all_was_to_hold_is_a_verdict_against() -> None:
-    found = walks.run(KNOWN["bare_ack"], seconds=60, depth=40)
+    found = random_walks.run(KNOWN["bare_ack"], seconds=60, depth=40)
     assert found.ended == "violation"
     assert found.rules[last_rule(found)] >= 1
-    unexpected = walks.Walks(
+    unexpected = random_walks.Walks(
         KNOWN["one_by_two"], 1, 40, 1, 1, found.rules, "violation", found.property, found.trace
     )
     assert unexpected.exit_code == 1
 
 
-def last_rule(found: walks.Walks) -> str:
+def last_rule(found: random_walks.Walks) -> str:
     last = found.trace[-1].values["last"]
     assert isinstance(last, dict)
     return str(last["rule"])
 
 
 def test_a_model_that_must_fail_and_does_not_is_no_verdict() -> None:
-    found = walks.run(KNOWN["retarget"], depth=3, seconds=None, number=5)
+    found = random_walks.run(KNOWN["retarget"], depth=3, seconds=None, number=5)
     assert (found.property, found.exit_code) == (None, 4)
 
 
 @pytest.mark.slow
 def test_the_time_ends_the_behaviours() -> None:
-    short = walks.run(KNOWN["two_by_three"], depth=30, seconds=2)
+    short = random_walks.run(KNOWN["two_by_three"], depth=30, seconds=2)
     assert short.ended == "time"
     if short.behaviours:
-        again = walks.run(KNOWN["two_by_three"], depth=30, seconds=None, number=short.behaviours)
+        again = random_walks.run(
+            KNOWN["two_by_three"], depth=30, seconds=None, number=short.behaviours
+        )
         assert (again.steps, again.rules) == (short.steps, short.rules)
     else:
         assert short.exit_code == 4
 
 
 def test_a_module_that_does_not_extend_system_is_refused() -> None:
-    model = walks.Walked("open", KNOWN["one_by_two"].cfg, "OpenStation")
-    with pytest.raises(walks.WalkError, match="does not extend System"):
-        walks.run(model, number=1)
+    model = random_walks.Walked("open", KNOWN["one_by_two"].cfg, "OpenStation")
+    with pytest.raises(random_walks.WalkError, match="does not extend System"):
+        random_walks.run(model, number=1)

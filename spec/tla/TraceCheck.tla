@@ -5,7 +5,7 @@
 (* Where no line can be taken any more, it prints DIVERGES with the line;  *)
 (* at the end of the log it prints ALLOWED.                                *)
 (*                                                                         *)
-(* Logs is written by traces/automcm_traces/tlc_engine.py.  There stations *)
+(* Logs is written by traces/automcm_traces/explain/tlc_engine.py.  There stations *)
 (* are small numbers, times begin at 1, and contents are numbers too: the  *)
 (* same content, the same number.                                          *)
 (*                                                                         *)

@@ -1,1 +1,5 @@
-"""What happened: recorded behaviour of stations and counterexamples of the specification."""
+"""What happened: logs of stations, checked against the specification.
+
+For anyone with a log.
+Subpackages, from the bottom: format, checker, system, explain, edit, export, viewer.
+"""

@@ -17,16 +17,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec import simulate
-from automcm_spec.application import Abort
-from automcm_spec.parameters import DEFAULTS, Parameters, durations, longest_delay
-from automcm_traces import story
-from automcm_traces.story_effects import Question, ask
-from automcm_traces.story_steps import Move, happenings
-from automcm_traces.track import INITIAL
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.model_checking import tlc_simulation
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.parameters import DEFAULTS, Parameters, durations, longest_delay
+from automcm_traces.checker.track import INITIAL
+from automcm_traces.export import behaviour_to_log
+from automcm_traces.export.behaviour_effects import Question, ask
+from automcm_traces.export.behaviour_steps import Move, happenings
 
 Json = Any
 Lines = list[str]
@@ -39,18 +39,18 @@ def of_the_model(number: int, seed: int, depth: int = 60) -> list[Lines]:
     logs: list[Lines] = []
     count = -(-number // 4) + 4
     for lively in (False, True):
-        found = simulate.behaviours(count // 2 + 1, depth, seed, lively=lively)
+        found = tlc_simulation.behaviours(count // 2 + 1, depth, seed, lively=lively)
         logs += _told(found, f"model-{seed}")
     return logs[:number] if len(logs) >= number else logs
 
 
 def _told(found: Sequence[Any], run: str) -> list[Lines]:
-    cfg = simulate.CONFIG.format(spec="AnySpec")
+    cfg = tlc_simulation.CONFIG.format(spec="AnySpec")
     cfg = re.sub(r"(?m)^(SPECIFICATION|INVARIANTS|CHECK).*\n", "", cfg)
     stories = [_moves(behaviour) for behaviour in found]
-    effects: dict[Question, story.Effects] = {}
+    effects: dict[Question, behaviour_to_log.Effects] = {}
 
-    def asker(questions: Any) -> dict[Question, story.Effects]:
+    def asker(questions: Any) -> dict[Question, behaviour_to_log.Effects]:
         missing = [q for q in questions if q not in effects]
         for first in range(0, len(missing), 1500):
             effects.update(ask("Simulation", cfg, missing[first : first + 1500]))
@@ -60,12 +60,12 @@ def _told(found: Sequence[Any], run: str) -> list[Lines]:
     logs = []
     for n, moves in enumerate(stories):
         told = happenings(moves, asker, False)
-        written = story.logs(f"{run}-{n}", told, STATIONS, {"max_rounds": 3})
+        written = behaviour_to_log.logs(f"{run}-{n}", told, STATIONS, {"max_rounds": 3})
         logs += [text.decode().splitlines() for text in written.values()]
     return [lines for lines in logs if len(lines) > 2]
 
 
-def _moves(behaviour: simulate.Behaviour) -> list[Move]:
+def _moves(behaviour: tlc_simulation.Behaviour) -> list[Move]:
     at = {s: INITIAL for s in STATIONS}
     moves = []
     for who, value, after in behaviour:
@@ -378,9 +378,9 @@ def _allowed(good: list[Json], edited: list[Json], kind: str, line: int) -> str:
 
 def main(number: int) -> int:
     """Have both engines judge; returns how many verdicts have no reason, or are not the same."""
-    from automcm_traces.explain import explain_file
-    from automcm_traces.reader import read
-    from automcm_traces.tlc_engine import explain_batch
+    from automcm_traces.explain.explain import explain_file
+    from automcm_traces.explain.tlc_engine import explain_batch
+    from automcm_traces.format.reader import read
 
     counts: Counter[tuple[str, str, str]] = Counter()
     odd = 0

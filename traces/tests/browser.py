@@ -23,14 +23,14 @@ from typing import Any
 
 from test_page import CORPUS, FOUR, HOSTILE, killed, records, rewritten, with_text
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_traces import page_run
-from automcm_traces.explain import explain_file
-from automcm_traces.page import html
-from automcm_traces.page_data import load, of_runs
-from automcm_traces.reader import read
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_traces.explain.explain import explain_file
+from automcm_traces.format.reader import read
+from automcm_traces.viewer import page_run
+from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page_data import load, of_runs
 
 Json = Any
 OPEN_MS = 2000
@@ -191,8 +191,8 @@ def steps_lead_forward_and_back_to_the_same_state(browser: Browser, folder: Path
 
 
 def states_from_deltas_are_those_of_the_log(browser: Browser, folder: Path) -> None:
-    from automcm_traces.follow import follow
-    from automcm_traces.page_follow import States
+    from automcm_traces.checker.follow import follow
+    from automcm_traces.viewer.page_follow import States
 
     with browser.page(browser.write("states", FOUR[0])) as page:
         log, states = read(FOUR[0]), States(range(10**9))

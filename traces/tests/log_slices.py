@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from automcm_traces.explain import Verdict, explain_file
+from automcm_traces.explain.explain import Verdict, explain_file
 
 PARTS = (
     ("send",),

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from automcm.links.simulated import Channel, Radio
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.messages import BROADCAST, decode
-from automcm_spec.parameters import Parameters
-from automcm_traces.reader import Log, read
+from automcm.links.simulated_radio import Channel, Radio
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.vocabulary.messages import BROADCAST, decode
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.format.reader import Log, read
 
 Drop = Callable[[int, int, Any, int], bool]
 """Whether a copy from a station to a station, of a message, at a time, is lost."""

@@ -8,10 +8,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from automcm_traces.follow import follow
-from automcm_traces.page_follow import Followed, States
-from automcm_traces.page_pack import Shapes
-from automcm_traces.reader import Log
+from automcm_traces.checker.follow import follow
+from automcm_traces.format.reader import Log
+from automcm_traces.viewer.page_follow import Followed, States
+from automcm_traces.viewer.page_pack import Shapes
 
 Json = Any
 CORPUS = Path(__file__).parents[1] / "corpus"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from agreement import KINDS, Lines, mutated, of_the_model, of_the_reference, reason
 
-from automcm_traces.explain import Verdict, explain_files
+from automcm_traces.explain.explain import Verdict, explain_files
 
 NUMBER = 60
 OF_THE_MODEL = 16

@@ -8,18 +8,18 @@ from typing import Any
 
 import pytest
 
-from automcm_spec import renaming
-from automcm_spec import station as spec
-from automcm_spec.station import Command, Expire, Input, Message, Restart, Session
-from automcm_traces.corpus import COVERAGE, Entry, index, index_text
-from automcm_traces.corpus_bad import Log as Records
-from automcm_traces.corpus_bad import bases_among
-from automcm_traces.corpus_walks import transition
-from automcm_traces.engine import Engine
-from automcm_traces.explain import explain_files
-from automcm_traces.log import Receive, Send
-from automcm_traces.reader import read
-from automcm_traces.track import Step, Track
+from automcm_maintenance.corpus.corpus import COVERAGE, Entry, index, index_text
+from automcm_maintenance.corpus.corpus_bad import Log as Records
+from automcm_maintenance.corpus.corpus_bad import bases_among
+from automcm_maintenance.corpus.corpus_walks import transition
+from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary import station as spec
+from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Restart, Session
+from automcm_traces.checker.engine import Engine
+from automcm_traces.checker.track import Step, Track
+from automcm_traces.explain.explain import explain_files
+from automcm_traces.format.log import Receive, Send
+from automcm_traces.format.reader import read
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 ENTRIES = index(CORPUS)
@@ -94,7 +94,7 @@ def transitions(path: Path) -> set[str]:
     log = read(path)
     events = dict(log.events)
     engine = Engine(log.header)
-    me, before, found = log.header.station, renaming.state(engine.track.state, of_model), set()
+    me, before, found = log.header.station, renumbering.state(engine.track.state, of_model), set()
     sent = {
         (m["type"], m.get("dst", 0), *m["session"], m["seq"]): (seq_of(m), m.get("accepted", False))
         for _, e in log.events
@@ -104,9 +104,9 @@ def transitions(path: Path) -> set[str]:
     def step(done: Step, track: Track) -> None:
         nonlocal before
         event = events[done.at].model_dump(exclude_none=True)
-        i = renaming.input_of(given(event, sent), of_model)
+        i = renumbering.input_of(given(event, sent), of_model)
         found.add(transition(me // 1001, before, i).digest)
-        before = renaming.state(track.state, of_model)
+        before = renumbering.state(track.state, of_model)
 
     engine.observer = step
     for at, one in log.events:

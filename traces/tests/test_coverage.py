@@ -8,16 +8,16 @@ from typing import get_args
 
 import pytest
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.generate import TWO_PEERS, spec_hash
-from automcm_spec.messages import MessageType
-from automcm_spec.oracle import load
-from automcm_spec.rules import RULES, kind
-from automcm_spec.station import CONDITIONS
-from automcm_traces.coverage import EXIT, Coverage, exit_code, measure, possible, text
-from automcm_traces.explain import explain_file
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.graph.oracle import load
+from automcm_spec.graph.oracle_generation import TWO_PEERS, spec_hash
+from automcm_spec.vocabulary.messages import MessageType
+from automcm_spec.vocabulary.rules import RULES, kind
+from automcm_spec.vocabulary.station import CONDITIONS
+from automcm_traces.explain.coverage import EXIT, Coverage, exit_code, measure, possible, text
+from automcm_traces.explain.explain import explain_file
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_logs_together_count_as_often_as_each(logs: list[Path], covered: Coverag
 def test_few_questions_kept_or_many_is_the_same(
     logs: list[Path], covered: Coverage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("automcm_traces.coverage.REMEMBERED", 3)
+    monkeypatch.setattr("automcm_traces.explain.coverage.REMEMBERED", 3)
     assert measure(logs).as_dict() == covered.as_dict()
 
 

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from merged_runs import Run, killed, records, rewritten, without_tx
 
-from automcm.links.simulated import Channel
-from automcm_traces.clocks import Clocks
-from automcm_traces.delivery import Deliveries, forged_receptions
-from automcm_traces.merge import merge
-from automcm_traces.reader import Log
+from automcm.links.simulated_radio import Channel
+from automcm_traces.format.reader import Log
+from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.delivery import Deliveries, forged_receptions
+from automcm_traces.system.log_merge import merge
 
 
 def deliveries(logs: list[Log]) -> Deliveries:

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from edits import Edited, edited
 
-from automcm_spec.bad_input import BadInput
-from automcm_traces.diff import Compared, diff, text
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.edit.log_diff import Compared, diff, text
 
 Json = Any
 CORPUS = Path(__file__).parents[1] / "corpus"

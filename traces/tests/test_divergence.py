@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from automcm_spec.messages import Ack, Fin, MessageId
-from automcm_spec.paths import TLA
-from automcm_spec.station import Command, Expire, Input, Message, Receive, State, Station
-from automcm_traces import divergence
-from automcm_traces.alphabet import alphabet
-from automcm_traces.divergence import Question, Words
-from automcm_traces.explain import explain_file, text
-from automcm_traces.track import ROUNDS, Entry, Limits, Track
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.messages import Ack, Fin, MessageId
+from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, State, Station
+from automcm_traces.checker import divergence
+from automcm_traces.checker.divergence import Question, Words
+from automcm_traces.checker.input_alphabet import alphabet
+from automcm_traces.checker.track import ROUNDS, Entry, Limits, Track
+from automcm_traces.explain.explain import explain_file, text
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 ME, PEER, OTHER = 4711, 815, 1616
@@ -233,9 +233,9 @@ def test_act_3_a_fin_of_a_receiver_is_not_blamed_on_the_last_input(tmp_path: Pat
 def test_a_divergence_of_a_complete_log_loads_no_graph() -> None:
     code = (
         "import sys\n"
-        "from automcm_traces.explain import explain_file\n"
+        "from automcm_traces.explain.explain import explain_file\n"
         "print(explain_file(sys.argv[1]).finding.why.causes)\n"
-        "print('automcm_spec.oracle' in sys.modules)\n"
+        "print('automcm_spec.graph.oracle' in sys.modules)\n"
         "print(next(line for line in open('/proc/self/status') if 'VmHWM' in line))\n"
     )
     path = CORPUS / "bad/accepts_unasked.ndjson"

@@ -7,10 +7,10 @@ import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from automcm_traces.drawing import drawing
-from automcm_traces.log import Receive, Send
-from automcm_traces.merge import Merged, merge
-from automcm_traces.reader import read
+from automcm_traces.export.svg_drawing import drawing
+from automcm_traces.format.log import Receive, Send
+from automcm_traces.format.reader import read
+from automcm_traces.system.log_merge import Merged, merge
 
 FOUR = Path(__file__).parents[1] / "corpus" / "four-vehicles"
 SVG = "{http://www.w3.org/2000/svg}"

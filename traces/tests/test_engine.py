@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from edits import HEADER
 
-from automcm_spec.messages import Acceptance
-from automcm_traces.engine import Engine
-from automcm_traces.follow import NEEDED
-from automcm_traces.log import RECORD
-from automcm_traces.reader import Log, read
-from automcm_traces.track import INITIAL, CannotTell, Entry
+from automcm_spec.vocabulary.messages import Acceptance
+from automcm_traces.checker.engine import Engine
+from automcm_traces.checker.follow import NEEDED
+from automcm_traces.checker.track import INITIAL, CannotTell, Entry
+from automcm_traces.format.log import RECORD
+from automcm_traces.format.reader import Log, read
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 
@@ -32,9 +32,9 @@ def test_no_log_loads_a_graph(name: str, verdict: str) -> None:
     """The first answer comes in 0.3 s of CPU, with 40 MB; a graph takes 200."""
     code = (
         "import sys\n"
-        "from automcm_traces.explain import explain_file\n"
+        "from automcm_traces.explain.explain import explain_file\n"
         "print(explain_file(sys.argv[1]).verdict)\n"
-        "print('automcm_spec.oracle' in sys.modules)\n"
+        "print('automcm_spec.graph.oracle' in sys.modules)\n"
         "print(next(line for line in open('/proc/self/status') if 'VmHWM' in line))\n"
     )
     command = [sys.executable, "-c", code, str(CORPUS / name)]

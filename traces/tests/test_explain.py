@@ -12,19 +12,18 @@ from typing import Any
 import pytest
 from edits import Edited, edited, find
 
-from automcm import logging
-from automcm.clock import VirtualClock
-from automcm.links.simulated import Channel, Radio
-from automcm.service import McService
-from automcm.simulation import Simulation
-from automcm.station import Station
-from automcm.straight import LANE_CHANGE, Straight
-from automcm_spec.application import Abort, Prescribe
-from automcm_spec.messages import Cam, encode
-from automcm_spec.parameters import Parameters, in_header
-from automcm_traces import reader
-from automcm_traces.engine import Engine
-from automcm_traces.explain import (
+from automcm.core.station import Station
+from automcm.links.clock import VirtualClock
+from automcm.links.simulated_radio import Channel, Radio
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service import event_log
+from automcm.service.service import McService
+from automcm_spec.vocabulary.application import Abort, Prescribe
+from automcm_spec.vocabulary.messages import Cam, encode
+from automcm_spec.vocabulary.parameters import Parameters, in_header
+from automcm_traces.checker.engine import Engine
+from automcm_traces.explain.explain import (
     Verdict,
     exit_code,
     explain,
@@ -34,11 +33,12 @@ from automcm_traces.explain import (
     text,
     together,
 )
-from automcm_traces.lint import report
-from automcm_traces.log import Event
-from automcm_traces.page_run import load
-from automcm_traces.reader import read
-from automcm_traces.writer import LogWriter
+from automcm_traces.explain.lint import report
+from automcm_traces.format import reader
+from automcm_traces.format.log import Event
+from automcm_traces.format.reader import read
+from automcm_traces.format.writer import LogWriter
+from automcm_traces.viewer.page_run import load
 
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
 CORPUS = Path(__file__).parents[1] / "corpus"
@@ -353,11 +353,11 @@ def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Pat
         implementation="automcm",
         version="0",
         parameters=in_header(station.parameters.known),
-        complete=logging.COMPLETE,
+        complete=event_log.COMPLETE,
     ) as log:
         for effects in (station.command(LANE_CHANGE, clock.now()), station.restart(5000)):
             for effect in effects:
-                logging.write(log, effect, [f"1:{n}" for n in range(1, 1 + len(effect.messages))])
+                event_log.write(log, effect, [f"1:{n}" for n in range(1, 1 + len(effect.messages))])
     assert explain(read(path)).verdict == "allowed"
 
 

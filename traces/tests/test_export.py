@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from automcm_spec.bad_input import BadInput
-from automcm_traces import mcap_file
-from automcm_traces.corpus_bad import Log as Edited
-from automcm_traces.log import Receive
-from automcm_traces.mcap_file import McapError
-from automcm_traces.mermaid import diagram
-from automcm_traces.show import Logs
+from automcm_maintenance.corpus.corpus_bad import Log as Edited
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.explain.log_table import Logs
+from automcm_traces.export import mcap_file
+from automcm_traces.export.mcap_file import McapError
+from automcm_traces.export.mermaid import diagram
+from automcm_traces.format.log import Receive
 
 CORPUS = Path(__file__).parents[1] / "corpus"
 PAIR = [CORPUS / "pair/1001.ndjson", CORPUS / "pair/2002.ndjson"]
@@ -129,6 +129,6 @@ def test_without_the_extra_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch
     def missing(name: str) -> None:
         raise ImportError(name)
 
-    monkeypatch.setattr("automcm_traces.mcap_file.importlib.import_module", missing)
+    monkeypatch.setattr("automcm_traces.export.mcap_file.importlib.import_module", missing)
     with pytest.raises(McapError, match=r"pip install 'automcm\[mcap\]'"):
         mcap_file.written(PAIR)

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 from merged_runs import Run, killed, records, rewritten, without_tx
 
-from automcm_spec.application import Abort
-from automcm_spec.messages import Cam, Cancel, Fin, Message, encode
-from automcm_traces.clocks import Span
-from automcm_traces.hazards import Hazard
-from automcm_traces.hazards import hazard as hazard_of
-from automcm_traces.log import Send
-from automcm_traces.properties import SystemReport, judge
-from automcm_traces.reader import Log, read
-from automcm_traces.world import World
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.messages import Cam, Cancel, Fin, Message, encode
+from automcm_traces.format.log import Send
+from automcm_traces.format.reader import Log, read
+from automcm_traces.system.clock_offsets import Span
+from automcm_traces.system.hazards import Hazard
+from automcm_traces.system.hazards import hazard as hazard_of
+from automcm_traces.system.properties import SystemReport, judge
+from automcm_traces.system.world import World
 
 CUT = 4000
 """Between the acceptance and the Fin of every run, ms."""

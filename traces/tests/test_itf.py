@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from automcm_traces.itf import (
+from automcm_traces.export.itf import (
     LARGEST,
     FrozenList,
     FrozenMap,

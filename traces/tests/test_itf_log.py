@@ -11,15 +11,15 @@ import pytest
 from typer.testing import CliRunner
 
 from automcm_cli.main import app
-from automcm_traces import itf
-from automcm_traces.explain import explain
-from automcm_traces.itf_log import TICK_MS, behaviour, from_log
-from automcm_traces.log import TimerArm
-from automcm_traces.reader import read
-from automcm_traces.story import Happening, StoryError
-from automcm_traces.story import _times as story_times
-from automcm_traces.story_steps import NOTHING, Move, happenings
-from automcm_traces.track import INITIAL
+from automcm_traces.checker.track import INITIAL
+from automcm_traces.explain.explain import explain
+from automcm_traces.export import itf
+from automcm_traces.export.behaviour_steps import NOTHING, Move, happenings
+from automcm_traces.export.behaviour_to_log import Happening, StoryError
+from automcm_traces.export.behaviour_to_log import _times as story_times
+from automcm_traces.export.itf_log import TICK_MS, behaviour, from_log
+from automcm_traces.format.log import TimerArm
+from automcm_traces.format.reader import read
 
 ROOT = Path(__file__).resolve().parents[2]
 COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
@@ -196,7 +196,7 @@ def test_a_step_that_the_model_does_not_take_is_no_story() -> None:
     wrong = Move(1, move.input, move.before, move.before)
     from functools import partial
 
-    from automcm_traces.story_effects import ask
+    from automcm_traces.export.behaviour_effects import ask
 
     with pytest.raises(StoryError, match="leads to"):
         happenings([wrong], partial(ask, found.module, found.cfg), False)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.application import Abort
-from automcm_spec.parameters import Parameters
-from automcm_traces.explain import Verdict, explain_file
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.explain.explain import Verdict, explain_file
 
 FULL = ({"max_participants": 2}, {"outbox_limit": 6, "max_participants": 4}, {"memory_limit": 1})
 

@@ -13,13 +13,13 @@ from edits import Line, end, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.bad_input import BadInput
-from automcm_traces.lint import CHECKS, exit_code, level, lint, report, text
-from automcm_traces.numbers import Numbers
-from automcm_traces.reader import LONGEST_LINE, read
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.explain.lint import CHECKS, exit_code, level, lint, report, text
+from automcm_traces.format.number_sets import Numbers
+from automcm_traces.format.reader import LONGEST_LINE, read
 
 HEADER = edits.HEADER | {"complete": ["send", "timer"]}
 FIN: Line = {"v": 1, "type": "Fin", "src": 7, "dst": 8, "session": [7, 1], "seq": 2}

@@ -9,9 +9,9 @@ from edits import Line, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from automcm_spec.bad_input import BadInput
-from automcm_traces.log import Header, MessageTimer, Receive, Send, TimerArm, problems
-from automcm_traces.reader import LONGEST_LINE, Notice, read, records
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.format.log import Header, MessageTimer, Receive, Send, TimerArm, problems
+from automcm_traces.format.reader import LONGEST_LINE, Notice, read, records
 
 HEADER = edits.HEADER | {"spec": {"name": "Station", "hash": "abc"}}
 RESTART: Line = {"rec": "event", "seq": 1, "t_ms": 0, "ev": "restart"}

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 from merged_runs import Run, records, rewritten, without_tx
 
-from automcm.links.simulated import Channel
-from automcm_traces.clocks import Clocks
-from automcm_traces.log import Receive, Send
-from automcm_traces.merge import MergeError, merge
-from automcm_traces.reader import Log, read
+from automcm.links.simulated_radio import Channel
+from automcm_traces.format.log import Receive, Send
+from automcm_traces.format.reader import Log, read
+from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.log_merge import MergeError, merge
 
 
 @pytest.fixture(scope="module")

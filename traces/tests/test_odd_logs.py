@@ -11,22 +11,22 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from automcm_spec.bad_input import BadInput
-from automcm_spec.messages import same
-from automcm_traces import tlc_engine
-from automcm_traces.coverage import measure
-from automcm_traces.engine import Engine
-from automcm_traces.explain import explain_file, explain_files, prefix, text
-from automcm_traces.lint import CHECKS, report
-from automcm_traces.log import RECORD
-from automcm_traces.mermaid import diagram
-from automcm_traces.page_run import load
-from automcm_traces.properties import judge
-from automcm_traces.reader import read
-from automcm_traces.schema import schema
-from automcm_traces.show import Logs
-from automcm_traces.shrink import shrink
-from automcm_traces.timeline import timeline
+from automcm_spec.support.bad_input import BadInput
+from automcm_spec.vocabulary.messages import same
+from automcm_traces.checker.engine import Engine
+from automcm_traces.edit.log_shrinking import shrink
+from automcm_traces.explain import tlc_engine
+from automcm_traces.explain.coverage import measure
+from automcm_traces.explain.explain import explain_file, explain_files, prefix, text
+from automcm_traces.explain.lint import CHECKS, report
+from automcm_traces.explain.log_table import Logs
+from automcm_traces.export.mermaid import diagram
+from automcm_traces.format.log import RECORD
+from automcm_traces.format.log_schema import schema
+from automcm_traces.format.reader import read
+from automcm_traces.system.properties import judge
+from automcm_traces.system.timeline import timeline
+from automcm_traces.viewer.page_run import load
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 Line = dict[str, Any]

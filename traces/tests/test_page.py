@@ -12,17 +12,19 @@ import pytest
 from merged_runs import killed, records, rewritten
 from page_rows import CORPUS, FOUR, Json, column, data_of, events, fives, followed_by, number
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.bad_input import BadInput
-from automcm_spec.parameters import Parameters
-from automcm_traces.engine import Engine
-from automcm_traces.explain import explain_files
-from automcm_traces.itf_log import from_log
-from automcm_traces.log import TimerArm
-from automcm_traces.page import html
-from automcm_traces.page_arrows import (
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.support.bad_input import BadInput
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.checker.engine import Engine
+from automcm_traces.explain.explain import explain_files
+from automcm_traces.export.itf_log import from_log
+from automcm_traces.format.log import TimerArm
+from automcm_traces.format.reader import read
+from automcm_traces.system.properties import judge
+from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page_arrows import (
     DELIVERED,
     DUPLICATE,
     FORGED,
@@ -31,11 +33,9 @@ from automcm_traces.page_arrows import (
     UNOBSERVED,
     UNSENT,
 )
-from automcm_traces.page_data import IS_CAM, OF_CAM, as_dict, load
-from automcm_traces.page_follow import EXPIRED, RESTARTED
-from automcm_traces.page_pack import compact
-from automcm_traces.properties import judge
-from automcm_traces.reader import read
+from automcm_traces.viewer.page_data import IS_CAM, OF_CAM, as_dict, load
+from automcm_traces.viewer.page_follow import EXPIRED, RESTARTED
+from automcm_traces.viewer.page_pack import compact
 
 HOSTILE = "|</script><img src=x onerror=alert(1)>\u202e\u0007\u2028\u05e9\u05dc"
 

@@ -11,16 +11,16 @@ import pytest
 from merged_runs import records, rewritten
 from test_page import CORPUS, FOUR, column, data_of, events, fives
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_traces.diff import diff
-from automcm_traces.page import html
-from automcm_traces.page_arrows import DELIVERED, DUPLICATE, OVERHEARD
-from automcm_traces.page_data import BESIDE, IS_CAM, OF_CAM, Page, as_dict, of_runs
-from automcm_traces.page_order import order
-from automcm_traces.page_run import PageError, load
-from automcm_traces.reader import Log, read
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_traces.edit.log_diff import diff
+from automcm_traces.format.reader import Log, read
+from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page_arrows import DELIVERED, DUPLICATE, OVERHEARD
+from automcm_traces.viewer.page_data import BESIDE, IS_CAM, OF_CAM, Page, as_dict, of_runs
+from automcm_traces.viewer.page_order import order
+from automcm_traces.viewer.page_run import PageError, load
 
 Json = Any
 PAIR = sorted((CORPUS / "pair").glob("*.ndjson"))

@@ -12,18 +12,18 @@ import pytest
 from merged_runs import records
 from page_rows import CORPUS, FOUR, Json, fives
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.bad_input import BadInput
-from automcm_traces import page_run
-from automcm_traces.explain import explain_file, explain_files
-from automcm_traces.page import html
-from automcm_traces.page_arrows import DELIVERED, FORGED, LOST
-from automcm_traces.page_data import as_dict, load
-from automcm_traces.page_follow import Followed
-from automcm_traces.page_run import MOST_EVENTS, MOST_LOGS, PageError, Part
-from automcm_traces.words import said
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.explain.explain import explain_file, explain_files
+from automcm_traces.format.event_text import said
+from automcm_traces.viewer import page_run
+from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page_arrows import DELIVERED, FORGED, LOST
+from automcm_traces.viewer.page_data import as_dict, load
+from automcm_traces.viewer.page_follow import Followed
+from automcm_traces.viewer.page_run import MOST_EVENTS, MOST_LOGS, PageError, Part
 
 
 @pytest.mark.slow

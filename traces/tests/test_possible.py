@@ -13,14 +13,14 @@ from agreement import of_the_reference
 from edits import HEADER
 from log_slices import PARTS, Records, judged, place
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.parameters import Parameters
-from automcm_traces.engine import Deadline
-from automcm_traces.finding import Supposition
-from automcm_traces.log import RECORD, PlainTimer
-from automcm_traces.possible import _covers, _merge, _Supposing
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.checker.engine import Deadline
+from automcm_traces.checker.finding import Supposition
+from automcm_traces.checker.possible_states import _covers, _merge, _Supposing
+from automcm_traces.format.log import RECORD, PlainTimer
 
 ALL = ("command", "indication", "receive", "restart", "send", "timer")
 

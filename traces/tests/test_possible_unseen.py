@@ -11,10 +11,10 @@ import pytest
 from edits import end
 from log_slices import PARTS, Records, judged, place
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_traces.explain import text
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_traces.explain.explain import text
 
 
 @pytest.fixture(scope="module")

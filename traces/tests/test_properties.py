@@ -12,16 +12,23 @@ from typing import Any
 import pytest
 from merged_runs import Run, records, rewritten
 
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.application import Abort
-from automcm_spec.messages import Acceptance, Ack, Message, MessageId, Prescription, encode
-from automcm_spec.parameters import Parameters
-from automcm_traces import durations
-from automcm_traces.properties import NAMES, SystemReport, agreement, commitment, judge
-from automcm_traces.reader import Log, read
-from automcm_traces.timeline import Moment, Timeline
-from automcm_traces.world import World
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.messages import (
+    Acceptance,
+    Ack,
+    Message,
+    MessageId,
+    Prescription,
+    encode,
+)
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.format.reader import Log, read
+from automcm_traces.system import duration_properties
+from automcm_traces.system.properties import NAMES, SystemReport, agreement, commitment, judge
+from automcm_traces.system.timeline import Moment, Timeline
+from automcm_traces.system.world import World
 
 TRAJECTORY = Straight().trajectory()
 
@@ -170,43 +177,45 @@ def lines_of(world: World, station: int) -> list[Any]:
     return world.timelines[station].moments
 
 
-def outcome(findings: Iterable[durations.Checked]) -> set[bool | None]:
+def outcome(findings: Iterable[duration_properties.Checked]) -> set[bool | None]:
     return {holds for holds, _ in findings}
 
 
 def test_t_1_a_session_that_lasts_too_long(tmp_path: Path) -> None:
     world = World(Run(tmp_path).logs())
-    assert outcome(durations.durations(world)) == {True}
+    assert outcome(duration_properties.durations(world)) == {True}
     moments = lines_of(world, 2)
     over = next(n for n, m in enumerate(moments) if n and not m.session and moments[n - 1].session)
     begun = next(m for m in moments if m.session)
     bound = 2100 + 3 * (6800 + 500) + 20_000
     moments[over] = replace(moments[over], t_ms=begun.t_ms + bound)
-    assert outcome(durations.durations(world)) == {True}
+    assert outcome(duration_properties.durations(world)) == {True}
     moments[over] = replace(moments[over], t_ms=begun.t_ms + bound + 1)
-    assert outcome(durations.durations(world)) == {True, False}
+    assert outcome(duration_properties.durations(world)) == {True, False}
     moments[over] = replace(moments[over], late_ms=1)  # a timer was late by as much
-    assert outcome(durations.durations(world)) == {True}
+    assert outcome(duration_properties.durations(world)) == {True}
     moments[over] = replace(moments[over], late_ms=0)
     prescriber = lines_of(world, 1)
     begun = next(m for m in prescriber if m.session)
     over = next(n for n, m in enumerate(prescriber) if m.at > begun.at and not m.session)
     bound = 2100 + 500 + 2 * (4700 + 500) + 20_000
     prescriber[over] = replace(prescriber[over], t_ms=begun.t_ms + bound + 1)
-    assert sum(1 for holds, _ in durations.durations(world) if holds is False) == 2
+    assert sum(1 for holds, _ in duration_properties.durations(world) if holds is False) == 2
 
 
 def test_t_3_a_message_sent_too_often(tmp_path: Path) -> None:
     """Twenty-one times are allowed; with a header that allows twenty it is one too many."""
     Run(tmp_path, drop=lambda src, dst, m, now: m.type == "Ack").logs()
     path = tmp_path / "2.ndjson"
-    assert outcome(durations.sendings(read(path))) == {True}
+    assert outcome(duration_properties.sendings(read(path))) == {True}
     lines = records(path)
     lines[0]["parameters"]["t_giveup"] = 2000
-    found = [text for holds, text in durations.sendings(rewritten(path, lines)) if not holds]
+    found = [
+        text for holds, text in duration_properties.sendings(rewritten(path, lines)) if not holds
+    ]
     assert found and "sent 21 times of 20" in found[0]
     del lines[0]["parameters"]["t_giveup"]
-    assert outcome(durations.sendings(rewritten(path, lines))) == {None}
+    assert outcome(duration_properties.sendings(rewritten(path, lines))) == {None}
 
 
 def test_t_3_copies_sent_as_answers_do_not_count(tmp_path: Path) -> None:
@@ -224,14 +233,14 @@ def forgetting(tmp_path: Path) -> World:
 
 def test_t_5_a_session_forgotten_while_it_is_advertised(tmp_path: Path) -> None:
     world = forgetting(tmp_path)
-    assert outcome(durations.orders(world)) == {True}
+    assert outcome(duration_properties.orders(world)) == {True}
     moments = lines_of(world, 2)
     at = next(n for n, m in enumerate(moments) if m.cause == "expire forget")
     kept = moments[at]
     moments[at] = replace(kept, t_ms=1500)  # the window is open from 500 to 2600
-    assert False in outcome(durations.orders(world))
+    assert False in outcome(duration_properties.orders(world))
     moments[at] = replace(kept, left=True)  # a Cancel to it is still being sent
-    assert False in outcome(durations.orders(world))
+    assert False in outcome(duration_properties.orders(world))
 
 
 def test_adv_8_unequal_parameters_make_a_station_join_a_session_twice(tmp_path: Path) -> None:

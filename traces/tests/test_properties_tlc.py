@@ -11,13 +11,14 @@ from typing import Any
 import pytest
 from edits import HEADER
 
-from automcm_spec.forms import input_of
-from automcm_traces.clocks import Span
-from automcm_traces.durations import Checked
-from automcm_traces.hazards import Hazard, hazard
-from automcm_traces.itf import ItfState, from_itf
-from automcm_traces.log import Header
-from automcm_traces.properties import (
+from automcm_spec.vocabulary.json_forms import input_of
+from automcm_traces.export.itf import ItfState, from_itf
+from automcm_traces.format.log import Header
+from automcm_traces.format.reader import Log
+from automcm_traces.system.clock_offsets import Span
+from automcm_traces.system.duration_properties import Checked
+from automcm_traces.system.hazards import Hazard, hazard
+from automcm_traces.system.properties import (
     accepted,
     acknowledged,
     agreement,
@@ -26,9 +27,8 @@ from automcm_traces.properties import (
     no_cross_effect,
     one_session,
 )
-from automcm_traces.reader import Log
-from automcm_traces.timeline import Moment, Session, Timeline, cause_of, key_of
-from automcm_traces.world import World
+from automcm_traces.system.timeline import Moment, Session, Timeline, cause_of, key_of
+from automcm_traces.system.world import World
 
 FOLDER = Path(__file__).parents[1] / "counterexamples"
 D, L = 1, 4

@@ -14,13 +14,13 @@ from edits import HEADER, Line
 from edits import end as end_of
 from rich.cells import cell_len
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.bad_input import BadInput
-from automcm_traces.log import RECORD, Receive, Send
-from automcm_traces.show import Filter, Logs, Row, Shown, before, columns
-from automcm_traces.words import fitted, safe, said
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.explain.log_table import Filter, Logs, Row, Shown, before, columns
+from automcm_traces.format.event_text import fitted, safe, said
+from automcm_traces.format.log import RECORD, Receive, Send
 
 KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
 

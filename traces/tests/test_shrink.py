@@ -11,20 +11,20 @@ from typing import Any
 
 import pytest
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.generate import ONE_PEER
-from automcm_spec.oracle import Answer, Oracle, load
-from automcm_spec.rules import kind
-from automcm_spec.station import Cam, Entry, Expire, Input
-from automcm_traces.corpus_bad import Log as Edited
-from automcm_traces.explain import explain_file, explain_files
-from automcm_traces.lint import report
-from automcm_traces.properties import judge
-from automcm_traces.reader import read
-from automcm_traces.shrink import NothingToShrink, Shrunk, masked, shrink
-from automcm_traces.sublog import Sublog
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_maintenance.corpus.corpus_bad import Log as Edited
+from automcm_spec.graph.oracle import Answer, Oracle, load
+from automcm_spec.graph.oracle_generation import ONE_PEER
+from automcm_spec.vocabulary.rules import kind
+from automcm_spec.vocabulary.station import Cam, Entry, Expire, Input
+from automcm_traces.edit.log_shrinking import NothingToShrink, Shrunk, masked, shrink
+from automcm_traces.edit.log_slice import Sublog
+from automcm_traces.explain.explain import explain_file, explain_files
+from automcm_traces.explain.lint import report
+from automcm_traces.format.reader import read
+from automcm_traces.system.properties import judge
 
 Json = Any
 CORPUS = Path(__file__).parents[1] / "corpus"

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from automcm_spec.station import Command, Message, Timer
-from automcm_traces.story import Effects, Happening, logs
-from automcm_traces.track import INITIAL
+from automcm_spec.vocabulary.station import Command, Message, Timer
+from automcm_traces.checker.track import INITIAL
+from automcm_traces.export.behaviour_to_log import Effects, Happening, logs
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 TOLD = [p for kind in ("behaviours", "counterexamples") for p in (CORPUS / kind).rglob("*.ndjson")]

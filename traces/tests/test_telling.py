@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from edits import Edited, edited, find
 
-from automcm_traces.explain import Verdict, explain_file, prefix, replay, text
+from automcm_traces.explain.explain import Verdict, explain_file, prefix, replay, text
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus" / "four-vehicles"
 PRESCRIBER, TARGET = CORPUS / "1001.ndjson", CORPUS / "3003.ndjson"

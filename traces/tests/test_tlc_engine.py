@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
-from automcm.links.simulated import Channel
-from automcm.simulation import Simulation
-from automcm.straight import Straight
-from automcm_spec.application import Abort
-from automcm_spec.parameters import Parameters
-from automcm_traces.explain import Verdict, explain
-from automcm_traces.reader import Log, read
-from automcm_traces.tlc_engine import explain_batch, explain_each, explain_files
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.explain.explain import Verdict, explain
+from automcm_traces.explain.tlc_engine import explain_batch, explain_each, explain_files
+from automcm_traces.format.reader import Log, read
 
 Json = Any
 Records = list[dict[str, Json]]

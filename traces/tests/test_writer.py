@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from automcm_traces.log import Send
-from automcm_traces.reader import read
-from automcm_traces.writer import LogWriter
+from automcm_traces.format.log import Send
+from automcm_traces.format.reader import read
+from automcm_traces.format.writer import LogWriter
 
 ADVERTISEMENT = {"type": "Advertisement", "src": 7, "session": (7, 1), "seq": 1}
 

@@ -1,5 +1,5 @@
 // The form of a message and of a command: which fields, with which values. Written from
-// docs/messages.md alone: it is independent of automcm_spec.messages.
+// docs/messages.md alone: it is independent of automcm_spec.vocabulary.messages.
 //
 // What is malformed is so whoever sends it and whatever the station does; all of that is here.
 // What depends on the station is in station.hpp.

@@ -1,5 +1,5 @@
 // The form of a message, written from docs/messages.md alone: it is independent of
-// automcm_spec.messages.
+// automcm_spec.vocabulary.messages.
 
 package main
 

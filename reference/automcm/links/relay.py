@@ -11,10 +11,10 @@ import asyncio
 import contextlib
 import itertools
 
-from automcm.clock import AsyncioClock
-from automcm.links.simulated import Channel, Radio, SimulatedLink
-from automcm.links.udp import LARGEST, Address, bind
-from automcm_spec.messages import BROADCAST
+from automcm.links.clock import AsyncioClock
+from automcm.links.simulated_radio import Channel, Radio, SimulatedLink
+from automcm.links.udp_link import LARGEST, Address, bind
+from automcm_spec.vocabulary.messages import BROADCAST
 
 STATIONS = 64
 IN_FLIGHT = 10_000

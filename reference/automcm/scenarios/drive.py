@@ -8,15 +8,15 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
-from automcm.application import Application
-from automcm.codec import JSON, Codec
-from automcm.links.simulated import Channel
-from automcm.road import STEP_S, Driving, Late, Road, Sample, Vehicle
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.encoding.codec import JSON, Codec
+from automcm.links.simulated_radio import Channel
 from automcm.scenarios.lane_change import LaneChange, Plan
-from automcm.simulation import Simulation
-from automcm.state import State
-from automcm.station import Effects
-from automcm_spec.parameters import Parameters
+from automcm.scenarios.road import STEP_S, Driving, Late, Road, Sample, Vehicle
+from automcm.scenarios.simulation import Simulation
+from automcm.service.application import Application
+from automcm_spec.vocabulary.parameters import Parameters
 
 STEP_MS = round(STEP_S * 1000)
 NAMES = {1: "prescriber", 2: "A", 3: "B", 4: "C"}

@@ -12,18 +12,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from automcm.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
-from automcm.road import LANE_WIDTH, ROAD_M, Vehicle
-from automcm.trajectory.collide import collision, common_time
-from automcm.trajectory.convert import convert
-from automcm.trajectory.core import Floats, Trajectory, TrajectoryError, from_message, to_message
-from automcm.trajectory.discover import Candidate, discover
-from automcm.trajectory.prescribe import prescribe
-from automcm.trajectory.thin import thin
-from automcm.trajectory.verify import Limits, Reason, verify
-from automcm_spec import messages
-from automcm_spec.application import Command, Request
-from automcm_spec.messages import Session
+from automcm.kernels.collide import collision, common_time
+from automcm.kernels.convert import convert
+from automcm.kernels.discover import Candidate, discover
+from automcm.kernels.prescribe import prescribe
+from automcm.kernels.thin import thin
+from automcm.kernels.trajectory import (
+    Floats,
+    Trajectory,
+    TrajectoryError,
+    from_message,
+    to_message,
+)
+from automcm.kernels.verify import Limits, Reason, verify
+from automcm.scenarios.road import LANE_WIDTH, ROAD_M, Vehicle
+from automcm.service.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
+from automcm_spec.vocabulary import messages
+from automcm_spec.vocabulary.application import Command, Request
+from automcm_spec.vocabulary.messages import Session
 
 SCENARIO = "lane_change"
 MARGIN_S = 10.0

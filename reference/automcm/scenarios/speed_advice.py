@@ -6,11 +6,11 @@ A receiver that has nothing but adaptive cruise control can be asked to set anot
 
 from __future__ import annotations
 
-from automcm.application import Advertised, Choice, Drive, Proposal
-from automcm.road import Vehicle
 from automcm.scenarios.lane_change import MARGIN_S, Coordinated
-from automcm_spec.application import Request
-from automcm_spec.messages import Trajectory
+from automcm.scenarios.road import Vehicle
+from automcm.service.application import Advertised, Choice, Drive, Proposal
+from automcm_spec.vocabulary.application import Request
+from automcm_spec.vocabulary.messages import Trajectory
 
 SCENARIO = "speed_advice"
 

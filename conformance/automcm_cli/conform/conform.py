@@ -1,0 +1,230 @@
+"""``automcm conform``: anybody's station against the specification."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from automcm_cli.shared.adapter_options import (
+    Limit,
+    WithCommand,
+    command_of,
+    fresh_folder,
+    purposes_of,
+)
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    console_of,
+    example,
+    progress,
+    usage,
+    write_json,
+)
+from automcm_conformance.adapter.process import LIMIT_S
+from automcm_spec.support import files
+
+if TYPE_CHECKING:
+    from automcm_conformance.suite.purposes import Purpose
+
+app = typer.Typer()
+Selectors = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[SELECTOR]...", help="An id or its beginning, a rule, a level."),
+]
+
+
+@app.command(cls=WithCommand, epilog=example("conform run AMCM/RCV -- python3 my_adapter.py"))
+def run(
+    ctx: typer.Context,
+    selectors: Selectors = None,
+    expect: Annotated[
+        Path | None, typer.Option(help="File of known deviations (docs/conformance.md).")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
+    ] = None,
+    limit: Limit = LIMIT_S,
+    seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
+    json_: Json = None,
+) -> None:
+    """Run the suite, or a part of it, against a station."""
+    from automcm_conformance.adapter.process import AdapterError
+    from automcm_conformance.adapter.protocol import ProtocolError
+    from automcm_conformance.report import report as report_
+    from automcm_conformance.report import terminal_report
+    from automcm_conformance.suite import verdicts
+    from automcm_conformance.suite.suite_run import conform
+    from automcm_spec.graph.oracle import OracleError
+
+    command, chosen = command_of(ctx), purposes_of(selectors or [])
+    folder = out or fresh_folder()
+    started, clock = datetime.now(UTC), time.monotonic()
+    with code_3("conform", AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError):
+        known = {} if expect is None else verdicts.expectations(expect, purposes_of([]))
+        folder.mkdir(parents=True, exist_ok=True)
+        with progress() as say:
+            report = conform(
+                command,
+                chosen,
+                folder,
+                limit_s=limit,
+                seed=seed,
+                say=say,
+                selectors=selectors or [],
+                expected=known,
+            )
+            say("pages")
+            report_.write_pages(report, folder)
+    report.started = started.isoformat(timespec="seconds")
+    report.seconds = round(time.monotonic() - clock, 1)
+    report_.write(report, folder)
+    if write_json(json_, report.as_dict()):
+        console = console_of()
+        terminal_report.summary(report, console, folder)
+        for case in report.unexpected[:3]:
+            for failure in case.failures[:1]:
+                terminal_report.failure(case, failure, console)
+    raise typer.Exit(report.exit_code)
+
+
+@app.command("list", epilog=example("conform list NEG-4 --json -"))
+def list_(
+    selectors: Selectors = None,
+    explain: Annotated[str | None, typer.Option(help="All about the case of this id.")] = None,
+    json_: Json = None,
+) -> None:
+    """The cases there are."""
+    from rich.table import Table
+
+    chosen = purposes_of([explain] if explain else selectors or [])
+    if not write_json(json_, [_described(purpose) for purpose in chosen]):
+        return
+    console = console_of()
+    if explain:
+        for purpose in chosen:
+            for name, text in _described(purpose).items():
+                shown = ", ".join(text) if isinstance(text, list) else text
+                console.print(f"{name:>6}  {shown}", markup=False, highlight=False)
+            console.print()
+        return
+    table = Table(box=None)
+    for column in ("id", "level", "rules", "when"):
+        table.add_column(column, no_wrap=column != "when")
+    for purpose in chosen:
+        table.add_row(purpose.id, purpose.level, ", ".join(purpose.rules), purpose.when)
+    console.print(table)
+
+
+def _described(purpose: Purpose) -> dict[str, Any]:
+    names = ("id", "level", "rules", "given", "when", "then", "bug", "cost")
+    return {name: getattr(purpose, name) for name in names} | {"rules": list(purpose.rules)}
+
+
+@app.command(
+    cls=WithCommand, epilog=example("conform replay runs/x/replay/y-1.json -- ./my_adapter")
+)
+def replay(
+    ctx: typer.Context,
+    file: Annotated[Path, typer.Argument(help="A replay that a run has written.")],
+    limit: Limit = LIMIT_S,
+    json_: Json = None,
+) -> None:
+    """Send exactly the lines of a failure again."""
+    from automcm_conformance.adapter.adapter import Adapter, Singly
+    from automcm_conformance.adapter.process import AdapterError
+    from automcm_conformance.adapter.protocol import ProtocolError
+    from automcm_conformance.exchange import records
+    from automcm_conformance.exchange.exchange import Mismatch
+    from automcm_conformance.exchange.transcript import exchange
+    from automcm_conformance.report.report import visible
+    from automcm_spec.support.bad_input import BadInput
+
+    command = command_of(ctx)
+    verdict, what, stderr, unanswered = "PASS", "", list[str](), False
+    with code_3("replay", AdapterError, ProtocolError, BadInput, OSError):
+        about, steps = records.read_replay(file)
+        station = Adapter(command, limit)
+        try:
+            records.replayed(steps, Singly(station))
+        except Mismatch as error:
+            verdict, what = "FAIL", str(error)
+            if about["what"].endswith(f": {what}"):
+                what = about["what"]  # it begins with what is odd about the message
+        except ProtocolError as error:
+            verdict, what = "ERROR", str(error)
+        except AdapterError as error:
+            verdict, what, stderr = "ERROR", str(error), error.stderr
+            unanswered = not error.answers
+        finally:
+            station.stop()
+    if write_json(json_, {"case": about["case"], "verdict": verdict, "what": what}):
+        console = console_of()
+        sent = sum(1 for step in steps if step.answer) + unanswered
+        for line in exchange(steps[:sent]):
+            console.print(
+                f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
+            )
+        told = f"{about['rule']}: {what}" if what else "every answer is as expected"
+        console.print(f"{verdict} {about['case']}  {told}", markup=False)
+        for text in stderr:
+            console.print(f"  stderr  {visible(text)}", markup=False, highlight=False)
+    raise typer.Exit({"PASS": 0, "FAIL": 1, "ERROR": 3}[verdict])
+
+
+@app.command(
+    "check-adapter", cls=WithCommand, epilog=example("conform check-adapter -- ./my_adapter")
+)
+def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None) -> None:
+    """Holds an adapter against its protocol.  Each line by the schema, and the usual mistakes."""
+    from automcm_conformance.adapter.check_adapter import check
+    from automcm_conformance.report.report import visible
+
+    command = command_of(ctx)
+    with progress() as say:
+        findings = check(command, limit, say)
+    if write_json(json_, [checked.as_dict() for checked in findings]):
+        for checked in findings:
+            typer.echo(f"{checked.level:>7}  {visible(checked.finding.observed)}")
+            for name in ("sent", "answered"):
+                if text := getattr(checked, name):
+                    typer.echo(f"{name:>16}  {visible(text, limit=300)}")
+            for line in checked.stderr:
+                typer.echo(f"{'stderr':>16}  {visible(line, limit=300)}")
+    raise typer.Exit(1 if any(checked.level == "error" for checked in findings) else 0)
+
+
+@app.command(epilog=example("conform new --language cpp my_adapter"))
+def new(
+    folder: Annotated[Path, typer.Argument(help="Where to write it; must be new or empty.")],
+    language: Annotated[
+        str, typer.Option(help="cpp, go, java, javascript, python or rust.")
+    ] = "python",
+) -> None:
+    """Write an adapter that runs, and holds no station yet."""
+    from automcm_conformance.adapter.new_adapter import create, next_commands
+
+    with code_3("new", OSError), usage(ValueError, FileExistsError):
+        written = create(language, folder)
+    for path in written:
+        typer.echo(path)
+    typer.echo("\nNext:")
+    for command in next_commands(language, folder):
+        typer.echo(f"    {command}")
+
+
+@app.command("report", epilog=example("conform report a.json b.json --html both.html"))
+def report_side_by_side(
+    reports: Annotated[list[Path], typer.Argument(help="report.json of each run.")],
+    html: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
+) -> None:
+    """One page of several runs, side by side."""
+    from automcm_conformance.report import report as report_
+
+    with code_3("report", ValueError, OSError):
+        files.write(html, report_.html([report_.load(path) for path in reports]))
+    typer.echo(html)

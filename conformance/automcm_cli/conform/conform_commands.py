@@ -1,0 +1,19 @@
+"""``automcm conform``: all its commands."""
+
+from __future__ import annotations
+
+from automcm_cli.conform import conform, conform_explore, conform_live
+from automcm_cli.shared.adapter_options import WithCommand
+from automcm_cli.shared.common import example
+
+app = conform.app
+app.command(cls=WithCommand, epilog=example("conform explore 60 --seed 7 -- ./my_adapter"))(
+    conform_explore.explore
+)
+app.command(
+    cls=WithCommand,
+    epilog=example(
+        "conform live 7 -- automcm adapter",
+        "The station is automcm station --id 7 --first in another terminal.  ",
+    ),
+)(conform_live.live)

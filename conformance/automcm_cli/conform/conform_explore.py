@@ -1,0 +1,85 @@
+"""``automcm conform explore``: walks where the suite does not go."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.adapter_options import Limit, command_of, fresh_folder
+from automcm_cli.shared.common import Json, code_3, console_of, progress, write_json
+from automcm_conformance.adapter.process import LIMIT_S
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from automcm_conformance.exchange.results import Exploration
+
+
+def explore(
+    ctx: typer.Context,
+    seconds: Annotated[float, typer.Argument(help="Real seconds to walk.", min=0.0)],
+    seed: Annotated[int, typer.Option(help="Of the walks, and of the station.", min=0)] = 1,
+    walks: Annotated[
+        int | None, typer.Option(help="End after so many walks, whatever the time.", min=1)
+    ] = None,
+    enough: Annotated[int, typer.Option(help="End after so many different failures.", min=1)] = 3,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
+    ] = None,
+    limit: Limit = LIMIT_S,
+    json_: Json = None,
+) -> None:
+    """Walk through the graphs against a station until time is up.
+
+    The walks go where none has been, with peers that answer and a radio that repeats, delays and
+    loses.  What goes wrong is shortened on the station itself, and can be replayed.
+    """
+    from automcm_conformance.adapter.process import AdapterError
+    from automcm_conformance.adapter.protocol import ProtocolError
+    from automcm_conformance.explore.explore import explore as explore_
+    from automcm_spec.graph.oracle import OracleError
+
+    command = command_of(ctx)
+    folder = out or fresh_folder()
+    started, clock = datetime.now(UTC), time.monotonic()
+
+    def more(number: int) -> bool:
+        return number < walks if walks is not None else time.monotonic() - clock < seconds
+
+    with code_3("explore", AdapterError, ProtocolError, OracleError, OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        with progress() as say:
+            found = explore_(
+                command, folder, limit_s=limit, seed=seed, enough=enough, say=say, more=more
+            )
+        found.started = started.isoformat(timespec="seconds")
+        found.seconds = round(time.monotonic() - clock, 1)
+        write_json(folder / "exploration.json", found.as_dict())
+    if write_json(json_, found.as_dict()):
+        _show(found, folder, console_of())
+    raise typer.Exit(found.exit_code)
+
+
+def _show(found: Exploration, folder: Path, console: Console) -> None:
+    from automcm_conformance.report import terminal_report
+
+    who = found.implementation
+    console.print(f"{who.name} {who.version}", markup=False)
+    console.print(f"{found.walks:,} walks, {found.lines:,} lines, seed {found.seed}")
+    for name, counts in found.coverage.items():
+        shares = (f"{kind} {reached:,} of {total:,}" for kind, (reached, total) in counts.items())
+        console.print(f"{name:<10} {', '.join(shares)}", highlight=False)
+    for problem in found.problems:
+        console.print(f"Problem: {problem}", markup=False)
+    for case in found.cases:
+        console.print()
+        terminal_report.failure(case, case.failures[0], console)
+    if not found.cases and found.walks:
+        console.print("Every answer is as the specification says.")
+    elif found.again:
+        console.print(f"{found.again:,} more walks went wrong as one of these did.")
+    console.print(f"Report: {folder / 'exploration.json'}", markup=False, soft_wrap=True)

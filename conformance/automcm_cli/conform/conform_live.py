@@ -1,0 +1,169 @@
+"""``automcm conform live``: a station that runs by its own clock, over UDP."""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from socket import socket
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.adapter_options import COMMAND, Limit
+from automcm_cli.shared.common import Json, code_3, console_of, progress, usage, write_json
+from automcm_cli.shared.network_options import EVERYONE, Broadcast, Host, Remote
+from automcm_cli.shared.parameter_options import chosen
+from automcm_conformance.adapter.process import LIMIT_S
+from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from automcm_conformance.live.live_cases import Case, Judged, Session
+
+LARGEST = 65_535
+START_MS = 1_000
+"""Where the clock begins, so that something may have been before."""
+HEARD_MS = 5_000
+"""How long to listen for the station; a CAM comes at least every second."""
+
+
+def live(
+    ctx: typer.Context,
+    station: Annotated[int, typer.Argument(min=1, max=2**32 - 1, help="Its station_id.")],
+    selectors: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[CASE]...", help="The name of a case, or a rule."),
+    ] = None,
+    broadcast: Broadcast = EVERYONE,
+    host: Host = "127.0.0.1",
+    allow_remote: Remote = False,
+    jitter: Annotated[
+        int, typer.Option(help="How far from its time a message may come, ms.", min=1)
+    ] = 50,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="A parameter that the station runs with.")
+    ] = None,
+    scenario: Annotated[str, typer.Option(help="One that its application joins.")] = "lane_change",
+    limit: Limit = LIMIT_S,
+    json_: Json = None,
+) -> None:
+    """Play the other stations against a live receiver, over UDP.  In real time.
+
+    It must be alone with the kit there, join what it is asked, and accept.  After -- may stand the
+    adapter of the same implementation, its twin in virtual time: without a twin that fails as
+    well, a message at the wrong time is INCONC.
+    """
+    from automcm_conformance.adapter.adapter import Adapter
+    from automcm_conformance.adapter.process import AdapterError
+    from automcm_conformance.adapter.protocol import ProtocolError
+    from automcm_conformance.live.live_cases import Session, as_dict, twin
+    from automcm_spec.graph.oracle import OracleError, load
+    from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
+
+    cases = _cases(selectors or [])
+    known = chosen(set_ or []).known
+    parameters = {name: known[name] for name in DEFAULTS}
+    if jitter > longest_delay(known):
+        raise typer.BadParameter("--jitter: at most half of t_resend, or copies are not told apart")
+    command: list[str] = ctx.meta.get(COMMAND, [])
+    with (
+        code_3("live", AdapterError, ProtocolError, OracleError, OSError),
+        ExitStack() as stack,
+        _air(host, broadcast, allow_remote) as air,
+        progress() as say,
+    ):
+        oracle = load(ONE_PEER.path, spec_hash())
+        session = Session(oracle, air, station, parameters, jitter, int(time.time()), scenario)
+        if command:
+            adapter = Adapter(command, limit)
+            stack.callback(adapter.stop)
+            session.twin = twin(oracle, adapter, parameters)
+        say(f"listening for station {station}")
+        if not session.heard(HEARD_MS):
+            typer.echo(f"live: no CAM of station {station} on {broadcast}", err=True)
+            raise typer.Exit(3)
+        for case in cases:
+            say(case.name)
+            session.judge(case)
+    code = _code(session)
+    if write_json(json_, as_dict(session, code)):
+        _show(session.judged, console_of())
+    raise typer.Exit(code)
+
+
+class UdpAir:
+    """UDP as a live station's radio: each message is a datagram of JSON (docs/messages.md).
+
+    ``own`` is the socket to send from, where stations answer; ``shared`` is where all listen, and
+    ``everyone`` its address.  Both are bound, and closed by whoever made them.
+    """
+
+    def __init__(self, own: socket, shared: socket, everyone: tuple[str, int]) -> None:
+        self._own, self._sockets, self._everyone = own, (own, shared), everyone
+        self._name = own.getsockname()
+        self._zero = time.monotonic()
+
+    def now(self) -> int:
+        """ms of the host's monotonic clock."""
+        return int((time.monotonic() - self._zero) * 1000) + START_MS
+
+    def send(self, data: bytes) -> None:
+        """Send to all.  Raises OSError if there is no way there."""
+        self._own.sendto(data, self._everyone)
+
+    def receive(self, until: int) -> tuple[int, bytes] | None:
+        """What somebody else sends, and when it came; None if nothing comes by then."""
+        while True:
+            left = max(0, until - self.now()) / 1000
+            ready, _, _ = select.select(self._sockets, (), (), left)
+            for sock in ready:
+                data, where = sock.recvfrom(LARGEST)
+                if where != self._name:
+                    return self.now(), data
+            if not ready and self.now() >= until:
+                return None
+
+
+@contextmanager
+def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
+    """The same sockets as those of the reference's stations.  A usage error says what is wrong."""
+    from automcm.links.link import LinkError
+    from automcm.links.udp_link import address, bind, local_only
+
+    with usage(LinkError):
+        everyone = address(broadcast)
+        local_only(everyone[0], allow_remote)
+        own = bind(host, 0, allow_remote=allow_remote)
+        with closing(own):
+            shared = bind(*everyone, shared=True, allow_remote=allow_remote)
+            with closing(shared):
+                yield UdpAir(own, shared, everyone)
+
+
+def _cases(selectors: list[str]) -> list[Case]:
+    from automcm_conformance.live.live_cases import CASES
+
+    for selector in selectors:
+        if all(selector != case.name and selector not in case.rules for case in CASES):
+            names = ", ".join(case.name for case in CASES)
+            raise typer.BadParameter(f"{selector}: no such case; there are {names}")
+    wanted = set(selectors)
+    return [c for c in CASES if not wanted or c.name in wanted or wanted & {*c.rules}]
+
+
+def _code(session: Session) -> int:
+    verdicts = {judged.verdict for judged in session.judged}
+    return 1 if "FAIL" in verdicts else 4 if "INCONC" in verdicts else 0
+
+
+def _show(judged: list[Judged], console: Console) -> None:
+    for case in judged:
+        console.print(f"{case.verdict:<6}  {case.case:<16} {case.reason}", markup=False)
+    for case in [case for case in judged if case.reason][:3]:
+        console.print(f"\n{case.verdict} {case.case}: {case.then}", markup=False)
+        for line in case.lines:
+            text = f"{line.now:>8}  {line.who:<8} {line.text}"
+            console.print(text, markup=False, highlight=False)

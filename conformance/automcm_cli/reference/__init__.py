@@ -1,0 +1,5 @@
+"""The reference at work: station, adapter, drive, demo, simulate, experiment, vectors.
+
+For engineers who want to see the protocol run.
+Loaded by ``main`` and ``groups``.
+"""

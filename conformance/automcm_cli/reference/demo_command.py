@@ -1,0 +1,109 @@
+"""The command ``automcm demo``, and what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.common import Json, code_3, write_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from automcm_cli.reference.demo_processes import Demo
+
+
+def demo(
+    loss: Annotated[
+        float, typer.Option(min=0, max=0.9, help="Share of the datagrams that is lost.")
+    ] = 0.0,
+    kill: Annotated[
+        str | None, typer.Option(help="Kill the process of B while both act.", metavar="B")
+    ] = None,
+    second_prescriber: Annotated[
+        bool, typer.Option("--second-prescriber", help="A fifth station prescribes B as well.")
+    ] = False,
+    logs: Annotated[Path, typer.Option(help="Where the logs go.")] = Path("runs/demo"),
+    seed: Annotated[int, typer.Option(help="Seed of what is lost.")] = 0,
+    listen: Annotated[int, typer.Option(help="See automcm station --help.", hidden=True)] = 1100,
+    json_: Json = None,
+) -> None:
+    """Four stations as four processes: a prescriber and receivers.
+
+    B is prescribed to slow down and accepts, A and C are let go, and it ends with a Fin.  With
+    --kill B the prescriber falls back by CAM loss.  With --second-prescriber, B refuses the
+    instruction of another station because it is busy.  Every station's log is held against the
+    oracle.  Exit code 1 if it did not end as described.
+    """
+    import asyncio
+
+    from automcm.links.link import LinkError
+    from automcm_cli.reference.demo_processes import Demo
+
+    if kill not in (None, "B"):
+        raise typer.BadParameter(f"{kill}: only B, the target, can be killed")
+    if kill and second_prescriber:
+        raise typer.BadParameter("--kill and --second-prescriber are two demonstrations")
+    shown = Demo(
+        logs,
+        loss=loss,
+        kill=kill == "B",
+        second_prescriber=second_prescriber,
+        seed=seed,
+        listen_ms=listen,
+    )
+    with code_3("demo", LinkError, OSError), _live(shown):
+        asyncio.run(shown.run())
+    if write_json(json_, shown.as_dict()):
+        _summary(shown)
+    raise typer.Exit(1 if shown.problems else 0)
+
+
+@contextmanager
+def _live(shown: Demo) -> Iterator[None]:
+    """A table that follows the events, on a terminal; nothing in a pipe."""
+    from rich.console import Console
+    from rich.live import Live
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with Live(table(shown), console=console, refresh_per_second=10, transient=True) as live:
+        shown.changed = lambda demo: live.update(table(demo))
+        yield
+
+
+def table(shown: Demo) -> Table:
+    """Who is in which phase, and what it has sent and heard (CAMs apart)."""
+    from rich.table import Table
+
+    made = Table("vehicle", "station", "role", "phase", "session", "sent", "received", "told")
+    for v in shown.vehicles:
+        phase = "killed" if v.killed else v.phase
+        session = "/".join(map(str, v.session)) if v.session else ""
+        told = v.told[-1] if v.told else ""
+        sent = " ".join(f"{name} {n}" for name, n in v.sent.items())
+        heard = str(sum(v.received.values()))
+        made.add_row(v.name, str(v.station_id), v.role, phase, session, sent, heard, told)
+    return made
+
+
+def _summary(shown: Demo) -> None:
+    for v in shown.vehicles:
+        way = " > ".join(step.replace(" ", " (") + ")" for step in v.way)
+        typer.echo(f"{v.name} (station {v.station_id}): {way}{' > killed' if v.killed else ''}")
+        typer.echo(f"  told: {', '.join(v.told) or 'nothing'}")
+        sent = ", ".join(f"{n} {name}" for name, n in sorted(v.sent.items()))
+        typer.echo(f"  sent: {sent or 'nothing'}, and CAMs")
+    for verdict in shown.verdicts:
+        typer.echo(f"{verdict.file}: {verdict.verdict}, {verdict.events} events")
+    typer.echo(f"datagrams: {shown.delivered} delivered, {shown.lost} lost; {shown.seconds:.1f} s")
+    for problem in shown.problems:
+        typer.echo(problem, err=True)
+    if not shown.problems:
+        typer.echo("ended as described")

@@ -1,0 +1,176 @@
+"""``automcm experiment``: the paper's evaluation as seeded commands."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from automcm_cli.shared.common import Json, code_3, example, progress, usage, write_json
+from automcm_spec.support import files
+
+if TYPE_CHECKING:
+    from automcm_evaluation.framework.experiment import Values
+
+app = typer.Typer()
+
+Profile = Annotated[str, typer.Option(help="quick (all in 2 minutes) or standard (23 minutes).")]
+Seed = Annotated[int, typer.Option(help="Equal seeds give equal bytes.", min=0)]
+Out = Annotated[Path, typer.Option(help="A folder of each experiment's name goes there.")]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="NAME=JSON: another value of a setting; again for more."),
+]
+Workers = Annotated[int, typer.Option(help="Processes; 0: one for each core.", min=0)]
+Scheduler = Annotated[
+    str, typer.Option(help="Address of a Dask scheduler, to run the cells there (automcm[dask]).")
+]
+Again = Annotated[bool, typer.Option("--again", help="Forget cells that were finished before.")]
+OUT = Path("runs/evaluation")
+
+
+def _command(name: str, about: str) -> None:
+    def command(
+        profile: Profile = "quick",
+        seed: Seed = 1,
+        out: Out = OUT,
+        changes: Changes = None,
+        workers: Workers = 0,
+        scheduler: Scheduler = "",
+        again: Again = False,
+        json_: Json = None,
+    ) -> None:
+        _run([name], profile, seed, out, changes or [], workers, scheduler, again, json_)
+
+    command.__doc__ = (
+        f"{about}\n\nWrites results.json, a CSV, a page and figures (automcm[plot]) into a folder "
+        "NAME. An interrupted run goes on where it was. Exit code 1: something that was proved "
+        "did not hold."
+    )
+    app.command(name, epilog=example(f"experiment {name} --profile quick --seed 1"))(command)
+
+
+ABOUT = {
+    "bandwidth": "Bytes on the air, event-driven and always-on (figure 7).",
+    "arrival": "When a receiver arrives, coordinated and not (figure 8).",
+    "comfort": "What coordination and fallbacks cost four vehicles (figure 6).",
+    "loss": "Success under loss, three time-outs (figure 9, equation 2).",
+    "safety": "How often and how long hazards are, against the bound (T-2).",
+}
+for _name, _about in ABOUT.items():
+    _command(_name, _about)
+
+
+@app.command("all", epilog=example("experiment all --profile quick"))
+def all_(
+    profile: Profile = "quick",
+    seed: Seed = 1,
+    out: Out = OUT,
+    workers: Workers = 0,
+    scheduler: Scheduler = "",
+    again: Again = False,
+    json_: Json = None,
+) -> None:
+    """All five, one after another, and one page of all claims."""
+    _run(list(ABOUT), profile, seed, out, [], workers, scheduler, again, json_)
+
+
+@app.command(epilog=example("experiment render runs/evaluation"))
+def render(
+    folder: Annotated[Path, typer.Argument(help="Where folders with results.json are.")],
+) -> None:
+    """Figures, pages and CSVs again, from the results that are there."""
+    from automcm_evaluation.framework.experiment import ExperimentError
+    from automcm_evaluation.runs import report
+
+    found = sorted(folder.glob(f"*/{report.RESULTS}"))
+    with code_3("experiment", ExperimentError, OSError):
+        if not found:
+            raise ExperimentError(f"{folder}: no folder in it has a {report.RESULTS}")
+        for path in found:
+            for written in report.write(report.load(path), path.parent):
+                typer.echo(f"written {written}")
+
+
+def _run(
+    names: list[str],
+    profile: str,
+    seed: int,
+    out: Path,
+    changes: list[str],
+    workers: int,
+    scheduler: str,
+    again: bool,
+    json_: Path | None,
+) -> None:
+    from automcm_evaluation.framework.experiment import ExperimentError
+    from automcm_evaluation.runs import report, sweep
+    from automcm_evaluation.runs.catalogue import experiment
+
+    with usage(ExperimentError):
+        made = [experiment(name) for name in names]
+        settings = [one.set(profile, _changes(changes)) for one in made]
+        for one, chosen in zip(made, settings, strict=True):
+            one.cells(chosen)  # all are looked at before the first is begun
+    reports = []
+    with code_3("experiment", ExperimentError, OSError), progress() as say:
+        for one, chosen in zip(made, settings, strict=True):
+            begun = time.monotonic()
+            about = sweep.header(one, profile, seed, chosen)
+            folder = out / one.name
+            cells = sweep.sweep(
+                one,
+                about,
+                folder,
+                workers=workers,
+                scheduler=scheduler,
+                again=again,
+                say=_counted(one.name, say),
+            )
+            made_of_them = report.assemble(one, about, cells)
+            written = report.write(made_of_them, folder)
+            reports.append(made_of_them)
+            if str(json_) != "-":
+                took = time.monotonic() - begun
+                _show(made_of_them, len(cells), took, [path.name for path in written], folder)
+        if len(reports) == len(ABOUT):
+            whole = out.with_suffix(".md")
+            files.write(whole, report.evaluation(out))
+            if str(json_) != "-":
+                typer.echo(f"written {whole}")
+    write_json(json_, reports)
+    broken = [text for one in reports for text in one["summary"].get("broken", [])]
+    for text in broken:
+        typer.echo(f"BROKEN: {text}", err=True)
+    raise typer.Exit(1 if broken else 0)
+
+
+def _changes(changes: list[str]) -> dict[str, Any]:
+    from automcm_evaluation.framework.experiment import ExperimentError
+
+    found = {}
+    for text in changes:
+        name, given, value = text.partition("=")
+        try:
+            if not given:
+                raise ValueError("no =")
+            found[name] = json.loads(value)
+        except ValueError:
+            raise ExperimentError(f"--set {text}: NAME=JSON is needed") from None
+    return found
+
+
+def _counted(name: str, say: Callable[[str], None]) -> Callable[[int, int], None]:
+    return lambda done, of: say(f"{name}: {done} of {of} cells")
+
+
+def _show(report: Values, cells: int, took: float, written: list[str], folder: Path) -> None:
+    typer.echo(f"{report['experiment']}: {cells} cells, {took:.0f} s")
+    for claim in report["claims"]:
+        typer.echo(f"  {claim['verdict']}: {claim['claim']}")
+        typer.echo(f"    paper: {claim['paper']}; here: {claim['here']}")
+    typer.echo(f"  written to {folder}: {', '.join(written)}")

@@ -1,0 +1,55 @@
+"""``automcm link relay``: what is between stations."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from automcm_cli.reference.station_commands import For, Lines, carry_out
+from automcm_cli.shared.common import example
+from automcm_cli.shared.network_options import Remote
+
+app = typer.Typer()
+
+
+def delays(text: str) -> tuple[int, int]:
+    """``MIN:MAX`` in ms."""
+    low, _, high = text.partition(":")
+    if not low.isdecimal() or not high.isdecimal() or int(low) > int(high):
+        raise typer.BadParameter(f"{text}: a delay is MIN:MAX in ms, such as 2:40")
+    return int(low), int(high)
+
+
+@app.command(epilog=example("link relay --port 47200 --loss 0.2 --delay 5:40"))
+def relay(
+    port: Annotated[int, typer.Option(help="Where to listen; 0: any.", min=0, max=65_535)] = 47_200,
+    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
+    loss: Annotated[float, typer.Option(min=0, max=1, help="Share of copies lost.")] = 0.0,
+    duplicate: Annotated[float, typer.Option(min=0, max=1, help="Share doubled.")] = 0.0,
+    reorder: Annotated[float, typer.Option(min=0, max=1, help="Share held back.")] = 0.0,
+    delay: Annotated[str, typer.Option(help="MIN:MAX in ms.")] = "0:0",
+    seed: Annotated[int, typer.Option(help="Seed of what is lost, doubled and held back.")] = 0,
+    allow_remote: Remote = False,
+    for_ms: For = None,
+) -> None:
+    """Pass what one station sends on to all others, until SIGTERM.  With loss and delay."""
+    from automcm.links.relay import Relay
+    from automcm.links.simulated_radio import Channel
+    from automcm.service.station_process import stopping
+
+    channel = Channel(loss=loss, duplicate=duplicate, reorder=reorder, delay_ms=delays(delay))
+
+    async def run(lines: Lines) -> None:
+        over = stopping(for_ms)
+        relay = Relay(host, port, channel=channel, seed=seed, allow_remote=allow_remote)
+        lines.report({"event": "start", "host": relay.address[0], "port": relay.address[1]})
+        try:
+            await over
+        finally:
+            relay.close()
+            lines.report(
+                {"event": "end", "delivered": relay.radio.delivered, "lost": relay.radio.lost}
+            )
+
+    carry_out("link relay", run)

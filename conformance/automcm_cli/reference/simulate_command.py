@@ -1,0 +1,122 @@
+"""``automcm simulate``: scenarios on the road simulator, as a story and as pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from automcm_cli.shared.common import Json, code_3, example, write_json
+
+if TYPE_CHECKING:
+    from automcm.scenarios.drive import Drive
+
+app = typer.Typer()
+
+
+@app.command("lane-change", epilog=example("simulate lane-change --vehicles 4 --speed 30"))
+def lane_change(
+    vehicles: Annotated[int, typer.Option(help="2 to 4.", min=2, max=4)] = 4,
+    speed: Annotated[float, typer.Option(help="Of all vehicles, km/h.", min=5, max=130)] = 30,
+    loss: Annotated[float, typer.Option(help="Share of messages lost.", min=0, max=1)] = 0,
+    uncoordinated: Annotated[
+        bool, typer.Option("--uncoordinated", help="Without messages: brake late, stop, restart.")
+    ] = False,
+    seconds: Annotated[float, typer.Option(help="How long to simulate.", min=1, max=600)] = 40,
+    seed: Annotated[int, typer.Option(help="Of the radio.")] = 0,
+    out: Annotated[Path, typer.Option(help="Where plots and logs go.")] = Path("runs/simulate"),
+    json_: Json = None,
+) -> None:
+    """A prescriber changes lanes beside A, B and C (figure 6).
+
+    Prints the story and writes the plots speed-over-position and space-time (they need
+    automcm[plot]) and each station's log.  Exit code 1 if the lane change was not done.
+    """
+    from automcm.links.simulated_radio import Channel
+    from automcm.scenarios.drive import FourVehicles
+
+    setting = FourVehicles(
+        vehicles=vehicles,
+        speed_kmh=speed,
+        coordinated=not uncoordinated,
+        until_s=seconds,
+        seed=seed,
+    )
+    with code_3("simulate", OSError):
+        out.mkdir(parents=True, exist_ok=True)
+        for old in out.glob("[1-4].ndjson"):
+            old.unlink()
+        drive = setting.run(channel=Channel(loss=loss), logs=out)
+        plots = _plots(drive, out)
+    report = _report(drive)
+    if write_json(json_, report | {"plots": [str(path) for path in plots]}):
+        for line in report["story"]:
+            typer.echo(f"{line['t_s']:6.2f} s  {line['vehicle']:<10}  {line['what']}")
+        for name, end in report["vehicles"].items():
+            typer.echo(
+                f"{name:<10}  lane {end['lane']}, {end['x_m']:.0f} m, slowest "
+                f"{end['slowest_kmh']:.1f} km/h, hardest braking {end['hardest_braking']:.1f} m/s²"
+            )
+        for path in plots:
+            typer.echo(f"written {path}")
+        if not plots:
+            typer.echo("no plots: install automcm[plot]", err=True)
+        if not report["done"]:
+            typer.echo(f"the lane change was not done within {seconds:g} s", err=True)
+    raise typer.Exit(0 if report["done"] else 1)
+
+
+def _report(drive: Drive) -> dict[str, Any]:
+    from automcm.scenarios.drive import NAMES
+    from automcm.scenarios.lane_change import LaneChange
+
+    story = [
+        {"t_s": t / 1000, "vehicle": NAMES[driver.vehicle.station_id], "what": what}
+        for driver in drive.drivers
+        if isinstance(driver, LaneChange)
+        for t, what in driver.story
+    ]
+    ends = {}
+    for vehicle in drive.road.vehicles:
+        samples = drive.road.of(vehicle.station_id)
+        ends[NAMES[vehicle.station_id]] = {
+            "lane": vehicle.lane,
+            "x_m": round(vehicle.x, 2),
+            "slowest_kmh": round(min(s.speed for s in samples) * 3.6, 2),
+            "hardest_braking": round(max(0.0, -min(s.acceleration for s in samples)), 2),
+        }
+    changed = drive.road.vehicles[0]
+    return {
+        "done": changed.lane == 1 and not changed.changing,
+        "story": sorted(story, key=lambda line: line["t_s"]),
+        "vehicles": ends,
+    }
+
+
+def _plots(drive: Drive, out: Path) -> list[Path]:
+    """Both plots as PNG and SVG; none without matplotlib."""
+    from automcm.scenarios.drive import NAMES
+    from automcm_evaluation.framework import figures
+
+    if not figures.available():
+        return []
+    written = []
+    for name, across, up in (
+        ("speed-over-position", "position, m", "speed, km/h"),
+        ("space-time", "time, s", "position, m"),
+    ):
+        figure, (plot,) = figures.plots()
+        for vehicle in drive.road.vehicles:
+            samples = drive.road.of(vehicle.station_id)
+            value = {
+                "position, m": [s.x for s in samples],
+                "speed, km/h": [s.speed * 3.6 for s in samples],
+                "time, s": [s.t for s in samples],
+            }
+            plot.plot(value[across], value[up], label=NAMES[vehicle.station_id])
+        plot.set_xlabel(across)
+        plot.set_ylabel(up)
+        plot.legend()
+        written += figures.save(figure, out / name)
+    return written

@@ -1,0 +1,87 @@
+"""``automcm vectors``: the kernels of the reference against the test vectors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.common import (
+    Json,
+    code_3,
+    console_of,
+    example,
+    progress,
+    table_of,
+    unknown,
+    write_json,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from automcm_conformance.vectors.vectors import Result
+
+app = typer.Typer()
+
+
+@app.callback()
+def _group() -> None:
+    """Keeps ``check`` a command of its own."""
+
+
+@app.command(epilog=example("vectors check --kernel collide"))
+def check(
+    kernel: Annotated[
+        list[str] | None, typer.Option(help="Only this one, such as collide; may be repeated.")
+    ] = None,
+    json_: Json = None,
+) -> None:
+    """Does the reference compute what the rules KIN-1 to KIN-7 say?"""
+    from automcm.adapters import vector_adapter
+    from automcm_conformance.vectors import vectors
+
+    for name in kernel or []:
+        if name not in vectors.KERNELS:
+            raise typer.BadParameter(unknown(name, vectors.KERNELS, "kernel"))
+    with code_3("vectors", vectors.VectorError), progress() as say:
+        results = []
+        for path in vectors.paths():
+            if not kernel or path.stem in kernel:
+                say(path.stem)
+                results += vectors.check(vector_adapter.call, vectors.load(path))
+    if write_json(json_, as_dict(results)):
+        show(results, console_of(200))
+    raise typer.Exit(0 if all(result.ok for result in results) else 1)
+
+
+def as_dict(results: list[Result]) -> dict[str, list[dict[str, object]]]:
+    """For ``--json``: each vector, and whether it is as expected."""
+    return {
+        "vectors": [
+            {"id": result.case.id, "kernel": result.case.kernel, "ok": result.ok}
+            for result in results
+        ]
+    }
+
+
+def show(results: list[Result], console: Console) -> None:
+    """A table by kernel, then each vector that fails."""
+    table = table_of("rule", "kernel", "vectors", "failed", words=2)
+    for rule, kernel in dict.fromkeys((each.case.rule, each.case.kernel) for each in results):
+        mine = [each for each in results if each.case.kernel == kernel]
+        failed = sum(not each.ok for each in mine)
+        table.add_row(rule, kernel, str(len(mine)), str(failed), style="red" if failed else "")
+    console.print(table)
+    for result in results:
+        if not result.ok:
+            console.print()
+            console.print(result.case.id, style="red", markup=False)
+            for line in (
+                result.case.purpose,
+                result.problem,
+                f"expected {result.case.expected}",
+                f"got {result.got}",
+                f"the bug it is there for: {result.case.bug}",
+            ):
+                console.print("  " + line, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,50 @@
+"""``automcm spec check --distributed``: one model, with the workers that join."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from automcm_spec.model_checking import distributed_tlc, models
+
+
+def check(model: models.Model, host: str, say: Callable[[str], None]) -> distributed_tlc.Shared:
+    """Serve a model, saying which workers have come and how far they are."""
+    workers = 0
+
+    def line(text: str) -> None:
+        nonlocal workers
+        if text.startswith("Registration for worker"):
+            workers += 1
+            say(f"{model.cfg}: {workers} workers")
+        elif text.startswith("Progress("):
+            say(f"{model.cfg}: {workers} workers, {text}")
+
+    say(f"{model.cfg}: waiting for automcm spec worker {host}")
+    return distributed_tlc.serve(model, host=host, on_line=line)
+
+
+def shown(found: distributed_tlc.Shared) -> str:
+    """The outcome in words."""
+    model = found.model
+    expected = f"NOT as expected: {found.problem}" if found.problem else "as expected"
+    figures = f"{found.distinct_states:,} distinct states, {found.seconds:.1f} s"
+    if found.outcome == "holds":
+        return f"{model.cfg}: every safety property holds; {figures}; {expected}"
+    return (
+        f"{model.cfg}: a property is violated; {figures}; {expected}\n"
+        f"which one, and by which steps: automcm spec check {model.cfg}"
+    )
+
+
+def as_dict(found: distributed_tlc.Shared) -> dict[str, Any]:
+    """A model and its outcome as JSON."""
+    return {
+        "name": found.model.cfg,
+        "expect": found.model.expect,
+        "outcome": found.outcome,
+        "distinct_states": found.distinct_states,
+        "states": found.states,
+        "seconds": round(found.seconds, 1),
+        "problem": found.problem,
+    }

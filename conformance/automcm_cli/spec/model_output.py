@@ -1,0 +1,183 @@
+"""``automcm spec``: single models, and their counterexamples as inputs and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from automcm_cli.shared.common import unknown
+from automcm_spec.graph import oracle_generation
+from automcm_spec.model_checking import counterexample_steps as steps_
+from automcm_spec.model_checking import models, tlc
+from automcm_spec.support import files
+from automcm_spec.support.paths import MODELS
+from automcm_spec.vocabulary.json_forms import to_json
+from automcm_traces.export import itf
+
+
+def described(model: models.Model) -> str:
+    """One line for ``automcm spec list``."""
+    must = f"must break {model.property}" if model.expect == "violates" else "must hold"
+    return f"{model.cfg:28}{must:20}{model.profile:7}{model.why}"
+
+
+def checks(model: models.Model) -> str:
+    """The properties a model checks; S-1 to S-8 together as S."""
+    checked = _ids(model)
+    ids = [id_ for id_ in models.PROPERTIES if id_ in checked and id_ != "TypeInv"]
+    safety = [id_ for id_ in ids if id_ in models.SAFETY]
+    rest = [id_ for id_ in ids if id_ not in models.SAFETY]
+    return " ".join((["S"] if len(safety) > 1 else safety) + rest) or "-"
+
+
+def _ids(model: models.Model) -> set[str | None]:
+    """The ids of the properties a model checks."""
+    checked = models.checked_in(MODELS / f"{model.cfg}.cfg")
+    return {models.PROPERTY_IDS.get(name) for name in checked}
+
+
+def chosen(
+    loaded: Sequence[models.Model], names: Sequence[str], profile: str | None, property_: str | None
+) -> list[models.Model]:
+    """The models of these names, or of the profile, that check the property if one is given.
+
+    Raises ValueError for what is unknown, with the nearest matches, and if nothing is left.
+    """
+    known = {model.cfg: model for model in loaded}
+    for name in names:
+        if name not in known:
+            raise ValueError(unknown(name, list(known)))
+    if profile is not None and profile not in models.PROFILES:
+        raise ValueError(unknown(profile, models.PROFILES, "profile"))
+    ids = {id_: id_ for id_ in models.PROPERTIES} | models.PROPERTY_IDS
+    if property_ is not None and property_ not in ids:
+        raise ValueError(unknown(property_, list(ids), "property"))
+    found = [known[name] for name in names]
+    if not names:
+        found = models.of_profile(loaded, profile) if profile else list(loaded)
+    if property_ is not None:
+        found = [m for m in found if ids[property_] in _ids(m)]
+    if not found:
+        raise ValueError("there is no such model: nothing would be checked")
+    return found
+
+
+def check(
+    model: models.Model, say: Callable[[str], None], timeout_s: float | None, heap_mb: int | None
+) -> models.Verdict:
+    """Run TLC on one model, saying how far it is."""
+
+    def progress(p: tlc.Progress) -> None:
+        say(f"{model.cfg}: depth {p.depth}, {p.distinct_states:,} states, {p.queue:,} to go")
+
+    say(model.cfg)
+    return models.check(model, on_progress=progress, timeout_s=timeout_s, heap_mb=heap_mb)
+
+
+def counterexample(verdict: models.Verdict) -> str:
+    """A model's counterexample as ITF; each step with its action, input, rule and line."""
+    values = [
+        {name: value for name, value in state.values.items() if name != "last"}
+        for state in verdict.trace
+    ]
+    states = [itf.ItfState(values[0], {"index": 0})]
+    for step, value in zip(steps_.steps(verdict.trace), values[1:], strict=True):
+        meta: dict[str, Any] = {
+            "index": step.index,
+            "action": step.action,
+            "input": to_json(step.input),
+        }
+        if step.station is not None:
+            meta |= {"rule": step.rule, "station": step.station}
+            meta["location"] = {"module": "Station", "line": step.line}
+        states.append(itf.ItfState(value, meta))
+    description = f"{verdict.model.cfg} breaks {verdict.property}. {verdict.model.why}"
+    about = {"description": description, "source": f"spec/models/{verdict.model.cfg}.cfg"}
+    loop = verdict.result.loop if verdict.result else None
+    return itf.dumps(itf.to_itf(states, about, loop=None if loop is None else loop - 1))
+
+
+def write_trace(verdict: models.Verdict, folder: Path) -> Path:
+    """Write the counterexample as ITF into a folder; returns its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{verdict.model.cfg}.itf.json"
+    files.write(path, counterexample(verdict))
+    return path
+
+
+def as_dict(verdict: models.Verdict) -> dict[str, Any]:
+    """A model and its outcome, as in the JSON of ``automcm verify``."""
+    result = verdict.result
+    return {
+        "name": verdict.model.cfg,
+        "expect": verdict.model.expect,
+        "outcome": verdict.outcome,
+        "property": verdict.property,
+        "distinct_states": result.distinct_states if result else None,
+        "states": result.states if result else None,
+        "depth": result.depth if result else None,
+        "length": len(verdict.trace) or None,
+        "seconds": round(result.seconds, 1) if result else None,
+        "reached": list(verdict.reached) or None,
+        "states_looked_at": verdict.partial.distinct_states if verdict.partial else None,
+        "problem": verdict.problem,
+    }
+
+
+def specification_changed() -> bool:
+    """Whether Station.tla or OpenStation.tla is another text than that of the committed graphs,
+    and so than that of the recorded models; False if there are no graphs."""
+    return oracle_generation.recorded_hash() not in (None, oracle_generation.spec_hash())
+
+
+def shown(verdict: models.Verdict, changed: bool = False) -> str:
+    """The outcome in words, with the counterexample; ``changed`` as ``specification_changed``."""
+    model, result = verdict.model, verdict.result
+    if result is None:
+        return f"{model.cfg}: {verdict.outcome}: {verdict.problem}"
+    expected = "as recorded before your change" if changed else "as expected"
+    if not verdict.ok:
+        expected = f"NOT as expected: {verdict.problem}"
+    found = f"{result.distinct_states:,} distinct states, {result.seconds:.1f} s"
+    if verdict.outcome == "holds":
+        return f"{model.cfg}: every property holds; {found}; {expected}"
+    head = f"{model.cfg}: {verdict.property} is violated; {found}; {expected}"
+    return "\n".join([head, *steps(verdict.trace, result.loop)])
+
+
+def not_covered(verdicts: Sequence[models.Verdict]) -> str:
+    """That none of these models tells a changed specification from the recorded one; empty if one
+    does.  Only for ``specification_changed``."""
+    if not verdicts or not all(verdict.ok for verdict in verdicts):
+        return ""
+    checked = "the model" if len(verdicts) == 1 else f"each of the {len(verdicts)} models"
+    return (
+        "No property covers what you changed: the specification is not the one recorded in "
+        f"spec/oracle, and {checked} comes out exactly as before. "
+        "If you changed more than a comment, add a model or a property that tells the two apart."
+    )
+
+
+def steps(trace: Sequence[tlc.TraceState], loop: int | None = None) -> list[str]:
+    """Each step: the action, the station, its input, the rule and line that decided, the fields
+    changed."""
+    lines = [f"{step.index:3}. {step.text}" for step in steps_.steps(trace)]
+    if loop == len(trace):
+        lines.append("     and so it stays for ever")
+    elif loop:
+        lines.append(
+            f"     and from here (by a step TLC does not name) again what followed step {loop - 1},"
+            " for ever"
+        )
+    return lines
+
+
+def exit_code(verdicts: Sequence[models.Verdict]) -> int:
+    """0 as expected, 1 not, 3 if TLC gave no verdict, 4 if it did not come to the end."""
+    outcomes = {verdict.outcome for verdict in verdicts}
+    if "error" in outcomes:
+        return 3
+    if any(not verdict.ok and verdict.outcome != "incomplete" for verdict in verdicts):
+        return 1
+    return 4 if "incomplete" in outcomes else 0

@@ -1,0 +1,110 @@
+"""``automcm trace``: what a log means."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from automcm_cli.shared.adapter_options import WithCommand
+from automcm_cli.shared.common import Json, Late, code_3, example, write_json
+from automcm_cli.trace import (
+    trace_edit,
+    trace_export,
+    trace_html,
+    trace_logs,
+    trace_replay,
+)
+from automcm_cli.trace.trace_logs import Logs, files_of
+
+if TYPE_CHECKING:
+    from automcm_traces.explain.explain import Verdict
+
+app = typer.Typer()
+
+
+@app.command(epilog=example("trace explain 1001.ndjson 2002.ndjson"))
+def explain(
+    logs: Logs,
+    late: Late = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the failing prefix of a log that diverges.")
+    ] = Path("runs/explain"),
+    engine: Annotated[
+        Literal["oracle", "tlc"],
+        typer.Option(help="Who judges: the compiled specification, or TLC on its text."),
+    ] = "oracle",
+    json_: Json = None,
+) -> None:
+    """Is each log allowed?  If not: the first event that is not, why.
+
+    Several logs of one run are also judged together: what was received against what was sent,
+    and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.
+    """
+    from automcm_traces.explain import explain as explain_
+
+    logs = files_of("explain", logs)
+    several = len(logs) > 1
+    asked = logs if several or engine == "oracle" else []
+    found = [explain_.explained(log, late, keep=several) for log in asked]
+    verdicts = explain_.verdicts(found)
+    if engine == "tlc":
+        from automcm_spec.model_checking.tlc import TlcError
+        from automcm_traces.explain import tlc_engine
+
+        with code_3("explain", TlcError):
+            verdicts = tlc_engine.explain_files(logs, late)
+    system = explain_.together(found) if several else None
+    written: list[dict[str, str]] = []
+    for verdict, log in zip(verdicts, logs, strict=True):
+        written.append(_prefix(verdict, log, out, written))
+    told = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
+    if system is None:
+        write_json(json_, told[0])
+    else:
+        write_json(json_, {"logs": told, "system": system.as_dict()})
+    if str(json_) != "-":
+        for verdict, where in zip(verdicts, written, strict=True):
+            typer.echo(explain_.text(verdict))
+            for name, value in where.items():
+                typer.echo(f"  {name}: {value}")
+        if system is not None:
+            typer.echo(system.text())
+    code = explain_.exit_code(verdicts)
+    raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
+
+
+def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
+    """The failing prefix of a log that diverges, beside those before, and how to replay it."""
+    from automcm_traces.explain.explain import prefix, replay
+
+    if verdict.verdict != "diverges" or not verdict.seen:
+        return {}
+    try:
+        taken = {Path(other["prefix"]) for other in before if other}
+        path = prefix(verdict, out, taken, log)
+    except OSError as error:
+        typer.echo(f"explain: {error}: the prefix is not written", err=True)
+        return {}
+    return {"prefix": str(path), "replay": replay(path)}
+
+
+app.command(
+    epilog=example(
+        "trace html 1001.ndjson 2002.ndjson --out page.html",
+        "Two runs: give the second with --compare.  ",
+    )
+)(trace_html.html)
+app.command(epilog=example("trace shrink 1001.ndjson 2002.ndjson --out small"))(trace_edit.shrink)
+app.command("diff", epilog=example("trace diff run-1 run-2 --times"))(trace_edit.compare)
+app.command(epilog=example("trace export 1001.ndjson 2002.ndjson --to mermaid"))(
+    trace_export.export
+)
+app.command(epilog=example("trace itf 1001.ndjson --out runs"))(trace_export.itf)
+app.command(epilog=example("trace lint 1001.ndjson logs/"))(trace_logs.lint)
+app.command(epilog=example("trace show 1001.ndjson 2002.ndjson --session 1001/1"))(trace_logs.show)
+app.command(epilog=example("trace coverage logs/ --json coverage.json"))(trace_logs.coverage)
+app.command(cls=WithCommand, epilog=example("trace replay 2002.ndjson -- automcm adapter"))(
+    trace_replay.replay
+)

@@ -1,0 +1,125 @@
+"""``automcm trace export`` and ``itf``: logs for other tools, and logs of counterexamples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from automcm_cli.shared.common import Json, code_3, write_json
+from automcm_cli.trace.trace_logs import files_of
+from automcm_spec.support import files
+
+
+def export(
+    logs: Annotated[list[Path], typer.Argument(help="Logs, or folders with logs; or one .mcap.")],
+    to: Annotated[
+        Literal["mermaid", "svg", "itf", "mcap", "logs"],
+        typer.Option(help="mermaid; svg; itf (of one log); mcap (extra mcap); logs, of an .mcap."),
+    ] = "mermaid",
+    out: Annotated[Path, typer.Option(help="Folder for what is written.")] = Path("runs/export"),
+    json_: Json = None,
+) -> None:
+    """Logs for other tools.  A diagram, a picture, states in ITF, or MCAP for Foxglove.
+
+    A diagram has 400 messages at most, and says how many more there are. MCAP has a channel of
+    JSON for each station; --to logs makes logs of it again, byte for byte.
+    """
+    given = logs if to == "logs" else files_of("export", logs)
+    _write("export", lambda: _exported(given, to), out, json_, read=logs)
+
+
+def itf(
+    file: Annotated[Path, typer.Argument(help="A counterexample in ITF, or a log (.ndjson).")],
+    out: Annotated[Path, typer.Option(help="Folder for what is written.")] = Path("."),
+    json_: Json = None,
+) -> None:
+    """A counterexample in ITF as logs of its stations, a log as ITF.
+
+    The counterexample is one of ours (automcm spec check, traces/counterexamples): TLC works out
+    what its stations send.  In the ITF of a log each state is the station after a step.
+    """
+    if file.is_dir():
+        typer.echo(f"itf: {file}: is a directory, neither a log nor a counterexample", err=True)
+        raise typer.Exit(3)
+    make = _itf_of if file.suffix == ".ndjson" else _logs_of
+    _write("itf", lambda: make(file), out, json_)
+
+
+def _write(
+    command: str,
+    make: Callable[[], dict[str, bytes]],
+    out: Path,
+    json_: Path | None,
+    read: Collection[Path] = (),
+) -> None:
+    """Write files by their names into a folder, but none over what is read, and name them."""
+    from automcm_spec.model_checking.tlc import TlcError
+    from automcm_spec.support.bad_input import BadInput
+    from automcm_traces.checker.track import CannotTell
+    from automcm_traces.export.behaviour_to_log import StoryError
+    from automcm_traces.export.itf import ItfError
+    from automcm_traces.export.mcap_file import McapError
+    from automcm_traces.system.log_merge import MergeError
+
+    try:
+        with code_3(
+            command, BadInput, ItfError, McapError, MergeError, OSError, StoryError, TlcError
+        ):
+            contents = {out / name: data for name, data in make().items()}
+            out.mkdir(parents=True, exist_ok=True)
+            for path, data in contents.items():
+                if path.resolve() in {other.resolve() for other in read}:
+                    raise typer.BadParameter(f"{path} is what is read", param_hint="--out")
+                files.write(path, data)
+    except CannotTell as error:
+        typer.echo(f"{command}: CANNOT TELL: {error}", err=True)
+        raise typer.Exit(4) from None
+    written = list(map(str, contents))
+    if write_json(json_, {"written": written}):
+        typer.echo("\n".join(written))
+
+
+def _exported(paths: list[Path], to: str) -> dict[str, bytes]:
+    """What is to be written, by name."""
+    from automcm_traces.explain.log_table import Logs
+    from automcm_traces.export import mcap_file
+    from automcm_traces.export.mermaid import diagram
+    from automcm_traces.export.svg_drawing import drawing
+    from automcm_traces.format.reader import read
+    from automcm_traces.system.log_merge import merge
+
+    if to == "itf":
+        if len({path.stem for path in paths}) < len(paths):
+            raise typer.BadParameter("two logs have one name; export each by itself")
+        return {name: data for path in paths for name, data in _itf_of(path).items()}
+    if to == "svg":
+        merged = merge([read(path) for path in paths])
+        return {f"{paths[0].stem}.svg": drawing(merged).encode()}
+    if to == "mcap":
+        return {f"{paths[0].stem}.mcap": mcap_file.written(paths)}
+    if to == "logs":
+        return {name: data for path in paths for name, data in mcap_file.logs(path).items()}
+    together = Logs(paths)
+    text = "\n".join(diagram(together.rows(), together.stations)) + "\n"
+    return {f"{paths[0].stem}.mmd": text.encode()}
+
+
+def _logs_of(counterexample: Path) -> dict[str, bytes]:
+    from automcm_traces.export.itf_log import behaviour
+
+    logs = behaviour(counterexample).logs()
+    return {f"{station}.ndjson": text for station, text in logs.items()}
+
+
+def _itf_of(log: Path) -> dict[str, bytes]:
+    from automcm_traces.checker.track import CannotTell
+    from automcm_traces.export.itf_log import from_log
+    from automcm_traces.format.reader import read
+
+    try:
+        return {f"{log.stem}.itf.json": from_log(read(log)).encode()}
+    except CannotTell as error:
+        raise CannotTell(f"{log}: {error}") from None

@@ -1,0 +1,205 @@
+"""``automcm trace lint``, ``show`` and ``coverage``: what logs hold."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.common import Json, Late, code_3, progress, write_json
+
+if TYPE_CHECKING:
+    from automcm_traces.explain.log_table import Shown
+
+Logs = Annotated[
+    list[Path],
+    typer.Argument(help="Logs, or folders with logs (*.ndjson) below them; - for standard input."),
+]
+
+
+def files_of(command: str, logs: list[Path]) -> list[Path]:
+    """The logs that are meant; what has none ends the command with exit code 3.
+
+    Standard input and pipes are kept in files till the end: a log is read more than once.
+    """
+    from automcm_spec.support.bad_input import BadInput
+    from automcm_traces.format.reader import logs_below
+
+    with code_3(command, BadInput, OSError):
+        return logs_below([_kept(log) for log in logs])
+
+
+def _kept(log: Path) -> Path:
+    stdin = str(log) == "-"
+    if not stdin and not log.is_fifo():
+        return log
+    import atexit
+    from contextlib import ExitStack, nullcontext
+    from shutil import copyfileobj
+
+    from automcm_spec.support import scratch
+    from automcm_spec.support.bad_input import Kept
+
+    kept = ExitStack()
+    atexit.register(kept.close)
+    folder = kept.enter_context(scratch.folder("logs"))
+    path = Kept(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    path.given = str(log)
+    with path.open("wb") as out, nullcontext(sys.stdin.buffer) if stdin else log.open("rb") as pipe:
+        copyfileobj(pipe, out)
+    return path
+
+
+def lint(
+    logs: Logs,
+    most: Annotated[
+        int, typer.Option(help="How many findings to tell of each file; 0 for all.", min=0)
+    ] = 100,
+    json_: Json = None,
+) -> None:
+    """Is each file a log in the format?  If not: all that is wrong.
+
+    Warnings (a missing end, an event of an unknown kind) do not count against a log.
+    """
+    from automcm_traces.explain import lint as lint_
+
+    reports = []
+    for path in files_of("lint", logs):
+        report = lint_.report(path, most)
+        reports.append(report)
+        if str(json_) != "-":
+            typer.echo(lint_.text(report))
+    code = lint_.exit_code(reports)
+    write_json(json_, {"exit": code, "files": [report.as_dict() for report in reports]})
+    raise typer.Exit(code)
+
+
+STYLES = {
+    "send": "green",
+    "receive": "cyan",
+    "timer": "dim",
+    "command": "bold",
+    "indication": "yellow",
+    "restart": "bold red",
+    "note": "dim",
+    "phase": "magenta",
+}
+
+
+def show(
+    logs: Logs,
+    station: Annotated[
+        list[int] | None, typer.Option(help="Only this station; may be repeated.")
+    ] = None,
+    session: Annotated[str, typer.Option(help="Only this session, such as 1001/1.")] = "",
+    type_: Annotated[
+        list[str] | None,
+        typer.Option("--type", help="Only messages of this type; may be repeated."),
+    ] = None,
+    cams: Annotated[
+        bool, typer.Option(help="With CAMs, and the timer that each arms anew.")
+    ] = False,
+    timers: Annotated[bool, typer.Option(help="With timers.")] = True,
+    from_line: Annotated[int, typer.Option(help="Each log from this line on.", min=0)] = 0,
+    last: Annotated[int, typer.Option(help="Only this many last rows; 0 for all.", min=0)] = 0,
+    width: Annotated[
+        int, typer.Option(help="Columns; 0 for those of the terminal, 80 in a pipe.", min=0)
+    ] = 0,
+    json_: Json = None,
+) -> None:
+    """What happened: a row for each event, a column for each station.
+
+    Whatever is received stands below where it was sent. CAMs are left out unless asked for.
+    With several logs, what became of a message stands before it: x2002 lost on the way to 2002,
+    ?2002 not yet there when that log ends, 2nd a second copy, unsent sent by nobody.
+    """
+    from automcm_spec.support.bad_input import BadInput
+    from automcm_traces.explain import log_table as show_
+
+    wanted = show_.Filter(
+        stations=frozenset(station or ()),
+        session=two_numbers(session, "/", "session; 1001/1", "--session") if session else None,
+        types=frozenset(type_ or ()),
+        cams=cams or "CAM" in (type_ or ()),
+        timers=timers,
+        from_line=from_line,
+    )
+    with code_3("show", BadInput):
+        together = show_.Logs(files_of("show", logs))
+    for warning in together.warnings:
+        typer.echo(f"show: warning: {warning}", err=True)
+    for missing in sorted(wanted.stations - set(together.stations)):
+        typer.echo(f"show: warning: no log of station {missing}", err=True)
+    shown = show_.Shown(together, wanted, last)
+    if json_ is not None:
+        write_json(json_, {"rows": [row.as_dict() for row in shown]})
+    else:
+        _print(shown, sorted(wanted.stations & {*together.stations}) or together.stations, width)
+        if wanted.hidden_cams:
+            typer.echo(f"{wanted.hidden_cams} CAMs not shown (--cams shows them)")
+    raise typer.Exit(0 if shown.good else 3)
+
+
+def _print(shown: Shown, stations: Sequence[int], width: int) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    from automcm_traces.explain.log_table import Table
+
+    console = Console(highlight=False)
+    table = Table(stations, width or (console.width if console.is_terminal else 80))
+
+    def put(kind: str, line: str) -> None:
+        if console.is_terminal and not console.no_color:
+            console.print(Text(line, STYLES[kind]), soft_wrap=True)
+        else:
+            typer.echo(line)
+
+    for line in table.head():
+        put("note", line)
+    for row in shown:
+        for kind, line in table.lines(row, shown.phases.get(row.station, "")):
+            put(kind, line)
+
+
+def two_numbers(text: str, sign: str, what: str, option: str) -> tuple[int, int]:
+    """The numbers on both sides of a sign; ``what`` they are, with an example.  Raises
+    typer.BadParameter."""
+    parts = text.split(sign)
+    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
+        raise typer.BadParameter(f"{text!r} is no {what} is one", param_hint=option)
+    return int(parts[0]), int(parts[1])
+
+
+def coverage(
+    logs: Logs,
+    annotate: Annotated[
+        bool,
+        typer.Option("--annotate", help="Print the operators of Station.tla with a mark per line."),
+    ] = False,
+    late: Late = None,
+    json_: Json = None,
+) -> None:
+    """What of the specification these logs exercise, and what not.
+
+    A log that diverges, or cannot be told or read, is counted up to there.
+    """
+    from automcm_spec.vocabulary.condition_coverage import annotated
+    from automcm_traces.explain import coverage as coverage_
+
+    files = files_of("coverage", logs)
+    with progress() as status:
+        found = coverage_.measure(_told(files, status), late)
+    if write_json(json_, found.as_dict()):
+        for line in annotated(found.conditions) if annotate else coverage_.text(found):
+            typer.echo(line)
+    raise typer.Exit(coverage_.exit_code(found))
+
+
+def _told(files: Sequence[Path], status: Callable[[str], None]) -> Iterator[Path]:
+    for n, path in enumerate(files, 1):
+        status(f"{n} of {len(files)}")
+        yield path

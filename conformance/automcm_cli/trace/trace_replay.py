@@ -1,0 +1,81 @@
+"""``automcm trace replay``: the inputs of a log into any station."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.adapter_options import Limit, command_of
+from automcm_cli.shared.common import Json, code_3, write_json
+from automcm_conformance.adapter.process import LIMIT_S
+
+if TYPE_CHECKING:
+    from automcm_conformance.replay.replay_log import Replayed
+
+LONGEST = 2_000
+"""Characters of a line that is printed; what it quotes is somebody else's."""
+
+
+def replay(
+    ctx: typer.Context,
+    log: Annotated[Path, typer.Argument(help="A log in the format automcm.trace/1.")],
+    out: Annotated[Path, typer.Option(help="Folder for the new log.")] = Path("runs/replay"),
+    limit: Limit = LIMIT_S,
+    seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
+    json_: Json = None,
+) -> None:
+    """Give a log's inputs to a station.  It is followed on the specification.
+
+    What the log's own station sent is only compared.  The new log goes into --out.
+    """
+    from automcm_conformance.replay.replay_log import replay as replay_
+    from automcm_conformance.report.report import visible
+    from automcm_spec.support.bad_input import BadInput
+
+    command = command_of(ctx)
+    with code_3("replay", BadInput, OSError):
+        try:
+            result = replay_(log, command, out, limit_s=limit, seed=seed)
+        except BadInput as error:
+            verdict = {"verdict": "unreadable", "file": str(log), "line": error.line}
+            write_json(json_, verdict | {"event": error.what, "exit_code": 3})
+            raise
+    if write_json(json_, result.as_dict()):
+        for text in _text(result):
+            typer.echo(visible(text, limit=LONGEST))
+    raise typer.Exit(result.exit_code)
+
+
+def _text(result: Replayed) -> list[str]:
+    from automcm_spec.support.bad_input import at_line
+    from automcm_traces.explain.explain import expected
+
+    place = at_line(result.file, result.line)
+    head = {
+        "allowed": f"{result.file}: FOLLOWS the specification, {result.inputs} inputs",
+        "diverges": f"{place}: DIVERGES: {result.event}",
+        "cannot_tell": f"{place}: CANNOT TELL: {result.event}",
+        "error": f"{place}: ERROR: {result.event}",
+    }
+    lines = [head[result.verdict]]
+    if result.verdict != "allowed" and result.input:
+        lines.append(f"  last input, {result.inputs} of {result.total}: {result.input}")
+    lines += [f"  {line}" for line in expected(result.expected)]
+    lines += [f"  by {result.guard}"] if result.guard else []
+    lines += [f"  standard error: {text!r}" for text in result.stderr]
+    if result.difference is not None:
+        d = result.difference
+        lines.append(f"  not as in the log, first at {result.file}:{d.line}, {d.t_ms} ms")
+        lines += [f"    log:     {d.log or 'nothing'}", f"    station: {d.station or 'nothing'}"]
+    elif result.same:
+        lines.append("  as in the log: the same is sent and told")
+    elif result.verdict == "allowed":
+        lines.append("  not compared with the log, which does not hold all that was sent")
+    lines += [f"  note: {note}" for note in result.notes]
+    if result.log:
+        lines.append(f"  its log: {at_line(result.log, result.log_line)}")
+        if result.verdict == "diverges" and not result.in_log:
+            lines.append("  the new log alone does not show it: no log holds the next deadline")
+    return lines

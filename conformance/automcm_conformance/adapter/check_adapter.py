@@ -1,0 +1,389 @@
+"""``automcm conform check-adapter``: does an adapter speak the protocol of docs/adapter.md?
+
+Looks for what goes wrong when an adapter is written.  What its station should have answered is
+not judged here; the suite does that.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Literal
+
+from automcm_conformance.adapter.connect import Opened, opened
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import (
+    DEFAULTS,
+    INDICATIONS,
+    PROTOCOL,
+    Answer,
+    Object,
+    ProtocolError,
+    Refused,
+    read_answer,
+    read_hello,
+)
+from automcm_traces.checker.finding import Finding
+
+Level = Literal["error", "warning", "ok"]
+
+STATION = 4711
+PEER = 77
+START = 1_000_000
+"""Times of the script lie from half of this on, so that no duration looks like a time."""
+SHORT = DEFAULTS | {"t_timeout": 200, "backoff_max": DEFAULTS["backoff_min"]}
+DURATIONS = {"advertise": 40, "resend": 70, "giveup": 50}
+PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
+HELLO = {"cmd": "hello", "protocol": PROTOCOL}
+_NEVER = [STATION, 2**40]
+"""A session that no station has come to."""
+_MALFORMED = "a malformed message is an input like any other (END-5)"
+_SHOWN = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What was looked at (``ok``) or is wrong, with the line to which it is the answer."""
+
+    level: Level
+    finding: Finding
+    sent: str = ""
+    answered: str = ""
+    stderr: list[str] = field(default_factory=list)
+    """The last lines of standard error, if the process is gone."""
+
+    def as_dict(self) -> dict[str, object]:
+        """As in ``--json``."""
+        shown = {"sent": self.sent, "answered": self.answered, "stderr": self.stderr}
+        return {"level": self.level, "what": self.finding.observed, **shown}
+
+
+def check(command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> list[Checked]:
+    """Start the adapter, try all commands, and tell what was found; each fault once.
+
+    ``limit_s`` is the real time in seconds that an answer may take; ``say`` is told what is being
+    looked at.  Raises nothing for whatever the adapter does.
+    """
+    return _Check(command, limit_s, say).run()
+
+
+class _Check:
+    def __init__(self, command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> None:
+        self._command, self._limit_s, self._say = command, limit_s, say
+        self._findings: list[Checked] = []
+        self._features: list[str] = []
+        self._scenario = "lane_change"
+        self._fixed: dict[str, int] = {}
+        self._now = 0
+        self._failed = False
+        self._sent: list[bytes] = []
+        self._answered: list[bytes] = []
+
+    def run(self) -> list[Checked]:
+        with self._part("it starts and answers hello"), self._process() as process:
+            self._hello(process)
+            process.stop()
+        if self._failed and not self._answered:
+            return self._findings
+        lines: list[bytes] = []
+        with self._part("each command has an answer of the right form"):
+            with self._process() as process:
+                process.exchange([_line(HELLO)])
+                self._script(process)
+                if wrong := process.stop():
+                    self._add("error", f"stop: {wrong}", b'{"cmd": "stop"}')
+            lines, first = list(self._sent), list(self._answered)
+        if lines:
+            with self._part("the same commands have the same answers"):
+                self._repeated(lines, first)
+        for what, line in (
+            ("an unknown command", b'{"cmd": "dance"}\n'),
+            ("a line that is not JSON", b"dance\n"),
+        ):
+            with self._part(f"{what} is refused, and the adapter goes on"):
+                self._refuses(what, line)
+        return self._findings
+
+    def _process(self) -> Opened:
+        return opened(self._command, self._limit_s)
+
+    @contextmanager
+    def _part(self, what: str) -> Iterator[None]:
+        """Something to look at: an AdapterError becomes a finding; no error, and it is ok."""
+        self._say(what)
+        self._failed, self._sent, self._answered = False, [], []
+        try:
+            yield
+        except AdapterError as error:
+            self._failed = True
+            sent = _shown(self._sent[-1]) if self._sent else ""
+            found = Finding("unreadable", observed=str(error))
+            self._findings.append(Checked("error", found, sent, stderr=error.stderr))
+        if not self._failed:
+            self._findings.append(Checked("ok", Finding("nothing", observed=what)))
+
+    def _add(self, level: Level, what: str, sent: bytes = b"", answered: bytes = b"") -> None:
+        self._failed |= level == "error"
+        found = Finding("format", observed=what)
+        if all(known.finding != found for known in self._findings):
+            self._findings.append(Checked(level, found, _shown(sent), _shown(answered)))
+
+    def _exchange(self, process: Opened, line: bytes) -> bytes:
+        self._sent.append(line)
+        [answered] = process.exchange([line])
+        self._answered.append(answered)
+        return answered
+
+    def _ask(self, process: Opened, value: Object, hint: str = "") -> Answer | None:
+        """Send a command and look at the answer; None if it is not understood."""
+        line = _line(value)
+        answered = self._exchange(process, line)
+        self._now = value.get("now", self._now)
+        try:
+            answer = read_answer(answered)
+        except ProtocolError as error:
+            what = f"{hint}: {error}" if hint and isinstance(error, Refused) else str(error)
+            self._add("error", what, line, answered)
+            return None
+        for level, what in self._faults(answer):
+            self._add(level, what, line, answered)
+        return answer
+
+    def _faults(self, answer: Answer) -> Iterator[tuple[Level, str]]:
+        """What no station could mean, whatever its rules."""
+        if answer.deadline is not None and answer.deadline <= self._now:
+            if answer.deadline < START // 4:
+                yield (
+                    "error",
+                    "'deadline' is the time at which a timer expires, not how long it runs",
+                )
+            else:
+                yield "error", "'deadline' is over: timers due at 'now' fire before the answer"
+        for message in answer.messages:
+            if message["type"] == "Advertisement" and message.get("seq") != 1:
+                yield "error", "an Advertisement is the first message of its session: its seq is 1"
+        if answer.cams and "cam" not in self._features:
+            yield "warning", "there are 'cams', but hello does not tell the feature cam"
+
+    def _hello(self, process: Opened) -> None:
+        line = _line(HELLO)
+        answered = self._exchange(process, line)
+        try:
+            hello = read_hello(answered)
+        except ProtocolError as error:
+            self._add("error", f"hello: {error}", line, answered)
+            return
+        self._features = list(hello.features)
+        self._scenario = hello.scenarios[0]
+        self._fixed = {name: value for name, value in hello.fixed.items()}
+        if not {"prescriber", "receiver"} & set(hello.features):
+            what = "neither prescriber nor receiver is among the features: nearly all is skipped"
+            self._add("warning", what, line, answered)
+
+    def _script(self, process: Opened) -> None:
+        """A bit of everything.  Each command is kept, so that it can be sent again."""
+        self._sent, self._answered = [], []
+        self._ask(process, self._reset(START))
+        if "prescriber" in self._features:
+            answer = self._request(process)
+            if answer and not _sends(answer, "Advertisement"):
+                self._add("warning", "a request brings no Advertisement", self._sent[-1])
+            self._advance(process, answer, 8)
+        for command in self._commands():
+            self._ask(process, {"cmd": "command", "now": self._now, "command": command})
+        self._ask(process, self._reset(START // 2))  # earlier than before
+        if "receiver" in self._features:
+            self._join(process)
+        for message in _messages():
+            self._receive(process, message)
+        for message in _malformed():
+            self._receive(process, message, hint=_MALFORMED)
+        if "restart" in self._features:
+            self._ask(process, {"cmd": "restart", "now": self._now})
+        if "durations" in self._features:
+            self._durations(process)
+
+    def _reset(self, now: int) -> Object:
+        parameters = SHORT | self._fixed
+        reset = {"cmd": "reset", "now": now, "station": STATION, "seed": 1}
+        return {**reset, "parameters": parameters}
+
+    def _request(self, process: Opened) -> Answer | None:
+        command = {"name": "request", "scenario": self._scenario, "details": {}}
+        return self._ask(process, {"cmd": "command", "now": self._now, "command": command})
+
+    def _receive(
+        self, process: Opened, message: Object, planned: Object | None = None, hint: str = ""
+    ) -> Answer | None:
+        value = {"cmd": "receive", "now": self._now, "message": message}
+        return self._ask(process, value | ({"planned": planned} if planned else {}), hint)
+
+    def _advance(self, process: Opened, answer: Answer | None, times: int) -> None:
+        """From deadline to deadline, as the kit does."""
+        for _ in range(times):
+            if answer is None or answer.deadline is None or answer.deadline <= self._now:
+                break
+            answer = self._ask(process, {"cmd": "advance", "now": answer.deadline})
+        self._ask(process, {"cmd": "advance", "now": self._now})
+
+    def _commands(self) -> Iterator[Object]:
+        """Each command once, for a session that is not there."""
+        of = {"session": _NEVER, "proposal": 1}
+        lasting = {"hold_ms": 200, "lease_ms": 5000}
+        if "prescriber" in self._features:
+            yield {"name": "prescribe", **of, "target": PEER, "prescribed": PLANNED, **lasting}
+            yield {"name": "proceed", "session": _NEVER}
+            yield {"name": "complete", "session": _NEVER}
+        if "receiver" in self._features:
+            yield {"name": "accept", **of, "selected": PLANNED}
+            yield {"name": "refuse", **of}
+        if self._features:
+            yield {"name": "abort", "session": _NEVER}
+
+    def _join(self, process: Opened) -> None:
+        """A session of a receiver from the Advertisement to the Fin."""
+        answer = self._receive(process, _advertisement(), PLANNED)
+        if answer and not _sends(answer, "Intention"):
+            self._add("warning", "an Advertisement brings no Intention", self._sent[-1])
+        self._advance(process, answer, 1)
+        self._receive(process, _addressed("Ack", 0, of={"type": "Intention", "seq": 1}))
+        lasting = {"hold_ms": 200, "lease_ms": 5000}
+        prescribed = {"proposal": 1, "prescribed": PLANNED, **lasting}
+        self._receive(process, _addressed("Prescription", 2, **prescribed))
+        accept = {"name": "accept", "session": [PEER, 1], "proposal": 1, "selected": PLANNED}
+        self._ask(process, {"cmd": "command", "now": self._now, "command": accept})
+        self._receive(process, _addressed("Fin", 3))
+
+    def _durations(self, process: Opened) -> None:
+        """Timers last as long as told.  The reset that follows must end this."""
+        self._ask(process, self._reset(START))
+        self._ask(process, {"cmd": "durations", "durations": DURATIONS})
+        if "prescriber" in self._features:
+            answer, lasts = self._request(process), DURATIONS["advertise"]
+        else:
+            answer = self._receive(process, _advertisement(), PLANNED)
+            lasts = DURATIONS["giveup"]
+        if answer and answer.deadline not in (None, START + lasts):
+            what = f"durations has no effect: the deadline should be {START + lasts}"
+            self._add("error", what, self._sent[-1], self._answered[-1])
+
+    def _repeated(self, lines: list[bytes], first: list[bytes]) -> None:
+        """The same in a new process, after another reset, and all written at once."""
+        with self._process() as process:
+            process.exchange([_line(HELLO)])
+            for what in (
+                "a new process has another answer to the same commands: chance or a clock?",
+                "reset does not forget everything: the same commands have another answer after it",
+            ):
+                again = [self._exchange(process, line) for line in lines]
+                if not self._same(what, lines, first, again):
+                    return
+            what = "another answer when several commands are written at once"
+            self._same(what, lines, again, process.exchange(lines))
+            if wrong := process.stop(b""):
+                self._add("error", f"end of input: {wrong}")
+
+    def _same(self, what: str, lines: list[bytes], first: list[bytes], again: list[bytes]) -> bool:
+        """Whether the answers are the same; if not, that is said at the first that is not."""
+        for line, one, other in zip(lines, first, again, strict=True):
+            if _compared(one, True) != _compared(other, True):
+                self._add("error", f"{what}; it was {_shown(one)}", line, other)
+                return False
+            if _compared(one, False) != _compared(other, False):
+                text = "the number of a new session is another one at the same commands: allowed, "
+                self._add(
+                    "warning", text + "but then no failure comes again as it was", line, other
+                )
+        return True
+
+    def _refuses(self, what: str, line: bytes) -> None:
+        with self._process() as process:
+            process.exchange([_line(HELLO)])
+            answered = self._exchange(process, line)
+            try:
+                read_answer(answered)
+            except Refused:
+                pass
+            except ProtocolError as error:
+                self._add("error", f"{what}: {error}", line, answered)
+            else:
+                text = f'{what} must be answered with {{"error": "why"}}'
+                self._add("error", text, line, answered)
+            self._ask(process, self._reset(START))
+
+
+def _line(value: Object) -> bytes:
+    return json.dumps(value).encode() + b"\n"
+
+
+def _shown(line: bytes) -> str:
+    text = line.decode(errors="replace").strip()
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + " ..."
+
+
+def _sends(answer: Answer, kind: str) -> bool:
+    return any(message["type"] == kind for message in answer.messages)
+
+
+def _advertisement() -> Object:
+    fields = {"scenario": "lane_change", "details": {}}
+    return {"v": 1, "type": "Advertisement", "src": PEER, "session": [PEER, 1], "seq": 1} | fields
+
+
+def _addressed(kind: str, seq: int, **fields: object) -> Object:
+    """A message of the peer, in its session."""
+    head = {"v": 1, "type": kind, "src": PEER, "dst": STATION, "session": [PEER, 1], "seq": seq}
+    return head | fields
+
+
+def _messages() -> list[Object]:
+    """What any station may hear at any time."""
+    cam = {"generation_ms": 1, "x_mm": 0, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 0}
+    return [
+        _advertisement(),
+        {"v": 1, "type": "CAM", "src": PEER, **cam, "marks": [[PEER, 1]]},
+        _addressed("Fin", 4),
+        _addressed("Cancel", 5, reason="abort"),
+        _addressed("Fin", 6, dst=STATION + 1),
+    ]
+
+
+def _malformed() -> list[Object]:
+    fin = _addressed("Fin", 7)
+    return [
+        {},
+        {key: value for key, value in fin.items() if key != "seq"},
+        {**fin, "color": "red"},
+        {**fin, "type": "Dance"},
+        {**fin, "src": str(PEER)},
+        {**fin, "session": None},
+        {**fin, "session": [PEER]},
+    ]
+
+
+def _compared(line: bytes, numbered: bool) -> object:
+    """What of an answer is compared; ``numbered``: any number of an own session is as good."""
+    try:
+        answer = read_answer(line)
+    except ProtocolError:
+        return line
+    messages = [_numbered(message) if numbered else message for message in answer.messages]
+    indications = [
+        {key: _numbered(each[key]) if numbered else each[key] for key in INDICATIONS[each["name"]]}
+        | {"name": each["name"]}
+        for each in answer.indications
+    ]
+    messages.sort(key=lambda message: json.dumps(message, sort_keys=True))
+    return messages, indications, answer.deadline, answer.phase, answer.cams
+
+
+def _numbered(value: object) -> object:
+    if isinstance(value, list):
+        if len(value) == 2 and value[0] == STATION:
+            return [STATION, 0]
+        return [_numbered(each) for each in value]
+    if isinstance(value, dict):
+        return {key: _numbered(each) for key, each in value.items()}
+    return value

@@ -1,0 +1,57 @@
+"""``automcm conform new``: an adapter to begin with, in the language of the station."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from automcm_conformance.adapter.kit_paths import TEMPLATES
+from automcm_spec.support import files
+
+FILES = {
+    "python": ("adapter.py", "run"),
+    "cpp": ("CMakeLists.txt", "README.md", "adapter.cpp", "run"),
+    "go": ("adapter.go", "go.mod", "run"),
+    "java": ("Adapter.java", "Json.java", "run"),
+    "javascript": ("adapter.js", "run"),
+    "rust": ("Cargo.toml", "json.rs", "main.rs", "run"),
+}
+"""By language.  Each is an adapter that speaks the protocol, around a station that does nothing."""
+BUILD = {
+    "cpp": "cmake -S {at} -B {at}/build && cmake --build {at}/build",
+    "go": "go build -C {at} -o adapter",
+    "java": "javac -d {at}/build {at}/*.java",
+    "rust": "cargo build --release --manifest-path {at}/Cargo.toml",
+}
+"""The shell command that builds a template in the folder ``at``; the others need none."""
+
+
+def create(language: str, target: Path) -> list[Path]:
+    """Write the template into ``target``, which is made if need be; the files written.
+
+    Raises ValueError for a language that there is none for, FileExistsError if ``target`` is a file
+    or a folder that is not empty, and OSError if it cannot be written.
+    """
+    if language not in FILES:
+        raise ValueError(f"no template in {language!r}, only in {', '.join(sorted(FILES))}")
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise FileExistsError(f"{target} is there and is not an empty folder")
+    target.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name in FILES[language]:
+        path = target / name
+        files.write(path, (TEMPLATES / language / name).read_bytes())
+        if name == "run":
+            path.chmod(0o755)  # an installed package may have lost it
+        written.append(path)
+    return written
+
+
+def next_commands(language: str, target: Path) -> list[str]:
+    """The commands that build the template, check it and run the suite."""
+    run = shlex.quote(str(target / "run"))
+    return [
+        *([BUILD[language].format(at=shlex.quote(str(target)))] if language in BUILD else []),
+        f"automcm conform check-adapter -- {run}",
+        f"automcm conform run -- {run}",
+    ]

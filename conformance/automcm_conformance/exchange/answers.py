@@ -1,0 +1,198 @@
+"""Is this the answer that the specification calls for?  If not: what of it is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from operator import eq
+from typing import Any
+
+from pydantic_core import from_json, to_json
+
+from automcm_conformance.adapter.protocol import Answer, has_float, read_answer
+from automcm_conformance.exchange.armed_timers import UNKNOWN
+from automcm_conformance.exchange.wire import Expected
+from automcm_spec.vocabulary.messages import same
+
+Json = Any
+_FIELDS = Answer.model_fields.keys()
+_TRUTHS = ("Acceptance", "Advertisement")
+"""Messages in which there may be a truth value."""
+Problem = tuple[str, str]
+"""The part of an answer that is wrong (``messages``, ``indications``, ``deadline``, ``phase``,
+``cams``), and a sentence."""
+
+
+def differences(expected: Expected, line: bytes) -> list[Problem]:
+    """What is wrong with an answer, as (part, sentence); nothing if it is as expected.
+
+    Raises ProtocolError for a line that is no answer at all.
+    """
+    if _as_expected(expected, line):
+        return []
+    answer = read_answer(line)
+    problems: list[Problem] = []
+    if answer.messages or expected.messages:
+        problems += _messages(expected, answer.messages)
+    if answer.indications or expected.indications:
+        problems += _told(expected.indications, answer.indications)
+    if answer.phase not in (None, expected.phase):
+        problems.append(("phase", f"phase: {expected.phase} is expected, not {answer.phase}"))
+    if expected.deadline not in (UNKNOWN, answer.deadline):
+        text = f"deadline: {expected.deadline} is expected, not {answer.deadline}"
+        problems.append(("deadline", text))
+    for cam in answer.cams if expected.marks else ():
+        problems += _marks(expected, cam)
+    return problems
+
+
+def _as_expected(expected: Expected, line: bytes) -> bool:
+    """Whether it is, as nearly all are: without a look at its form, which is then right as well.
+    Python takes true for 1 and 1.0 for 1: what holds a truth value is compared closely."""
+    try:
+        found = from_json(line)
+    except ValueError:
+        return False
+    if type(found) is not dict or not found.keys() <= _FIELDS or has_float(line):
+        return False
+    truths = b"true" in line or b"false" in line
+    truths = truths or any(m["type"] in _TRUTHS for m in expected.messages)
+    alike = same if truths else eq
+    told, cams = found.get("indications"), found.get("cams", [])
+    return (
+        alike(expected.messages, found.get("messages"))
+        and type(told) is list
+        and len(told) == len(expected.indications)
+        and all(
+            _holds(one, other, alike) for one, other in zip(told, expected.indications, strict=True)
+        )
+        and alike(expected.deadline, found.get("deadline", UNKNOWN))
+        and found.get("phase", expected.phase) == expected.phase
+        and type(cams) is list
+        and all(_is_cam(cam) and _marked(expected, cam) for cam in cams)
+    )
+
+
+def _holds(found: Json, wanted: dict[str, Json], alike: Callable[[Json, Json], bool]) -> bool:
+    """Whether an indication is the one that is wanted, whatever else it holds."""
+    if type(found) is not dict:
+        return False
+    return all(name in found and alike(value, found[name]) for name, value in wanted.items())
+
+
+def _is_cam(cam: Json) -> bool:
+    return type(cam) is dict and cam.get("type") == "CAM" and type(cam.get("generation_ms")) is int
+
+
+def _marked(expected: Expected, cam: dict[str, Json]) -> bool:
+    marks = cam.get("marks")
+    return not expected.marks or any(are_marks(wanted, marks) for wanted in expected.marks)
+
+
+def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
+    left = list(found)
+    missing = []
+    problems: list[Problem] = []
+    for message in expected.messages:
+        match = next((m for m in left if _fits(message, m)), None)
+        if match is None:
+            missing.append(message)
+        else:
+            left.remove(match)
+            problems += _settle(message, match, expected)
+    for message, other in zip(missing, left, strict=False):
+        problems.append(("messages", first_difference(message, other)))
+    for message in missing[len(left) :]:
+        problems.append(("messages", f"not sent: {message['type']} {to_json(message).decode()}"))
+    for message in left[len(missing) :]:
+        problems.append(("messages", f"sent for no reason: {to_json(message).decode()}"))
+    return problems
+
+
+def _fits(wanted: dict[str, Json], found: Json) -> bool:
+    if wanted["seq"] is None or wanted["session"][1] is None:
+        if type(found) is not dict or wanted.keys() != found.keys():
+            return False
+        return all(
+            same(value, found[name])
+            or (name == "seq" and value is None and type(found[name]) is int)
+            or (name == "session" and value[1] is None and _own(value, found[name]))
+            for name, value in wanted.items()
+        )
+    return same(wanted, found)
+
+
+def _own(wanted: Json, found: Json) -> bool:
+    return (
+        type(found) is list
+        and len(found) == 2
+        and found[0] == wanted[0]
+        and type(found[1]) is int
+        and found[1] > 0
+    )
+
+
+def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected) -> list[Problem]:
+    """What the station was free to choose is now known; was it free to choose that?  What it was
+    not is not taken over: a replay expects what was expected here."""
+    problems = []
+    if wanted["session"][1] is None:
+        number = found["session"][1]
+        if number <= expected.above:
+            text = f"session: a number above {expected.above} is expected, not {number}"
+            problems.append(("messages", f"{wanted['type']}.{text}"))
+        else:
+            wanted["session"] = found["session"]
+    if wanted["seq"] is None:
+        if found["seq"] in expected.fresh:
+            expected.fresh.remove(found["seq"])
+            wanted["seq"] = found["seq"]
+        else:
+            text = f"seq: one of {expected.fresh} is expected, not {found['seq']}"
+            problems.append(("messages", f"{wanted['type']}.{text}"))
+    return problems
+
+
+def first_difference(wanted: dict[str, Json], found: Json) -> str:
+    """What is wrong with this message, in one line, if another was wanted."""
+    if type(found) is not dict:
+        return f"a message is an object, not {found!r}"
+    if wanted["type"] != found.get("type"):
+        return f"{wanted['type']} is expected, not {to_json(found).decode()}"
+    for name in [*wanted, *found]:
+        if name not in found:
+            return f"{wanted['type']}.{name}: is missing"
+        if name not in wanted:
+            return f"{wanted['type']}.{name}: does not belong there"
+        free = wanted[name] is None or (name == "session" and wanted[name][1] is None)
+        if not free and not same(wanted[name], found[name]):
+            value, other = (to_json(m[name]).decode() for m in (wanted, found))
+            return f"{wanted['type']}.{name}: {value} is expected, not {other}"
+    return "a message that differs"
+
+
+def _told(wanted: list[dict[str, Json]], found: list[dict[str, Json]]) -> list[Problem]:
+    names = [i["name"] for i in wanted], [i["name"] for i in found]
+    if names[0] != names[1]:
+        text = f"indications: {names[0]} is expected, not {names[1]}"
+        return [("indications", text)]
+    for one, other in zip(wanted, found, strict=True):
+        for name, value in one.items():
+            if name not in other or not same(value, other[name]):
+                is_ = to_json(other.get(name)).decode() if name in other else "missing"
+                text = f"{one['name']}.{name}: {to_json(value).decode()} is expected, it is {is_}"
+                return [("indications", text)]
+    return []
+
+
+def _marks(expected: Expected, cam: dict[str, Json]) -> list[Problem]:
+    marks = cam.get("marks")
+    if any(are_marks(wanted, marks) for wanted in expected.marks):
+        return []
+    return [("cams", f"CAM.marks: {expected.marks[0]} is expected, not {marks}")]
+
+
+def are_marks(wanted: list[Json], found: Json) -> bool:
+    """Whether a CAM has these marks, in any order (ACT-5)."""
+    return (
+        type(found) is list and len(found) == len(wanted) and all(mark in found for mark in wanted)
+    )

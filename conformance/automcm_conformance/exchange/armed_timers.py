@@ -1,0 +1,86 @@
+"""The armed timers of a station as the kit keeps them: which fires next, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Generic, TypeVar
+
+from automcm_spec.vocabulary.parameters import rank
+
+UNKNOWN = -1
+"""A time that only the station knows."""
+T = TypeVar("T", bound=Hashable)
+_TURN = attrgetter("deadline", "rank", "age")
+"""Timers fire in the order of this (protocol.md, section 3)."""
+
+
+@dataclass(slots=True)
+class Running(Generic[T]):
+    """An armed timer.  ``age`` orders those of one rank: an older message comes first."""
+
+    timer: T
+    deadline: int
+    rank: int
+    age: int
+
+
+class Clock(Generic[T]):
+    """The armed timers, in whatever values they are named; ``deadline`` in ms, or UNKNOWN."""
+
+    def __init__(self) -> None:
+        self.running: dict[T, Running[T]] = {}
+        self._ages: dict[Hashable, int] = {}
+        self._first: Running[T] | None = None
+        self._sure = self._looked = True
+
+    def arm(self, timer: T, deadline: int, message: Hashable = None, type_: str = "") -> None:
+        """Arm it, or arm it anew.  ``message`` is what a timer of a message belongs to, of this
+        type."""
+        name = getattr(timer, "name", None) or timer[0]  # type: ignore[index]
+        age = 0 if message is None else self._ages.setdefault(message, len(self._ages))
+        self.running.pop(timer, None)
+        place = rank(name, type_ == "Advertisement")
+        self.running[timer] = Running(timer, deadline, place, age)
+        self._looked = False
+
+    def stop(self, timer: T) -> None:
+        """It is stopped, or has expired."""
+        del self.running[timer]
+        self._looked = False
+
+    def learn(self, timer: T, deadline: int) -> None:
+        """The deadline of a timer that only the station knew."""
+        self.running[timer].deadline = deadline
+        self._looked = False
+
+    def deadline(self, timer: T) -> int | None:
+        """When this timer expires; None if it does not run."""
+        running = self.running.get(timer)
+        return None if running is None else running.deadline
+
+    @property
+    def first(self) -> Running[T] | None:
+        """Of the timers whose deadline is known, the one that expires next."""
+        if not self._looked:
+            self._look()
+        return self._first
+
+    @property
+    def sure(self) -> bool:
+        """The deadlines of all timers are known."""
+        if not self._looked:
+            self._look()
+        return self._sure
+
+    def due(self, now: int) -> T | None:
+        """The timer to fire next of those that are due."""
+        first = self.first
+        return first.timer if first is not None and first.deadline <= now else None
+
+    def _look(self) -> None:
+        known = [each for each in self.running.values() if each.deadline != UNKNOWN]
+        self._sure = len(known) == len(self.running)
+        self._first = min(known, key=_TURN, default=None)
+        self._looked = True

@@ -1,0 +1,447 @@
+"""One exchange with a station: the kit moves time, keeps the clock of the armed timers, and holds
+every answer against the oracle.
+
+Lines are written in bulk and judged when they are read (``flush``); the first that is wrong raises
+``Mismatch``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import ProtocolError, read_answer
+from automcm_conformance.exchange.answers import Problem, differences
+from automcm_conformance.exchange.armed_timers import UNKNOWN, Clock
+from automcm_conformance.exchange.wire import LONG_MS, ME, PLAIN, Expected, Values, Wire, encode
+from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.vocabulary.parameters import derived, durations, forgotten_at, lease_lasts
+from automcm_spec.vocabulary.station import Entry, Expire, Message, Receive, Restart, Timer
+from automcm_traces.checker.track import NOTHING_TOLD
+
+Json = Any
+
+
+class Link(Protocol):
+    """What an exchange needs of a process."""
+
+    def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
+        """As that of an adapter."""
+
+
+@dataclass(slots=True)
+class Deed:
+    """What one step of the specification did, for a log: the timer that expired, how much was
+    sent and told, the timers stopped and armed."""
+
+    expired: Json
+    messages: int
+    told: int
+    stopped: list[Json]
+    armed: list[tuple[Json, int]]
+
+
+@dataclass(slots=True)
+class Step:
+    """One line, what it stands for in the oracle, and what must be answered.
+
+    ``pairs``: (state, input) of each step of the specification.
+    """
+
+    now: int
+    command: dict[str, Json]
+    """What the line says."""
+    expected: Expected
+    line: bytes = field(init=False)
+    place: int = 0
+    """Which input of the tour it is, or belongs to."""
+    pairs: list[tuple[int, int]] = field(default_factory=list)
+    before: int = 0
+    after: int = 0
+    next_timer: Timer | None = None
+    """The timer whose deadline is expected."""
+    answer: bytes = b""
+    deeds: list[Deed] = field(default_factory=list)
+    """For each of ``pairs``, if the exchange is logged."""
+
+    def __post_init__(self) -> None:
+        self.line = encode(self.command)
+
+
+class Mismatch(Exception):
+    """An answer that the specification does not allow; the last of ``steps`` got it."""
+
+    def __init__(self, steps: list[Step], problems: list[Problem]) -> None:
+        super().__init__("; ".join(text for _, text in problems))
+        self.steps = steps
+        self.problems = problems
+        self.in_step = True
+        """The reset that ended the exchange got its own answer."""
+
+    @property
+    def found_deadline(self) -> int | None:
+        """What the last answer gave as the deadline."""
+        return read_answer(self.steps[-1].answer).deadline
+
+
+class Broken(Exception):
+    """The station gave no answer to the last of ``steps``, or one of no known form."""
+
+    def __init__(self, steps: list[Step], error: Exception) -> None:
+        super().__init__(str(error))
+        self.steps = steps
+        self.error = error
+
+    @property
+    def kind(self) -> str:
+        """Of AdapterError; empty for a line of no known form."""
+        return self.error.kind if isinstance(self.error, AdapterError) else ""
+
+    @property
+    def stderr(self) -> list[str]:
+        """What the process said last, if it is gone."""
+        return self.error.stderr if isinstance(self.error, AdapterError) else []
+
+
+class Unpredicted(Exception):
+    """The station has chosen another number than the next for its session."""
+
+
+class Infeasible(Exception):
+    """Time does not let this timer expire here: another one is due before it, maybe one that the
+    graph does not let expire yet."""
+
+
+class Exchange:
+    """With one station, from ``reset`` on; ``parameters`` are those of ``reset``."""
+
+    def __init__(
+        self,
+        oracle: Oracle,
+        link: Link,
+        parameters: Mapping[str, int],
+        *,
+        scenario: str = "lane_change",
+        seed: int = 1,
+        rich: bool = False,
+        values: Values = PLAIN,
+        predict: bool = False,
+        logged: bool = True,
+        judges_marks: bool = True,
+    ) -> None:
+        self.oracle = oracle
+        self.parameters = parameters
+        self.state = 0
+        self.now = values.start_ms
+        self.wire = Wire(scenario=scenario, rich=rich, values=values)
+        self.done: list[Step] = []
+        """Answered as expected."""
+        self.place = 0
+        self.predict = predict
+        """The number of a new session is taken to be the next one, until it turns out otherwise:
+        then Unpredicted is raised, and nothing is judged."""
+        self.judges_marks = judges_marks
+        """Also the marks of CAMs are looked at."""
+        self.logged = logged
+        """Steps keep what a log says of timers."""
+        self.begun = False
+        """Lines have been written."""
+        self.overrides: dict[str, int] = {}
+        self._link = link
+        self.clock: Clock[Timer] = Clock()
+        self._joined_at: dict[int, int] = {}
+        self._waiting: list[Step] = []
+        self._lease_ms = LONG_MS
+        self._known = {**parameters, **derived(parameters)}
+        self._lasts = durations(self._known)
+        self._reset: dict[str, Json] = {"cmd": "reset", "station": values.ids[ME], "seed": seed}
+        self._reset["parameters"] = dict(parameters)
+        self._queue(self._reset)
+
+    # -- what the kit does
+
+    def durations(self, durations: Mapping[str, int]) -> None:
+        """From now on timers of these names last so long (feature ``durations``)."""
+        self.overrides.update(durations)
+        self._queue({"cmd": "durations", "durations": dict(durations)})
+
+    def give(
+        self,
+        i: int,
+        *,
+        at: int | None = None,
+        lease_ms: int | None = None,
+        fields: Mapping[str, Json] | None = None,
+    ) -> None:
+        """An input that is no expiry.  Timers due by then fire first, but for a restart.
+
+        ``fields`` of the message or command have these values, not those that the kit chooses.
+        """
+        if at is not None:
+            self.now = at
+        said = self.wire.command(self.oracle.inputs[i], lease_ms)
+        if fields and self.wire.given is not None:
+            self.wire.given = {**self.wire.given, **fields}
+            said["message" if said["cmd"] == "receive" else "command"] = self.wire.given
+        self._take(said, i)
+
+    def advance(self, to: int) -> list[int]:
+        """Let time pass; timers due by then fire.  Returns their inputs."""
+        self.now = to
+        return self._take({"cmd": "advance"}, None)
+
+    def wait(self, until: int) -> None:
+        """Let time pass to ``until``, deadline by deadline."""
+        while (due := self.next_due) is not None and due <= until:
+            self.advance(due)
+        if self.now < until:
+            self.advance(until)
+
+    def seal(self) -> None:
+        """The end: a line more, so that what the station does after its last answer shows here."""
+        self.state, self.clock = 0, Clock()
+        self._queue(self._reset)
+
+    def malformed(self, message: Json) -> None:
+        """A message that breaks its form: discarded, whatever the phase (END-5)."""
+        expected = Expected("END-5", indications=[{"name": "discarded"}])
+        self._queue({"cmd": "receive", "message": message}, expected)
+
+    def expire(self, i: int) -> None:
+        """Advance to the deadline of this timer.  Resends may fire on the way.  Raises Infeasible
+        if something else would, or if a deadline is not known."""
+        wanted = self.expires(i)
+        fired: list[int] = []
+        while i not in fired:
+            due = self.next_due
+            if due is None or wanted not in self.clock.running:
+                raise Infeasible
+            fired = self.advance(due)
+            if any(j != i and self.expires(j)[0] != "resend" for j in fired):
+                raise Infeasible
+
+    @property
+    def next_due(self) -> int | None:
+        """The next deadline in ms; None if no timer runs, or not all deadlines are known."""
+        first = self.clock.first
+        return first.deadline if first is not None and self.clock.sure else None
+
+    def offers(self, i: int, at: int) -> bool:
+        """This input can be given at this time, with no more than one timer before it."""
+        due = [each for each in self.clock.running.values() if each.deadline <= at]
+        match self.oracle.inputs[i]:
+            case Restart():
+                return True
+            case Receive(message=Message(type="Ack")) if due:
+                return False  # what is sent at that moment has no seq yet that it could name
+        if len(due) > 1:
+            return False
+        state = self.state
+        for running in due:
+            expiry = self.oracle.answer(state, self._expiry(running.timer))
+            assert expiry is not None, f"not offered: {running.timer}"
+            state = expiry.next
+        return self.oracle.answer(state, i) is not None
+
+    @property
+    def first_timer(self) -> Timer | None:
+        """The timer that expires next; None if none runs."""
+        return None if self.clock.first is None else self.clock.first.timer
+
+    @property
+    def waiting(self) -> list[bytes]:
+        """The lines that have not been written yet."""
+        return [step.line for step in self._waiting]
+
+    @property
+    def queued(self) -> Sequence[Step]:
+        """What has not been written yet."""
+        return self._waiting
+
+    @property
+    def unwritten(self) -> int:
+        """How many lines have not been written yet."""
+        return len(self._waiting)
+
+    def flush(self) -> None:
+        """Write what is waiting, read the answers and judge them.  Raises Mismatch or Broken."""
+        self.begun = True
+        try:
+            answers = self._link.exchange(self.waiting) if self._waiting else []
+        except AdapterError as error:
+            self.answered(error.answers, error)
+        self.answered(answers)
+
+    def answered(self, answers: Sequence[bytes], error: AdapterError | None = None) -> None:
+        """Judge the answers to what was waiting; with ``error`` there is one too few.
+
+        Raises Mismatch or Broken.
+        """
+        steps, self._waiting = self._waiting, []
+        for step, line in zip(steps, answers, strict=False):
+            try:
+                self._judge(step, line)
+            except ProtocolError as unread:
+                raise Broken([*self.done, step], unread) from None
+            except Mismatch as wrong:
+                if len(answers) == len(steps) and steps[-1].command["cmd"] == "reset":
+                    wrong.in_step = False
+                    with suppress(ProtocolError):
+                        wrong.in_step = not differences(steps[-1].expected, answers[-1])
+                raise
+        if error is not None:
+            raise Broken([*self.done, *steps[len(answers) :][:1]], error) from None
+
+    # -- the clock
+
+    def _expiry(self, timer: Timer) -> int:
+        return self.oracle.input_index[Expire("expire", timer)]
+
+    def expires(self, i: int) -> Timer:
+        """The timer whose expiry this input is."""
+        value = self.oracle.inputs[i]
+        assert isinstance(value, Expire), value
+        return value.timer
+
+    def _duration(self, timer: Timer) -> int:
+        name = timer[0]
+        if name == "lease":
+            role = self.oracle.states[self.state].role
+            return lease_lasts(self.parameters.get("clock_drift", 0), role, self._lease_ms)
+        if name in self.overrides:
+            return self.overrides[name]
+        match timer:
+            case (_, int(p)):  # forget
+                joined = self._joined_at.get(p, self.now)
+                return forgotten_at(self._known, joined, self.now) - self.now
+        lasts = self._lasts[name]
+        return UNKNOWN if lasts is None else lasts
+
+    def _settle(self, answer: Answer) -> None:
+        """Arm and stop timers as the specification says."""
+        value = self.oracle.inputs[answer.input]
+        if isinstance(value, Expire):
+            self.clock.stop(value.timer)
+        for timer in answer.effect.stop:
+            self.clock.stop(timer)
+        after = self.oracle.states[answer.next]
+        if after.role == "receiver" and self.oracle.states[answer.state].role != "receiver":
+            self._joined_at[after.session[0]] = self.now
+        for timer in answer.effect.arm:
+            self._arm(timer)
+        self.state = answer.next
+
+    def _arm(self, timer: Timer) -> None:
+        lasts = self._duration(timer)
+        ends = UNKNOWN if lasts == UNKNOWN else self.now + lasts
+        match timer:
+            case (_, Entry() as entry):
+                self.clock.arm(timer, ends, entry[:4], entry.type)
+            case _:
+                self.clock.arm(timer, ends)
+
+    # -- lines and answers
+
+    def _take(self, command: dict[str, Json], then: int | None) -> list[int]:
+        """Queue a line: timers that are due fire, unless power fails (END-8), and then comes input
+        ``then``."""
+        step = Step(self.now, {**command, "now": self.now}, Expected())
+        step.before = self.state
+        fired, given = [], self.wire.given
+        self.wire.given = None
+        lost = then is not None and isinstance(
+            self.oracle.inputs[then], Restart
+        )  # what is due as well
+        while not lost and (due := self.clock.due(self.now)) is not None:
+            expiry = self._expiry(due)
+            if self.oracle.answer(self.state, expiry) is None:
+                raise Infeasible  # what is to be given up before lasts too long (ADV-8)
+            fired.append(expiry)
+            self._follow(step, expiry)
+        self.wire.given = given
+        if then is not None:
+            self._follow(step, then)
+        self._expect(step)
+        opens = any(m["session"][1] is None for m in step.expected.messages)
+        if len(step.expected.fresh) > 1 or (opens and not self.predict):
+            self.flush()  # what comes next depends on what the station chose
+        return fired
+
+    def _follow(self, step: Step, i: int) -> None:
+        """One step of the specification: what it expects is added to ``step``."""
+        answer = self.oracle.answer(self.state, i)
+        value = self.oracle.inputs[i]
+        assert answer is not None, f"not offered: {value}"
+        if not answer.changes and not answer.effect.messages and answer.effect.told == NOTHING_TOLD:
+            step.pairs.append((answer.state, i))
+            step.expected.rule = step.expected.rule or answer.effect.rule
+            if self.logged:
+                step.deeds.append(Deed(None, 0, 0, [], []))
+            return
+        if answer.changes and self.wire.given is not None:
+            self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
+        deed = Deed(None, 0, 0, [], []) if self.logged else None
+        if deed is not None:
+            deed.expired = self.wire.timer(value.timer) if isinstance(value, Expire) else None
+            deed.stopped = [self.wire.timer(t) for t in answer.effect.stop]
+        lease = self.clock.deadline(("lease",)) if answer.changes else None
+        messages, indications = self.wire.expect(
+            self.oracle.states[answer.state],
+            value,
+            answer,
+            self.oracle.states[answer.next],
+            (lease or self.now) - self.now,
+        )
+        step.pairs.append((answer.state, i))
+        step.expected.rule = step.expected.rule or answer.effect.rule
+        step.expected.messages += messages
+        step.expected.indications += indications
+        if answer.changes:
+            step.expected.fresh, self.wire.fresh = self.wire.fresh, []
+            self._settle(answer)
+        if deed is not None:
+            deed.messages, deed.told = len(messages), len(indications)
+            arm = answer.effect.arm
+            deed.armed = [(self.wire.timer(t), self.clock.deadline(t) or 0) for t in arm]
+            step.deeds.append(deed)
+
+    def _queue(self, command: dict[str, Json], expected: Expected | None = None) -> None:
+        """A line at which the station stays what it is."""
+        timed = {} if command["cmd"] == "durations" else {"now": self.now}
+        step = Step(self.now, command | timed, expected or Expected())
+        step.before = self.state
+        self._expect(step)
+
+    def _expect(self, step: Step) -> None:
+        """What an answer says of the state after it; the step waits to be written."""
+        first = self.clock.first
+        step.place = self.place
+        step.after, step.next_timer = self.state, self.first_timer
+        step.expected.phase = self.oracle.states[self.state].phase
+        step.expected.deadline = None if first is None else first.deadline
+        if not self.clock.sure:
+            step.expected.deadline = UNKNOWN
+        self._waiting.append(step)
+
+    def _judge(self, step: Step, line: bytes) -> None:
+        step.answer = line
+        if self.judges_marks and b'"cams"' in line:
+            states = [step.before, *(state for state, _ in step.pairs[1:]), step.after]
+            step.expected.marks = [self._marks(state) for state in states]
+        # Of the numbers judged: what is queued only predicts them.
+        step.expected.above = self.wire.last_number
+        problems = differences(step.expected, line)
+        if problems:
+            raise Mismatch([*self.done, step], problems)
+        for m in step.expected.messages:
+            if m["type"] == "Advertisement" and m["session"][1] not in self.wire.own.values():
+                if self.predict and m["session"][1] != self.wire.last_number + 1:
+                    raise Unpredicted
+                self.wire.opened(self.oracle.states[step.after].number, m["session"][1])
+        self.done.append(step)
+
+    def _marks(self, state: int) -> Json:
+        return sorted(self.wire.session(s) for s in self.oracle.marks[state])

@@ -1,0 +1,175 @@
+"""What a run leaves behind: logs in the trace format, and files that replay an exchange."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ValidationError
+
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import INDICATIONS, HelloAnswer, Object, read_answer
+from automcm_conformance.exchange.answers import are_marks, differences
+from automcm_conformance.exchange.exchange import Link, Mismatch, Step
+from automcm_conformance.exchange.wire import Expected
+from automcm_spec.support import files
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.format.log import first_problem
+from automcm_traces.format.writer import LogWriter
+
+FORMAT = "automcm.replay/1"
+LIMITS = ("max_rounds", "max_participants", "outbox_limit", "memory_limit")
+COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
+
+
+class _Line(BaseModel, extra="forbid"):
+    now: int
+    line: Object
+    expected: Expected
+
+
+class _Replay(BaseModel, extra="forbid"):
+    format: Literal["automcm.replay/1"]
+    case: str
+    rule: str
+    what: str
+    steps: list[_Line]
+
+
+def replay_text(case: str, rule: str, what: str, steps: Sequence[Step]) -> str:
+    """An exchange, line by line, with what is expected."""
+    lines = [{"now": s.now, "line": s.command, "expected": asdict(s.expected)} for s in steps]
+    about = {"format": FORMAT, "case": case, "rule": rule, "what": what}
+    return json.dumps(about | {"steps": lines}, indent=1) + "\n"
+
+
+def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
+    """What a replay file is about (``case``, ``rule``, ``what``) and its steps.
+
+    Raises BadInput and OSError.
+    """
+    try:
+        replay = _Replay.model_validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise BadInput(path, 0, *first_problem(error), FORMAT) from None
+    about = {"case": replay.case, "rule": replay.rule, "what": replay.what}
+    return about, [Step(s.now, s.line, s.expected) for s in replay.steps]
+
+
+def replayed(steps: Sequence[Step], link: Link) -> list[Step]:
+    """Send the lines again, one by one.  Raises Mismatch at the first answer that is wrong, and
+    what the link and the reading of an answer raise."""
+    done: list[Step] = []
+    for step in steps:
+        try:
+            (step.answer,) = link.exchange([step.line])
+        except AdapterError as error:
+            for answer in error.answers:
+                step.answer = answer
+                differences(step.expected, answer)  # what cannot be read says more
+            raise
+        problems = differences(step.expected, step.answer)
+        done.append(step)
+        if problems:
+            raise Mismatch(done, problems)
+    return done
+
+
+def write_log(
+    path: Path,
+    case: str,
+    steps: Sequence[Step],
+    name: str,
+    version: str,
+) -> None:
+    """The exchange as a log of the station: what it answered, and the timers as the
+    specification has them.  Raises ValueError if it cannot be told in a log."""
+    if any(step.pairs and not step.deeds for step in steps):
+        raise ValueError("timers were not kept")
+    reset = steps[0].command
+    known = {n: ms for n, ms in reset["parameters"].items() if n in (*LIMITS, "clock_drift")}
+    count = itertools.count(1)
+    about = {"run": case, "station": reset["station"], "implementation": name, "version": version}
+    with (
+        files.writing(path) as file,
+        LogWriter(file, **about, parameters=known, complete=COMPLETE) as log,
+    ):
+        for step in steps:
+            if not step.pairs and step.command["cmd"] != "advance":
+                continue
+            command, answer = step.command, read_answer(step.answer)
+            more = {} if answer.phase is None else {"phase": answer.phase}
+            messages, told = iter(answer.messages), map(bare, answer.indications)
+            cams, marks = answer.cams, step.expected.marks
+            before = [c for c in cams if not marks or are_marks(marks[0], c.get("marks"))]
+            send = partial(_send, log, reset["station"], count, step.now)
+            send(before)
+            for deed in step.deeds:
+                if deed.expired is not None:
+                    expired = _timer(deed.expired)
+                    log.event("timer", step.now, op="expire", timer=expired, **more)
+                else:
+                    _input(log, step.now, command, more)
+                send(islice(messages, deed.messages))
+                for timer in deed.stopped:
+                    log.event("timer", step.now, op="stop", timer=_timer(timer))
+                for timer, deadline in deed.armed:
+                    armed = _timer(timer)
+                    log.event("timer", step.now, op="arm", timer=armed, deadline=deadline)
+                for indication in islice(told, deed.told):
+                    log.event("indication", step.now, indication=indication)
+            send(messages)
+            for indication in told:
+                log.event("indication", step.now, indication=indication)
+            send(c for c in cams if c not in before)
+
+
+def log_of(folder: Path, name: str, case: str, steps: Sequence[Step], hello: HelloAnswer) -> str:
+    """Write the log of an exchange among the ``logs`` of a folder; its path there, or nothing if
+    an answer of it cannot be told in a log."""
+    path = folder / "logs" / f"{name}.ndjson"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        write_log(path, case, steps, hello.name, hello.version)
+    except ValueError:
+        path.unlink(missing_ok=True)
+        return ""
+    return str(path.relative_to(folder))
+
+
+def bare(told: Object) -> Object:
+    """An indication without what may stand there besides; a log need not be able to hold that."""
+    return {name: told[name] for name in ("name", *INDICATIONS[told["name"]])}
+
+
+def _send(
+    log: LogWriter, station: int, count: Iterator[int], now: int, messages: Iterable[Object]
+) -> None:
+    for message in messages:
+        log.event("send", now, tx=f"{station}:{next(count)}", message=message)
+
+
+def _input(log: LogWriter, now: int, command: Object, more: Object) -> None:
+    match command["cmd"]:
+        case "receive":
+            planned = command.get("planned")
+            log.event("receive", now, message=command["message"], planned=planned, **more)
+        case "command":
+            log.event("command", now, command=command["command"], **more)
+        case "restart":
+            log.event("restart", now, **more)
+
+
+def _timer(timer: Object) -> Object:
+    """A timer as a log names it."""
+    if "message" not in timer:
+        return timer
+    m = timer["message"]
+    about = {"type": m["type"]} | ({"to": m["dst"]} if "dst" in m else {})
+    return {"name": timer["name"], "message": about | {"session": m["session"], "seq": m["seq"]}}

@@ -1,0 +1,250 @@
+"""Tours: sequences of inputs that together drive chosen pairs of state and input of a graph, and
+the time-table that makes each of them possible."""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from automcm_conformance.exchange.wire import LONG, STEP_MS
+from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, Timer
+
+Pair = tuple[int, int]
+"""(state, input) of a graph."""
+Allowed = Callable[[int, int], bool]
+LATER_MS = 30
+TRIES = 4
+"""Inputs tried in search of one that changes nothing."""
+LONGEST = 600
+"""Inputs in a tour, about: one wrong answer must not hide too much."""
+
+
+@dataclass(slots=True)
+class Tours:
+    """Which pairs are still to be driven, and by which tour next.
+
+    ``allowed(state, input)``: may a tour use this transition?  ``disturbs``: may it be given on
+    the way, if it must change nothing?  A pair that was answered wrongly is
+    ``avoid``ed; what can only be reached through it stays in ``left``.
+    """
+
+    oracle: Oracle
+    left: dict[int, dict[int, str]]
+    """For each state the inputs to drive, and the case that each belongs to."""
+    allowed: Allowed
+    disturbs: Allowed
+    planned: set[Pair] = field(default_factory=set)
+    """Pairs of tours that are under way."""
+    _sent: set[Pair] = field(default_factory=set)
+    """Those of them whose tours the station is answering."""
+    avoided: set[Pair] = field(default_factory=set)
+    _moves: dict[int, list[Answer]] = field(default_factory=dict)
+    _parents: dict[int, Pair] | None = None
+    _disturbing: dict[Pair, bool] = field(default_factory=dict)
+    _random: random.Random = field(default_factory=random.Random)
+
+    @classmethod
+    def over(
+        cls,
+        oracle: Oracle,
+        targets: Iterable[tuple[Answer, str]],
+        allowed: Allowed,
+        disturbs: Allowed | None = None,
+        seed: int = 1,
+    ) -> Tours:
+        """Tours that drive these pairs, each for the case named.  ``seed`` chooses what else."""
+        left: dict[int, dict[int, str]] = {}
+        for answer, case in targets:
+            left.setdefault(answer.state, {})[answer.input] = case
+        return cls(oracle, left, allowed, disturbs or allowed, _random=random.Random(seed))
+
+    def next(self) -> list[int] | None:
+        """The inputs of another tour, from the initial state; None if no more pair is in reach
+        that is not ``planned`` already.
+
+        At each state first everything that stays there, then on by a transition not yet driven,
+        as long as there is one.  On the way to the first of these states, at each one something
+        that must change nothing: what it secretly changes may show later.
+        """
+        parents, planned = self._tree(), self.planned
+        # From far away ways lead back to states where there is still much to do.
+        start = next((s for s in reversed(self.left) if s in parents and self._open(s)), None)
+        if start is None:
+            return None
+        tour, state = self._disturbed(self.path(start) or []), start
+        while len(tour) < LONGEST:
+            here = [i for i in self.left.get(state, ()) if (state, i) not in planned]
+            moves = self.oracle.moves(state)
+            still = [i for i in here if i not in moves]
+            still += [i for i in here if moves.get(i) == state]
+            tour += still
+            planned.update((state, i) for i in still)
+            on = next((i for i in here if moves.get(i, state) != state), None)
+            if on is None:
+                break
+            planned.add((state, on))
+            tour.append(on)
+            state = moves[on]
+        return tour
+
+    def _disturbed(self, way: list[int]) -> list[int]:
+        """A way, with an input before each step that must change nothing."""
+        tour, state = [], 0
+        for i in way:
+            for _ in range(TRIES):
+                pair = state, self._random.randrange(len(self.oracle.inputs))
+                if self._disturbs(pair) and pair not in self.avoided:
+                    tour.append(pair[1])
+                    break
+            tour.append(i)
+            state = self.oracle.next(state, i)
+        return tour
+
+    def _disturbs(self, pair: Pair) -> bool:
+        """It must change nothing, and may be given; known from tour to tour, since ways share
+        their beginning."""
+        known = self._disturbing.get(pair)
+        if known is None:
+            answer = self.oracle.answer(*pair)
+            known = answer is not None and not answer.changes and self.disturbs(*pair)
+            self._disturbing[pair] = known
+        return known
+
+    def _open(self, state: int) -> bool:
+        return any((state, i) not in self.planned for i in self.left[state])
+
+    def done(self, pair: Pair) -> str | None:
+        """This one has been driven.  Returns the case if it was still to be driven."""
+        here = self.left.get(pair[0])
+        if here is None:
+            return None
+        case = here.pop(pair[1], None)
+        if not here:
+            del self.left[pair[0]]
+        return case
+
+    def avoid(self, pair: Pair) -> str | None:
+        """Use this pair no more.  Returns as ``done``."""
+        self.avoided.add(pair)
+        self._moves.pop(pair[0], None)
+        self._parents = None
+        return self.done(pair)
+
+    def under_way(self) -> None:
+        """The tours that were answered are over; what was planned since is being answered."""
+        self._sent, self.planned = self.planned - self._sent, self.planned - self._sent
+
+    def forget_plans(self) -> None:
+        """No tour is under way."""
+        self.planned.clear()
+        self._sent.clear()
+
+    def usable(self, pairs: Iterable[Pair]) -> None:
+        """These are avoided no more."""
+        self.avoided.difference_update(pairs)
+        self._moves.clear()
+        self._parents = None
+
+    def drop(self, case: str) -> None:
+        """Nothing more is to be driven for this case."""
+        pairs = [(s, i) for s, here in self.left.items() for i, c in here.items() if c == case]
+        self.avoided.update(pair for pair in pairs if not self.oracle.is_move(*pair))
+        for pair in pairs:
+            self.done(pair)
+
+    def path(self, state: int) -> list[int] | None:
+        """A shortest way to a state; None if there is none any more."""
+        parents, inputs = self._tree(), []
+        if state not in parents:
+            return None
+        while state != 0:
+            state, i = parents[state]
+            inputs.append(i)
+        return inputs[::-1]
+
+    def _tree(self) -> dict[int, Pair]:
+        if self._parents is None:
+            self._parents = {0: (0, 0)}
+            queue = deque([0])
+            while queue:
+                state = queue.popleft()
+                for answer in self._from(state):
+                    if answer.next not in self._parents:
+                        self._parents[answer.next] = (state, answer.input)
+                        queue.append(answer.next)
+        return self._parents
+
+    def _from(self, state: int) -> list[Answer]:
+        if state not in self._moves:
+            self._moves[state] = [
+                answer
+                for answer in self.oracle.changes(state)
+                if (state, answer.input) not in self.avoided and self.allowed(state, answer.input)
+            ]
+        return self._moves[state]
+
+
+@dataclass(slots=True)
+class Slot:
+    """When an input of a tour is given, what timers that it arms must last, and the lease that a
+    Prescription carries (None: nothing new)."""
+
+    answer: Answer
+    at: int
+    durations: dict[str, int]
+    lease_ms: int | None = None
+
+
+def timetable(
+    oracle: Oracle, tour: Sequence[int], start: int, long: Mapping[str, int] = LONG
+) -> list[Slot]:
+    """A time for each input of a tour such that each timer that expires in it expires in turn.
+
+    Each transition takes STEP_MS; a timer that does not expire in the tour lasts ``long``.  What
+    must change nothing comes LATER_MS after a transition, so that a timer armed anew by it shows.
+    """
+    slots: list[Slot] = []
+    running: dict[Timer, int] = {}
+    lease_from = -1
+    state, now = 0, start + STEP_MS // 2
+    for n, i in enumerate(tour):
+        answer = oracle.answer(state, i)
+        if answer is None:
+            raise ValueError(f"not offered: {oracle.inputs[i]}")
+        if answer.changes:
+            now += STEP_MS
+        slot = Slot(answer, now if answer.changes else now + LATER_MS, {})
+        slots.append(slot)
+        if not answer.changes:
+            continue
+        value = oracle.inputs[i]
+        if isinstance(value, Expire):
+            armed = running.pop(value.timer)
+            name = value.timer[0]
+            if name == "lease":
+                slots[lease_from].lease_ms = now - slots[armed].at
+            else:
+                slots[armed].durations[name] = now - slots[armed].at
+        if (proposal := _prescribed(value)) is not None:
+            lease_from, slot.lease_ms = n, long["lease"] + proposal
+        for timer in answer.effect.stop:
+            running.pop(timer, None)
+        for timer in answer.effect.arm:
+            running[timer] = n
+            if timer[0] != "lease":
+                slot.durations.setdefault(timer[0], long[timer[0]])
+        state = answer.next
+    return slots
+
+
+def _prescribed(value: Input) -> int | None:
+    """The proposal of a Prescription, received or commanded."""
+    match value:
+        case Receive(message=Message(type="Prescription", proposal=proposal)):
+            return proposal
+        case Command(name="prescribe", proposal=proposal):
+            return proposal
+    return None

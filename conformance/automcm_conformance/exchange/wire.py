@@ -1,0 +1,422 @@
+"""Between the oracle's values and the lines of an adapter: one station, one exchange.
+
+The oracle knows no content, no counter behind seq and no ids but 1, 2, 3 and 9.  ``Wire`` chooses
+them, remembers what was said, and turns each input into a line and each answer of the oracle into
+the very answer that is expected (docs/adapter.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, get_args
+
+from pydantic_core import to_json
+
+from automcm_spec.graph.oracle import Answer
+from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, RefusalReason
+from automcm_spec.vocabulary.station import (
+    Cam,
+    Command,
+    Entry,
+    Input,
+    Message,
+    Receive,
+    Restart,
+    Session,
+    State,
+    Timer,
+)
+
+Json = Any
+
+ME, STRANGER = 1, 9
+HOLD_MS = 2_000
+LONG_MS = 5_000_000
+"""A lease that no exchange outlives."""
+LONG = {
+    "cam": 1_000_000,
+    "hold": 2_000_000,
+    "decide": 2_100_000,
+    "answer": 2_200_000,
+    "advertise": 2_300_000,
+    "resend": 3_000_000,
+    "giveup": 3_100_000,
+    "quarantine": 4_000_000,
+    "forget": 4_100_000,
+    "backoff": 4_200_000,
+    "lease": LONG_MS,
+}
+"""Durations of timers that need not expire.  The earliest deadline is announced: one that is armed
+anew for no reason should be that."""
+SOON_MS = 900_000
+
+
+def long(soonest: str = "") -> dict[str, int]:
+    """LONG, but timers of this name would expire before all others."""
+    return {**LONG, soonest: SOON_MS} if soonest else LONG
+
+
+ODD_SEQ = 77
+BEFORE_MS = 500
+"""The first CAM is so much older than the exchange."""
+STEP_MS = 100
+COPY_REASONS = tuple(r for r in get_args(RefusalReason) if r not in ANSWER_REASONS)
+
+
+Key = tuple[str, int, Session, int]
+"""What identifies an entry of the outbox: type, addressee, session, seq; in the oracle's values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """What stands for the oracle's values on the wire.
+
+    ``ids``: of each station.  ``numbers``: session numbers of the others, by the oracle's number.
+    ``start_ms``: when the exchange begins.
+    """
+
+    ids: Mapping[int, int]
+    numbers: Mapping[int, tuple[int, ...]]
+    start_ms: int = 1_000
+
+
+PLAIN = Values(
+    {0: 0, ME: 4711, 2: 1702, 3: 10203, STRANGER: 999},
+    {2: (0, 5, 8), 3: (0, 2, 40), STRANGER: (0, 17)},
+)
+ALIKE = Values(
+    {0: 0, ME: 10, 2: 9, 3: 100, STRANGER: 1},
+    {2: (0, 1, 2), 3: (0, 1, 2), STRANGER: (0, 1)},
+)
+"""Numbers that stations share, also with the station under test; ids that texts sort otherwise."""
+WIDE = Values(
+    {0: 0, ME: 2**32 - 1, 2: 2**16 + 9, 3: 2**32 - 2**16 - 1, STRANGER: 2**31 + 9},
+    {2: (0, 5, 2**32 + 5), 3: (0, 2**49 + 1, 2**49 + 2), STRANGER: (0, 2**32 + 5)},
+    start_ms=2**41,
+)
+"""Values that 16 or 32 bits, or a float of single precision, do not hold or tell apart."""
+VALUES = (PLAIN, ALIKE, WIDE)
+RICH_DETAILS = {
+    "lane": 2,
+    "text": 'quotes " and \\ and / and \u00e4\u4e2d\U0001f698 and \n',
+    "deep": {"list": [1, [2, {"x": []}], True, False, ""], "large": [LIMIT, -LIMIT, 0]},
+}
+"""Content that a station must carry without touching it."""
+
+
+@dataclass(slots=True)
+class Expected:
+    """The answer that the specification calls for.
+
+    ``messages`` may come in any order.  What the station is free to choose is None until it is
+    known: ``seq`` where several new messages share the numbers in ``fresh``, and the number of a
+    session that it opens, which must be ``above`` the last.  ``deadline`` may be UNKNOWN.
+    ``marks`` are those of the states before, between and after: CAMs due meanwhile have one of
+    them; empty if they are not looked at.
+    """
+
+    rule: str = ""
+    messages: list[dict[str, Json]] = field(default_factory=list)
+    indications: list[dict[str, Json]] = field(default_factory=list)
+    deadline: int | None = None
+    phase: str = ""
+    marks: list[Json] = field(default_factory=list)
+    fresh: list[int] = field(default_factory=list)
+    above: int = 0
+
+
+@dataclass(slots=True)
+class Wire:
+    """What an exchange has said so far, in real values.
+
+    Give it each input and answer of the oracle in turn: ``line`` before, ``expect`` then, and
+    ``opened`` with the number of a session that the station opened.
+    """
+
+    scenario: str = "lane_change"
+    rich: bool = False
+    """Long and odd content."""
+    values: Values = PLAIN
+    last_number: int = 0
+    own: dict[int, int] = field(default_factory=dict)
+    outbox: dict[Key, dict[str, Json]] = field(default_factory=dict)
+    advertisement: dict[str, Json] | None = None
+    seq: int = 0
+    heard_ms: int | None = None
+    given: dict[str, Json] | None = None
+    """The message or command that the last line carried."""
+    fresh: list[int] = field(default_factory=list)
+    """The numbers that several new messages of the last step share."""
+    _cache: dict[Message, dict[str, Json]] = field(default_factory=dict)
+    """Messages received."""
+
+    # -- content and ids
+
+    def trajectory(self, session: Sequence[int], k: int, lane: int) -> Json:
+        """A trajectory that no other session, proposal or use has."""
+        points = [[0, 0, 0], [1000, 8000 + lane, session[0]]]
+        if self.rich:
+            points += [[1000 + 40 * n, -n * n, LIMIT - n] for n in range(1, 60)]
+        return {"t0": 10 * session[1] + k, "points": points}
+
+    def session(self, s: Session) -> list[int]:
+        """A session in real ids.  One of its own that is not open yet has some later number."""
+        if s[0] == ME:
+            later = self.last_number + s[1] - len(self.own)
+            return [self.values.ids[ME], self.own.get(s[1], later)]
+        return [self.values.ids[s[0]], self.values.numbers[s[0]][s[1]]]
+
+    def opened(self, place: int, number: int) -> None:
+        """The station has opened its session ``place`` under this number."""
+        if self.session((ME, place)) != [self.values.ids[ME], number]:
+            self._cache.clear()
+        self.own[place] = self.last_number = number
+
+    # -- inputs
+
+    def command(self, value: Input, lease_ms: int | None = None) -> dict[str, Json]:
+        """The command of the adapter protocol for an input, without ``now``.
+
+        ``lease_ms`` is for a Prescription with new content; else it is the one sent before.
+        """
+        self.given = None
+        match value:
+            case Receive():
+                self.given = self.message(value.message, lease_ms)
+                out: dict[str, Json] = {"cmd": "receive", "message": self.given}
+                if value.message.type == "Advertisement" and value.concerned:
+                    out["planned"] = self.trajectory(self.given["session"], 0, 1)
+                return out
+            case Cam():
+                self.given = self._cam(value)
+                return {"cmd": "receive", "message": self.given}
+            case Command():
+                self.given = self._command(value, lease_ms or LONG_MS + value.proposal)
+                return {"cmd": "command", "command": self.given}
+        return {"cmd": "restart" if isinstance(value, Restart) else "advance"}
+
+    def message(self, m: Message, lease_ms: int | None = None) -> dict[str, Json]:
+        """A received message with content."""
+        if m.type == "Ack":
+            return self._ack(m)
+        if m not in self._cache or lease_ms is not None:
+            self._cache[m] = self._content(m, lease_ms or LONG_MS + m.proposal)
+        return self._cache[m]
+
+    def _content(self, m: Message, lease_ms: int) -> dict[str, Json]:
+        type_, src, dst, session, seq, k, accepted, reason, _ = m
+        out: dict[str, Json] = {"v": 1, "type": type_, "src": self.values.ids[src]}
+        if dst:
+            out["dst"] = self.values.ids[dst]
+        s = self.session(session)
+        out |= {"session": s, "seq": 0}
+        if seq:
+            first = {"Prescription": 1 + k, "Acceptance": (1 if accepted else 11) + k}
+            out["seq"] = first.get(type_, {"Fin": 30, "Cancel": 40}.get(type_, 1))
+            out["seq"] += 2**40 if self.rich else 0
+        match type_:
+            case "Advertisement":
+                details = RICH_DETAILS if self.rich else {"lane": 2}
+                out |= {"scenario": self.scenario, "details": details}
+            case "Intention":
+                out["planned"] = self.trajectory(s, 0, src)
+            case "Prescription":
+                out |= {"proposal": k, "prescribed": self.trajectory(s, k, 2)}
+                out |= {"hold_ms": HOLD_MS + k, "lease_ms": lease_ms}
+            case "Acceptance":
+                out |= {"proposal": k, "accepted": accepted}
+                if accepted:
+                    out["selected"] = self.trajectory(s, k, 3)
+                else:
+                    out["reason"] = COPY_REASONS[k % 2] if reason == "as_sent" else reason
+            case "Cancel":
+                out["reason"] = "abort" if reason == "as_sent" else reason
+        return out
+
+    def _ack(self, m: Message) -> dict[str, Json]:
+        """An Ack.  One that names nothing in the outbox names a seq that tries the check."""
+        src, session, (type_, k) = m.src, m.session, m.of
+        seq = 0
+        if k:
+            mine = self.outbox.get((type_, src, session, k))
+            if mine is not None:
+                seq = mine["seq"]
+            elif type_ == "Advertisement":
+                seq = 1
+            else:
+                seq = self._near_miss(self.values.ids[src], self.session(session), type_)
+        out = {"v": 1, "type": "Ack", "src": self.values.ids[src]}
+        if m.dst:
+            out["dst"] = self.values.ids[m.dst]
+        return out | {"session": self.session(session), "seq": 0, "of": {"type": type_, "seq": seq}}
+
+    def _near_miss(self, src: int, session: list[int], type_: str) -> int:
+        """A seq that an Ack of ``src`` for a message of this type must not end anything with: of an
+        entry to somebody else that is just so, of one to ``src`` of another type, or of none."""
+        mine = [e for e in self.outbox.values() if e["session"] == session]
+        foreign = (e["seq"] for e in mine if e["dst"] != src and e["type"] == type_)
+        other = (e["seq"] for e in mine if e["dst"] == src and e["type"] != type_)
+        return next(foreign, next(other, ODD_SEQ))
+
+    def _cam(self, value: Cam) -> dict[str, Json]:
+        last = self.heard_ms or self.values.start_ms - BEFORE_MS
+        return {
+            "v": 1,
+            "type": "CAM",
+            "src": self.values.ids[value.src],
+            "generation_ms": last + STEP_MS if value.newer else last,
+            "x_mm": 0,
+            "y_mm": 0,
+            "heading_mrad": 0,
+            "speed_mm_s": 8333,
+            "marks": [self.session(s) for s in sorted(value.marks)],
+        }
+
+    def _command(self, value: Command, lease_ms: int) -> dict[str, Json]:
+        _, name, session, k, target = value
+        out: dict[str, Json]
+        if name == "request":
+            details = {"lane": 2, "request": len(self.own) + 1} | (
+                RICH_DETAILS if self.rich else {}
+            )
+            out = {"name": name, "scenario": self.scenario, "details": details}
+            return out | ({"planned": self.trajectory([0, 0], 0, 6)} if self.rich else {})
+        s = self.session(session)
+        out = {"name": name, "session": s}
+        if name in ("prescribe", "accept", "refuse"):
+            out["proposal"] = k
+        if name == "prescribe":
+            out |= {"target": self.values.ids[target], "prescribed": self.trajectory(s, k, 4)}
+            out |= {"hold_ms": HOLD_MS, "lease_ms": lease_ms}
+        if name == "accept":
+            out["selected"] = self.trajectory(s, k, 5)
+        return out
+
+    # -- answers
+
+    def expect(
+        self, before: State, value: Input, answer: Answer, after: State, lease_left: int
+    ) -> tuple[list[dict[str, Json]], list[dict[str, Json]]]:
+        """Messages and indications that must follow; what is sent reliably is remembered.
+
+        Several new messages of one step have ``seq`` None; the numbers are in ``fresh``.
+        """
+        effect = answer.effect
+        messages = []
+        new: list[tuple[Key, dict[str, Json]]] = []
+        for m in effect.messages:
+            key = m.type, m.dst, m.session, m.seq
+            if m.seq and key in self.outbox:
+                messages.append(self.outbox[key])
+            elif m.type == "Advertisement" and self.advertisement is not None:
+                messages.append(self.advertisement)
+            else:
+                message = self._sent(m)
+                messages.append(message)
+                if m.seq:
+                    new.append((key, message))
+        if answer.changes:
+            self._remember(before, after, new, value)
+        return messages, self._indications(effect.told, before, after, lease_left)
+
+    def _sent(self, m: Message) -> dict[str, Json]:
+        """A new message, or an answer, of the station."""
+        type_, _, dst, session, seq, k, accepted, reason, _ = m
+        given = self.given or {}
+        out: dict[str, Json] = {"v": 1, "type": type_, "src": self.values.ids[ME]}
+        if dst:
+            out["dst"] = self.values.ids[dst]
+        out |= {"session": self.session(session), "seq": 0}
+        match type_:
+            case "Advertisement":
+                out["session"] = [self.values.ids[ME], None]
+                kept = {"scenario", "details", "planned"} & given.keys()
+                out |= {name: given[name] for name in sorted(kept)}
+            case "Intention":
+                out["planned"] = self.trajectory(out["session"], 0, 1)
+            case "Prescription":
+                names = ("proposal", "prescribed", "hold_ms", "lease_ms")
+                out |= {name: given[name] for name in names}
+            case "Acceptance":
+                out |= {"proposal": k, "accepted": accepted}
+                out |= {"selected": given["selected"]} if accepted else {"reason": reason}
+            case "Cancel":
+                out["reason"] = reason
+            case "Ack":
+                out["of"] = {"type": given["type"], "seq": given["seq"]}
+        if seq:
+            out["seq"] = None
+        return out
+
+    def _remember(
+        self, before: State, after: State, new: list[tuple[Key, dict[str, Json]]], value: Input
+    ) -> None:
+        if before.session != after.session:
+            if before.session == (0, 0):
+                self.seq = 0
+            self.advertisement = self.heard_ms = None
+        if len(new) == 1 and new[0][1]["type"] != "Advertisement":
+            new[0][1]["seq"] = self.seq + 1
+        else:
+            self.fresh = [self.seq + n for n in range(1, len(new) + 1)]
+        self.seq += len(new)
+        for key, message in new:
+            if message["type"] == "Advertisement":
+                self.advertisement = message
+            else:
+                self.outbox[key] = message
+        kept = {entry[:4] for entry in after.outbox}
+        for key in [key for key in self.outbox if key not in kept]:
+            del self.outbox[key]
+        if after.phase != "ADVERTISING":
+            self.advertisement = None
+        if isinstance(value, Cam) and self.given is not None:
+            self.heard_ms = self.given["generation_ms"]
+        elif after.phase != "ACTUATING":
+            self.heard_ms = None
+
+    def _indications(
+        self, told: tuple[str, ...], before: State, after: State, lease_left: int
+    ) -> list[dict[str, Json]]:
+        name = told[0]
+        if name == "nothing":
+            return []
+        if name in ("refused", "discarded"):
+            return [{"name": name}]
+        given = self.given or {}
+        out: dict[str, Json] = {"name": name, "session": self.session(before.session)}
+        match name:
+            case "choose":
+                out["stations"] = sorted(self.values.ids[p] for p in after.recorded)
+            case "verify":
+                out |= {"proposal": given["proposal"], "prescribed": given["prescribed"]}
+            case "undecided":
+                out["proposal"] = before.proposal
+            case "accepted":
+                out |= {"proposal": before.proposal, "selected": given["selected"]}
+                out["lease_left_ms"] = lease_left
+            case "propose":
+                out |= {"proposal": before.proposal + 1, "reason": given["reason"]}
+            case "fallback":
+                out["reason"] = given["reason"] if told[1] == "as_sent" else told[1]
+        return [out]
+
+    def timer(self, t: Timer) -> dict[str, Json]:
+        """A timer as a log names it, but with all of the message it belongs to: its seq may not
+        be known yet."""
+        match t:
+            case (name, Entry() as e):
+                message = self.outbox.get(e[:4])
+                if message is None:
+                    message = {"type": e.type, "session": self.session(e.session), "seq": 1}
+                    message |= {"dst": self.values.ids[e.to]} if e.to else {}
+                return {"name": name, "message": message}
+            case (name, int(p)):
+                return {"name": name, "station": self.values.ids[p]}
+        return {"name": t[0]}
+
+
+def encode(command: dict[str, Json]) -> bytes:
+    """The line of a command."""
+    return to_json(command) + b"\n"

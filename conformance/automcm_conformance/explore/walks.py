@@ -1,0 +1,314 @@
+"""Walks through a graph that go where no walk has been: peers that answer, and a radio that loses,
+repeats and delays.
+
+A walk is a list of acts; nothing in it depends on what the station answers, so that the same acts
+can be given again, and fewer of them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from random import Random
+from typing import NamedTuple
+
+from automcm_conformance.exchange.exchange import Exchange
+from automcm_conformance.exchange.play import play
+from automcm_conformance.exchange.tours import Pair
+from automcm_conformance.exchange.wire import LONG_MS, PLAIN, Values
+from automcm_spec.graph.oracle import Oracle
+from automcm_spec.vocabulary.station import Cam, Expire, Receive
+
+NOTHING = -1
+"""The input of an act in which time passes, and that is all."""
+TRIES = 6
+"""Inputs looked at in search of one that has not been given in this state."""
+NEAR = 300
+"""States looked at in search of a transition that no walk has taken."""
+STARTS = 24
+"""States looked at in search of one that has seldom been visited."""
+PAUSES_MS = (0, 0, 1, 7, 30, 99)
+PLANNED, JUDGED = 1, 2
+
+
+class Act(NamedTuple):
+    """``pause_ms`` after the last one, this input; pauses count in natural time only."""
+
+    pause_ms: int
+    input: int
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """The script of a walk's radio and application, in percent of its inputs.
+
+    ``again``: the last message once more.  ``late``: one of those before.  ``odd``: anything, it
+    must change nothing.  ``silent``: nothing comes until a timer expires.
+    """
+
+    again: int = 0
+    late: int = 0
+    odd: int = 0
+    silent: int = 0
+
+    def __str__(self) -> str:
+        parts = (("again", self.again), ("late", self.late), ("odd", self.odd))
+        return "-".join(f"{name}{n}" for name, n in (*parts, ("silent", self.silent)))
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a walk is played with.  ``timed``: the kit says how long timers last, so that they can
+    expire in any order; else they last what the parameters say."""
+
+    timed: bool
+    parameters: tuple[tuple[str, int], ...] = ()
+    """Those that differ from the suite's."""
+    values: Values = PLAIN
+    rich: bool = False
+    lease_ms: int = LONG_MS
+    soonest: str = ""
+    """The timer that would expire first of those that need not, if ``timed``."""
+
+
+@dataclass(slots=True)
+class Ground:
+    """A graph, which of its pairs may be walked, and which have been."""
+
+    name: str
+    oracle: Oracle
+    offered: Sequence[bool]
+    """For each input: the station has the feature that it needs."""
+    limited: bool
+    """A limit of the graph is fixed otherwise, so that MEM-1 decides elsewhere."""
+    avoided: set[Pair] = field(default_factory=set)
+    """Pairs that were answered wrongly."""
+    _seen: bytearray = field(init=False)
+    _left: list[int] = field(init=False)
+    """For each state how many transitions no walk has taken, forbidden ones too."""
+    _visits: Counter[int] = field(default_factory=Counter)
+    _fired: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        self._seen = bytearray(len(self.oracle.states) * len(self.oracle.inputs))
+        self._left = [len(self.oracle.moves(state)) for state in range(len(self.oracle.states))]
+
+    def may(self, state: int, i: int) -> bool:
+        """This input can be given in this state."""
+        if not self.offered[i] or (state, i) in self.avoided:
+            return False
+        answer = self.oracle.answer(state, i)
+        return answer is not None and not (self.limited and answer.effect.rule == "MEM-1")
+
+    def fresh(self, state: int, i: int) -> bool:
+        """No walk has given this input in this state."""
+        return not self._seen[state * len(self.oracle.inputs) + i]
+
+    def mark(self, pair: Pair, how: int) -> None:
+        """This pair is PLANNED, or has been JUDGED."""
+        at = pair[0] * len(self.oracle.inputs) + pair[1]
+        self._left[pair[0]] -= not self._seen[at] and self.oracle.is_move(*pair)
+        self._seen[at] = max(self._seen[at], how)
+        if how == PLANNED:
+            self._visits[pair[0]] += 1
+            value = self.oracle.inputs[pair[1]]
+            if isinstance(value, Expire):
+                self._fired[value.timer[0]] += 1
+
+    def coverage(self) -> dict[str, list[int]]:
+        """Transitions and refusals that have been judged, of those there are."""
+        oracle, n = self.oracle, len(self.oracle.inputs)
+        moves = sum(
+            self._seen[state * n + i] == JUDGED
+            for state in range(len(oracle.states))
+            for i in oracle.moves(state)
+        )
+        return {
+            "transitions": [moves, oracle.transitions],
+            "refusals": [self._seen.count(JUDGED) - moves, oracle.refusals],
+        }
+
+    def news(self, state: int) -> bool:
+        """There is a transition here that no walk has taken."""
+        return self._left[state] > 0
+
+    def rare_state(self, random: Random) -> int:
+        """Of some states the one that was visited least."""
+        states = [random.randrange(len(self.oracle.states)) for _ in range(STARTS)]
+        return min(states, key=lambda state: self._visits[state])
+
+    def way(self, state: int, *, expiries: bool | None) -> list[int]:
+        """A short way on to a transition that no walk has taken; empty if none is near."""
+        before: dict[int, Pair] = {}
+        near = deque([state])
+        while near and len(before) < NEAR:
+            here = near.popleft()
+            if here != state and self._left[here]:
+                inputs = []
+                while here != state:
+                    here, i = before[here]
+                    inputs.append(i)
+                return inputs[::-1]
+            for i, after in self.oracle.moves(here).items():
+                expiry = isinstance(self.oracle.inputs[i], Expire)
+                if after in before or after == state or expiries not in (None, expiry):
+                    continue
+                if self.may(here, i):
+                    before[after] = here, i
+                    near.append(after)
+        return []
+
+    def quiet(self, state: int, random: Random) -> int | None:
+        """An input that must change nothing here; one not given here before, if that is found."""
+        found = None
+        for _ in range(TRIES):
+            i = random.randrange(len(self.oracle.inputs))
+            if self.oracle.is_move(state, i) or not self.may(state, i):
+                continue
+            if self.fresh(state, i):
+                return i
+            found = i
+        return found
+
+    def move(self, state: int, random: Random, *, expiries: bool | None) -> int | None:
+        """A transition: seldom taken ones, seldom visited states and rare timers first.
+
+        ``expiries``: only those, or (False) none of them; None: all.
+        """
+        inputs, weights = [], []
+        for i, after in self.oracle.moves(state).items():
+            value = self.oracle.inputs[i]
+            expiry = isinstance(value, Expire)
+            if (expiries is not None and expiry != expiries) or not self.may(state, i):
+                continue
+            rare = self._visits[after]
+            if isinstance(value, Expire):
+                rare = self._fired[value.timer[0]]
+            inputs.append(i)
+            weights.append((8.0 if self.fresh(state, i) else 1.0) / (1 + rare) ** 0.5)
+        return random.choices(inputs, weights)[0] if inputs else None
+
+
+@dataclass(slots=True)
+class Walker:
+    """Makes walks over a ground.  The same ``random`` makes the same walks."""
+
+    ground: Ground
+    random: Random
+    faults: Faults
+    _heard: list[int] = field(default_factory=list)
+    """Messages of this walk."""
+    _way: deque[Pair] = field(default_factory=deque)
+    """States and inputs that lead to something new."""
+
+    def timed(self, length: int) -> list[Act]:
+        """To a state that is seldom visited, and on from there."""
+        oracle, tour, state = self.ground.oracle, list[int](), 0
+        for i in oracle.path(self.ground.rare_state(self.random)):
+            if not self.ground.may(state, i):
+                break
+            if self.random.randrange(100) < self.faults.odd:
+                quiet = self.ground.quiet(state, self.random)
+                if quiet is not None:
+                    self._note(tour, state, quiet)
+            state = self._note(tour, state, i)
+        while len(tour) < length:
+            chosen = self._choose(state, None)
+            if chosen is None:
+                break
+            state = self._note(tour, state, chosen)
+        return [Act(0, i) for i in tour]
+
+    def natural(self, x: Exchange, setting: Setting, length: int, acts: list[Act]) -> None:
+        """From the initial state on, by the clock of this exchange; ``acts`` gets what is played,
+        also if that raises Mismatch, Broken or Unpredicted."""
+        while len(acts) < length and x.clock.sure:
+            due = x.next_due
+            chosen = self._choose(x.state, False)
+            if due is not None and self.random.randrange(100) < self.faults.silent:
+                pause = max(0, due - x.now - self.random.choice((0, 0, 1)))
+                if due > x.now + pause or self.random.randrange(3):
+                    chosen = None  # else it comes together with the timer
+            else:
+                pause = self.random.choice(PAUSES_MS)
+                if due is not None and x.now + pause >= due:
+                    pause = 0
+                if chosen is None and due is None:
+                    break
+            act = Act(pause, NOTHING if chosen is None else chosen)
+            if chosen is not None:
+                self._hear(chosen)
+            acts.append(act)
+            before = len(x.queued)
+            perform(x, act, setting)
+            for step in x.queued[before:]:
+                for pair in step.pairs:
+                    self.ground.mark(pair, PLANNED)
+
+    def _choose(self, state: int, expiries: bool | None) -> int | None:
+        """The next input, by the script; None if there is none."""
+        faults, random, die = self.faults, self.random, self.random.randrange(100)
+        if self._heard and die < faults.again + faults.late:
+            old = self._heard[-1] if die < faults.again else random.choice(self._heard)
+            if self.ground.may(state, old):
+                return old
+        die = random.randrange(100)
+        if die < faults.odd:
+            quiet = self.ground.quiet(state, random)
+            if quiet is not None:
+                return quiet
+        if expiries is None and die >= 100 - faults.silent:
+            expiry = self.ground.move(state, random, expiries=True)
+            if expiry is not None:
+                return expiry
+        return self._on(state, expiries)
+
+    def _on(self, state: int, expiries: bool | None) -> int | None:
+        """A transition: one that is new, or on the way to one, more often than not."""
+        ground = self.ground
+        if not ground.news(state) and not self._way and self.random.randrange(4):
+            at = state
+            for i in ground.way(state, expiries=expiries):
+                self._way.append((at, i))
+                at = ground.oracle.moves(at)[i]
+        if self._way:
+            if self._way[0][0] == state:
+                return self._way.popleft()[1]
+            self._way.clear()  # something else has happened
+        return ground.move(state, self.random, expiries=expiries)
+
+    def _note(self, tour: list[int], state: int, i: int) -> int:
+        tour.append(i)
+        self._hear(i)
+        self.ground.mark((state, i), PLANNED)
+        return self.ground.oracle.given(state, i).next
+
+    def _hear(self, i: int) -> None:
+        if isinstance(self.ground.oracle.inputs[i], Receive | Cam):
+            self._heard.append(i)
+
+
+def perform(x: Exchange, act: Act, setting: Setting) -> None:
+    """One act in natural time.  An input that is not offered then is left out."""
+    at = x.now + act.pause_ms
+    while (due := x.next_due) is not None and due < at:
+        x.advance(due)
+    if act.input == NOTHING or not x.offers(act.input, at):
+        x.advance(at)
+    else:
+        x.give(act.input, at=at, lease_ms=setting.lease_ms)
+
+
+def walk(x: Exchange, acts: Sequence[Act], setting: Setting) -> None:
+    """Play acts on a fresh exchange, as far as time allows, and seal it.
+
+    Raises Mismatch and Broken.
+    """
+    if setting.timed:
+        play(x, [act.input for act in acts], True, soonest=setting.soonest)
+        return
+    for place, act in enumerate(acts):
+        x.place = place
+        perform(x, act, setting)
+    x.seal()

@@ -1,0 +1,247 @@
+"""What a live station is asked, and the verdicts on it (live.py; docs/conformance.md).
+
+Each case is a script (scripts.py) of a receiver in natural time, so that its virtual-time twin is
+the same script behind an adapter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.adapter.protocol import Object
+from automcm_conformance.exchange.exchange import Broken, Exchange, Infeasible, Mismatch
+from automcm_conformance.exchange.results import Line, Verdict
+from automcm_conformance.exchange.wire import ME, STRANGER, Values
+from automcm_conformance.live.live import Air, Failed, Live, Unwritten, said_by
+from automcm_conformance.suite import scripted
+from automcm_conformance.suite import scripts as s
+from automcm_conformance.suite.graph_cases import fitting
+from automcm_spec.graph.oracle import Oracle
+from automcm_spec.vocabulary.station import Expire
+
+Twin = Callable[["Case"], str | None]
+"""What is wrong with the twin of a case in virtual time: nothing if empty, None if it cannot tell.
+"""
+LEASE_MS = 20_000
+STATIONS = 10
+"""Ids that the kit may use in one case."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """``script`` ends with the session, and with nothing left to send."""
+
+    name: str
+    rules: tuple[str, ...]
+    then: str
+    script: s.Script
+    lease_ms: int = LEASE_MS
+
+
+def _resent(*entry: Any) -> Expire:
+    return s.expire("resend", s.entry(*entry))
+
+
+_INTENTION = "Intention", s.Y, s.THEIRS
+_ACCEPTANCE = "Acceptance", s.Y, s.THEIRS, 1, True
+_OTHER = s.received("Advertisement", s.NEXT)
+_ACTUATING: s.Script = [*s.COMMITTED, s.ACCEPTANCE_ACKED]
+_FREE = s.expire("forget", s.Y), s.expire("quarantine")
+"""It has broken its commitment off, so the next case begins when it joins again (ACT-6)."""
+_LATER = s.Wait(400), s.HEARD_THEM
+_HEARD = s.ACCEPTANCE_ACKED, s.Wait(200), s.HEARD_THEM, s.Wait(200)
+_ENDED = _resent("Cancel", s.Y, s.THEIRS), s.received("Ack", s.THEIRS, of=("Cancel", 1))
+
+CASES = (
+    Case(
+        "intention",
+        ("ADV-3", "REL-1", "ADV-6", "END-2"),
+        "its Intention comes at once and every t_resend until the Ack; its Ack to the Cancel",
+        [s.ADVERTISED, *[_resent(*_INTENTION)] * 3, s.INTENTION_ACKED, s.Wait(250), s.CANCELLED],
+    ),
+    Case(
+        "given up",
+        ("ADV-6", "REL-1"),
+        "without an Ack its Intention comes until t_timeout and no longer",
+        [s.ADVERTISED, s.expire("giveup", s.entry(*_INTENTION)), s.Wait(300), s.CANCELLED],
+    ),
+    Case(
+        "agreement",
+        ("NEG-1", "NEG-2", "REL-1", "ACT-3"),
+        "an Ack to each Prescription, its Acceptance until the Ack, an Ack to each Fin",
+        [*s.COMMITTED, _resent(*_ACCEPTANCE), s.INSTRUCTED, *_HEARD, s.FINISHED, s.FINISHED],
+    ),
+    Case(
+        "busy",
+        ("NEG-4", "ADV-4"),
+        "a Prescription of another session is refused as busy, its Advertisement ignored",
+        [*s.WAITING, _OTHER, s.received("Prescription", s.NEXT), s.Wait(150), s.CANCELLED],
+    ),
+    Case(
+        "unknown session",
+        ("NEG-5", "END-3"),
+        "a Prescription of no session is refused; Cancel and Fin of none are acknowledged",
+        [s.INSTRUCTED, s.INSTRUCTED, s.CANCELLED, s.FINISHED],
+    ),
+    Case(
+        "cancel",
+        ("END-2", "END-3", "ADV-8"),
+        "each Cancel is acknowledged; its Acceptance comes no more, and it does not join again",
+        [*s.COMMITTED, s.CANCELLED, s.CANCELLED, s.ADVERTISED, s.Wait(150)],
+    ),
+    Case(
+        "cam loss",
+        ("ACT-2", "REL-1", "END-6"),
+        "t_cam_loss after the last CAM it sends a Cancel (cam_loss) until the Ack",
+        [*_ACTUATING, s.HEARD_THEM, *_LATER, s.expire("cam"), *_ENDED, *_FREE],
+    ),
+    Case(
+        "lease",
+        ("ACT-4", "REL-1", "END-6"),
+        "when the lease is over it sends a Cancel (lease_expired) until the Ack",
+        [*_ACTUATING, *_LATER, *_LATER, *_LATER, s.expire("lease"), *_ENDED, *_FREE],
+        lease_ms=1_900,
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The verdict on one case; ``reason`` is empty if it is PASS."""
+
+    case: str
+    rules: tuple[str, ...]
+    then: str
+    verdict: Verdict
+    reason: str = ""
+    lines: list[Line] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Session:
+    """A run against one station.  ``parameters`` are those that it runs with.  ``number`` is above
+    that of any run before: the sessions are numbered from it, and the ids of peers follow, since
+    the station may remember where a peer was, and what it has joined."""
+
+    oracle: Oracle
+    air: Air
+    station: int
+    parameters: Mapping[str, int]
+    jitter_ms: int
+    number: int
+    scenario: str = "lane_change"
+    twin: Twin | None = None
+    judged: list[Judged] = field(default_factory=list)
+    known: list[Object] = field(default_factory=list)
+    """What the station has had to send."""
+    unsettled: set[int] = field(default_factory=set)
+    """Peers of cases that did not pass: the station may still be sending to them."""
+    stuck: Live | None = None
+    """The case after which the station has not come to rest."""
+
+    def heard(self, limit_ms: int) -> bool:
+        """Whether the station is on the air: it sends a CAM by then."""
+        until = self.air.now() + limit_ms
+        while (received := self.air.receive(until)) is not None:
+            m = said_by(self.station, received[1])
+            if m is not None and m.get("type") == "CAM":
+                return True
+        return False
+
+    def judge(self, case: Case) -> Judged:
+        """Play a case, and leave the station as it was."""
+        if self.stuck is not None and not self._settled(self.stuck):
+            reason = "the station has not come to rest after the case before"
+            return self._judged(case, "INCONC", reason, [])
+        lines: list[Line] = []
+        x = self._exchange()
+        live = Live(x, self.air, self.jitter_ms, lines, self.known, self.unsettled)
+        verdict: Verdict = "PASS"
+        reason = ""
+        try:
+            live.play(case.script, case.lease_ms)
+        except Failed as failed:
+            found = failed.finding
+            verdict, reason = "FAIL" if found.kind == "unexpected" else "INCONC", found.observed
+            if found.kind == "overdue":
+                verdict, reason = self._timing(case, reason)
+        if reason:
+            self.unsettled.update(x.wire.values.ids.values())
+            self.stuck = None if self._settled(live) else live
+        return self._judged(case, verdict, reason, lines)
+
+    def _judged(self, case: Case, verdict: Verdict, reason: str, lines: list[Line]) -> Judged:
+        self.judged.append(Judged(case.name, case.rules, case.then, verdict, reason, lines))
+        return self.judged[-1]
+
+    def _settled(self, live: Live) -> bool:
+        """Whether the station has come to rest."""
+        p = self.parameters
+        quiet = 2 * (p["t_resend"] + self.jitter_ms)
+        return live.settle(quiet, 3 * (p["t_timeout"] + p["t_resend"]) + quiet)
+
+    def _timing(self, case: Case, missed: str) -> tuple[Verdict, str]:
+        """A timing miss says something only if the twin, which has no radio, fails too."""
+        if self.twin is None:
+            return "INCONC", missed
+        found = self.twin(case)
+        if found is None:
+            return "INCONC", f"{missed}; its twin in virtual time cannot be judged"
+        if not found:
+            return "INCONC", f"{missed}; its twin in virtual time passes"
+        return "FAIL", f"{missed}; so in virtual time: {found}"
+
+    def _exchange(self) -> Exchange:
+        """With peers and sessions that the station has never heard of."""
+        first = 3 * 10**9 if self.station < 2 * 10**9 else 10**9
+        first += STATIONS * (self.number % 10**7 * 10 + len(self.judged))
+        ids = {n: first + n for n in (2, 3, STRANGER)}
+        sessions = (0, self.number, self.number + 1)
+        values = Values(
+            {0: 0, ME: self.station, **ids},
+            dict.fromkeys((2, 3, STRANGER), sessions),
+            start_ms=self.air.now(),
+        )
+        return Exchange(
+            self.oracle,
+            Unwritten(),
+            self.parameters,
+            scenario=self.scenario,
+            values=values,
+            predict=True,
+            logged=False,
+        )
+
+
+def twin(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> Twin:
+    """The same cases, behind an adapter of the same implementation, in virtual time."""
+
+    def judged(case: Case) -> str | None:
+        given = fitting(parameters, {str(n): ms for n, ms in adapter.hello.fixed.items()})
+        x = Exchange(oracle, adapter, given, scenario=adapter.hello.scenarios[0])
+        try:
+            scripted.play(x, case.script, case.lease_ms)
+        except Mismatch as wrong:
+            adapter.renew()
+            return str(wrong)
+        except (Broken, Infeasible):
+            adapter.renew()
+            return None
+        return ""
+
+    return judged
+
+
+def as_dict(session: Session, exit_code: int) -> dict[str, object]:
+    """For a report in JSON."""
+    return {
+        "format": "automcm.live/1",
+        "station": session.station,
+        "jitter_ms": session.jitter_ms,
+        "parameters": dict(session.parameters),
+        "exit_code": exit_code,
+        "cases": [asdict(judged) for judged in session.judged],
+    }

@@ -1,0 +1,343 @@
+"""A log's inputs into an implementation behind the adapter protocol, followed on the oracle.
+
+What the log's station sent and what its timers did are no inputs.  Time goes on as in the log, and
+the implementation's own timers expire by themselves.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+from pydantic_core import to_json
+
+from automcm_conformance.adapter.connect import Opened, hello, opened
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import COMMAND, HelloAnswer, Object, ProtocolError
+from automcm_conformance.exchange import transcript
+from automcm_conformance.exchange.results import Line
+from automcm_conformance.replay.log_compare import Compared, Difference, Names
+from automcm_conformance.replay.log_survey import Survey, events, possible, survey
+from automcm_conformance.scenarios.monitor import Followed
+from automcm_spec.vocabulary.parameters import longest_delay
+from automcm_traces.checker.finding import Diverges
+from automcm_traces.checker.track import CannotTell
+from automcm_traces.explain.explain import explain
+from automcm_traces.format.log import (
+    ApplicationCommand,
+    ApplicationIndication,
+    Event,
+    Receive,
+    Restart,
+    Send,
+    TimerEnd,
+    problems,
+)
+from automcm_traces.format.reader import read
+
+BEAT_MS = 1_000
+"""The longest step in time: CAMs come out in time (adapter.md allows 10 s)."""
+SHOWN = 40
+"""Lines of the exchange that are kept."""
+NEEDS = {
+    "request": "prescriber",
+    "prescribe": "prescriber",
+    "proceed": "prescriber",
+    "complete": "prescriber",
+    "accept": "receiver",
+    "refuse": "receiver",
+}
+"""The feature without which a command is never given (adapter.md)."""
+
+
+@dataclass(slots=True)
+class Replayed:
+    """What came of it.  ``line`` and ``input`` are about the log that was replayed."""
+
+    verdict: Literal["allowed", "diverges", "cannot_tell", "error"]
+    """error: the adapter could not be run, or broke."""
+    file: str
+    line: int = 0
+    """Of the last input given; 0 if none was."""
+    input: str = ""
+    event: str = ""
+    """What diverges, or why it cannot be told or was not run."""
+    rule: str = ""
+    expected: list[str] = field(default_factory=list)
+    guard: str = ""
+    log: str = ""
+    """The new log; empty if there is none."""
+    log_line: int = 0
+    """Where it diverges."""
+    in_log: bool = True
+    """The new log alone shows it; a wrong next deadline or phase is in no log."""
+    inputs: int = 0
+    """How many were given, of ``total``."""
+    total: int = 0
+    same: bool | None = None
+    """The same was sent and told as in the log; None if the log does not say enough."""
+    difference: Difference | None = None
+    notes: list[str] = field(default_factory=list)
+    """What was left out or is not as in the log, and warnings of the reader."""
+    stderr: list[str] = field(default_factory=list)
+    exchange: list[Line] = field(default_factory=list)
+    """The last lines that were said, if it did not go well."""
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command."""
+        return {"allowed": 0, "diverges": 1, "error": 3, "cannot_tell": 4}[self.verdict]
+
+    def as_dict(self) -> dict[str, object]:
+        """For ``--json``."""
+        return asdict(self) | {"exit_code": self.exit_code}
+
+
+def replay(
+    path: Path,
+    command: Sequence[str],
+    out: Path,
+    *,
+    limit_s: float,
+    seed: int,
+) -> Replayed:
+    """Give the inputs of a log to the adapter ``command``; the new log goes into ``out``.
+
+    ``limit_s`` is the real time an answer may take, ``seed`` that of ``reset``.  Raises
+    BadInput and OSError.
+    """
+    found = survey(path)
+    result = Replayed("allowed", str(path), total=found.inputs, notes=list(found.warnings))
+    run: _Run | None = None
+    try:
+        possible(found)
+        with opened(command, limit_s) as process:
+            run = _Run(found, process, hello(process), result)
+            run.start(out, seed)
+            run.all()
+            if problem := process.stop():
+                result.notes.append(problem)
+    except Diverges as d:
+        wrong = d.finding
+        result.verdict, result.event, result.rule = "diverges", wrong.observed, wrong.rule
+        result.expected = transcript.answerable(wrong)
+        result.guard, result.log_line = wrong.why.guard, wrong.at.line
+    except CannotTell as error:
+        result.verdict, result.event = "cannot_tell", str(error)
+    except (AdapterError, ProtocolError) as error:
+        result.verdict, result.event = "error", str(error)
+        result.stderr = list(getattr(error, "stderr", ()))
+    if run is not None:
+        run.end("crash" if result.verdict == "error" else "clean")
+    if result.verdict == "diverges":
+        result.in_log = explain(read(result.log)).verdict == "diverges"
+    if result.verdict == "allowed":
+        result.exchange.clear()
+    return result
+
+
+class _Run:
+    """One replay.  ``result`` is kept up to date: which input, how many, the first difference."""
+
+    def __init__(
+        self,
+        found: Survey,
+        process: Opened,
+        hello: HelloAnswer,
+        result: Replayed,
+    ) -> None:
+        self._found, self._process, self._hello = found, process, hello
+        self._result = result
+        fixed = {str(n): v for n, v in hello.fixed.items()}
+        self._parameters, notes = found.parameters(fixed, hello.features)
+        result.notes += notes
+        self._names = Names(found.header.station, found.numbers)
+        late_ms = longest_delay(self._parameters)
+        self._compared = Compared(self._names, late_ms) if found.whole else None
+        self._now = found.first_ms
+        self._expired_ms = -1
+        """When a timer of the log last expired."""
+        self._backoffs = found.backoffs if "durations" in hello.features else []
+        self._followed: Followed | None = None
+        self._skipped = 0
+
+    def start(self, out: Path, seed: int) -> None:
+        """A new station.  Raises as Followed does."""
+        header = self._found.header
+        out.mkdir(parents=True, exist_ok=True)
+        new = out / f"{self._found.path.stem}-replayed.ndjson"
+        self._result.log = str(new)
+        self._followed = Followed(
+            header.station,
+            self._process,
+            new,
+            self._result.exchange,
+            self._hello,
+            self._parameters,
+            run=header.run,
+            seed=seed,
+            now=self._now,
+        )
+        self._set_backoff()
+
+    def all(self) -> None:
+        """The whole log."""
+        for line, event, _ in events(self._found.path):
+            if event is not None:
+                self._event(line, event)
+        self._advance(self._found.last_ms)
+        if self._compared is not None:
+            self._compared.settle(self._now, ends=True)
+            self._result.same = self._compared.first is None
+            self._result.difference = self._compared.first
+        if self._skipped:
+            text = f"{self._skipped} of the bytes received cannot be given to an adapter"
+            self._result.notes.append(f"{text}: a station discards them (END-5)")
+
+    def end(self, reason: str) -> None:
+        """Close the new log, and say how it went until then."""
+        if self._followed is not None:
+            self._followed.end(reason)
+        if self._compared is not None and self._result.same is None and self._compared.first:
+            self._result.same, self._result.difference = False, self._compared.first
+
+    # -- the log
+
+    def _event(self, line: int, event: Event) -> None:
+        match event:
+            case Send(message=m, t_ms=now):
+                self._names.logged(m)
+                if self._compared is not None:
+                    self._compared.logged(line, now, "send", m)
+            case ApplicationIndication(indication=told, t_ms=now):
+                if self._compared is not None and self._found.told:
+                    value = {"name": told.name, **(told.model_extra or {})}
+                    self._compared.logged(line, now, "tell", value)
+            case TimerEnd(op="expire", t_ms=now):
+                self._expired_ms = now
+            case Receive() | ApplicationCommand() | Restart():
+                self._input(line, event)
+            case _:
+                pass
+
+    def _input(self, line: int, event: Receive | ApplicationCommand | Restart) -> None:
+        # Of timers due at the time of a restart the log says whether they expired before (END-8).
+        lost = isinstance(event, Restart) and self._expired_ms != event.t_ms
+        self._advance(event.t_ms - lost)
+        if self._compared is not None:
+            self._compared.settle(event.t_ms)
+        given = self._line(event)
+        if given is None:
+            self._skipped += 1
+            return
+        command, raw = given
+        self._result.line, self._result.input = line, transcript.said(command)
+        self._result.inputs += 1
+        self._give(event.t_ms, command, event.tx if isinstance(event, Receive) else None, raw)
+
+    def _line(
+        self, event: Receive | ApplicationCommand | Restart
+    ) -> tuple[Object, str | None] | None:
+        """What is said to the adapter, and the bytes for the log if it is no message; None if it
+        cannot be said.  Raises CannotTell."""
+        if isinstance(event, Restart):
+            self._needs("restart")
+            return {"cmd": "restart"}, None
+        if isinstance(event, ApplicationCommand):
+            return self._command(event), None
+        if event.raw is not None:
+            malformed = _object(event.raw)
+            if malformed is None or not problems(malformed):
+                return None
+            return {"cmd": "receive", "message": malformed}, event.raw
+        m = event.message
+        assert m is not None
+        if problems(m):
+            return {"cmd": "receive", "message": m}, base64.b64encode(to_json(m)).decode()
+        command: Object = {"cmd": "receive", "message": self._names.message(m)}
+        if event.planned is not None:
+            self._needs("receiver")
+            command["planned"] = event.planned
+        return command, None
+
+    def _command(self, event: ApplicationCommand) -> Object:
+        said = self._names.command(
+            {"name": event.command.name, **(event.command.model_extra or {})}
+        )
+        if need := NEEDS.get(event.command.name):
+            self._needs(need)
+        command = {"cmd": "command", "command": said}
+        try:
+            COMMAND.validate_python({**command, "now": event.t_ms})
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(str(part) for part in first["loc"][2:])
+            text = f"seq {event.seq}: command {said['name']} cannot be given to an adapter"
+            raise CannotTell(f"{text}: {place}: {first['msg']}") from None
+        return command
+
+    def _needs(self, feature: str) -> None:
+        if feature not in self._hello.features:
+            raise CannotTell(f"the log needs the feature {feature!r}, which the adapter has not")
+
+    # -- the station
+
+    def _advance(self, to: int) -> None:
+        """Let time pass up to ``to``, deadline by deadline; what is due then expires."""
+        assert self._followed is not None
+        while True:
+            due = self._followed.deadline
+            beat = self._now + BEAT_MS
+            at = beat if due is None else min(due, beat)
+            if at > to:
+                return
+            self._give(max(at, self._now), {"cmd": "advance"})
+
+    def _give(
+        self, now: int, command: Object, tx: str | None = None, raw: str | None = None
+    ) -> None:
+        followed, kept = self._followed, self._result.exchange
+        assert followed is not None
+        self._now = now
+        followed.give(now, command, tx, raw)
+        del kept[:-SHOWN]
+        for _, m in followed.sent:
+            self._names.sent(m)
+        if self._compared is not None:
+            sent = [m for _, m in followed.sent if m["type"] != "CAM"]
+            told = followed.told if self._found.told else []
+            self._compared.done(self._result.line, now, sent, told)
+        self._set_backoff()
+
+    def _set_backoff(self) -> None:
+        """The next back-off is to last as long as it did in the log."""
+        assert self._followed is not None
+        if self._followed.backoffs < len(self._backoffs):
+            ms = self._backoffs[self._followed.backoffs]
+            if ms != self._followed.backoff:
+                self._followed.set_backoff(ms)
+
+
+def _object(raw: str) -> Object | None:
+    """The JSON object that these bytes are; None if they are none, or none that can be given."""
+
+    def number(text: str) -> float:
+        value = float(text)
+        if not math.isfinite(value):
+            raise ValueError(text)
+        return value
+
+    try:
+        text = base64.b64decode(raw, validate=True).decode()
+        value = json.loads(text, parse_float=number, parse_constant=number)
+        to_json(value)
+    except (ValueError, RecursionError, binascii.Error):
+        return None
+    return value if isinstance(value, dict) else None

@@ -1,0 +1,150 @@
+"""A run on the terminal.
+
+Texts of the station never reach it as they are: ``visible`` shows what is not printable as an
+escape, and nothing is read as markup.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from automcm_conformance.exchange.results import VERDICTS, CaseResult, Failure, Report, Verdict
+from automcm_conformance.report.report import (
+    GROUPS,
+    conformance,
+    groups,
+    matrix,
+    share,
+    totals,
+    visible,
+)
+
+STYLES = {"PASS": "green", "FAIL": "red", "INCONC": "yellow", "SKIP": "dim", "ERROR": "magenta"}
+CASES = 10
+"""How many cases the summary names: it is to stay on one screen."""
+ORDER: tuple[Verdict, ...] = ("FAIL", "PASS", "ERROR", "INCONC", "SKIP")
+"""Which of the unexpected cases it names first."""
+WIDTH = 100
+"""Where the output is no terminal."""
+LIMIT = 400
+SHORT = 120
+
+
+def summary(report: Report, console: Console, folder: Path | None = None) -> None:
+    """Print who was tested, the verdict, the counts, the coverage and what was not expected.
+
+    ``folder`` is where the files of the report are.  A console that is no terminal is set to a
+    width of 100.
+    """
+    _prepare(console)
+    who = report.implementation
+    console.print(_text(f"{who.name} {who.version}".strip(), "bold", SHORT))
+    holds, sentence = conformance(report)
+    style = {True: "bold green", False: "bold red", None: "bold yellow"}[holds]
+    console.print(Text(sentence, style))
+    console.print()
+    console.print(_counts(report))
+    console.print()
+    table = _grid()
+    for name, pair in totals(report):
+        table.add_row(_text(name), Text(share(pair)))
+    console.print(table)
+    for problem in report.problems:
+        console.print(Text("Problem: ", "red") + _text(problem))
+    _unexpected(report, console)
+    if folder is not None:
+        console.print(Text(f"Report: {visible(str(folder / 'report.html'))}"), soft_wrap=True)
+
+
+def failure(case: CaseResult, failure: Failure, console: Console) -> None:
+    """Print one failure: the rule, the exchange that leads to it, what is allowed, what came.
+
+    A console that is no terminal is set to a width of 100.
+    """
+    _prepare(console)
+    console.print(Text(case.verdict, STYLES[case.verdict]) + _text(f" {case.id}", "bold"))
+    console.print(_text(failure.what))
+    console.print(_text(f"{failure.rule}: {failure.rule_text}"))
+    if failure.operator:
+        console.print(_text(f"Station.tla, line {failure.line}: {failure.operator}", "dim"))
+    console.print()
+    table = Table(box=None, pad_edge=False)
+    table.add_column("ms", justify="right", no_wrap=True)
+    table.add_column("kit", ratio=1)
+    table.add_column("station", ratio=1)
+    for line in failure.exchange:
+        text = _text(line.text)
+        cells = (text, Text()) if line.who == "kit" else (Text(), text)
+        table.add_row(Text(str(line.now), "dim"), *cells)
+    console.print(table)
+    console.print()
+    _list("The specification allows one of", failure.allowed, "green", console)
+    _list("What came", failure.came, "red", console)
+    if failure.command:
+        console.print(Text("Play it again:"))
+        console.print(_text(failure.command, limit=10 * LIMIT), soft_wrap=True)
+
+
+def _counts(report: Report) -> Table:
+    counts = matrix(report)
+    table = _grid()
+    for _ in VERDICTS:
+        table.add_column(justify="right")
+    table.add_row(Text("rules"), *(Text(verdict, STYLES[verdict]) for verdict in VERDICTS))
+    for name in groups([report]):
+        found = [(verdict, counts[(name, verdict)]) for verdict in VERDICTS]
+        cells = (Text(str(n), STYLES[verdict]) if n else Text(".", "dim") for verdict, n in found)
+        table.add_row(_text(f"{name} {GROUPS.get(name, '')}", limit=SHORT), *cells)
+    table.add_row(Text("all"), *(Text(str(report.counts[verdict])) for verdict in VERDICTS))
+    return table
+
+
+def _unexpected(report: Report, console: Console) -> None:
+    cases = report.unexpected
+    console.print()
+    if not cases:
+        console.print(Text("Every verdict is as expected."))
+        return
+    console.print(Text(f"Not as expected: {len(cases)} of {len(report.cases)} cases"))
+    table = _grid()
+    table.add_column(no_wrap=True)
+    table.add_column()  # rich shortens a column that may wrap before any that may not
+    for case in sorted(cases, key=lambda case: ORDER.index(case.verdict))[:CASES]:
+        why = case.reason or (case.failures[0].what if case.failures else "")
+        if case.wanted != "PASS":
+            why = "; ".join(filter(None, (f"{case.wanted} was expected", why)))
+        reason = _text(why)
+        reason.no_wrap, reason.overflow = True, "ellipsis"
+        verdict = Text(case.verdict, STYLES[case.verdict])
+        table.add_row(verdict, _text(case.id, limit=SHORT), reason)
+    console.print(table)
+    if len(cases) > CASES:
+        console.print(Text(f"and {len(cases) - CASES} more"))
+
+
+def _list(title: str, texts: list[str], style: str, console: Console) -> None:
+    console.print(Text(title))
+    table = Table.grid(padding=(0, 1))
+    for text in texts or ["nothing"]:
+        table.add_row(Text(" -"), _text(text, style))
+    console.print(table)
+    console.print()
+
+
+def _grid() -> Table:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(no_wrap=True)
+    return table
+
+
+def _text(text: str, style: str = "", limit: int = LIMIT) -> Text:
+    return Text(visible(text, limit=limit), style)
+
+
+def _prepare(console: Console) -> None:
+    if not console.is_terminal:
+        console.width = WIDTH

@@ -1,0 +1,474 @@
+"""Runs the suite: tours over the graphs, then the cases that no graph carries; verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+from automcm_conformance.adapter.adapter import PATIENCE, Adapter
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import DEFAULTS, ProtocolError, Refused
+from automcm_conformance.exchange.exchange import (
+    Broken,
+    Exchange,
+    Link,
+    Mismatch,
+    Step,
+    Unpredicted,
+)
+from automcm_conformance.exchange.play import LEASES, RUNS, Wrong, play, shortened
+from automcm_conformance.exchange.tours import Pair, Tours
+from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
+from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
+from automcm_conformance.suite.tally import ENOUGH, Drive, Fault, Flight, Part, Tally, finding
+from automcm_spec.graph.oracle import Answer, Oracle
+from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, Restart
+from automcm_traces.checker.finding import Finding
+
+Say = Callable[[str], None]
+PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
+"""What the graphs are driven with; the limits are those of the graph."""
+LIMITS = {
+    "max_rounds": "MaxRounds",
+    "max_participants": "MaxParticipants",
+    "outbox_limit": "OutboxLimit",
+    "memory_limit": "MemoryLimit",
+}
+BULK = 1_000
+"""Lines that are written before their answers are read, about."""
+STARTS = 20
+"""Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
+ATTEMPTS = 3
+"""Tours that may fail to reach a pair because time forbids it."""
+
+
+def fitting(chosen: Mapping[str, int], fixed: Mapping[str, int]) -> dict[str, int]:
+    """The chosen parameters but for those that are fixed, changed where they do not fit these."""
+    p = {**chosen, **fixed}
+    if p["backoff_min"] > p["backoff_max"]:
+        bound = p["backoff_min"] if "backoff_min" in fixed else p["backoff_max"]
+        p["backoff_min"] = p["backoff_max"] = bound
+    if "outbox_limit" not in fixed:
+        needed = ROOM + 1 + max(p["max_participants"], p["max_rounds"])
+        p["outbox_limit"] = max(p["outbox_limit"], needed)
+    return p
+
+
+class Runner:
+    """One run of chosen purposes against one implementation."""
+
+    def __init__(self, adapter: Adapter, purposes: Iterable[Purpose], seed: int, say: Say) -> None:
+        self.adapter = adapter
+        self.seed = seed
+        self.say = say
+        self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
+        chosen = (tally.purpose.select for tally in self.tallies.values())
+        self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
+        """What decides a pair of a case that graphs carry is one of these."""
+        self.elsewhere: Finding | None = None
+        """The first wrong answer of a case that is not run."""
+        marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
+        self._cam_marks = next(marks, None)
+        """The case that wrong marks belong to, wherever they are seen."""
+        self.parts: list[Part] = []
+        self.ended = ""
+        """Why the run was ended from outside, or by a fault of the kit."""
+        self.broke = False
+        self.enough = 0
+        """So many cases that did not pass end the run; 0: none do."""
+        self.runs, self.starts = RUNS, STARTS
+        """Exchanges tried in order to shorten one, and one that ends in a crash."""
+        self.predict = True
+        """The station numbers its sessions one by one, as far as is known."""
+        self.features = frozenset[str](adapter.hello.features)
+        self.fixed: dict[str, int] = {str(k): v for k, v in adapter.hello.fixed.items()}
+
+    @property
+    def timed(self) -> bool:
+        """The kit says how long timers last."""
+        return "durations" in self.features
+
+    @property
+    def cut_short(self) -> str:
+        """Why nothing more is driven; empty if the run goes on."""
+        if self.adapter.broken >= PATIENCE:
+            return f"cut short after {self.adapter.broken} crashes or hangs"
+        if self.enough and len(self.failed) >= self.enough:
+            return f"cut short after {len(self.failed)} cases that did not pass"
+        return self.ended
+
+    @property
+    def failed(self) -> list[str]:
+        """The cases that are known to be FAIL or ERROR, in their order."""
+        return [name for name, tally in self.tallies.items() if tally.failed]
+
+    def exchange(
+        self,
+        oracle: Oracle,
+        parameters: Mapping[str, int] = PARAMETERS,
+        *,
+        rich: bool = False,
+        values: Values = PLAIN,
+        seed: int | None = None,
+        predict: bool = False,
+        logged: bool = True,
+        limits: Mapping[str, int] | None = None,
+        link: Link | None = None,
+    ) -> Exchange:
+        """A fresh station, with the limits of the graph if none are given, over the adapter or
+        another ``link``.  What it has no feature for is left out of ``parameters``."""
+        if "clock_drift" not in self.features:
+            parameters = {name: n for name, n in parameters.items() if name != "clock_drift"}
+        limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
+        given = fitting({**parameters, **limits}, self.fixed)
+        scenario = self.adapter.hello.scenarios[0]
+        return Exchange(
+            oracle,
+            link or self.adapter,
+            given,
+            scenario=scenario,
+            seed=self.seed if seed is None else seed,
+            rich=rich,
+            values=values,
+            predict=predict,
+            logged=logged,
+            judges_marks="cam" in self.features and not self._marks_decided,
+        )
+
+    @property
+    def _marks_decided(self) -> bool:
+        """Enough CAMs have had wrong marks."""
+        tally = self._cam_marks
+        return tally is not None and tally.decided
+
+    # -- which pairs
+
+    def graph(self, part: Part, answers: Iterable[Answer], owners: Owners) -> None:
+        """Drive these pairs of a graph."""
+        self.tour(self.plan(part, answers, owners))
+
+    def plan(self, part: Part, answers: Iterable[Answer], owners: Owners) -> Drive:
+        """Which of these pairs are to be driven; the others are counted as skipped."""
+        self.parts.append(part)
+        oracle = part.oracle
+        unfit = self.unfit(oracle)
+        left_out = [self.left_out(value) for value in oracle.inputs]
+        targets = []
+        for answer in answers:
+            tally = self._tally(part, owners, answer)
+            if tally is None:
+                continue
+            part.totals["transitions" if answer.changes else "refusals"] += 1
+            tally.total += 1
+            why = unfit or left_out[answer.input] or self._limited(oracle, answer)
+            if why:
+                tally.skipped[why] += 1
+            else:
+                targets.append((answer, tally.purpose.id))
+        limited = bool(self.limited_by(oracle))
+
+        def allowed(state: int, i: int) -> bool:
+            if left_out[i]:
+                return False
+            answer = oracle.answer(state, i) if limited else None
+            return answer is None or answer.effect.rule != "MEM-1"
+
+        def disturbs(state: int, i: int) -> bool:
+            answer = oracle.answer(state, i)
+            known = answer is not None and self._tally(part, owners, answer) is not None
+            return known and allowed(state, i)
+
+        tours = part.tours = Tours.over(oracle, targets, allowed, disturbs, self.seed)
+        for state in [state for state in tours.left if tours.path(state) is None]:
+            for i in list(tours.left[state]):
+                self.tallies[tours.left[state][i]].skipped["a feature that leads there"] += 1
+                tours.done((state, i))
+        return Drive(part, owners, tours, len(targets))
+
+    def tour(self, drive: Drive) -> None:
+        """Drive what is planned, as far as it goes."""
+        part, tours = drive.part, drive.tours
+        while not self.cut_short:
+            tour = tours.next()
+            if tour is None and not drive.flights and not drive.sent:
+                break
+            if tour is not None:
+                self._start(drive, tour)
+                self.adapter.pump()
+            if tour is None or drive.lines >= BULK:
+                self.say(f"{part.name}: {part.reached.total():,} of {drive.planned:,}")
+                self._land(drive)
+        if self.cut_short:
+            return
+        tours.usable(drive.attempts)
+        for state in [state for state in tours.left if tours.path(state) is not None]:
+            for i in list(tours.left[state]):
+                self._forbidden(part, tours.done((state, i)))
+
+    def _tally(self, part: Part, owners: Owners, answer: Answer) -> Tally | None:
+        """The case that a pair belongs to, if it is run."""
+        state, i = part.oracle.states[answer.state], part.oracle.inputs[answer.input]
+        owner = owners.owner(state, i, answer.effect, answer.changes, part.third)
+        return None if owner is None else self.tallies.get(owner.id)
+
+    def unfit(self, oracle: Oracle) -> str:
+        """Why this graph says nothing about the implementation; empty if it does."""
+        rounds = oracle.constants["MaxRounds"]
+        if self.fixed.get("max_rounds", rounds) != rounds:
+            return f"max_rounds is fixed; the graph has {rounds}"
+        peers, limits = len(oracle.constants["Peers"]), oracle.constants
+        left_over = limits["OutboxLimit"] - max(limits["MaxParticipants"], rounds)
+        participants = self.fixed.get("max_participants", limits["MaxParticipants"])
+        least = {"memory_limit": peers, "max_participants": peers}
+        least["outbox_limit"] = left_over + max(participants, rounds)  # MEM-1
+        for name, needed in least.items():
+            if self.fixed.get(name, needed) < needed:
+                return f"{name} of at least {needed}"
+        return ""
+
+    def left_out(self, value: Input) -> str:
+        """The feature that an input needs and the implementation does not have."""
+        match value:
+            case Restart():
+                needed = "restart"
+            case Command(name="abort"):
+                return ""
+            case Command(name="accept" | "refuse"):
+                needed = "receiver"
+            case Command():
+                needed = "prescriber"
+            case Receive(message=Message(type="Advertisement"), concerned=True):
+                needed = "receiver"
+            case _:
+                return ""
+        return "" if needed in self.features else needed
+
+    def _limited(self, oracle: Oracle, answer: Answer) -> str:
+        """MEM-1 can be seen only with the limits of the graph."""
+        if answer.effect.rule != "MEM-1":
+            return ""
+        other = self.limited_by(oracle)
+        return f"{other[0]} is fixed" if other else ""
+
+    def limited_by(self, oracle: Oracle) -> list[str]:
+        """Limits that are fixed at another value than the graph's."""
+        return [
+            n for n, c in LIMITS.items() if self.fixed.get(n, 0) not in (0, oracle.constants[c])
+        ]
+
+    # -- driving them
+
+    def _start(self, drive: Drive, tour: list[int]) -> None:
+        """Another tour.  Its lines are written with those of others, if they need no answer."""
+        lease = LEASES[drive.attempts.total() % len(LEASES)]
+        values = VALUES[drive.started % len(VALUES)]
+        soonest = tuple(LONG)[drive.started % len(LONG)]
+        drive.started += 1
+        x = self.exchange(drive.part.oracle, values=values, predict=self.predict, logged=False)
+        flight = Flight(x, tour, lease, values, soonest)
+        try:
+            flight.off = play(x, tour, self.timed, lease, soonest)
+            if x.begun:
+                x.flush()
+        except (Mismatch, Broken, Unpredicted) as error:
+            self._landed(drive, flight, error)
+            return
+        if x.begun:
+            self._landed(drive, flight)
+        else:
+            drive.flights.append(flight)
+
+    def _land(self, drive: Drive) -> None:
+        """Read the answers to the tours that were sent, send those that wait, and judge the first
+        while the station answers the second."""
+        flights, drive.sent = drive.sent, drive.flights
+        drive.flights = []
+        broken: AdapterError | None = None
+        try:
+            answers = self.adapter.answers()
+        except AdapterError as error:
+            answers, broken = error.answers, error
+        if drive.sent:
+            self.adapter.send([line for f in drive.sent for line in f.x.waiting])
+        drive.tours.under_way()
+        for flight in flights:
+            asked = flight.x.unwritten
+            mine, answers = answers[:asked], answers[asked:]
+            if len(mine) < asked and broken is None:
+                break  # the process was renewed meanwhile; it is played again
+            try:
+                flight.x.answered(mine, broken if len(mine) < asked else None)
+            except (Mismatch, Broken, Unpredicted) as wrong:
+                self._landed(drive, flight, wrong)
+                break  # what follows was not played, or may be out of step; it is played again
+            self._landed(drive, flight)
+
+    def _landed(
+        self, drive: Drive, flight: Flight, error: Wrong | Unpredicted | None = None
+    ) -> None:
+        """A tour has been judged.  What is answered wrongly is confirmed, blamed on a case, and
+        avoided."""
+        tours, x = drive.tours, flight.x
+        self._credit(drive.part, tours, x.done)
+        if error is not None:
+            tours.forget_plans()
+        if isinstance(error, Unpredicted):
+            self.predict = False
+        elif error is not None:
+            self._wrong(drive, flight, error)
+        elif flight.off is not None:
+            drive.attempts[flight.off] += 1
+            if drive.attempts[flight.off] >= ATTEMPTS:
+                self._forbidden(drive.part, tours.avoid(flight.off))
+
+    def _forbidden(self, part: Part, case: str | None) -> None:
+        """Time does not allow a pair of this case."""
+        if case is not None:
+            part.forbidden += 1
+            self.tallies[case].forbidden += 1
+
+    def _credit(self, part: Part, tours: Tours, steps: Iterable[Step]) -> None:
+        for step in steps:
+            for pair in step.pairs:
+                case = tours.done(pair)
+                if case is not None:
+                    self._reached(part, case, pair)
+
+    def _reached(self, part: Part, case: str, pair: Pair) -> None:
+        tally = self.tallies[case]
+        tally.reached += 1
+        changes = part.oracle.is_move(*pair)
+        part.reached["transitions" if changes else "refusals"] += 1
+        tally.sample = tally.sample or (part, pair)
+
+    # -- wrong answers
+
+    def _wrong(self, drive: Drive, flight: Flight, error: Wrong) -> None:
+        """Find the shortest exchange that goes wrong so, and the case that it belongs to."""
+        part, tours, tour = drive.part, drive.tours, flight.tour
+        self.in_step(error)
+        before = self.adapter.broken
+        place = error.steps[-1].place
+        inputs = tour[: place + 1]
+        states = part.oracle.way(inputs[:-1])
+        seen: Pair = (states[place], tour[place])
+        tally = self._tally(part, drive.owners, part.oracle.given(*seen))
+        if tally is not None:
+            tally.hits += 1
+            if tally.decided:
+                tours.avoid(seen)
+                tours.drop(tally.purpose.id)
+                return
+
+        def attempt(again: list[int]) -> Wrong | None:
+            x = self.exchange(part.oracle, values=flight.values)
+            try:
+                play(x, again, self.timed, flight.lease, flight.soonest)
+                x.flush()
+            except (Mismatch, Broken) as wrong:
+                self.in_step(wrong)
+                return wrong if len(wrong.steps) > 1 else None  # else not even reset was answered
+            return None
+
+        kind = error.kind if isinstance(error, Broken) else ""
+        hangs = kind == "hang"
+        ways = [tours.path(state) for state in states]
+        short = shortened(
+            part.oracle, inputs, ways, attempt, 1 if hangs else self.starts if kind else self.runs
+        )
+        least = short is not None
+        if short is None and not hangs:  # less than the whole tour has another time-table
+            whole = attempt(tour)
+            if whole is not None and whole.steps[-1].place == place:
+                short = inputs, whole
+        self.adapter.broken = before  # each fault counts once, however often it is tried again
+        if short is None:
+            case = tours.avoid(seen)
+            self._blame(drive, seen, error, again=hangs)
+            if case is not None:
+                self._reached(part, case, seen)
+            return
+        inputs, error = short
+        culprit, why = self._culprit(part, inputs, error, least)
+        if culprit in tours.avoided:  # it has been blamed; each wrong answer takes something away
+            tours.avoid(seen)
+            return
+        case = tours.avoid(culprit)
+        if case is not None:
+            self._reached(part, case, culprit)
+        self._blame(drive, culprit, error, why)
+
+    def in_step(self, error: Wrong) -> None:
+        """After a line too many, the next exchange has a fresh process."""
+        cause = error.error if isinstance(error, Broken) else None
+        sealed = len(error.steps) > 1 and error.steps[-1].command["cmd"] == "reset"
+        sealed = sealed or (isinstance(error, Mismatch) and not error.in_step)
+        if sealed or (isinstance(cause, ProtocolError) and not isinstance(cause, Refused)):
+            self.adapter.renew()
+
+    def _culprit(
+        self, part: Part, inputs: list[int], error: Wrong, least: bool
+    ) -> tuple[Pair, str]:
+        """The pair to blame for a wrong exchange, and why if it is not the last one.  ``least``:
+        nothing of it can be left out."""
+        oracle, step = part.oracle, error.steps[-1]
+        states = oracle.way(inputs[:-1])
+        last = states[-1], inputs[-1]
+        for state, i in zip(reversed(states[:-1]), reversed(inputs[:-1]), strict=True):
+            if least and not oracle.is_move(state, i):
+                return (state, i), "; an input before it, which must change nothing, changed that"
+        ended = oracle.answer(*last)
+        changes = ended is not None and ended.changes  # else it has armed a timer anew itself
+        if (
+            changes
+            and isinstance(error, Mismatch)
+            and {part for part, _ in error.problems} == {"deadline"}
+        ):
+            found = error.found_deadline
+            wanted = step.expected.deadline
+            name = step.next_timer[0] if step.next_timer else ""
+            timer = step.next_timer and oracle.input_index.get(Expire("expire", step.next_timer))
+            late = wanted is not None and (found is None or found > wanted)
+            if late and timer is not None and oracle.answer(step.after, timer) is not None:
+                return (step.after, timer), f"; the timer {name} is not armed, or lasts too long"
+        return last, ""
+
+    def _blame(
+        self, drive: Drive, pair: Pair, error: Wrong, why: str = "", *, again: bool = True
+    ) -> None:
+        part = drive.part
+        tally = self._tally(part, drive.owners, part.oracle.given(*pair))
+        if isinstance(error, Mismatch) and {p for p, _ in error.problems} == {"cams"}:
+            tally = self._cam_marks or tally
+        purpose = tally.purpose if tally else None
+        fault = self.fault(part, [pair], error, purpose, why, again=again)
+        if tally is None:
+            self.elsewhere = self.elsewhere or fault.finding
+            return
+        if len(tally.faults) < ENOUGH:
+            tally.faults.append(fault)
+        if tally.decided:
+            drive.tours.drop(tally.purpose.id)
+
+    def fault(
+        self,
+        part: Part,
+        pairs: list[Pair],
+        error: Wrong,
+        purpose: Purpose | None,
+        why: str = "",
+        *,
+        again: bool = True,
+    ) -> Fault:
+        """A fault.  Its rule is the one that decides the last pair; of a named case, the case's
+        own, unless a message or an indication is wrong."""
+        rule = purpose.rules[0] if purpose else ""
+        named = bool(purpose and purpose.case)
+        if isinstance(error, Mismatch):
+            named = named and not {"messages", "indications"} & {part for part, _ in error.problems}
+        value: Input | None = None
+        if pairs:
+            value = part.oracle.inputs[pairs[-1][1]]
+            answer = part.oracle.answer(*pairs[-1])
+            if answer is not None and not named:
+                rule = answer.effect.rule
+        return Fault(finding(error, rule, why, again=again), value, error)

@@ -1,0 +1,109 @@
+"""Cases that have a name, and one exchange of each case of a graph: for its log, and because the
+same lines must bring the same answers."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+from automcm_conformance.exchange import records
+from automcm_conformance.exchange.exchange import Broken, Mismatch, Step
+from automcm_conformance.exchange.play import play
+from automcm_conformance.exchange.tours import Pair
+from automcm_conformance.scenarios import scenario_cases
+from automcm_conformance.suite import off_graph_cases as special_
+from automcm_conformance.suite.graph_cases import Runner
+from automcm_conformance.suite.purposes import Purpose
+from automcm_conformance.suite.tally import Part, Tally
+
+
+def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
+    """Run a case by its name."""
+    tally = runner.tallies[purpose.id]
+    tally.total = 1
+    missing = special_.needs(purpose.case) - runner.features
+    if missing or runner.cut_short:
+        tally.skipped.update(sorted(missing)[:1])
+        return
+    part = Part(part.name, special_.graph(purpose.case, part.oracle))
+    fresh = partial(runner.exchange, part.oracle)
+    steps: list[Step] = []
+    count = left_out = 0
+    try:
+        for x in special_.exchanges(purpose.case, fresh):
+            count += x is not None
+            left_out += x is None
+            steps = steps or (x.done if x is not None else [])
+    except (Mismatch, Broken) as error:
+        steps = error.steps
+        runner.adapter.renew()
+        tally.faults.append(runner.fault(part, steps[-1].pairs, error, purpose))
+    tally.reached = count + len(tally.faults)
+    tally.forbidden = left_out if runner.fixed else 0  # with the usual parameters it is meant so
+    tally.total = tally.reached + tally.forbidden
+    tally.log = _log(runner, folder, purpose.id, steps)
+
+
+def scenario(runner: Runner, purpose: Purpose, folder: Path) -> None:
+    """Run a scenario: several stations, each behind a process of its own."""
+    tally = runner.tallies[purpose.id]
+    tally.total = 1
+    if runner.cut_short:
+        return
+    adapter = runner.adapter
+    outcome = tally.outcome = scenario_cases.run(
+        purpose.case,
+        adapter.command,
+        adapter.hello,
+        folder,
+        limit_s=adapter.limit_s,
+        seed=runner.seed,
+    )
+    tally.log = outcome.log[0] if outcome.log else ""
+    tally.reached = 0 if outcome.verdict == "SKIP" else 1
+
+
+def samples(runner: Runner, folder: Path) -> None:
+    """One exchange of each case of a graph, twice: for its log, and because the same lines
+    must bring the same answers."""
+    for name, tally in runner.tallies.items():
+        if tally.faults:
+            tally.log = _log(runner, folder, name, tally.faults[0].error.steps)
+        elif tally.sample is not None and not runner.cut_short:
+            runner.say(f"log: {name}")
+            _sample(runner, tally, *tally.sample, folder)
+
+
+def _sample(runner: Runner, tally: Tally, part: Part, pair: Pair, folder: Path) -> None:
+    way = part.tours.path(pair[0]) if part.tours is not None else None
+    if way is None:
+        return
+    runs: list[list[Step]] = []
+    wrong: list[Mismatch | Broken] = []
+    for _ in range(2):
+        x = runner.exchange(part.oracle)
+        try:
+            play(x, [*way, pair[1]], runner.timed)
+            x.flush()
+        except (Mismatch, Broken) as error:
+            runner.adapter.renew()
+            wrong.append(error)
+        runs.append(wrong[-1].steps if wrong else x.done)
+    if wrong:
+        again = len(wrong) == 2
+        tally.faults.append(runner.fault(part, [pair], wrong[0], tally.purpose, again=again))
+        return
+    tally.log = _log(runner, folder, tally.purpose.id, runs[0])
+    for one, other in zip(*runs, strict=True):
+        if one.answer != other.answer:
+            what = f"{other.answer[:200]!r}, before {one.answer[:200]!r}"
+            differs = Mismatch(runs[1], [("answer", what)])
+            tally.faults.append(runner.fault(part, [pair], differs, tally.purpose, again=False))
+            return
+
+
+def _log(runner: Runner, folder: Path, case: str, steps: list[Step]) -> str:
+    """Write the log of an exchange; returns its path in the folder, or nothing if there
+    is none, or an answer of it cannot be told in a log."""
+    name = case.replace("/", "-")
+    return records.log_of(folder, name, case, steps, runner.adapter.hello) if steps else ""

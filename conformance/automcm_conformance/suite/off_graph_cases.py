@@ -1,0 +1,265 @@
+"""Cases that no graph carries: how long timers last, what happens at the same instant, malformed
+messages and bounds, contents, CAMs, the back-off, a session after another.  Each is a list of
+exchanges in natural time.
+
+What must be answered comes from the oracle as in a tour; a script (scripts.py) only says how to
+get where the case begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from itertools import pairwise
+
+from automcm_conformance.adapter.protocol import read_answer
+from automcm_conformance.exchange.exchange import Broken, Mismatch
+from automcm_conformance.exchange.wire import LONG_MS
+from automcm_conformance.suite import scripts, session_cases
+from automcm_conformance.suite.malformed_messages import bent, odd
+from automcm_conformance.suite.scripted import Fresh, Played, inputs, number, play, played
+from automcm_conformance.suite.scripts import (
+    REQUEST,
+    RESTART,
+    USUAL,
+    WAITING,
+    WINDOW,
+    At,
+    Script,
+    Wait,
+    With,
+    expire,
+)
+from automcm_spec.graph.oracle import Oracle, load
+from automcm_spec.graph.oracle_generation import TWO_PEERS
+from automcm_spec.vocabulary.messages import RELIABLE
+
+SETS: tuple[dict[str, int], ...] = (
+    {},
+    {"t_timeout": 1000, "t_decide": 170},
+    {"t_timeout": 0, "t_cam_loss": 1001},
+    {"t_timeout": 250, "t_resend": 60, "t_decide": 2500, "t_cam_loss": 3000},
+)
+"""Parameters that the timing cases run with, besides the defaults."""
+DRIFTS: tuple[dict[str, int], ...] = ({"clock_drift": 1}, {"clock_drift": 7, "t_resend": 60})
+"""The same for those of the lease, at a station that has the feature (ACT-4)."""
+LIMITS = {"max_rounds": 3, "max_participants": 5, "outbox_limit": 7, "memory_limit": 4}
+"""With these a session needs an outbox of at most one entry, as in the graphs (MEM-1)."""
+SEEDS = 8
+LEASE_MS = 900
+
+
+def timer(fresh: Fresh, name: str) -> Played:
+    """``timer NAME``: nothing a millisecond before, everything at the deadline, with several sets
+    of parameters."""
+    ends = name.startswith("lease")
+    for changed in (*SETS, *DRIFTS) if ends else SETS:
+        for script in scripts.TIMERS[name]:
+            x = fresh(USUAL | changed)
+            fits = changed.keys() <= x.parameters.keys()
+            yield played(x, script, LEASE_MS if ends else LONG_MS) if fits else None
+
+
+def sendings(fresh: Fresh, t_timeout: str) -> Played:
+    """``sendings N``: every message is sent as often as section 3 says, and no more."""
+    for name in RELIABLE:
+        for script in scripts.TIMERS[f"giveup {name}"]:
+            x = fresh(USUAL | {"t_timeout": int(t_timeout)})
+            yield played(x, [*script, Wait(1000)])
+
+
+def same_instant(fresh: Fresh) -> Played:
+    """``same instant``: the timer comes first, then the input."""
+    for script in scripts.SAME_INSTANT:
+        yield played(fresh(USUAL), script, _lease(script))
+    for script, lease in scripts.TIES:
+        yield played(fresh(USUAL), script, lease)
+
+
+def content(fresh: Fresh, type_: str) -> Played:
+    """``content TYPE``: what the application gave arrives untouched, in every copy."""
+    for rich in (False, True):
+        for script in scripts.CONTENT[type_]:
+            yield played(fresh(USUAL, rich=rich), script)
+
+
+def plain(fresh: Fresh, case: str) -> Played:
+    """A case that is nothing but scripts."""
+    for script in scripts.PLAIN[case]:
+        yield played(fresh(USUAL), script, _lease(script))
+
+
+def _lease(script: Script) -> int:
+    """A short one where its end is what the script is about."""
+    return LEASE_MS if any(isinstance(v, At) and v.timer == ("lease",) for v in script) else LONG_MS
+
+
+# -- malformed, and bounds
+
+
+def malformed(fresh: Fresh, type_: str) -> Played:
+    """``malformed TYPE``: each is discarded and changes nothing; then the good one counts."""
+    script, good, _ = scripts.RECEIVED[type_]
+    x = fresh(USUAL)
+    play(x, script)
+    names: dict[bytes, str] = {}
+    for what, message in bent(x.wire.command(good)["message"]):
+        x.malformed(message)
+        names[x.waiting[-1]] = f"{type_} with {what}"
+    try:
+        x.flush()
+    except (Mismatch, Broken) as error:
+        error.args = (f"{names.get(error.steps[-1].line, type_)}: {error}",)
+        raise
+    x.give(number(x, good))
+    x.flush()
+    yield x
+
+
+def bounds(fresh: Fresh, type_: str) -> Played:
+    """``bounds TYPE``: the odd values that a message may have; each counts like any other."""
+    script, good, after = scripts.RECEIVED[type_]
+    for what, fields in odd(fresh(USUAL).wire.command(good)["message"]):
+        try:
+            yield played(fresh(USUAL), [*script, With(fields, good), *after])
+        except (Mismatch, Broken) as error:
+            error.args = (f"{type_} with {what}: {error}",)
+            raise
+
+
+def _received(type_: str) -> list[Script]:
+    script, good, _ = scripts.RECEIVED[type_]
+    return [[*script, good]]
+
+
+def room(fresh: Fresh) -> Played:
+    """``room``: what is kept free of the outbox follows from the larger of the two limits."""
+    for script in scripts.ROOM:
+        x = fresh(USUAL, limits=LIMITS)
+        fits = all(x.parameters[name] == limit for name, limit in LIMITS.items())
+        yield played(x, script) if fits else None
+
+
+# -- CAMs and the back-off
+
+
+def cam_marks(fresh: Fresh) -> Played:
+    """``cam marks``: in every phase of a session, and while a Fin is not acknowledged."""
+    for script in scripts.MARKED:
+        x = fresh(USUAL)
+        x.wait(x.now + 250)
+        steps = [step for value in script for step in (value, Wait(250))]
+        yield played(x, steps)
+
+
+def cam_rate(fresh: Fresh) -> Played:
+    """``cam rate``: one every ``t_cam`` (half as much more or less), whatever the phase."""
+    for t_cam in (100, 400):
+        for script in ([], WAITING):
+            x = fresh(USUAL | {"t_cam": t_cam})
+            play(x, script)
+            x.wait(x.now + 12 * x.parameters["t_cam"])
+            x.flush()
+            times = [
+                cam["generation_ms"] for step in x.done for cam in read_answer(step.answer).cams
+            ]
+            gaps = [later - earlier for earlier, later in pairwise(times)]
+            period = x.parameters["t_cam"]
+            if len(times) < 10 or any(abs(gap - period) > period / 2 for gap in gaps):
+                text = f"a CAM every {period} ms is expected, they came at {times}"
+                raise Mismatch(x.done, [("cams", text)])
+            yield x
+
+
+def back_off(fresh: Fresh) -> Played:
+    """``back-off``: within its bounds, the same for the same seed, not always the same."""
+    parameters = USUAL | {"backoff_min": 500, "backoff_max": 2000}
+    found: dict[int, int] = {}
+    for seed in [*range(1, SEEDS + 1), *range(1, SEEDS + 1)]:
+        x = fresh(parameters, seed=seed)
+        x.give(number(x, REQUEST))
+        x.expire(number(x, WINDOW))
+        x.flush()
+        deadline = read_answer(x.done[-1].answer).deadline
+        low, high = x.parameters["backoff_min"], x.parameters["backoff_max"]
+        lasts = -1 if deadline is None else deadline - x.now
+        text = ""
+        if not low <= lasts <= high:
+            text = f"a back-off of {low} to {high} ms is expected, not one of {lasts} ms"
+        elif found.setdefault(seed, lasts) != lasts:
+            text = f"seed {seed}: a back-off of {found[seed]} ms before, now one of {lasts} ms"
+        elif len(found) == SEEDS and low < high and len(set(found.values())) == 1:
+            text = f"a back-off of {lasts} ms whatever the seed is"
+        if text:
+            raise Mismatch(x.done, [("deadline", text)])
+        x.clock.learn(("backoff",), x.now + lasts)
+        x.give(number(x, REQUEST))
+        play(x, [expire("backoff"), REQUEST])
+        yield x
+
+
+# -- which case is which
+
+
+def exchanges(case: str, fresh: Fresh) -> Played:
+    """The exchanges of a case.  Raises Mismatch, Broken, and KeyError for a case that is not
+    known."""
+    if case in scripts.PLAIN:
+        return plain(fresh, case)
+    if case in _ALONE:
+        return _ALONE[case][0](fresh)
+    name, _, about = case.partition(" ")
+    return _ABOUT[name][0](fresh, about)
+
+
+TWO = ("sessions ", "two ")
+"""How the cases begin that need a second peer."""
+_ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable[Script]]]] = {
+    "timer": (timer, scripts.TIMERS.__getitem__),
+    "sendings": (sendings, lambda _: (scripts.ACTING, scripts.COMMITTED)),
+    "malformed": (malformed, _received),
+    "bounds": (bounds, _received),
+    "content": (content, scripts.CONTENT.__getitem__),
+    "sessions": (session_cases.pairs, session_cases.scripts),
+}
+"""By the first word of a case how it is played, and what it is made of."""
+_ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
+    "same instant": (same_instant, scripts.SAME_INSTANT),
+    "cam rate": (cam_rate, [WAITING]),
+    "cam marks": (cam_marks, scripts.MARKED),
+    "back-off": (back_off, [[REQUEST]]),
+    "room": (room, scripts.ROOM),
+}
+
+
+def graph(case: str, one: Oracle) -> Oracle:
+    """The graph that a case is judged by: ``one``, or that of two peers."""
+    return _two_peers(one.spec_hash) if case.startswith(TWO) else one
+
+
+@cache
+def _two_peers(spec_hash: str) -> Oracle:
+    return load(TWO_PEERS.path, spec_hash)
+
+
+def needs(case: str) -> set[str]:
+    """The features without which a case says nothing."""
+    values = [value for script in _scripts(case) for value in inputs(script)]
+    found = {"cam"} if case in ("cam rate", "cam marks") else set()
+    if REQUEST in values:
+        found.add("prescriber")
+    if scripts.ADVERTISED in values:
+        found.add("receiver")
+    if RESTART in values:
+        found.add("restart")
+    return found
+
+
+def _scripts(case: str) -> Iterable[Script]:
+    """What a case is made of.  Raises KeyError for a case that is not known."""
+    if case in scripts.PLAIN:
+        return scripts.PLAIN[case]
+    if case in _ALONE:
+        return _ALONE[case][1]
+    name, _, about = case.partition(" ")
+    return _ABOUT[name][1](about)

@@ -1,0 +1,442 @@
+"""Test purposes: what a case is about, in words, and which pairs of the graph belong to it.
+
+``conformance/suite/purposes.toml`` holds them.  A purpose with ``select`` owns the pairs of state
+and input that its selector matches; the first match in the order of the file wins.  A purpose with
+``case`` is about what no graph of one station says (durations, bytes, several stations); the kit
+implements it by that name.  An id says role, group of rules, and kind: BV, valid behaviour; BI,
+invalid or inopportune; TI, timers.
+
+Fields of a selector; all are optional, and all that are given must match:
+
+========  =========================================================================
+rule      the rule that decides
+role      of the state: none, prescriber, receiver
+phase     of the state
+input     see ``input_kind``
+changes   a transition (true), or a refusal (false)
+own       the message or command names the session that the station is bound to
+accepted  of a received Acceptance
+answer    the message received has seq 0
+reason    of a received Acceptance or Cancel; ``as_sent`` is any that no answer has
+of        the type that a received Ack names
+deciding  the prescriber computes its next proposal
+told      what the application is told, such as ``nothing`` or ``fallback``
+sends     what is sent: ``nothing``, or types such as ``Ack + Cancel``; an answer that gives a
+          reason with it, such as ``Cancel(closed)``
+why       what is wrong with the input, or special about it: see ``WHY``
+third     a third station takes part: the pair is of the remainder of ``two-peers``
+========  =========================================================================
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, get_args
+
+from automcm_conformance.adapter.kit_paths import SUITE
+from automcm_conformance.adapter.protocol import INDICATIONS, MESSAGE_TYPES
+from automcm_conformance.exchange.results import Level
+from automcm_spec.graph.oracle import Effect
+from automcm_spec.vocabulary import application
+from automcm_spec.vocabulary.application import Phase, Role, names
+from automcm_spec.vocabulary.messages import ANSWER_REASONS, RELIABLE
+from automcm_spec.vocabulary.rules import RULES
+from automcm_spec.vocabulary.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Input,
+    Message,
+    Receive,
+    State,
+)
+
+Features = tuple[Any, ...]
+
+PATH = SUITE / "purposes.toml"
+
+LEVELS: tuple[Level, ...] = get_args(Level)
+ID = re.compile(
+    r"AMCM/(PRE|RCV|STA|SYS)/(ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)/(BV|BI|TI)-(0[1-9]|[1-9]\d)"
+)
+
+INPUTS = (
+    *(f"receive {name}" for name in MESSAGE_TYPES),
+    "cam",
+    *(f"command {name}" for name in names(application.Command)),
+    *(
+        f"expire {name}"
+        for name in ("advertise", "decide", "hold", "answer", "cam", "lease", "quarantine")
+    ),
+    *("expire forget", "expire backoff"),
+    *(f"expire resend {name}" for name in MESSAGE_TYPES[:-1]),
+    *(f"expire giveup {name}" for name in RELIABLE),
+    "restart",
+)
+WHY = {
+    "END-5": (
+        "echo",  # from the station's own id
+        "addressed",  # an Advertisement
+        "broadcast",  # of another type
+        "not its prescriber",  # who sends an Advertisement or a Prescription
+        "not my session",  # in an Intention or an Acceptance
+        "closed",  # from anybody but the prescriber
+        "not the target",
+        "not sent yet",  # the proposal that is accepted or refused
+        "out of turn",  # a newer proposal
+    ),
+    "END-6": ("seq 0", "sender", "session", "seq", "type", "nothing waits"),
+    "ACT-5": ("phase", "sender", "no mark", "other mark", "older"),
+    "PRE-5": ("session", "proposal"),
+    "ADV-8": ("copy", "older"),
+    "NEG-1": ("copy", "older"),
+    "END-2": ("recorded", "not recorded"),
+    "MEM-1": ("outbox", "memory", "participants"),
+}
+"""Values of ``why``, by rule.  END-6 and ACT-5: what keeps an Ack or a CAM from counting."""
+ROOM = 1
+"""In every graph a session needs an outbox of at most so many entries (MEM-1)."""
+
+_NAMES: dict[str, Iterable[str]] = {
+    "rule": RULES,
+    "role": get_args(Role),
+    "phase": get_args(Phase),
+    "input": INPUTS,
+    "reason": ("none", "as_sent", *ANSWER_REASONS),
+    "of": MESSAGE_TYPES,
+    "told": ("nothing", *INDICATIONS),
+    "why": {name for names in WHY.values() for name in names},
+}
+"""Fields that take a name or a list of names, with the names there are."""
+_FLAGS = ("changes", "own", "accepted", "answer", "deciding", "third")
+_SENDS = re.compile(r"nothing|[A-Z][a-z]+(\([a-z_]+\))?( \+ [A-Z][a-z]+(\([a-z_]+\))?)*")
+FEATURES = (
+    *("rule", "role", "phase", "input", "changes", "own", "accepted", "answer", "reason"),
+    *("of", "deciding", "told", "sends", "why", "third"),
+)
+_TEXTS = ("given", "when", "then", "bug", "cost")
+
+
+@dataclass(frozen=True)
+class Purpose:
+    """One test purpose.  ``rules[0]`` decides; either ``select`` or ``case`` is there."""
+
+    id: str
+    rules: tuple[str, ...]
+    level: Level
+    given: str
+    when: str
+    then: str
+    bug: str
+    cost: str
+    select: dict[str, frozenset[Any]] | None
+    """For each field the values that match."""
+    case: str
+    """The name of a case that no pair of the graph carries; empty with ``select``."""
+
+    @property
+    def kind(self) -> str:
+        """BV, BI or TI."""
+        return self.id.split("/")[3][:2]
+
+    def matches(self, features: Features) -> bool:
+        """Whether the pair with these features (in the order of ``FEATURES``) is of this case."""
+        return self.select is not None and all(
+            features[FEATURES.index(name)] in values for name, values in self.select.items()
+        )
+
+
+@cache
+def load(path: Path = PATH) -> tuple[Purpose, ...]:
+    """The purposes of a file, which is read once.  Raises ValueError naming file, id and field."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path.name}: {error.strerror}") from None
+    except ValueError as error:
+        raise ValueError(f"{path.name}: no TOML: {error}") from None
+    rows = data.get("purpose")
+    if set(data) != {"purpose"} or not isinstance(rows, list):
+        raise ValueError(f"{path.name}: a list of [[purpose]] is needed, and nothing else")
+    found: dict[str, Purpose] = {}
+    for number, row in enumerate(rows, 1):
+        name = row.get("id", f"purpose {number}") if isinstance(row, dict) else f"purpose {number}"
+        try:
+            purpose = _purpose(row)
+            if purpose.id in found:
+                raise ValueError("id: used twice")
+            if purpose.case and any(purpose.case == other.case for other in found.values()):
+                raise ValueError("case: used twice")
+        except ValueError as error:
+            raise ValueError(f"{path.name}: {name}: {error}") from None
+        found[purpose.id] = purpose
+    return tuple(found.values())
+
+
+def _purpose(row: object) -> Purpose:
+    """Raises ValueError naming the field."""
+    if not isinstance(row, dict):
+        raise ValueError("not a table")
+    needed = ("id", "rules", "level", *_TEXTS)
+    for name in row:
+        if name not in (*needed, "select", "case"):
+            raise ValueError(f"{name}: no such field")
+    for name in needed:
+        if name not in row:
+            raise ValueError(f"{name}: missing")
+    for name in ("id", *_TEXTS):
+        if not isinstance(row[name], str) or not row[name].strip():
+            raise ValueError(f"{name}: a text is needed")
+    form = ID.fullmatch(row["id"])
+    if form is None:
+        raise ValueError("id: the form is AMCM/role/group/kind-number")
+    rules = row["rules"]
+    if not isinstance(rules, list) or not rules:
+        raise ValueError("rules: a list of rules is needed")
+    for rule in rules:
+        if rule not in RULES:
+            raise ValueError(f"rules: no rule {rule}")
+    if not rules[0].startswith(form[2]):
+        raise ValueError(f"rules: the first is not of the group {form[2]}")
+    if row["level"] not in LEVELS:
+        raise ValueError(f"level: one of {', '.join(LEVELS)}")
+    if ("select" in row) == ("case" in row):
+        raise ValueError("select: either select or case is needed")
+    case = row.get("case", "")
+    if "case" in row and (not isinstance(case, str) or not case.strip()):
+        raise ValueError("case: a name is needed")
+    return Purpose(
+        **{name: row[name] for name in ("id", "level", *_TEXTS)},
+        rules=tuple(rules),
+        select=_selector(row["select"]) if "select" in row else None,
+        case=case,
+    )
+
+
+def _selector(value: object) -> dict[str, frozenset[Any]]:
+    """Raises ValueError naming the field."""
+    if not isinstance(value, dict) or not value:
+        raise ValueError("select: a table with at least one field is needed")
+    out: dict[str, frozenset[Any]] = {}
+    for name, wanted in value.items():
+        if name not in FEATURES:
+            raise ValueError(f"select.{name}: no such field")
+        if name in _FLAGS:
+            if not isinstance(wanted, bool):
+                raise ValueError(f"select.{name}: true or false is needed")
+            out[name] = frozenset({wanted})
+            continue
+        names = wanted if isinstance(wanted, list) else [wanted]
+        if not names:
+            raise ValueError(f"select.{name}: empty")
+        for each in names:
+            if not isinstance(each, str) or not _known(name, each):
+                raise ValueError(f"select.{name}: no {each}")
+        out[name] = frozenset(names)
+    if "rule" not in out:
+        raise ValueError("select.rule: missing")
+    return out
+
+
+def _known(name: str, value: str) -> bool:
+    return bool(_SENDS.fullmatch(value)) if name == "sends" else value in _NAMES[name]
+
+
+def input_kind(i: Input) -> str:
+    """What kind of input it is: one of ``INPUTS``.  The timers of a message carry its type."""
+    match i:
+        case Receive(message=message):
+            return f"receive {message.type}"
+        case Command(name=name):
+            return f"command {name}"
+        case Expire(timer=(name, Entry() as entry)):
+            return f"expire {name} {entry.type}"
+        case Expire(timer=timer):
+            return f"expire {timer[0]}"
+    return i.kind
+
+
+def features(state: State, i: Input, effect: Effect, changes: bool, third: bool) -> Features:
+    """All that selectors look at, in the order of ``FEATURES``; None where there is no such."""
+    own = accepted = answer = reason = of = why = None
+    if isinstance(i, Receive):
+        message = i.message
+        own = state.session == message.session
+        answer = message.seq == 0
+        if message.type == "Ack":
+            of = message.of[0]
+        elif message.type in ("Acceptance", "Cancel"):
+            accepted, reason = message.accepted, message.reason
+    elif isinstance(i, Command):
+        own = state.session == i.session
+    if effect.rule in _WHY:
+        why = _WHY[effect.rule](state, i, changes)
+    sends = _sent(effect.messages) if effect.messages else "nothing"
+    return (
+        *(effect.rule, state.role, state.phase, input_kind(i), changes, own, accepted, answer),
+        *(reason, of, state.deciding, effect.told[0], sends, why, third),
+    )
+
+
+def _sent(messages: Sequence[Message]) -> str:
+    """The types sent, each with its reason if it is an answer that has one."""
+    names = [
+        f"{m.type}({m.reason})" if m.seq == 0 and m.reason != "none" else m.type for m in messages
+    ]
+    return names[0] if len(names) == 1 else " + ".join(sorted(names))
+
+
+def _fault(state: State, i: Input, changes: bool) -> str:
+    """END-5: the first thing that is wrong with the message."""
+    assert isinstance(i, Receive)
+    m = i.message
+    if m.src == 1:
+        return "echo"
+    if (m.dst == 0) != (m.type == "Advertisement"):
+        return "broadcast" if m.dst == 0 else "addressed"
+    if m.type in ("Advertisement", "Prescription") and m.src != m.session[0]:
+        return "not its prescriber"
+    if m.type in ("Intention", "Acceptance") and m.session[0] != 1:
+        return "not my session"
+    if m.type == "Cancel" and m.reason == "closed":
+        return "closed"
+    if m.type == "Prescription":
+        return "out of turn"
+    return "not the target" if m.src != state.target else "not sent yet"
+
+
+def _ack(state: State, i: Input, changes: bool) -> str | None:
+    """END-6: what of an Ack is wrong, held against the entry that it comes nearest to."""
+    if changes:
+        return None
+    assert isinstance(i, Receive)
+    m = i.message
+    if m.of[1] == 0:
+        return "seq 0"
+    best = 0
+    for entry in state.outbox:
+        named = (entry.type, entry.seq) == m.of
+        same_session = entry.session == m.session
+        if entry.to != m.src:
+            if same_session and named:
+                return "sender"
+        elif not same_session:
+            if named:
+                best = 3
+        else:
+            best = max(best, 2 if entry.type == m.of[0] else 1)
+    return ("nothing waits", "type", "seq", "session")[best]
+
+
+def _cam(state: State, i: Input, changes: bool) -> str | None:
+    """ACT-5: why a CAM does not count."""
+    if not isinstance(i, Cam) or changes:
+        return None
+    if state.phase != "ACTUATING":
+        return "phase"
+    if i.src != (state.session[0] if state.role == "receiver" else state.target):
+        return "sender"
+    if state.session in i.marks:
+        return "older"
+    return "other mark" if i.marks else "no mark"
+
+
+def _stale(state: State, i: Input, changes: bool) -> str | None:
+    """PRE-5: what the command names wrongly."""
+    if not isinstance(i, Command):
+        return None
+    return "session" if i.session != state.session else "proposal"
+
+
+def _joined(state: State, i: Input, changes: bool) -> str | None:
+    """ADV-8: an Advertisement of the newest session joined, or of an older one."""
+    if not isinstance(i, Receive):
+        return None
+    return "copy" if i.message.session in state.joined else "older"
+
+
+def _proposal(state: State, i: Input, changes: bool) -> str | None:
+    """NEG-1: a copy of the newest Prescription, or an older one."""
+    if changes:
+        return None
+    assert isinstance(i, Receive)
+    return "copy" if i.message.proposal == state.proposal else "older"
+
+
+def _withdraws(state: State, i: Input, changes: bool) -> str | None:
+    """END-2: a Cancel in ADVERTISING from a station that is recorded, or not."""
+    if state.phase != "ADVERTISING":
+        return None
+    assert isinstance(i, Receive)
+    return "recorded" if i.message.src in state.recorded else "not recorded"
+
+
+def _full(state: State, i: Input, changes: bool) -> str:
+    """MEM-1: what is full."""
+    if isinstance(i, Receive) and i.message.type == "Intention":
+        return "participants"
+    return "outbox" if len(state.outbox) > ROOM else "memory"
+
+
+_WHY: dict[str, Callable[[State, Input, bool], str | None]] = {
+    "END-5": _fault,
+    "END-6": _ack,
+    "ACT-5": _cam,
+    "PRE-5": _stale,
+    "ADV-8": _joined,
+    "NEG-1": _proposal,
+    "END-2": _withdraws,
+    "MEM-1": _full,
+}
+
+
+class Owners:
+    """Which purpose a pair of state and input belongs to."""
+
+    def __init__(self, purposes: Iterable[Purpose]) -> None:
+        self.purposes = [purpose for purpose in purposes if purpose.select is not None]
+        self._seen: dict[Features, Purpose | None] = {}
+
+    def owner(
+        self, state: State, i: Input, effect: Effect, changes: bool, third: bool = False
+    ) -> Purpose | None:
+        """The first purpose whose selector matches; None if there is none."""
+        key = features(state, i, effect, changes, third)
+        try:
+            return self._seen[key]
+        except KeyError:
+            found = next((p for p in self.purposes if p.matches(key)), None)
+            self._seen[key] = found
+            return found
+
+
+def select(purposes: Iterable[Purpose], selectors: Iterable[str]) -> list[Purpose]:
+    """Those that one of the selectors names; all without a selector.
+
+    A selector is an id or its beginning (``AMCM/RCV``), a rule (``NEG-4``) or a level (``MUST``).
+    Raises ValueError for one that names nothing, and suggests near ones.
+    """
+    everything, wanted = list(purposes), [each.strip().rstrip("/").upper() for each in selectors]
+    if not wanted:
+        return everything
+    for each in wanted:
+        if not any(_names(each, purpose) for purpose in everything):
+            known = {*RULES, *LEVELS, *(p.id for p in everything)}
+            known |= {p.id[:end] for p in everything for end in (4, 8, 12, 15)}
+            near = difflib.get_close_matches(each, sorted(known), 3)
+            hint = f"; near ones: {', '.join(near)}" if near else ""
+            raise ValueError(f"{each}: no case has this id, rule or level{hint}")
+    return [p for p in everything if any(_names(each, p) for each in wanted)]
+
+
+def _names(selector: str, purpose: Purpose) -> bool:
+    return selector in (purpose.id, purpose.level, *purpose.rules) or purpose.id.startswith(
+        (selector + "/", selector + "-")
+    )

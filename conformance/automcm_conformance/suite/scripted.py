@@ -1,0 +1,95 @@
+"""Plays a script (scripts.py) in natural time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from automcm_conformance.exchange.armed_timers import UNKNOWN
+from automcm_conformance.exchange.exchange import Exchange, Infeasible
+from automcm_conformance.exchange.wire import LONG_MS
+from automcm_conformance.suite.purposes import ROOM
+from automcm_conformance.suite.scripts import REFUSED, REQUEST, At, Older, Script, Wait, With
+from automcm_spec.vocabulary.station import Expire, Input, Receive, Timer
+
+Fresh = Callable[..., Exchange]
+"""A fresh exchange: ``fresh(parameters)``, ``fresh(parameters, rich=True)``."""
+Played = Iterator[Exchange | None]
+"""The exchanges of a case, each played to its end; None for one that time forbids."""
+
+
+def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
+    """A script; the last expiry is approached to the millisecond.
+
+    Raises Infeasible, Mismatch and Broken.
+    """
+    if REFUSED in inputs(script) and x.parameters["max_rounds"] < 2:
+        raise Infeasible  # there is no second round
+    if sum(map(_begins, inputs(script))) > 1 and room(x) < ROOM:
+        raise Infeasible  # what the first session leaves in the outbox keeps out the second
+    for n, item in enumerate(script):
+        match item:
+            case Wait(ms):
+                x.wait(x.now + ms)
+            case At(timer, value):
+                _before(x, timer)
+                x.give(number(x, value), at=x.clock.deadline(timer), lease_ms=lease_ms)
+            case With(fields, value):
+                x.give(number(x, value), lease_ms=lease_ms, fields=fields)
+            case Older(ms, value):
+                heard = max(0, (x.wire.heard_ms or 0) - ms)
+                x.give(number(x, value), fields={"generation_ms": heard})
+            case Expire(timer=timer):
+                if n >= len(script) - 2:
+                    _before(x, timer)
+                x.expire(number(x, item))
+            case _:
+                x.give(number(x, item), lease_ms=lease_ms)
+    x.flush()
+
+
+def played(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> Exchange | None:
+    """The exchange with the script behind it; None if time forbids that."""
+    try:
+        play(x, script, lease_ms)
+    except Infeasible:
+        return None
+    return x
+
+
+def number(x: Exchange, value: Input) -> int:
+    """Which input of the oracle it is.  Raises KeyError."""
+    return x.oracle.input_index[value]
+
+
+def room(x: Exchange) -> int:
+    """How many entries the outbox may have when a session begins (MEM-1)."""
+    p = x.parameters
+    return p["outbox_limit"] - 1 - max(p["max_participants"], p["max_rounds"])
+
+
+def _begins(value: Input) -> bool:
+    advertised = isinstance(value, Receive) and value.message.type == "Advertisement"
+    return advertised or value == REQUEST
+
+
+def inputs(script: Script) -> list[Input]:
+    """The inputs of a script, without what is about time and fields."""
+    return [
+        item.input if isinstance(item, At | With | Older) else item
+        for item in script
+        if not isinstance(item, Wait)
+    ]
+
+
+def _before(x: Exchange, timer: Timer) -> None:
+    """One millisecond before a timer expires, and nothing happens.  Raises Infeasible if another
+    one than a resend ends before it, or at the same time and first."""
+    deadline = x.clock.deadline(timer)
+    if deadline is None or deadline == UNKNOWN:
+        raise Infeasible
+    while (due := x.next_due) is not None and due < deadline:
+        if any(x.expires(i)[0] != "resend" for i in x.advance(due)):
+            raise Infeasible
+    if x.first_timer != timer:
+        raise Infeasible
+    x.wait(deadline - 1)

@@ -1,0 +1,373 @@
+"""What leads to where a case begins: scripts of inputs, and of what only the kit can say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias, get_args
+
+from automcm_conformance.adapter.protocol import DEFAULTS
+from automcm_conformance.exchange.wire import COPY_REASONS, ME, STRANGER
+from automcm_conformance.exchange.wire import PLAIN as VALUES
+from automcm_conformance.suite.malformed_messages import named_by_acks
+from automcm_spec.vocabulary.messages import ANSWER_REASONS, CancelReason
+from automcm_spec.vocabulary.parameters import derived
+from automcm_spec.vocabulary.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Input,
+    Message,
+    Receive,
+    Restart,
+    Session,
+    Timer,
+)
+
+
+class Wait(NamedTuple):
+    """Time passes."""
+
+    ms: int
+
+
+class At(NamedTuple):
+    """An input at the very time at which a timer expires."""
+
+    timer: Timer
+    input: Input
+
+
+class With(NamedTuple):
+    """An input whose message or command has other values in these fields."""
+
+    fields: dict[str, Any]
+    input: Input
+
+
+class Older(NamedTuple):
+    """A CAM that was generated so long before the last one that counted."""
+
+    ms: int
+    input: Cam
+
+
+Script: TypeAlias = Sequence[Input | Wait | At | With | Older]
+USUAL = DEFAULTS | {"backoff_min": 750, "backoff_max": 750}
+GIVEUP_MS = derived(USUAL)["t_giveup"]
+Y, MINE, THEIRS = 2, (1, 1), (2, 1)
+RESTART = Restart("restart")
+
+
+def received(
+    type_: str,
+    session: Session,
+    k: int = 1,
+    accepted: bool = False,
+    of: tuple[str, int] = ("none", 0),
+    source: int = Y,
+) -> Receive:
+    """A message of a peer; ``seq`` is that of the oracle."""
+    proposal = k if type_ in ("Prescription", "Acceptance") else 0
+    refused = type_ == "Cancel" or (type_ == "Acceptance" and not accepted)
+    to = 0 if type_ == "Advertisement" else 1
+    seq = 0 if type_ == "Ack" else k
+    reason = "as_sent" if refused else "none"
+    message = Message(type_, source, to, session, seq, proposal, accepted, reason, of)
+    return Receive("receive", message, type_ != "Ack")
+
+
+def cam(source: int, session: Session) -> Cam:
+    """A new CAM of a peer that names this session."""
+    return Cam("cam", source, frozenset({session}), True)
+
+
+def command(name: str, session: Session, k: int = 0, target: int = 0) -> Command:
+    """A command of the application."""
+    return Command("command", name, session, k, target)
+
+
+def entry(type_: str, to: int, session: Session, k: int = 1, accepted: bool = False) -> Entry:
+    """An entry of the outbox."""
+    return Entry(type_, to, session, k, accepted)
+
+
+def expire(name: str, *of: Entry | int) -> Expire:
+    """The expiry of a timer."""
+    return Expire("expire", (name, *of))  # type: ignore[arg-type]
+
+
+ADVERTISED = received("Advertisement", THEIRS)
+INTENTION_ACKED = received("Ack", THEIRS, of=("Intention", 1))
+INSTRUCTED = received("Prescription", THEIRS)
+ACCEPT, REFUSE = command("accept", THEIRS, 1), command("refuse", THEIRS, 1)
+ACCEPTANCE_ACKED = received("Ack", THEIRS, of=("Acceptance", 1))
+HEARD_THEM = cam(Y, THEIRS)
+FINISHED = received("Fin", THEIRS)
+REQUEST = command("request", (0, 0))
+INTENDED = received("Intention", MINE)
+WINDOW = expire("advertise")
+PRESCRIBE = command("prescribe", MINE, 1, Y)
+PRESCRIPTION_ACKED = received("Ack", MINE, of=("Prescription", 1))
+ACCEPTED, REFUSED = received("Acceptance", MINE, accepted=True), received("Acceptance", MINE)
+HEARD_TARGET = cam(Y, MINE)
+COMPLETE, ABORT = command("complete", MINE), command("abort", MINE)
+PROCEED, LEAVE = command("proceed", MINE), command("abort", THEIRS)
+CANCELLED, WITHDRAWN = received("Cancel", THEIRS), received("Cancel", MINE)
+INSTRUCTED_2, ACCEPT_2 = received("Prescription", THEIRS, 2), command("accept", THEIRS, 2)
+PRESCRIBE_2 = command("prescribe", MINE, 2, Y)
+ACCEPTED_2 = received("Acceptance", MINE, 2, accepted=True)
+PAUSE = Wait(30)
+
+NEXT = (2, 2)
+AGAIN: Script = [
+    received("Advertisement", NEXT),
+    received("Ack", NEXT, of=("Intention", 1)),
+    received("Prescription", NEXT),
+    command("accept", NEXT, 1),
+    received("Ack", NEXT, of=("Acceptance", 1)),
+    Wait(400),
+    cam(Y, NEXT),
+]
+"""Another session of the same prescriber, in which a CAM has been heard."""
+
+WAITING: list[Input] = [ADVERTISED, INTENTION_ACKED]
+VERIFYING: list[Input] = [*WAITING, INSTRUCTED]
+COMMITTED: list[Input] = [*VERIFYING, ACCEPT]
+CHOOSING: list[Input] = [REQUEST, INTENDED, WINDOW]
+PRESCRIBING: list[Input] = [*CHOOSING, PRESCRIBE]
+ACTING: list[Input] = [*PRESCRIBING, ACCEPTED]
+
+TIMERS: dict[str, list[Script]] = {
+    "advertise": [[REQUEST, WINDOW], [REQUEST, Wait(30), INTENDED, WINDOW]],
+    "resend Advertisement": [[REQUEST, expire("resend", entry("Advertisement", 0, MINE))]],
+    "resend Intention": [[ADVERTISED, expire("resend", entry("Intention", Y, THEIRS))]],
+    "resend Prescription": [[*PRESCRIBING, expire("resend", entry("Prescription", Y, MINE))]],
+    "resend Acceptance": [
+        [*COMMITTED, expire("resend", entry("Acceptance", Y, THEIRS, accepted=True))],
+        [*VERIFYING, REFUSE, expire("resend", entry("Acceptance", Y, THEIRS))],
+    ],
+    "resend Fin": [[*ACTING, COMPLETE, expire("resend", entry("Fin", Y, MINE))]],
+    "resend Cancel": [[*ACTING, ABORT, expire("resend", entry("Cancel", Y, MINE))]],
+    "decide choice": [[*CHOOSING, expire("decide")]],
+    "decide proposal": [[*PRESCRIBING, REFUSED, expire("decide")]],
+    "decide verdict": [[*VERIFYING, expire("decide")]],
+    "hold": [[*WAITING, expire("hold")], [*VERIFYING, REFUSE, expire("hold")]],
+    "answer": [[*PRESCRIBING, Wait(30), PRESCRIPTION_ACKED, expire("answer")]],
+    "cam prescriber": [
+        [*ACTING, expire("cam")],
+        [*ACTING, Wait(400), HEARD_TARGET, Wait(333), HEARD_TARGET, expire("cam")],
+    ],
+    "cam receiver": [
+        [*COMMITTED, ACCEPTANCE_ACKED, expire("cam")],
+        [*COMMITTED, ACCEPTANCE_ACKED, Wait(400), HEARD_THEM, expire("cam")],
+        [*COMMITTED, ACCEPTANCE_ACKED, HEARD_THEM, FINISHED, *AGAIN, expire("cam")],
+    ],
+    "lease prescriber": [
+        [*ACTING, expire("lease")],
+        [*CHOOSING, PAUSE, PRESCRIBE, Wait(250), ACCEPTED, PAUSE, expire("lease")],
+        [*PRESCRIBING, PAUSE, PRESCRIPTION_ACKED, PAUSE, ACCEPTED, ACCEPTED, expire("lease")],
+        [*PRESCRIBING, PAUSE, REFUSED, PAUSE, PRESCRIBE_2, PAUSE, ACCEPTED_2, expire("lease")],
+    ],
+    "lease receiver": [
+        [*COMMITTED, ACCEPTANCE_ACKED, expire("lease")],
+        [ADVERTISED, PAUSE, INSTRUCTED, PAUSE, ACCEPT, PAUSE, ACCEPTANCE_ACKED, expire("lease")],
+        [*VERIFYING, PAUSE, ACCEPT, PAUSE, INSTRUCTED, ACCEPTANCE_ACKED, expire("lease")],
+        [*VERIFYING, REFUSE, PAUSE, INSTRUCTED_2, PAUSE, ACCEPT_2, PAUSE, HEARD_THEM]
+        + [received("Ack", THEIRS, of=("Acceptance", n)) for n in (1, 2)]
+        + [expire("lease")],
+    ],
+    "giveup Intention": [[ADVERTISED, expire("giveup", entry("Intention", Y, THEIRS))]],
+    "giveup Prescription": [[*PRESCRIBING, expire("giveup", entry("Prescription", Y, MINE))]],
+    "giveup Acceptance": [[*VERIFYING, REFUSE, expire("giveup", entry("Acceptance", Y, THEIRS))]],
+    "giveup Fin": [[*ACTING, COMPLETE, expire("giveup", entry("Fin", Y, MINE))]],
+    "giveup Cancel": [[*ACTING, ABORT, expire("giveup", entry("Cancel", Y, MINE))]],
+    "quarantine": [[RESTART, expire("quarantine")]],
+    "forget": [
+        [*WAITING, FINISHED, expire("forget", Y)],
+        [*WAITING, Wait(5000), FINISHED, expire("forget", Y)],
+    ],
+    "backoff": [[REQUEST, WINDOW, expire("backoff"), REQUEST]],
+}
+"""What leads to the arming of each timer; it ends with its expiry."""
+
+_INTENTION, _PRESCRIPTION = (entry("Intention", Y, THEIRS), entry("Prescription", Y, MINE))
+_DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
+    ([ADVERTISED], ("giveup", _INTENTION), [LEAVE, INSTRUCTED, CANCELLED, RESTART]),
+    ([ADVERTISED], ("resend", _INTENTION), [LEAVE, REQUEST, RESTART]),
+    (WAITING, ("hold",), [LEAVE, CANCELLED, REQUEST, ADVERTISED, RESTART]),
+    (VERIFYING, ("decide",), [REFUSE, LEAVE, CANCELLED, INSTRUCTED, RESTART]),
+    ([*COMMITTED, ACCEPTANCE_ACKED], ("cam",), [LEAVE, CANCELLED, REQUEST, RESTART]),
+    ([*COMMITTED, ACCEPTANCE_ACKED], ("lease",), [LEAVE, CANCELLED, REQUEST, RESTART]),
+    ([*WAITING, FINISHED], ("forget", Y), [ADVERTISED, REQUEST, RESTART]),
+    ([REQUEST], ("advertise",), [ABORT, REQUEST, RESTART]),
+    ([REQUEST, INTENDED], ("advertise",), [WITHDRAWN, ABORT, REQUEST, RESTART]),
+    ([REQUEST], ("resend", entry("Advertisement", 0, MINE)), [ABORT, INTENDED, RESTART]),
+    ([REQUEST, WINDOW], ("backoff",), [ADVERTISED, RESTART]),
+    (CHOOSING, ("decide",), [ABORT, PROCEED, WITHDRAWN, RESTART]),
+    (PRESCRIBING, ("giveup", _PRESCRIPTION), [PRESCRIPTION_ACKED, ACCEPTED, ABORT, RESTART]),
+    (PRESCRIBING, ("resend", _PRESCRIPTION), [PRESCRIPTION_ACKED, REFUSED, ABORT, RESTART]),
+    ([*PRESCRIBING, REFUSED], ("decide",), [PRESCRIBE_2, ABORT, RESTART]),
+    ([*PRESCRIBING, PRESCRIPTION_ACKED], ("answer",), [REFUSED, ABORT, WITHDRAWN, RESTART]),
+    (ACTING, ("cam",), [HEARD_TARGET, ABORT, WITHDRAWN, REQUEST, RESTART]),
+    (ACTING, ("lease",), [HEARD_TARGET, COMPLETE, ABORT, WITHDRAWN, REQUEST, RESTART]),
+    ([*ACTING, COMPLETE], ("giveup", entry("Fin", Y, MINE)), [INTENDED, REQUEST, RESTART]),
+    ([*ACTING, ABORT], ("resend", entry("Cancel", Y, MINE)), [INTENDED, REQUEST, RESTART]),
+]
+"""A timer that runs, and inputs at the very time at which it expires."""
+
+SAME_INSTANT: list[Script] = [
+    [ADVERTISED, At(("giveup", entry("Intention", Y, THEIRS)), INTENTION_ACKED)],
+    [ADVERTISED, At(("resend", entry("Intention", Y, THEIRS)), INTENTION_ACKED)],
+    [*WAITING, At(("hold",), INSTRUCTED)],
+    [*VERIFYING, At(("decide",), ACCEPT)],
+    [*COMMITTED, ACCEPTANCE_ACKED, At(("cam",), HEARD_THEM)],
+    [*COMMITTED, ACCEPTANCE_ACKED, At(("lease",), FINISHED)],
+    [REQUEST, At(("advertise",), INTENDED)],
+    [*CHOOSING, At(("decide",), PRESCRIBE)],
+    [*PRESCRIBING, PRESCRIPTION_ACKED, At(("answer",), ACCEPTED)],
+    [*ACTING, At(("cam",), COMPLETE)],
+    [REQUEST, WINDOW, At(("backoff",), REQUEST)],
+    *(
+        [*script, At(timer, value), PAUSE]
+        for script, timer, values in _DUE
+        for value in values
+        if value != RESTART
+    ),
+]
+"""An input at the very time at which a timer expires: the timer comes first."""
+
+TIES: list[tuple[Script, int]] = [
+    ([*COMMITTED, ACCEPTANCE_ACKED, Wait(2000)], USUAL["t_cam_loss"]),
+    ([*PRESCRIBING, PRESCRIPTION_ACKED, Wait(3000)], USUAL["t_decide"] + GIVEUP_MS),
+    ([*PRESCRIBING, Wait(2500)], GIVEUP_MS),
+]
+"""Two timers at the same instant, with the lease that makes it so: cam, answer and giveup beside
+lease.  They fire in the order of section 3."""
+
+CONTENT: dict[str, list[Script]] = {
+    "Advertisement": [[REQUEST, Wait(200)]],
+    "Intention": [[ADVERTISED, Wait(200), INTENTION_ACKED]],
+    "Prescription": [
+        [*PRESCRIBING, Wait(200), REFUSED],
+        [*CHOOSING, With({"hold_ms": 0}, PRESCRIBE), Wait(200)],
+    ],
+    "Acceptance": [[*COMMITTED, Wait(200), INSTRUCTED], [*VERIFYING, REFUSE, Wait(200)]],
+    "Fin": [[*ACTING, COMPLETE, Wait(200), ACCEPTED, INTENDED]],
+    "Cancel": [[*ACTING, ABORT, Wait(200), INTENDED], [*CHOOSING, ABORT, Wait(100)]],
+    "Ack": [[*VERIFYING, INSTRUCTED, FINISHED, FINISHED], [REQUEST, INTENDED, INTENDED]],
+}
+"""Exchanges in which a message of the type is sent, sent again, or answered."""
+
+RECEIVED: dict[str, tuple[Script, Input, Script]] = {
+    "Advertisement": ([], ADVERTISED, [INTENTION_ACKED]),
+    "Intention": ([REQUEST], INTENDED, [WINDOW, PRESCRIBE]),
+    "Prescription": (WAITING, INSTRUCTED, [ACCEPT, Wait(200)]),
+    "Acceptance": (PRESCRIBING, ACCEPTED, [Wait(200), COMPLETE]),
+    "Fin": (COMMITTED, FINISHED, [FINISHED]),
+    "Cancel": (COMMITTED, received("Cancel", THEIRS), [received("Cancel", THEIRS)]),
+    "Ack": ([ADVERTISED], INTENTION_ACKED, [INSTRUCTED]),
+    "CAM": ([*COMMITTED, ACCEPTANCE_ACKED, PAUSE], HEARD_THEM, [Wait(700)]),
+}
+"""Where a message of the type would have an effect, that message, and what may follow."""
+
+MARKED: list[Script] = [
+    [*COMMITTED, ACCEPTANCE_ACKED, FINISHED],
+    [*ACTING, COMPLETE, received("Ack", MINE, of=("Fin", 1))],
+    [*ACTING, ABORT],
+]
+"""Sessions whose marks are looked at."""
+
+HEARD_TWICE = Wait(400), HEARD_THEM, Wait(300), HEARD_THEM, Wait(300)
+TARGET_HEARD_TWICE = Wait(400), HEARD_TARGET, Wait(300), HEARD_TARGET, Wait(300)
+
+
+def _older(cam: Cam) -> Sequence[Script]:
+    """CAMs that do not count, from the last one back to the beginning of time."""
+    again = cam._replace(newer=False)
+    steps: Script = [Older(ms, again) for ms in (0, 1, 50, 100, 101, 10**9)]
+    return [[step] for step in steps] + [steps[::-1]]
+
+
+_INTENDED_3 = received("Intention", MINE, source=3)
+_BOTH_RECORDED: list[Input] = [REQUEST, _INTENDED_3, INTENDED, WINDOW]
+_TO_3 = entry("Cancel", 3, MINE)
+_CANCEL_ACKED = received("Ack", MINE, of=("Cancel", 1))
+_CANCEL_ACKED_3 = received("Ack", MINE, of=("Cancel", 1), source=3)
+_WITHDRAWN_3 = received("Cancel", MINE, source=3)
+_LEAVE_NEXT = command("abort", NEXT)
+_TWO_LEFT: list[Input] = [ADVERTISED, LEAVE, received("Advertisement", NEXT), _LEAVE_NEXT]
+ROOM: list[Script] = [
+    [*_TWO_LEFT, REQUEST],
+    [REQUEST, INTENDED, ABORT, ADVERTISED, LEAVE, received("Advertisement", NEXT), REQUEST],
+    [ADVERTISED, LEAVE, REQUEST, INTENDED, ABORT, received("Advertisement", NEXT), REQUEST],
+    [ADVERTISED, LEAVE, received("Advertisement", NEXT), PAUSE],
+    [*_TWO_LEFT, received("Ack", NEXT, of=("Cancel", 1)), REQUEST, PAUSE],
+]
+"""Sessions with one or two entries in the outbox when they should begin."""
+
+_CANCELS = tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS)
+
+_OVERHEARD: list[Input] = [
+    Receive("receive", value.message._replace(dst=STRANGER, session=MINE), True)
+    for value in (
+        INTENDED,
+        INSTRUCTED,
+        ACCEPTED,
+        FINISHED,
+        CANCELLED,
+        received("Ack", MINE, of=("Cancel", 1)),
+    )
+]
+"""Messages to another station."""
+_ECHOED = {"src": VALUES.ids[ME], "session": [VALUES.ids[ME], 1]}
+
+PLAIN: dict[str, Sequence[Script]] = {
+    "echoes": [
+        [*script, Wait(30), *(With(_ECHOED, message) for message in _OVERHEARD)]
+        for script in ([], WAITING, COMMITTED, [REQUEST, INTENDED], PRESCRIBING, ACTING)
+    ],
+    "reasons receiver": [
+        [*script, With({"reason": reason}, CANCELLED), CANCELLED]
+        for script in ([ADVERTISED], WAITING, VERIFYING, COMMITTED)
+        for reason in _CANCELS
+    ],
+    "reasons prescriber": [
+        [*script, With({"reason": reason}, WITHDRAWN), WITHDRAWN]
+        for script in (PRESCRIBING, [*PRESCRIBING, PRESCRIPTION_ACKED], ACTING)
+        for reason in _CANCELS
+    ]
+    + [
+        [*script, With({"reason": reason}, REFUSED), PRESCRIBE_2]
+        for script in (PRESCRIBING, [*PRESCRIBING, PRESCRIPTION_ACKED])
+        for reason in COPY_REASONS
+    ],
+    "two receivers": [
+        [*_BOTH_RECORDED, PRESCRIBE, PRESCRIPTION_ACKED, expire("giveup", _TO_3)],
+        [*_BOTH_RECORDED, PRESCRIBE, PRESCRIPTION_ACKED, PAUSE, _INTENDED_3, Wait(2500)],
+        [*_BOTH_RECORDED, PRESCRIBE, ACCEPTED, PAUSE, _CANCEL_ACKED, _CANCEL_ACKED_3, COMPLETE],
+        [*_BOTH_RECORDED, PROCEED, Wait(250), _CANCEL_ACKED, Wait(2500)],
+        [*_BOTH_RECORDED, ABORT, Wait(250), _CANCEL_ACKED_3, Wait(2500)],
+        [*_BOTH_RECORDED, ABORT, Wait(2500)],
+        [*_BOTH_RECORDED, expire("decide"), Wait(2500)],
+    ],
+    "two withdrawn": [
+        [REQUEST, INTENDED, _INTENDED_3, WITHDRAWN, _WITHDRAWN_3, INTENDED, _INTENDED_3, WINDOW],
+        [REQUEST, _WITHDRAWN_3, WITHDRAWN, _INTENDED_3, INTENDED, WINDOW],
+    ],
+    "restart at a deadline": [[*script, At(timer, RESTART), Wait(500)] for script, timer, _ in _DUE]
+    + [[RESTART, At(("quarantine",), value), PAUSE] for value in (ADVERTISED, RESTART)],
+    "bounds Ack": [
+        [ADVERTISED]
+        + [With({"of": of}, received("Ack", THEIRS, of=("Fin", 1))) for of in named_by_acks()]
+        + [INTENTION_ACKED]
+    ],
+    "cam older receiver": [
+        [*COMMITTED, ACCEPTANCE_ACKED, *HEARD_TWICE, *older, expire("cam")]
+        for older in _older(HEARD_THEM)
+    ],
+    "cam older prescriber": [
+        [*ACTING, *TARGET_HEARD_TWICE, *older, expire("cam")] for older in _older(HEARD_TARGET)
+    ],
+}
+"""Cases that are scripts and nothing else."""

@@ -1,0 +1,214 @@
+"""Cases ``sessions FIRST SECOND``: a session is not touched by what a station remembers of another.
+
+The graph of one station knows no memory but its state, so a tour never plays one session after
+another just to see whether the first one shows.  Here each session is ended wherever and however
+it can end, and then a second one is played in full.  In each state of the second everything comes
+that must change nothing: messages and commands of either session.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+
+from automcm_conformance.exchange.exchange import Exchange, Infeasible
+from automcm_conformance.exchange.wire import LONG_MS, ME
+from automcm_conformance.suite.scripted import Fresh, Played, number, room
+from automcm_conformance.suite.scripts import (
+    MINE,
+    REQUEST,
+    RESTART,
+    THEIRS,
+    USUAL,
+    WINDOW,
+    WITHDRAWN,
+    Script,
+    Y,
+    cam,
+    command,
+    expire,
+    received,
+)
+from automcm_spec.graph.oracle import Oracle
+from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Message, Receive, Session
+
+Z = 3
+PAUSE_MS = 7
+SHARES = 9
+SHORT_MS = 900
+"""A lease that ends before the other timers of ACTUATING."""
+COMMANDS = {
+    "prescriber": ("request", "prescribe", "proceed", "complete", "abort"),
+    "receiver": ("accept", "refuse", "abort"),
+}
+ROLES = ("prescriber", "receiver")
+
+
+def as_prescriber(session: Session, peer: int, refused: bool) -> list[Input]:
+    """A session of the station's own, up to the Ack of the Fin; first refused once, if so."""
+    k = 2 if refused else 1
+    rounds: list[Input] = [
+        received("Acceptance", session, 1, source=peer),
+        command("prescribe", session, 2, peer),
+    ]
+    return [
+        REQUEST,
+        received("Intention", session, source=peer),
+        WINDOW,
+        command("prescribe", session, 1, peer),
+        received("Ack", session, of=("Prescription", 1), source=peer),
+        *(rounds if refused else []),
+        received("Acceptance", session, k, accepted=True, source=peer),
+        cam(peer, session),
+        cam(peer, session),
+        command("complete", session),
+        received("Ack", session, of=("Fin", 1), source=peer),
+    ]
+
+
+def as_receiver(session: Session, refuses: bool) -> list[Input]:
+    """A session of another, up to its Fin; it refuses first, if so."""
+    peer, k = session[0], 2 if refuses else 1
+    rounds: list[Input] = [
+        command("refuse", session, 1),
+        received("Prescription", session, 2, source=peer),
+    ]
+    return [
+        received("Advertisement", session, source=peer),
+        received("Ack", session, of=("Intention", 1), source=peer),
+        received("Prescription", session, 1, source=peer),
+        *(rounds if refuses else []),
+        command("accept", session, k),
+        received("Ack", session, of=("Acceptance", k), source=peer),
+        cam(peer, session),
+        cam(peer, session),
+        received("Fin", session, source=peer),
+    ]
+
+
+def scripts(about: str) -> Iterator[Script]:
+    """What the sessions of two roles are made of."""
+    roles = about.split()
+    if "restart" in roles:
+        yield [RESTART]
+    if {"prescriber", "restart"} & {*roles}:
+        yield as_prescriber(MINE, Y, True)
+    if {"receiver", "restart"} & {*roles}:
+        yield as_receiver(THEIRS, True)
+
+
+def pairs(fresh: Fresh, about: str) -> Played:
+    """``sessions FIRST SECOND``: two roles.  ``sessions restart``: either, and power fails."""
+    restarts = about == "restart"
+    firsts, seconds = (ROLES, ROLES) if restarts else ([role] for role in about.split())
+    x = fresh(USUAL)
+    rounds = x.parameters["max_rounds"]
+    ends = [
+        (first, [*begin, end])
+        for first in firsts
+        for begin in _begins(first, rounds)
+        for end in _ends(x.oracle, begin, restarts)
+    ]
+    ways = itertools.product(ends, seconds, (Y, Z), (False, True))
+    for n, ((first, ended), second, peer, short) in enumerate(ways):
+        x = fresh(USUAL)
+        try:
+            for value in ended:
+                _take(x, value, LONG_MS if short else SHORT_MS)
+            refused = short and rounds > 1
+            _follow(x, second, peer, refused, SHORT_MS if short else LONG_MS, {first, second}, n)
+        except Infeasible:
+            yield None
+        else:
+            yield x
+
+
+def _begins(role: str, rounds: int) -> list[list[Input]]:
+    """Ways into each state of a session."""
+    found: dict[tuple[Input, ...], list[Input]] = {}
+    for refused in (False, True)[:rounds]:
+        if role == "receiver":
+            whole = as_receiver(THEIRS, refused)
+        else:
+            whole = as_prescriber(MINE, Y, refused)
+            for n in (1, 2, 3):
+                withdrawn = [*whole[:n], WITHDRAWN]
+                found[tuple(withdrawn)] = withdrawn
+        for n in range(1, len(whole)):
+            found[tuple(whole[:n])] = whole[:n]
+    return list(found.values())
+
+
+def _ends(oracle: Oracle, begin: Sequence[Input], restarts: bool) -> list[Input]:
+    """The inputs that end the session; nothing if the way there ends it."""
+    state = oracle.way(oracle.input_index[value] for value in begin)[-1]
+    if oracle.states[state].phase == "STANDALONE" or restarts:
+        return [RESTART] if restarts else []
+    moves = oracle.moves(state).items()
+    ends = [oracle.inputs[i] for i, after in moves if oracle.states[after].phase == "STANDALONE"]
+    return [value for value in ends if value != RESTART]
+
+
+def _take(x: Exchange, value: Input, lease_ms: int) -> None:
+    """An input, and a pause.  Before an expiry whatever else is due comes.  Raises Infeasible."""
+    i = number(x, value)
+    if isinstance(value, Expire):
+        fired: list[int] = []
+        while i not in fired:
+            if x.clock.deadline(value.timer) is None or x.next_due is None:
+                raise Infeasible
+            fired = x.advance(x.next_due)
+    else:
+        answer = x.oracle.answer(x.state, i)
+        if answer is None or answer.effect.rule == "MEM-1":
+            raise Infeasible
+        x.give(i, lease_ms=lease_ms)
+    x.wait(x.now + PAUSE_MS)
+
+
+def _follow(
+    x: Exchange, role: str, peer: int, refused: bool, lease_ms: int, roles: set[str], n: int
+) -> None:
+    """The second session, as far as limits allow it.  Raises Infeasible, Mismatch, Broken."""
+    st = x.oracle.states[x.state]
+    newest = max([n for p, n in st.joined if p == peer], default=0)
+    session = (ME, st.number + 1) if role == "prescriber" else (peer, newest + 1)
+    if x.parameters["memory_limit"] < 2 or len(st.outbox) > room(x):
+        raise Infeasible
+    sessions = [MINE, THEIRS, session]
+    _try(x, sessions, roles, n)
+    if role == "receiver" and st.quarantine:
+        _take(x, expire("quarantine"), LONG_MS)
+    if role == "prescriber" and st.backoff:
+        _take(x, expire("backoff"), LONG_MS)
+    whole = (
+        as_receiver(session, refused)
+        if role == "receiver"
+        else as_prescriber(session, peer, refused)
+    )
+    for value in whole:
+        _take(x, value, lease_ms)
+        _try(x, sessions, roles, n)
+    x.flush()
+
+
+def _try(x: Exchange, sessions: list[Session], roles: set[str], n: int) -> None:
+    """What must change nothing here: each exchange tries another share of it."""
+    commands = {name for role in roles for name in COMMANDS[role]}
+    for i in range(n % SHARES, len(x.oracle.inputs), SHARES):
+        answer = x.oracle.answer(x.state, i)
+        if answer is None or answer.changes or answer.effect.rule == "MEM-1":
+            continue
+        match x.oracle.inputs[i]:
+            case Receive(message=Message(type="Advertisement"), concerned=True) if (
+                "receiver" not in roles
+            ):
+                continue
+            case Receive(message=Message(src=2 | 3, dst=0 | 1, session=session)) if (
+                session in sessions
+            ):
+                x.give(i)
+            case Cam(src=2 | 3):
+                x.give(i)
+            case Command(name=name, session=session) if name in commands and session in sessions:
+                x.give(i)

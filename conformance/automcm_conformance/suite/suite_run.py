@@ -1,0 +1,138 @@
+"""The whole suite against one implementation."""
+
+from __future__ import annotations
+
+import gc
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.exchange.results import BROKE, Report
+from automcm_conformance.scenarios import scenario_cases
+from automcm_conformance.suite import named_cases, two_peer_residual
+from automcm_conformance.suite.graph_cases import Runner, Say
+from automcm_conformance.suite.purposes import Owners, Purpose
+from automcm_conformance.suite.purposes import load as load_purposes
+from automcm_conformance.suite.tally import Part
+from automcm_conformance.suite.verdicts import Expectations, report
+from automcm_spec.graph.oracle import Answer, Oracle, OracleError, load
+from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
+from automcm_spec.graph.oracle_generation import spec_hash as present_hash
+
+
+def conform(
+    command: Sequence[str],
+    purposes: Sequence[Purpose],
+    folder: Path,
+    *,
+    limit_s: float,
+    seed: int,
+    say: Say,
+    selectors: Sequence[str],
+    expected: Expectations,
+) -> Report:
+    """Run these purposes; replays and logs are written into ``folder``.
+
+    Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
+    """
+    spec = present_hash()
+    graphs = Graphs.load(spec)
+    adapter = Adapter(command, limit_s)
+    runner = Runner(adapter, purposes, seed, say)
+    try:
+        with uncollected():
+            if any(purpose.select for purpose in purposes):
+                tours(runner, graphs)
+                named_cases.samples(runner, folder)
+            special(runner, graphs, purposes, folder)
+    except KeyboardInterrupt:
+        runner.ended = "interrupted"
+    except (OSError, OracleError):
+        raise
+    except Exception as error:  # a fault of ours must not cost what was found so far
+        traceback.print_exc()
+        runner.broke, runner.ended = True, f"{BROKE}: {type(error).__name__}: {error}"
+    finally:
+        adapter.stop()
+    return report(runner, folder, spec, selectors, expected)
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Without the collector of cycles: it would look at the graphs, millions of values that stay,
+    again and again, and take a third of the time."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
+class Graphs:
+    """What is driven, read once and only if it is needed: ``one``, and what the other graphs have
+    beyond it.  Runs may share it.  Raises OracleError, here or later."""
+
+    def __init__(self, one: Oracle) -> None:
+        self.one = one
+        self.owners = Owners(load_purposes())
+        self._pairs: dict[frozenset[str], list[Answer]] = {}
+
+    @classmethod
+    def load(cls, spec_hash: str) -> Graphs:
+        """Those that were made from this specification."""
+        with uncollected():
+            return cls(load(ONE_PEER.path, spec_hash))
+
+    def pairs(self, rules: frozenset[str]) -> list[Answer]:
+        """The pairs of ``one`` that these rules decide."""
+        if rules not in self._pairs:
+            self._pairs[rules] = list(self.one.decided_by(rules))
+        return self._pairs[rules]
+
+    @cached_property
+    def two(self) -> Oracle:
+        """The graph with two peers."""
+        return load(TWO_PEERS.path, self.one.spec_hash)
+
+    @cached_property
+    def third(self) -> list[Answer]:
+        """The pairs that need a third station."""
+        return two_peer_residual.read(self.two)
+
+    @cached_property
+    def tight(self) -> Oracle:
+        """The graph with the limits of the tight model."""
+        return load(TIGHT.path, self.one.spec_hash)
+
+    @cached_property
+    def limits(self) -> list[Answer]:
+        """The pairs that MEM-1 decides."""
+        return list(self.tight.decided_by({"MEM-1"}))
+
+
+def tours(runner: Runner, graphs: Graphs) -> None:
+    """Drive what the graphs hold."""
+    owners, rules = graphs.owners, runner.rules
+    third = [answer for answer in graphs.third if answer.effect.rule in rules]
+    limits = graphs.limits if "MEM-1" in rules else []
+    runner.graph(Part("one-peer", graphs.one), graphs.pairs(rules), owners)
+    runner.graph(Part("two-peers, beyond one-peer", graphs.two, True), third, owners)
+    runner.graph(Part("tight, MEM-1", graphs.tight), limits, owners)
+
+
+def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
+    """Run those cases that have a name."""
+    part = Part("special", graphs.one)
+    for purpose in purposes:
+        if not purpose.case:
+            continue
+        runner.say(purpose.case)
+        if purpose.case in scenario_cases.NAMES:
+            named_cases.scenario(runner, purpose, folder)
+        else:
+            named_cases.special(runner, purpose, part, folder)

@@ -1,0 +1,127 @@
+"""What a run finds out: the tours over each graph, which pairs were driven, what was wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from automcm_conformance.exchange.exchange import Exchange, Mismatch
+from automcm_conformance.exchange.play import Wrong
+from automcm_conformance.exchange.results import Verdict
+from automcm_conformance.exchange.tours import Pair, Tours
+from automcm_conformance.exchange.wire import Values
+from automcm_conformance.scenarios.scenario_runner import Outcome
+from automcm_conformance.suite.purposes import Owners, Purpose
+from automcm_spec.graph.oracle import Oracle
+from automcm_spec.vocabulary.station import Input
+from automcm_traces.checker.finding import Finding, Kind
+
+DIFFERENTLY = "nondeterministic: answered differently when the same was sent again"
+ENOUGH = 3
+"""Wrong answers after which a case is decided, and driven no further."""
+
+
+@dataclass(slots=True)
+class Part:
+    """Some pairs of one graph."""
+
+    name: str
+    oracle: Oracle
+    third: bool = False
+    totals: Counter[str] = field(default_factory=Counter)
+    """``transitions`` and ``refusals``."""
+    reached: Counter[str] = field(default_factory=Counter)
+    forbidden: int = 0
+    """Pairs that time does not allow with the parameters (without ``durations``)."""
+    tours: Tours | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A finding, and the exchange that shows it: its last answer is wrong, or does not come."""
+
+    finding: Finding
+    input: Input | None
+    """The input that the rule decides."""
+    error: Wrong
+
+    @property
+    def verdict(self) -> Verdict:
+        """ERROR if the adapter broke, or does not answer twice as it did."""
+        return "ERROR" if self.finding.kind in ("unreadable", "cannot_tell") else "FAIL"
+
+
+def finding(error: Wrong, rule: str, more: str = "", *, again: bool = True) -> Finding:
+    """What is wrong with an exchange, and ``more`` about it.  Not ``again``: when the same was sent
+    again, the answer was another one."""
+    if not again:
+        return Finding("cannot_tell", rule, observed=f"{DIFFERENTLY}: {error}{more}")
+    kind: Kind = "unreadable"
+    if isinstance(error, Mismatch):
+        kind = "state" if {part for part, _ in error.problems} == {"phase"} else "unexpected"
+    return Finding(kind, rule, observed=f"{error}{more}")
+
+
+@dataclass(slots=True)
+class Tally:
+    """What is known of one case."""
+
+    purpose: Purpose
+    total: int = 0
+    reached: int = 0
+    forbidden: int = 0
+    hits: int = 0
+    """Wrong answers at its pairs, whatever was to blame."""
+    skipped: Counter[str] = field(default_factory=Counter)
+    """Why pairs were left out."""
+    faults: list[Fault] = field(default_factory=list)
+    sample: tuple[Part, Pair] | None = None
+    """A pair that was driven."""
+    log: str = ""
+    outcome: Outcome | None = None
+    """Of a scenario."""
+
+    @property
+    def decided(self) -> bool:
+        """Nothing more is found out, whatever is to blame for what goes wrong at its pairs."""
+        return len(self.faults) >= ENOUGH or self.hits > 2 * ENOUGH
+
+    @property
+    def failed(self) -> bool:
+        """FAIL or ERROR."""
+        bad = self.outcome is not None and self.outcome.verdict in ("FAIL", "ERROR")
+        return bad or bool(self.faults)
+
+
+@dataclass(slots=True)
+class Flight:
+    """A tour that is being played."""
+
+    x: Exchange
+    tour: list[int]
+    lease: int
+    values: Values
+    soonest: str
+    off: Pair | None = None
+    """What time forbids; the tour ends there."""
+
+
+@dataclass(slots=True)
+class Drive:
+    """Tours over one part."""
+
+    part: Part
+    owners: Owners
+    tours: Tours
+    planned: int
+    started: int = 0
+    flights: list[Flight] = field(default_factory=list)
+    """Played, with lines that wait to be sent."""
+    sent: list[Flight] = field(default_factory=list)
+    """Those whose lines the station is answering."""
+    attempts: Counter[Pair] = field(default_factory=Counter)
+
+    @property
+    def lines(self) -> int:
+        """How many are waiting."""
+        return sum(flight.x.unwritten for flight in self.flights)

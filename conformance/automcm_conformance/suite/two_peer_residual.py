@@ -1,0 +1,236 @@
+"""What the graph of two peers says beyond that of one.
+
+A pair of state and input of ``two-peers`` has an *image* in ``one-peer`` if one of the peers can be
+taken away (with its session, if the station is bound to it) and the answer is the same in what is
+left.  The rest is the remainder: what needs a third station.  Of pairs that differ only in parts of
+the state that the input cannot touch (END-4), or in which peer is which, it holds one.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from automcm_conformance.adapter.kit_paths import SUITE
+from automcm_spec.graph.oracle import Answer, Oracle, OracleError
+from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Input,
+    Receive,
+    Session,
+    State,
+)
+
+PEERS = 2, 3
+STRANGER = 9
+
+
+def remainder(two: Oracle, one: Oracle) -> Iterator[Answer]:
+    """The pairs of ``two`` that have no image in ``one``, in the order of its states."""
+    seen: set[tuple[int, int]] = set()
+    swapped = [two.input_index[renumbering.input_of(i, _swap)] for i in two.inputs]
+    touched = [_touches(i) for i in two.inputs]
+    views = set(touched)
+    known: dict[Seen, int] = {}
+    for s, state in enumerate(two.states):
+        mirror = renumbering.state(state, _swap)
+        mine = {v: known.setdefault(_view(state, v), len(known)) for v in views}
+        other = {v: known.setdefault(_view(mirror, v), len(known)) for v in views}
+        for answer in two.answers(s):
+            i = answer.input
+            key = mine[touched[i]], i
+            if key in seen:
+                continue
+            seen.add(key)
+            seen.add((other[_swap_view(touched[i])], swapped[i]))
+            if not _has_image(two, one, answer):
+                yield answer
+
+
+View = tuple[int, Session | None, bool]
+"""Who an input is about, in which session, and whether what is remembered of it matters."""
+Seen = tuple[Any, ...]
+"""What of a state such an input can touch."""
+
+
+def _touches(i: Input) -> View:
+    match i:
+        case Receive(message=m):
+            return m.src, m.session, m.type == "Advertisement"
+        case Cam():
+            return i.src, None, False
+        case Expire(timer=(_, Entry() as e)):
+            return e.to, e.session, False
+        case Expire(timer=(_, int(p))):
+            return p, None, True
+        case Command():
+            return 0, None, i.name == "request"
+    return 0, None, False
+
+
+def _swap_view(view: View) -> View:
+    y, session, remembered = view
+    return renumbering.station(y, _swap), session and _swap(session), remembered
+
+
+def _view(st: State, view: View) -> Seen:
+    """The part of a state that an input can touch."""
+    y, session, remembered = view
+    bound = st.session
+    joined = frozenset(j for j in st.joined if (j[0] == y and remembered) or j == bound)
+    about = frozenset(e for e in st.outbox if y and e.session == session)
+    size = len(st.outbox) if remembered else 0  # MEM-1 counts all of the outbox
+    if session is not None and bound != session:  # END-4
+        return st[:2], bound[0], st.target, joined, about, size, st.quarantine
+    own = frozenset(e for e in st.outbox if e.session == bound and e.type not in ("Fin", "Cancel"))
+    number = 0 if st.role == "receiver" else st.number
+    return st[:9], number, joined, about, own, size, st.quarantine, st.backoff
+
+
+# -- one peer taken away
+
+
+def _has_image(two: Oracle, one: Oracle, answer: Answer) -> bool:
+    state, i = two.states[answer.state], two.inputs[answer.input]
+    return any(_image(two, one, answer, state, i, away) for away in PEERS)
+
+
+def _image(two: Oracle, one: Oracle, answer: Answer, state: State, i: Input, away: int) -> bool:
+    """Whether the answer is the same without this peer.  A session of it is a stranger's then."""
+    speaker, about = _speaker(i), _peers(i)
+    if away in about and (away in speaker or not isinstance(i, Receive | Cam)):
+        return False
+    if away in about and away in _bound(state):
+        return False
+    if any(_goes(state, away, session) for session in _sessions(i)):
+        return False
+
+    def to(session: Session) -> Session:
+        p, n = session
+        return (STRANGER, 1) if p in (away, STRANGER) else (2, n) if p in PEERS else session
+
+    n = one.state_index.get(renumbering.state(_without(state, away), to))
+    j = one.input_index.get(renumbering.input_of(i, to))
+    image = None if n is None or j is None else one.answer(n, j)
+    if image is None or image.changes != answer.changes:
+        return False
+    mine, its = answer.effect, image.effect
+    return (
+        (mine.rule, mine.told) == (its.rule, its.told)
+        and {renumbering.message(m, to) for m in mine.messages} == {*its.messages}
+        and {renumbering.timer(t, to) for t in mine.arm} == {*its.arm}
+        and {renumbering.timer(t, to) for t in mine.stop} == {*its.stop}
+        and renumbering.state(_without(two.states[answer.next], away), to) == one.states[image.next]
+    )
+
+
+def _speaker(i: Input) -> set[int]:
+    """Whom a message or CAM comes from and goes to."""
+    match i:
+        case Receive(message=m):
+            return {m.src, m.dst}
+        case Cam():
+            return {i.src}
+    return set()
+
+
+def _peers(i: Input) -> set[int]:
+    """The peers that an input names."""
+    found = _speaker(i) | {p for p, _ in _sessions(i)}
+    match i:
+        case Command():
+            found.add(i.target)
+        case Expire(timer=(_, Entry() as e)):
+            found.update((e.to, e.session[0]))
+        case Expire(timer=(_, int(p))):
+            found.add(p)
+    return found & set(PEERS)
+
+
+def _sessions(i: Input) -> Collection[Session]:
+    """The sessions that a message, a CAM or a command names."""
+    match i:
+        case Receive(message=m):
+            return [m.session]
+        case Cam():
+            return i.marks
+        case Command():
+            return [i.session]
+    return []
+
+
+def _goes(state: State, away: int, session: Session) -> bool:
+    """Whether all that the station has to do with this session goes with that peer."""
+    if state.session == session and _without(state, away).phase == "STANDALONE":
+        return True
+    return any(e.to == away and e.session == session for e in state.outbox)
+
+
+def _bound(state: State) -> set[int]:
+    return {state.session[0], state.target, *state.recorded, *state.withdrawn}
+
+
+def _without(state: State, away: int) -> State:
+    """A state without a peer; the station is in no session if it was in one with it."""
+    out = state._replace(
+        recorded=state.recorded - {away},
+        withdrawn=state.withdrawn - {away},
+        joined=frozenset(j for j in state.joined if j[0] != away),
+        outbox=frozenset(e for e in state.outbox if away not in (e.to, e.session[0])),
+    )
+    chooses_none = out.phase == "CHOOSING" and not out.recorded
+    if away in (state.session[0], state.target) or chooses_none:
+        return State("STANDALONE", "none", (0, 0), NONE, NONE, 0, 0, False, False, *out[9:])
+    return out
+
+
+NONE = frozenset[int]()
+
+
+def _swap(session: Session) -> Session:
+    p, n = session
+    return {2: 3, 3: 2}.get(p, p), n
+
+
+# -- the file
+
+PATH = SUITE / "remainder.json"
+FORMAT = "automcm.remainder/1"
+
+
+def text(two: Oracle, one: Oracle) -> str:
+    """The file: for each state of ``two-peers`` the inputs of the remainder; a state a line."""
+    pairs: dict[int, list[int]] = {}
+    for answer in remainder(two, one):
+        pairs.setdefault(answer.state, []).append(answer.input)
+    head = f'"format":"{FORMAT}","spec_hash":"{two.spec_hash}"'
+    rows = ",\n".join(f'"{s}":{canonical(inputs)}' for s, inputs in pairs.items())
+    return f'{{{head},"pairs":{{\n{rows}\n}}}}\n'
+
+
+def spec_hash(path: Path = PATH) -> str:
+    """Of the specification that the file was made from; empty if there is no such file."""
+    try:
+        data = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return ""
+    return str(data.get("spec_hash", "")) if isinstance(data, dict) else ""
+
+
+def read(two: Oracle, path: Path = PATH) -> list[Answer]:
+    """The remainder from its file.  Raises OracleError if it is missing, or of another version."""
+    try:
+        data = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise OracleError(f"{path}: {error}") from None
+    if data.get("format") != FORMAT or data.get("spec_hash") != two.spec_hash:
+        raise OracleError(f"{path}: made from another specification; run make generate")
+    found = (two.answer(int(s), i) for s, inputs in data["pairs"].items() for i in inputs)
+    return [answer for answer in found if answer is not None]

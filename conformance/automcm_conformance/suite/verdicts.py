@@ -1,0 +1,214 @@
+"""From what a run found to verdicts: one result for each case, and the report."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from automcm_conformance.adapter.process import LIMIT_S
+from automcm_conformance.exchange import records, transcript
+from automcm_conformance.exchange.results import (
+    VERDICTS,
+    CaseResult,
+    Failure,
+    Implementation,
+    Line,
+    Report,
+    Verdict,
+)
+from automcm_conformance.suite.graph_cases import Runner
+from automcm_conformance.suite.purposes import Purpose
+from automcm_conformance.suite.tally import Fault, Tally
+from automcm_spec.support import files
+from automcm_spec.vocabulary.rules import RULES, handler, line
+from automcm_spec.vocabulary.station import Input
+from automcm_traces.checker.finding import Finding
+
+Expectations = Mapping[str, tuple[Verdict, str]]
+"""For a case the verdict that is known to come, and why."""
+SHOWN = 60
+"""Lines of an exchange in a report; the replay has all."""
+
+
+class ExpectError(ValueError):
+    """An expectations file that cannot be used; the text names the file and the entry."""
+
+
+def expectations(path: Path, purposes: Sequence[Purpose]) -> dict[str, tuple[Verdict, str]]:
+    """An expectations file: ``"AMCM/…" = {verdict = "FAIL", because = "why"}`` for each case.
+
+    Raises ExpectError and OSError.
+    """
+    known = {purpose.id for purpose in purposes}
+    found: dict[str, tuple[Verdict, str]] = {}
+    try:
+        entries = tomllib.loads(path.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ExpectError(f"{path}: {error}") from None
+    for name, entry in entries.items():
+        if name not in known:
+            raise ExpectError(f"{path}: {name}: there is no such case")
+        if not isinstance(entry, dict) or set(entry) != {"verdict", "because"}:
+            raise ExpectError(f"{path}: {name}: needs verdict and because, and nothing else")
+        verdict, because = entry["verdict"], entry["because"]
+        if verdict not in VERDICTS:
+            raise ExpectError(f"{path}: {name}.verdict: one of {', '.join(VERDICTS)}")
+        if not isinstance(because, str) or not because.strip():
+            raise ExpectError(f"{path}: {name}.because: say why")
+        found[name] = verdict, because
+    return found
+
+
+def implementation(runner: Runner) -> Implementation:
+    """What the implementation said about itself."""
+    hello = runner.adapter.hello
+    return Implementation(
+        hello.name,
+        hello.version,
+        hello.issues,
+        sorted(hello.features),
+        list(hello.scenarios),
+        {str(name): value for name, value in sorted(hello.fixed.items())},
+        runner.adapter.command,
+    )
+
+
+def report(
+    runner: Runner,
+    folder: Path,
+    spec_hash: str,
+    selectors: Sequence[str],
+    expected: Expectations,
+) -> Report:
+    """The report of a run; replays are written into ``folder``."""
+    cases = [_result(runner, tally, folder, expected) for tally in runner.tallies.values()]
+    reached, totals = Counter[str](), Counter[str]()
+    graphs = {}
+    for part in runner.parts:
+        reached += part.reached
+        totals += part.totals
+        graphs[part.name] = {
+            kind: [part.reached[kind], part.totals[kind]] for kind in ("transitions", "refusals")
+        }
+        if part.forbidden:
+            graphs[part.name]["forbidden by time"] = [part.forbidden, part.totals.total()]
+    coverage = {kind: [reached[kind], totals[kind]] for kind in ("transitions", "refusals")}
+    rules = {rule for case in cases for rule in case.rules}
+    seen = {rule for case in cases if case.verdict in ("PASS", "FAIL") for rule in case.rules}
+    coverage["rules"] = [len(seen), len(rules)]
+    problems = list(runner.adapter.problems)
+    if runner.cut_short:
+        problems.append(runner.cut_short)
+    return Report(
+        implementation(runner),
+        cases,
+        coverage,
+        graphs,
+        spec_hash,
+        runner.seed,
+        list(selectors),
+        problems,
+        broke=runner.broke,
+    )
+
+
+def _result(runner: Runner, tally: Tally, folder: Path, expected: Expectations) -> CaseResult:
+    purpose = tally.purpose
+    verdict, reason = _verdict(runner, tally)
+    wanted, because = expected.get(purpose.id, ("PASS", ""))
+    names = "id", "level", "given", "when", "then", "bug", "cost"
+    return CaseResult(
+        **{name: getattr(purpose, name) for name in names},
+        verdict=verdict,
+        rules=list(purpose.rules),
+        reason=reason,
+        wanted=wanted,
+        because=because,
+        reached=tally.reached,
+        total=tally.total,
+        failures=_failures(runner, tally, folder),
+        log=tally.log,
+    )
+
+
+def _failures(runner: Runner, tally: Tally, folder: Path) -> list[Failure]:
+    case, o = tally.purpose.id, tally.outcome
+    if o is None:
+        return [failure(runner, case, n, fault, folder) for n, fault in enumerate(tally.faults, 1)]
+    if o.verdict in ("PASS", "SKIP"):
+        return []
+    again = f"automcm conform run {case} --seed {runner.seed} {_behind(runner)}"
+    return [
+        _failure(o.finding, o.input, transcript.answerable(o.finding), o.came, o.lines, "", again)
+    ]
+
+
+def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
+    if tally.outcome is not None:
+        o = tally.outcome
+        return o.verdict, o.reason or transcript.finding(o.finding)
+    if tally.faults:
+        verdicts = [fault.verdict for fault in tally.faults]
+        verdict: Verdict = "FAIL" if "FAIL" in verdicts else "ERROR"
+        return verdict, transcript.finding(tally.faults[verdicts.index(verdict)].finding)
+    skipped, forbidden = tally.skipped.total(), tally.forbidden
+    if runner.cut_short and tally.reached + skipped + forbidden < max(tally.total, 1):
+        return "INCONC", f"{tally.reached:,} of {tally.total:,} driven: {runner.cut_short}"
+    out = [f"{n:,} need {why}" for why, n in tally.skipped.most_common()]
+    out += [f"{forbidden:,} are forbidden by time with these parameters"] if forbidden else []
+    if tally.reached + skipped + forbidden < tally.total:
+        others = (fault.finding for t in runner.tallies.values() for fault in t.faults)
+        cause = runner.elsewhere or next(others, None)
+        why = f": {transcript.finding(cause)}" if cause else ""
+        left = tally.total - tally.reached - skipped - forbidden
+        return "INCONC", f"{left:,} of {tally.total:,} not driven, the way there went wrong{why}"
+    if tally.reached == 0:
+        return "SKIP", "; ".join(out) or "nothing to drive"
+    return "PASS", f"left out of {tally.total:,}: {'; '.join(out)}" if out else ""
+
+
+def _behind(runner: Runner) -> str:
+    """What stands at the end of a command that asks the same station again."""
+    adapter = runner.adapter
+    limit = "" if adapter.limit_s == LIMIT_S else f"--limit {adapter.limit_s:g} "
+    return f"{limit}-- {shlex.join(adapter.command)}"
+
+
+def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Failure:
+    """A fault in the words of a report; its replay is written."""
+    name = re.sub(r"[^A-Za-z0-9]+", "-", case)
+    replay = folder / "replay" / f"{name}-{n}.json"
+    replay.parent.mkdir(parents=True, exist_ok=True)
+    found, steps = fault.finding, fault.error.steps
+    files.write(replay, records.replay_text(case, found.rule, transcript.finding(found), steps))
+    last, lines = steps[-1], transcript.exchange(steps)
+    if len(lines) > SHOWN:
+        cut = Line(lines[0].now, "kit", f"… {len(lines) - SHOWN} lines; the replay has all …")
+        lines = [cut, *lines[-SHOWN:]]
+    came = (
+        [transcript.answered(last.answer)]
+        if last.answer
+        else ["no answer", *getattr(fault.error, "stderr", ())]
+    )
+    again = f"automcm conform replay {shlex.quote(str(replay))} {_behind(runner)}"
+    at, allowed = str(replay.relative_to(folder)), transcript.allowed(last.expected)
+    return _failure(found, fault.input, allowed, came, lines, at, again)
+
+
+def _failure(
+    found: Finding,
+    value: Input | None,
+    allowed: list[str],
+    came: list[str],
+    lines: list[Line],
+    replay: str,
+    command: str,
+) -> Failure:
+    rule, what = found.rule or found.property, transcript.finding(found)
+    operator, at = (handler(value), line(rule, value)) if value else ("", 0)
+    text = RULES.get(rule, "")
+    return Failure(rule, text, operator, at, what, allowed, came, lines, replay, command)

@@ -1,0 +1,293 @@
+"""Test vectors for the trajectory kernels (docs/vectors.md): read, write, hold against a kernel.
+
+The inputs in ``conformance/vectors/*.json`` are written by hand.  What is expected is filled in
+by ``texts`` from automcm_conformance.vectors.exact_kernels, and never by hand.
+"""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from automcm_conformance.adapter.kit_paths import VECTORS
+from automcm_conformance.vectors import exact_kernels
+from automcm_conformance.vectors.vector_validation import FILE, Motion
+
+Json = Any
+Call = Callable[[str, Json], Json]
+"""What an implementation offers: the outputs of a kernel for these inputs.  An input without an
+answer gives ``{"error": {"name": ..., "index": ...}}``, the index only where there is one."""
+
+SCHEMA = "vectors-1.schema.json"
+KERNELS = ("convert", "thin", "collide", "discover", "prescribe", "verify", "success")
+
+
+class VectorError(ValueError):
+    """A file that holds no vectors; the text names the file, the vector and the field."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A vector, with what its file says of all its vectors."""
+
+    id: str
+    kernel: str
+    rule: str
+    purpose: str
+    bug: str
+    inputs: Json
+    expected: Json
+    tolerance: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of a vector."""
+
+    case: Case
+    problem: str
+    """The first difference; empty: none."""
+    got: Json = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer is right."""
+        return not self.problem
+
+
+def paths() -> list[Path]:
+    """The files, one for each kernel, in the order of the rules."""
+    return [VECTORS / f"{kernel}.json" for kernel in KERNELS]
+
+
+def load(path: Path) -> list[Case]:
+    """The vectors of a file.  Raises VectorError."""
+    file = _checked(path, _read(path))
+    return [
+        Case(
+            **{name: vector[name] for name in ("id", "purpose", "inputs", "expected")},
+            bug=file["bugs"][vector["bug"]],
+            **{name: file[name] for name in ("kernel", "rule", "tolerance")},
+        )
+        for vector in file["vectors"]
+    ]
+
+
+def _read(path: Path) -> Json:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise VectorError(f"{path.name}: {error.strerror}") from None
+    except ValueError as error:
+        raise VectorError(f"{path.name}: no JSON: {error}") from None
+
+
+def _checked(path: Path, file: Json) -> Json:
+    """The file itself, if it is one.  Raises VectorError for the first fault."""
+    try:
+        FILE.validate_python(file)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = [str(part) for part in first["loc"][1:]]
+        if where[:1] == ["vectors"] and len(where) > 1:
+            vector = file["vectors"][int(where[1])]
+            named = vector.get("id") if isinstance(vector, dict) else None
+            where = [str(named or f"vectors.{where[1]}"), ".".join(where[2:])]
+        else:
+            where = [".".join(where)]
+        problem = ": ".join(part for part in (path.name, *where, first["msg"]) if part)
+        raise VectorError(problem) from None
+    if path.stem != file["kernel"]:
+        raise VectorError(f"{path.name}: kernel: holds {file['kernel']}")
+    seen: set[str] = set()
+    for vector in file["vectors"]:
+        place = f"{path.name}: {vector['id']}"
+        if vector["id"] in seen:
+            raise VectorError(f"{place}: id: used twice")
+        if not vector["id"].startswith(file["kernel"] + "-"):
+            raise VectorError(f"{place}: id: does not start with {file['kernel']}-")
+        if vector["bug"] not in file["bugs"]:
+            raise VectorError(f"{place}: bug: {vector['bug']} is not among the bugs of the file")
+        seen.add(vector["id"])
+    for bug in file["bugs"]:
+        if all(vector["bug"] != bug for vector in file["vectors"]):
+            raise VectorError(f"{path.name}: bugs.{bug}: no vector catches it")
+    return file
+
+
+def check(call: Call, cases: Iterable[Case]) -> list[Result]:
+    """Hold an implementation against the vectors.  Whatever it raises is its own fault."""
+    results = []
+    for case in cases:
+        try:
+            got = call(case.kernel, json.loads(json.dumps(case.inputs)))
+            results.append(Result(case, difference(case, got), got))
+        except Exception as error:
+            results.append(Result(case, f"raised {type(error).__name__}: {error}"))
+    return results
+
+
+def difference(case: Case, got: Json) -> str:
+    """The first difference between what is expected and what there is; empty: none."""
+    expected = case.expected
+    if "error" in expected:
+        named = {name: expected["error"].get(name) for name in ("name", "index")}
+        answer = got.get("error") if isinstance(got, dict) else None
+        if not isinstance(answer, dict):
+            return f"error: expected for {_named(named)}, got none"
+        answer = {name: answer.get(name) for name in ("name", "index")}
+        return "" if named == answer else f"error: expected {_named(named)}, got {_named(answer)}"
+    if isinstance(got, dict) and "error" in got:
+        return f"error: expected none, got {got['error']}"
+    if "at_most" in expected:
+        return _fits(expected, got)
+    if case.kernel == "prescribe":
+        return _moves(expected, got, case.tolerance)
+    return _differs("", expected, got, case.tolerance, 0)
+
+
+def _named(error: Json) -> str:
+    return str(error["name"]) + ("" if error["index"] is None else f"[{error['index']}]")
+
+
+def _differs(
+    place: str, expected: Json, got: Json, tolerances: dict[str, float], tolerance: float
+) -> str:
+    if isinstance(expected, dict):
+        if not isinstance(got, dict) or expected.keys() != got.keys():
+            names = sorted(got) if isinstance(got, dict) else got
+            return f"{place or 'outputs'}: expected {sorted(expected)}, got {names}"
+        pairs = [
+            (f"{place}.{name}".lstrip("."), expected[name], got[name], tolerances.get(name, 0))
+            for name in expected
+        ]
+    elif isinstance(expected, list):
+        if not isinstance(got, list) or len(expected) != len(got):
+            size = len(got) if isinstance(got, list) else got
+            return f"{place}: expected {len(expected)} entries, got {size}"
+        pairs = [
+            (f"{place}[{n}]", *both, tolerance)
+            for n, both in enumerate(zip(expected, got, strict=True))
+        ]
+    elif isinstance(expected, float) and type(got) in (int, float):
+        return "" if abs(expected - got) <= tolerance else _unequal(place, expected, got)
+    else:
+        same = type(expected) is type(got) and expected == got
+        return "" if same else _unequal(place, expected, got)
+    return next(filter(None, (_differs(p, e, g, tolerances, t) for p, e, g, t in pairs)), "")
+
+
+def _unequal(place: str, expected: Json, got: Json) -> str:
+    return f"{place}: expected {expected}, got {got}"
+
+
+def _fits(expected: Json, got: Json) -> str:
+    """Which points stay is free, but not how many, and not that some do."""
+    kept = got.get("kept") if isinstance(got, dict) else None
+    if not isinstance(kept, list) or any(type(n) is not int for n in kept):
+        return f"kept: expected indices, got {kept}"
+    if kept != sorted(set(kept)):
+        return f"kept: expected indices that rise, got {kept}"
+    if len(kept) > expected["at_most"]:
+        return f"kept: expected {expected['at_most']} points at most, got {len(kept)}"
+    missing = sorted(set(expected["includes"]) - set(kept))
+    return f"kept: expected also {missing}" if missing else ""
+
+
+def _moves(expected: Json, got: Json, tolerances: dict[str, float]) -> str:
+    """The same places at the same times; where the samples are is free."""
+    try:
+        motion = Motion.model_validate(got, extra="ignore")
+    except ValidationError as error:
+        return f"outputs: no motion: {error}"
+    t, begin, end = motion.t, expected["t"][0], expected["t"][-1]
+    if not t or len(t) != len(motion.xy) or t != sorted(set(t)):
+        return "t: expected times that rise, as many as places"
+    if t[0] > begin + tolerances["t"] or t[-1] < end - tolerances["t"]:
+        return f"t: expected times from {begin} to {end}, got {t[0]} to {t[-1]}"
+    for when in sorted({*expected["t"], *(each for each in t if begin <= each <= end)}):
+        wanted, there = _at(expected["t"], expected["xy"], when), _at(t, motion.xy, when)
+        if any(not abs(w - g) <= tolerances["xy"] for w, g in zip(wanted, there, strict=True)):
+            return f"xy: expected {wanted} at {when} s, got {there}"
+    return ""
+
+
+def _at(t: Sequence[float], xy: Sequence[Sequence[float]], when: float) -> list[float]:
+    n = min(max(bisect_right(t, when) - 1, 0), len(t) - 1)
+    if n == len(t) - 1 or when <= t[n]:
+        return list(xy[n])
+    share = (when - t[n]) / (t[n + 1] - t[n])
+    return [a + share * (b - a) for a, b in zip(xy[n], xy[n + 1], strict=True)]
+
+
+def texts() -> dict[Path, str]:
+    """The files as they must be: what is expected comes from
+    automcm_conformance.vectors.exact_kernels.
+
+    Raises VectorError for a file whose inputs are none.
+    """
+    made = {VECTORS / SCHEMA: schema()}
+    for path in paths():
+        file = _read(path)
+        with suppress(KeyError, TypeError):  # whatever is missing there, _checked names
+            for vector in file["vectors"]:
+                vector["expected"] = {"error": {"name": "none", "why": "not known yet"}}
+        _checked(path, file)
+        for vector in file["vectors"]:
+            vector["expected"] = exact_kernels.call(file["kernel"], vector["inputs"])
+        made[path] = _text(_checked(path, file))
+    return made
+
+
+def _text(file: Json) -> str:
+    """JSON with one field of a vector on each line."""
+
+    def line(value: Json) -> str:
+        return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+    def block(value: dict[str, Json], indent: str) -> str:
+        if not value:
+            return "{}"
+        rows = ",\n".join(f"{indent}  {line(name)}: {line(value[name])}" for name in value)
+        return f"{{\n{rows}\n{indent}}}"
+
+    head = [f"  {line(name)}: {line(file[name])}" for name in ("schema", "kernel", "rule")]
+    head += [f"  {line(name)}: {block(file[name], '  ')}" for name in ("units", "tolerance")]
+    head += [f"  {line('bugs')}: {block(dict(sorted(file['bugs'].items())), '  ')}"]
+    fields = ("id", "purpose", "bug", "inputs", "expected")
+    vectors = ",\n".join(
+        "    " + block({name: vector[name] for name in fields}, "    ")
+        for vector in file["vectors"]
+    )
+    return "{\n" + ",\n".join(head) + f',\n  "vectors": [\n{vectors}\n  ]\n}}\n'
+
+
+def schema() -> str:
+    """The JSON Schema of the files.
+
+    What it cannot say stays with ``load``: that ids are unique, and that bugs are in the table.
+    """
+    made = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": "urn:automcm:vectors:1",
+        "title": "Test vectors for a trajectory kernel of AutoMCM, version 1",
+        **_untitled(FILE.json_schema()),
+    }
+    return json.dumps(made, indent=2, sort_keys=True) + "\n"
+
+
+def _untitled(value: Json) -> Json:
+    """Without pydantic's titles, and without what is OpenAPI and not JSON Schema."""
+    if isinstance(value, list):
+        return [_untitled(each) for each in value]
+    if not isinstance(value, dict):
+        return value
+    noise = {"discriminator"} | ({"title"} if isinstance(value.get("title"), str) else set())
+    return {name: _untitled(each) for name, each in value.items() if name not in noise}

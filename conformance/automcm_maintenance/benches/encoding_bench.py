@@ -1,0 +1,124 @@
+"""What the encoding of the radio saves: its states against those of two naive encodings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.model_checking import tlc
+from automcm_spec.support import scratch
+from automcm_spec.support.paths import BENCH, TLA
+
+#: The naive encodings must have at least so many times the states of ours.
+FACTOR = 20
+
+ENCODINGS = {
+    "set": ("System", "a set that never shrinks, reduced"),
+    "consumed_set": ("Naive", "a set; receiving takes out, anything may be lost"),
+    "bag": ("Naive", "a bag of at most two copies; receiving takes out, anything may be lost"),
+}
+"""Each cfg of spec/bench, ours first: its module, and what it is."""
+
+_SECONDS = re.compile(r"^(\s*Seconds = )\d+$", re.MULTILINE)
+
+
+class BenchError(Exception):
+    """A run from which nothing can be compared."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What TLC found with an encoding. If it has not finished, the counts are lower bounds.
+
+    seconds is the time it took, with the start of Java.
+    """
+
+    encoding: str
+    about: str
+    distinct_states: int
+    states: int
+    depth: int
+    seconds: float
+    finished: bool
+
+
+@dataclass(frozen=True)
+class Report:
+    """Our encoding and the naive ones on the same model, measured one after the other."""
+
+    ours: Figure
+    naive: tuple[Figure, ...]
+
+    def ratio(self, figure: Figure) -> float:
+        """The distinct states of an encoding over ours; a lower bound if it has not finished."""
+        return figure.distinct_states / self.ours.distinct_states
+
+    @property
+    def shown(self) -> bool | None:
+        """Whether every naive encoding has FACTOR times our states; None if that is open."""
+        less = [figure for figure in self.naive if self.ratio(figure) < FACTOR]
+        if any(figure.finished for figure in less):
+            return False
+        return None if less else True
+
+    @property
+    def exit_code(self) -> int:
+        """0 if FACTOR is reached, 1 if not, 4 if the time was too short to tell."""
+        return {True: 0, False: 1, None: 4}[self.shown]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report as JSON."""
+        return {
+            "factor": FACTOR,
+            "reached": self.shown,
+            "encodings": [
+                {
+                    "name": figure.encoding,
+                    "about": figure.about,
+                    "distinct_states": figure.distinct_states,
+                    "states": figure.states,
+                    "depth": figure.depth,
+                    "seconds": round(figure.seconds, 1),
+                    "finished": figure.finished,
+                    "ratio": round(self.ratio(figure), 1),
+                    "ratio_is_lower_bound": not figure.finished,
+                }
+                for figure in (self.ours, *self.naive)
+            ],
+        }
+
+
+def run(
+    seconds: int, say: Callable[[str], None] = lambda text: None, *, bench: Path = BENCH
+) -> Report:
+    """Measure every encoding, each naive one for at most so many seconds.
+
+    bench is the folder of the cfgs.  Raises tlc.TlcError if TLC gives no verdict, BenchError if
+    it finds a violation or does not finish with our encoding.
+    """
+    figures: list[Figure] = []
+    for name in ENCODINGS:
+        say(f"{name}: " + ("until it ends" if not figures else f"at most {seconds} s"))
+        figures.append(_measure(name, seconds, bench))
+    ours, *naive = figures
+    if not ours.finished:
+        raise BenchError("TLC has not finished with our own encoding")
+    return Report(ours, tuple(naive))
+
+
+def _measure(name: str, seconds: int, bench: Path) -> Figure:
+    module, about = ENCODINGS[name]
+    progress: list[tlc.Progress] = []
+    with scratch.folder("bench") as folder:
+        cfg = folder / f"{name}.cfg"
+        text = (bench / f"{name}.cfg").read_text(encoding="utf-8")
+        cfg.write_text(_SECONDS.sub(rf"\g<1>{seconds}", text), encoding="utf-8")
+        r = tlc.run(module, cfg, tla_dir=TLA, on_progress=progress.append)
+    if r.outcome != "holds":
+        raise BenchError(f"{name}: {r.property or 'a property'} is violated")
+    # Stopped by the time box, TLC says "No error has been found" as well; but states are left.
+    finished = bool(progress) and progress[-1].queue == 0
+    return Figure(name, about, r.distinct_states, r.states, r.depth, r.seconds, finished)

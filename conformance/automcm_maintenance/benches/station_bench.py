@@ -1,0 +1,130 @@
+"""``automcm bench station``: the figures as tables."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.common import Json, console_of, progress, table_of, write_json
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from automcm_maintenance.benches.core_bench import Report
+    from automcm_maintenance.benches.kernel_bench import Report as KernelReport
+
+
+def station(
+    seconds: Annotated[float, typer.Option(help="About how long to measure.", min=0.1)] = 20,
+    json_: Json = None,
+) -> None:
+    """Messages, sessions and memory, each beside a baseline.  Both are measured in the same run.
+
+    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    """
+    from automcm_maintenance.benches import core_bench as measured
+
+    with progress() as say:
+        report = measured.run(seconds, say)
+    if write_json(json_, report.as_dict()):
+        show(report, console_of())
+
+
+def kernels(
+    seconds: Annotated[float, typer.Option(help="About how long to measure.", min=1)] = 60,
+    json_: Json = None,
+) -> None:
+    """Each trajectory kernel beside other ways to compute the same.  Single and batched.
+
+    Ratios are to the kernel: 2.0 takes twice as long as it.  The floor is copying the bytes that
+    must be read.  There is no verdict.
+    """
+    from automcm_maintenance.benches import kernel_bench
+
+    with progress() as say:
+        report = kernel_bench.run(seconds, say=say)
+    if write_json(json_, report.as_dict()):
+        show_kernels(report, console_of(110))
+
+
+def show(report: Report, console: Console) -> None:
+    """Print the tables."""
+    from automcm_maintenance.benches.core_bench import POINTS
+
+    core = report.core
+    console.print(f"the core, {core.messages} messages of a session of four stations")
+    table = table_of("", "us a message", "core costs")
+    table.add_row("core", f"{core.core_us:.2f}", "")
+    for name, us in (
+        ("decoding it (pydantic, JSON)", core.decode_us),
+        ("a dictionary look-up", core.lookup_us),
+        ("a python-statemachine transition", core.statemachine_us),
+    ):
+        table.add_row(name, f"{us:.2f}", f"{core.core_us / us:.2f} times that")
+    console.print(table)
+    console.print(f"messages a second: {1e6 / core.core_us:,.0f}\n", highlight=False)
+    columns = ("decoding us", "core us", "ratio", "rules us", "timers us", "rest us")
+    table = table_of("by type", "messages", *columns)
+    for type_, p in core.by_type.items():
+        rest = p.core_us - p.decide_us - p.timers_us
+        ratio = p.core_us / p.decode_us
+        row = (p.decode_us, p.core_us, ratio, p.decide_us, p.timers_us, rest)
+        table.add_row(type_, str(p.messages), *(f"{figure:.2f}" for figure in row))
+    console.print(table)
+    table = table_of(
+        f"\nPrescription, {POINTS} points",
+        "bytes",
+        "encoding us",
+        "to json",
+        "decoding us",
+        "to json",
+    )
+    first = report.codings[0]
+    for coding in report.codings:
+        table.add_row(
+            coding.codec,
+            f"{coding.size:,}",
+            f"{coding.encode_us:.1f}",
+            f"{coding.encode_us / first.encode_us:.1f}",
+            f"{coding.decode_us:.1f}",
+            f"{coding.decode_us / first.decode_us:.1f}",
+        )
+    console.print(table)
+    table = table_of("\nsessions", "loss", "a second", "to no loss", "messages a second", "agreed")
+    for each in report.sessions:
+        perfect = next(s for s in report.sessions if (s.t_timeout, s.loss) == (each.t_timeout, 0.0))
+        table.add_row(
+            f"t_timeout {each.t_timeout} ms",
+            f"{each.loss:.0%}",
+            f"{each.per_second:,.0f}",
+            f"{each.per_second / perfect.per_second:.2f}",
+            f"{each.messages_per_second:,.0f}",
+            f"{each.agreed / each.sessions:.0%}",
+        )
+    console.print(table)
+    m = report.memory
+    table = table_of(f"\nmemory, {m.stations} stations", "bytes a station", "to idle")
+    for name, size in (("idle", m.idle), ("waiting", m.waiting), ("acting", m.acting)):
+        table.add_row(name, f"{size:,}", f"{size / m.idle:.2f}")
+    table.add_row(f"one trajectory of {POINTS} points", f"{m.trajectory:,}", "")
+    console.print(table)
+
+
+def show_kernels(report: KernelReport, console: Console) -> None:
+    """Print one row for each kernel, number of points and number of pairs."""
+    from automcm_maintenance.benches.kernel_bench import PEERS
+
+    table = table_of("kernel", "points", "pairs", "us a pair", "to floor", *PEERS)
+    for row in report.rows:
+        table.add_row(
+            row.kernel,
+            str(row.points),
+            f"{row.pairs:,}",
+            f"{row.us:.2f}",
+            f"{row.to_floor:.1f}",
+            *(f"{row.ahead[name]:.2f}" if name in row.ahead else "" for name in PEERS),
+        )
+    console.print(table)
+    for name in report.missing:
+        console.print(f"not measured: {name}", highlight=False)

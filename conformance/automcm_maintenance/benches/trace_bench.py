@@ -1,0 +1,169 @@
+"""``automcm bench traces``: what judging logs costs, beside reading them and beside TLC."""
+
+from __future__ import annotations
+
+import json
+import random
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from automcm_cli.shared.common import Json, code_3, progress, table_of, write_json
+from automcm_spec.support import scratch
+
+EVENTS = 50
+"""Events of each log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Seconds for the same logs: CPU time, but for TLC, which is another process."""
+
+    logs: int
+    events: int
+    json_s: float
+    """json.loads of every line: the floor."""
+    read_s: float
+    """LogStream: the format checked, line by line."""
+    explain_s: float
+    """Read, and compared with the compiled specification."""
+    tlc_s: float | None
+    """TLC's batch, its start and the reading included; None if it was not asked for."""
+
+    def rows(self) -> list[tuple[str, float]]:
+        """What was measured, and its seconds."""
+        rows = [
+            ("json.loads alone", self.json_s),
+            ("reading (the format checked)", self.read_s),
+            ("explain (reading and engine)", self.explain_s),
+            ("the engine alone", self.explain_s - self.read_s),
+        ]
+        return rows if self.tlc_s is None else [*rows, ("TLC, one batch", self.tlc_s)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
+        engine = self.explain_s - self.read_s
+        return asdict(self) | {
+            "explain_events_per_s": round(self.events / self.explain_s),
+            "engine_events_per_s": round(self.events / engine),
+            "engine_by_reading": round(engine / self.read_s, 2),
+        }
+
+
+def logs(number: int, folder: Path) -> list[Path]:
+    """``number`` complete logs of EVENTS events each, of stations in lane changes with loss."""
+    return [path for path, _ in zip(_logs(folder), range(number), strict=False)]
+
+
+def _logs(folder: Path) -> Iterator[Path]:
+    from automcm.links.simulated_radio import Channel
+    from automcm.scenarios.simulation import Simulation
+    from automcm.scenarios.straight_lane import Straight
+    from automcm_spec.vocabulary.parameters import Parameters
+
+    seed = 0
+    while True:
+        seed += 1
+        chance = random.Random(seed)
+        part = folder / str(seed)
+        part.mkdir()
+        channel = Channel(loss=chance.choice([0.0, 0.2, 0.4]), duplicate=0.05)
+        simulation = Simulation(seed=seed, channel=channel, logs=part)
+        for station in (1001, 2002, 3003, 4004):
+            parameters = Parameters(t_cam=900, t_timeout=chance.choice([0, 1000, 2000]))
+            simulation.add(station, Straight(target=3003, maneuver_ms=1500), parameters)
+        simulation.request(1001, at=300)
+        simulation.run(until=9_000)
+        for path in sorted(part.iterdir()):
+            lines = path.read_bytes().splitlines(keepends=True)
+            if len(lines) > EVENTS + 1:
+                path.write_bytes(b"".join(lines[: EVENTS + 1]))
+                yield path
+
+
+def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
+    """Measure.  Raises what the second engine raises if it is asked for and cannot be run."""
+    from automcm_traces.explain.explain import explain_file
+    from automcm_traces.format.reader import LogStream, read
+
+    with scratch.folder("bench") as folder:
+        say(f"making {number} logs")
+        paths = logs(number, folder)
+        explain_file(paths[0])  # what is imported late, and the first answers
+
+        def parse() -> None:
+            for path in paths:
+                for line in path.read_bytes().splitlines():
+                    json.loads(line)
+
+        def stream() -> None:
+            for path in paths:
+                for _ in LogStream(path):
+                    pass
+
+        def judge() -> None:
+            for path in paths:
+                verdict = explain_file(path)
+                assert verdict.verdict == "allowed", verdict
+
+        def batch() -> None:
+            from automcm_traces.explain.tlc_engine import explain_batch
+
+            verdicts = explain_batch([read(path) for path in paths])
+            assert all(verdict.verdict == "allowed" for verdict in verdicts)
+
+        say("reading and judging")
+        json_s, read_s, explain_s = _best([parse, stream, judge])
+        tlc_s = None
+        if tlc:
+            say("TLC")
+            start = time.perf_counter()
+            batch()
+            tlc_s = time.perf_counter() - start
+        return Measured(len(paths), len(paths) * EVENTS, json_s, read_s, explain_s, tlc_s)
+
+
+def _best(tasks: list[Callable[[], None]], rounds: int = 3) -> list[float]:
+    """The least CPU time of some rounds of each, in turns."""
+    best = [float("inf")] * len(tasks)
+    for _ in range(rounds):
+        for n, task in enumerate(tasks):
+            start = time.process_time()
+            task()
+            best[n] = min(best[n], time.process_time() - start)
+    return best
+
+
+def traces(
+    number: Annotated[
+        int, typer.Option("--logs", help=f"How many logs of {EVENTS} events.", min=1)
+    ] = 1000,
+    tlc: Annotated[bool, typer.Option(help="Measure TLC's batch too.")] = True,
+    json_: Json = None,
+) -> None:
+    """Events a second of the engine, beside parsing and TLC.  All on the same logs.
+
+    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    """
+    from automcm_spec.model_checking.tlc import TlcError
+    from automcm_spec.model_checking.toolchain import ToolError
+
+    with code_3("bench traces", TlcError, ToolError), progress() as say:
+        measured = measure(number, tlc, say)
+    if not write_json(json_, measured.as_dict()):
+        return
+    from rich.console import Console
+
+    console = Console()
+    console.print(
+        f"{measured.logs} logs of {EVENTS} events, best of three rounds (CPU time; TLC: the clock)"
+    )
+    table = table_of("", "events a second", "times reading")
+    for name, seconds in measured.rows():
+        ratio = f"{seconds / measured.read_s:.2f}"
+        table.add_row(name, f"{measured.events / seconds:,.0f}", ratio)
+    console.print(table)

@@ -1,0 +1,117 @@
+"""Messages with one thing odd: what of them the reference takes, and as what.  As
+behaviour_digest.py, it is imported after the reference has been replaced, so its bounds are its
+own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Set
+from typing import Any
+
+from automcm_spec.vocabulary.messages import MessageError, decode, encode
+
+LIMIT = 2**53 - 1
+LONG = 60
+WAY = {"t0": 5, "points": [[0, 0, 0], [1000, 8333, 0]]}
+COMMON: dict[str, Any] = {"v": 1, "src": 2, "dst": 1, "session": [2, 1], "seq": 1}
+BASES: tuple[dict[str, Any], ...] = (
+    {k: v for k, v in COMMON.items() if k != "dst"}
+    | {"type": "Advertisement", "scenario": "merge", "details": {"lane": 2}, "planned": WAY},
+    COMMON | {"type": "Intention", "planned": WAY},
+    COMMON
+    | {"type": "Prescription", "proposal": 1, "prescribed": WAY}
+    | {"hold_ms": 0, "lease_ms": 1},
+    COMMON | {"type": "Acceptance", "proposal": 1, "accepted": True, "selected": WAY},
+    COMMON | {"type": "Acceptance", "proposal": 1, "accepted": False, "reason": "unsafe"},
+    COMMON | {"type": "Acceptance", "proposal": 1, "accepted": False, "reason": "busy", "seq": 0},
+    COMMON | {"type": "Fin"},
+    COMMON | {"type": "Cancel", "reason": "abort"},
+    COMMON | {"type": "Cancel", "reason": "closed", "seq": 0},
+    COMMON | {"type": "Ack", "seq": 0, "of": {"type": "Fin", "seq": 1}},
+    {"v": 1, "type": "CAM", "src": 2, "generation_ms": 1, "x_mm": 1, "y_mm": 1}
+    | {"heading_mrad": 1, "speed_mm_s": 1, "marks": [[2, 1]]},
+)
+
+
+def _nested(depth: int, of: type) -> Any:
+    value: Any = 1
+    for _ in range(depth):
+        value = [value] if of is list else {"a": value}
+    return value
+
+
+ODD: tuple[Any, ...] = (
+    *(None, True, False, 0, 1, 2, 3, -1, 1.0, 1.5, "", "x", "1", [], {}, [1], {"a": 1}),
+    *(bound + n for bound in (LIMIT, -LIMIT, 2**32 - 1) for n in (-1, 0, 1)),
+    *("unsafe", "undecided", "busy", "unknown_session", "closed", "timeout", "not_selected"),
+    *("not_needed", "no_agreement", "cam_loss", "lease_expired", "abort", "odd"),
+    *("Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack", "CAM"),
+    *("é", "\ud800", "a" * 65_507, "a" * 65_508, "é" * 65_507),
+    *({"a" * n: 1} for n in (65_507, 65_508)),
+    *({"a": odd} for odd in (None, 1.5, True, "\ud800", LIMIT + 1, -LIMIT - 1, LIMIT, -LIMIT)),
+    *(_nested(n, of) for n in (31, 32, 33) for of in (list, dict)),
+    *({"a": _nested(n, list)} for n in (30, 31, 32)),
+    *([[2, k + 1] for k in range(n)] for n in (0, 1, 254, 255, 256)),
+    *([2, 0], [0, 1], [2, 1, 1], [2], [2**32, 1], [2, 2**53], [[0, 0]], [[0, 0, 0]]),
+    WAY,
+)
+
+
+class Forms:
+    """Each base in turn is a state; what is odd in it is the input."""
+
+    states = BASES
+
+    def answers(self, n: int) -> Iterator[tuple[str, str]]:
+        """Each odd message, and what it is taken for."""
+        base = BASES[n]
+        yield "as it is", _taken(base)
+        yield "one more", _taken(base | {"more": 1})
+        for path in _paths(base):
+            yield f"without {path}", _taken(_with(base, path, ...))
+            for odd in ODD:
+                text = json.dumps(odd)
+                shown = text if len(text) < LONG else f"{text[:LONG]}… ({len(text)} characters)"
+                yield f"{path}: {shown}", _taken(_with(base, path, odd))
+
+    def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
+        """As that of a Walker; all is of one kind."""
+        found = hashlib.blake2b(digest_size=8)
+        for what, text in self.answers(n):
+            found.update(f"{what}{text}".encode())
+        return {"odd": found.digest()}
+
+    def shown(self, n: int) -> list[tuple[str, str]]:
+        """All answers, as text."""
+        return list(self.answers(n))
+
+
+def _taken(message: Any) -> str:
+    try:
+        return encode(decode(json.dumps(message))).decode()
+    except MessageError:
+        return "refused"
+    except Exception as error:  # a mutant may raise anything
+        return type(error).__name__
+
+
+def _paths(value: Any, *before: Any) -> Iterator[tuple[Any, ...]]:
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for name, each in items:
+        yield (*before, name)
+        if isinstance(each, dict | list):
+            yield from _paths(each, *before, name)
+
+
+def _with(value: Any, path: tuple[Any, ...], odd: Any) -> Any:
+    """A copy with something odd at that place; without anything there for ``...``."""
+    name, *rest = path
+    copy = dict(value) if isinstance(value, dict) else list(value)
+    if rest:
+        copy[name] = _with(copy[name], tuple(rest), odd)
+    elif odd is ...:
+        del copy[name]
+    else:
+        copy[name] = odd
+    return copy

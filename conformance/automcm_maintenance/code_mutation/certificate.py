@@ -1,0 +1,405 @@
+"""A certificate of the suite: every mutant is killed by a case, or is equivalent on the graphs.
+
+What is decided is kept in ``decided.jsonl`` of the folder, so a run that was interrupted goes on
+from there; an edit of the suite, of the specification or of the mutant makes it decide anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import signal
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from multiprocessing.pool import Pool
+from pathlib import Path
+from subprocess import SubprocessError
+from typing import Any, Literal
+
+import automcm_conformance
+from automcm_conformance.adapter.kit_paths import SUITE
+from automcm_conformance.adapter.process import LIMIT_S
+from automcm_conformance.suite import purposes
+from automcm_conformance.suite.suite_run import Graphs
+from automcm_maintenance.code_mutation import cpp_station, equivalence, suite_kills
+from automcm_maintenance.code_mutation.equivalence import WALKS, Difference, WalkError
+from automcm_maintenance.code_mutation.mutated_process import NO_IMPORT
+from automcm_maintenance.code_mutation.source_mutants import (
+    REFERENCE,
+    SPECIFICATION,
+    Generated,
+    Mutant,
+    path_of,
+)
+from automcm_maintenance.code_mutation.suite_kills import Kills
+from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
+from automcm_spec.support import children, scratch
+
+Say = Callable[[str], None]
+Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
+FORMAT = "automcm.certificate/1"
+HIDDEN = "keeps something else, and never says anything else"
+UNTIL_S = 1_800.0
+"""Real seconds for one mutant."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """How the mutants are judged: ``cases`` that do not pass end the run of one (0: none do),
+    ``selectors`` say which part of the suite is held against them (all if there are none)."""
+
+    folder: Path
+    seed: int = 1
+    cases: int = 3
+    selectors: tuple[str, ...] = ()
+    jobs: int = 2
+    walks: tuple[tuple[str, int], ...] = WALKS
+
+
+@dataclass
+class Row:
+    """What became of a mutant.  ``cases`` kill it; ``difference`` is where a survivor can be told
+    from the reference, ``why`` what is to be said otherwise."""
+
+    id: str
+    class_: str
+    file: str
+    line: int
+    rule: str
+    old: str
+    new: str
+    station: str = "reference"
+    verdict: Verdict = "undecided"
+    cases: list[str] = field(default_factory=list)
+    why: str = ""
+    difference: Difference | None = None
+
+    def as_dict(self) -> dict[str, object]:
+        """As in the file."""
+        return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
+
+
+@dataclass
+class Certificate:
+    """A run.  Of the mutants ``made``, ``chosen`` were to be judged."""
+
+    asked: Asked
+    spec_hash: str
+    made: Generated
+    chosen: int
+    rows: list[Row] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    """What went wrong with the certificate itself."""
+
+    def counts(self, rows: Sequence[Row] | None = None) -> Counter[str]:
+        """How many of each verdict."""
+        return Counter(row.verdict for row in (self.rows if rows is None else rows))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every mutant that was chosen was run."""
+        return len(self.rows) == self.chosen
+
+    @property
+    def exit_code(self) -> int:
+        """0: all are killed or equivalent; 1: some survive, or nothing is known of them; 3: the
+        certificate itself broke, or is not complete."""
+        if self.counts()["survived"] or self.counts()["undecided"]:
+            return 1
+        return 3 if self.problems or not self.complete else 0
+
+    def as_dict(self) -> dict[str, object]:
+        """The JSON of ``--json``: the same, byte by byte, in each run with one seed."""
+        return {
+            "format": FORMAT,
+            "seed": self.asked.seed,
+            "cases": self.asked.cases,
+            "selectors": list(self.asked.selectors),
+            "spec_hash": self.spec_hash,
+            "generated": len(self.made.mutants),
+            "broken": self.made.broken,
+            "chosen": self.chosen,
+            "complete": self.complete,
+            "exit_code": self.exit_code,
+            "counts": dict(sorted(self.counts().items())),
+            **{"notes": self.notes, "problems": self.problems},
+            "mutants": [row.as_dict() for row in self.rows],
+        }
+
+
+# -- in a worker
+
+
+How = Literal["if it differs", "suite", "graphs"]
+"""The suite, but only if a first look shows a difference; the suite; a comparison."""
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A mutant of the reference, for a worker."""
+
+    mutant: Mutant
+    asked: Asked
+    how: How
+
+
+class _Worker:
+    """What a worker process reads once."""
+
+    graphs: Graphs
+
+    @classmethod
+    def start(cls) -> None:
+        children.end_with_parent()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+        signal.signal(signal.SIGTERM, _end)
+        cls.graphs = Graphs.load(spec_hash())
+
+
+def _end(*_: object) -> None:
+    raise SystemExit(1)
+
+
+def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
+    """The mutant's id, what was found (None: no difference), and what broke."""
+    mutant, asked = job.mutant, job.asked
+    with scratch.folder("certify") as folder:
+        source = folder / f"{mutant.module}.py"
+        source.write_text(mutant.source, encoding="utf-8")
+        try:
+            if job.how != "graphs":
+                command = [
+                    sys.executable,
+                    "-m",
+                    "automcm_maintenance.code_mutation.mutated_process",
+                    mutant.module,
+                    str(source),
+                ]
+                hint = set() if job.how == "suite" else _first_look(mutant, source, asked)
+                if hint is None:
+                    return mutant.id, None, ""
+                return mutant.id, killed(command, asked, folder, sorted(hint)), ""
+            found = equivalence.difference(mutant, source, asked.folder, asked.walks)
+            if found is not None and found.graph in GRAPHS:
+                silent = equivalence.hidden(mutant, source, asked.walks)
+                found = replace(found, hidden=silent)
+            return mutant.id, found, ""
+        except (WalkError, OSError) as error:
+            return mutant.id, None, str(error)
+
+
+def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None, str]:
+    """The same for a mutant of the C++ station."""
+    mutant, asked = job
+    with scratch.folder("certify") as folder:
+        try:
+            station = cpp_station.build_mutant(mutant, folder)
+            return mutant.name, killed([str(station)], asked, folder, mutant.rules), ""
+        except (SubprocessError, OSError) as error:
+            return mutant.name, None, f"{error} {getattr(error, 'stderr', None) or ''}"
+
+
+def _first_look(mutant: Mutant, source: Path, asked: Asked) -> set[str] | None:
+    """The cases that should find it; None if nothing differs on the graphs of the first look."""
+    for walk in _looked_at(asked):
+        found = equivalence.differs(mutant, source, asked.folder, walk)
+        if found is not None:
+            return equivalence.hint(walk, found, _Worker.graphs.owners)
+    return None
+
+
+def _looked_at(asked: Asked) -> list[tuple[str, int]]:
+    return [walk for walk in asked.walks if walk in (("forms", 0), ("tight", 0))]
+
+
+def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[str] = ()) -> Kills:
+    """Hold the suite against one station; the cases that ``first`` selects before the others."""
+    chosen = purposes.select(purposes.load(), asked.selectors)
+    likely = [p for p in chosen if p.id in first or set(p.rules) & set(first)]
+    likely = likely if asked.cases else []
+    found = Kills()
+    for part in [likely, chosen] if likely else [chosen]:
+        found = suite_kills.kills(
+            command,
+            _Worker.graphs,
+            part,
+            folder,
+            enough=asked.cases,
+            seed=asked.seed,
+            limit_s=LIMIT_S,
+            until_s=UNTIL_S,
+            brief=part is likely,
+        )
+        if found.unstarted is not None or len(found.cases) >= asked.cases > 0:
+            break
+    return found
+
+
+# -- the run
+
+
+def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
+    """Judge these mutants of the reference: the rows, in their order, and what broke.
+
+    Interrupted, it returns what is decided.  Raises WalkError, OSError, OracleError.
+    """
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    kept = _Kept(asked)
+    rows: dict[str, Row] = {}
+    problems: list[str] = []
+    for mutant in mutants:
+        row = kept.row(mutant)
+        if row is not None:
+            rows[mutant.id] = row
+    left = [mutant for mutant in mutants if mutant.id not in rows]
+    try:
+        if left:
+            with _processes(asked) as pool:
+                _judge(left, asked, pool, rows, kept, say)
+    except KeyboardInterrupt:
+        problems.append("interrupted")
+    return [rows[mutant.id] for mutant in mutants if mutant.id in rows], problems
+
+
+def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
+    """Judge the mutants of the C++ station: as ``run``.  Raises ValueError for a bad file."""
+    mutants = cpp_station.mutants()
+    rows: dict[str, Row] = {}
+    problems: list[str] = []
+    header = (cpp_station.SOURCE / "station.hpp").read_text(encoding="utf-8")
+    for m in mutants:
+        line = header[: header.index(m.edits[0][0])].count("\n") + 1
+        file = "conformance/implementations/cpp/station.hpp"
+        row = Row(f"cpp/{m.name}", "station", file, line, m.rules[0], m.story, "", "cpp")
+        rows[m.name] = row
+    try:
+        with _processes(asked) as pool:
+            jobs = [(m, asked) for m in mutants]
+            for n, (name, kills, error) in enumerate(pool.imap_unordered(_work_cpp, jobs)):
+                say(f"the C++ station: {n + 1} of {len(jobs)}")
+                if kills is not None:
+                    _told(rows[name], kills)
+                rows[name].why = rows[name].why or error
+    except KeyboardInterrupt:
+        problems.append("interrupted")
+    return list(rows.values()), problems
+
+
+@contextmanager
+def _processes(asked: Asked) -> Iterator[Pool]:
+    pool = multiprocessing.get_context("spawn").Pool(asked.jobs, _Worker.start)
+    try:
+        yield pool
+    finally:
+        pool.terminate()
+        pool.join()
+
+
+def _judge(
+    mutants: Sequence[Mutant],
+    asked: Asked,
+    pool: Pool,
+    rows: dict[str, Row],
+    kept: _Kept,
+    say: Say,
+) -> None:
+    by_id = {mutant.id: mutant for mutant in mutants}
+    for walk in _looked_at(asked):
+        say(f"the reference itself on {walk[0]}")
+        equivalence.digests(asked.folder, walk)
+    # Those that may be equivalent come last: the suite needs minutes to find nothing.
+    last: list[Mutant] = []
+    open_: list[Mutant] = []
+    done = len(rows)
+    hows: tuple[How, How] = "if it differs", "suite"
+    for how in hows:
+        jobs = [_Job(mutant, asked, how) for mutant in (last if how == "suite" else mutants)]
+        for id_, kills, error in pool.imap_unordered(_work, jobs):
+            if kills is None and not error:
+                last.append(by_id[id_])
+                continue
+            done += 1
+            say(f"the suite: {done} mutants, {len(open_)} not killed, {len(last)} for later")
+            m = by_id[id_]
+            row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new, why=error)
+            if isinstance(kills, Kills):
+                _told(row, kills)
+            if row.verdict == "survived":
+                open_.append(by_id[id_])
+            kept.keep(by_id[id_], row, rows)
+    open_ = [mutant for mutant in mutants if mutant in open_]
+    if open_:
+        for walk in asked.walks:
+            say(f"the reference itself on {walk[0]}")
+            equivalence.digests(asked.folder, walk)
+    walks = [_Job(mutant, asked, "graphs") for mutant in open_]
+    for n, (id_, found, error) in enumerate(pool.imap_unordered(_work, walks)):
+        say(f"the graphs: {n + 1} of {len(open_)}")
+        row = rows[id_]
+        if isinstance(found, Difference) and not found.hidden:
+            row.difference = found
+        elif found is not None:
+            row.verdict, row.why = "equivalent", HIDDEN
+        else:
+            row.verdict, row.why = ("undecided", error) if error else ("equivalent", "")
+        kept.keep(by_id[id_], row, rows)
+
+
+def _told(row: Row, kills: Kills) -> None:
+    """What the suite says of a mutant."""
+    row.cases, row.why = kills.cases, kills.what
+    if kills.unstarted == NO_IMPORT:
+        row.verdict = "invalid"
+    elif kills.cases or kills.unstarted is not None:
+        row.verdict = "killed"
+    else:
+        row.verdict = "undecided" if kills.late else "survived"
+
+
+class _Kept:
+    """What was decided before, by the same suite."""
+
+    def __init__(self, asked: Asked) -> None:
+        self.path = asked.folder / "decided.jsonl"
+        self.suite = suite_hash(asked)
+        self.known: dict[str, Any] = {}
+        if self.path.exists():
+            for line in self.path.read_text(encoding="utf-8").splitlines():
+                entry = json.loads(line)
+                self.known[entry["key"]] = entry["row"]
+
+    def _key(self, mutant: Mutant) -> str:
+        return hashlib.sha256(f"{self.suite}{mutant.id}{mutant.source}".encode()).hexdigest()
+
+    def row(self, mutant: Mutant) -> Row | None:
+        """A mutant that was decided for good."""
+        entry = self.known.get(self._key(mutant))
+        if entry is None or (entry["verdict"] == "undecided"):
+            return None
+        if entry["verdict"] == "survived" and not entry["difference"]:
+            return None
+        difference = entry.pop("difference")
+        row = Row(class_=entry.pop("class"), **entry)
+        row.difference = None if difference is None else Difference(**difference)
+        return row
+
+    def keep(self, mutant: Mutant, row: Row, rows: dict[str, Row]) -> None:
+        rows[mutant.id] = row
+        with self.path.open("a", encoding="utf-8") as out:
+            out.write(json.dumps({"key": self._key(mutant), "row": row.as_dict()}) + "\n")
+
+
+def suite_hash(asked: Asked) -> str:
+    """Of all that a verdict depends on but the mutant."""
+    found = hashlib.sha256(f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors}".encode())
+    folders = (Path(automcm_conformance.__path__[0]), REFERENCE, SPECIFICATION, SUITE)
+    for folder in folders:
+        for path in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".toml")):
+            found.update(path.read_bytes())
+    found.update(path_of("parameters").read_bytes())
+    return found.hexdigest()

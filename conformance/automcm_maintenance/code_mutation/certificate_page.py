@@ -1,0 +1,117 @@
+"""The certificate in words: on the screen, and as the page docs/certificate.md."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import get_args
+
+from automcm_maintenance.code_mutation.certificate import Certificate, Row, Verdict
+from automcm_maintenance.documents.repository import PAGES, ROOT, markdown_table
+from automcm_spec.support import files
+from automcm_spec.support import markdown as markdown_
+
+PAGE = ROOT / "docs" / "certificate.md"
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+MEANING = {
+    "table": "a row of a table of rules or phases is dropped, changed, or changes places",
+    "guard": "a condition is negated, a part of it dropped, a comparison changed",
+    "timer": "a timer is not armed, not stopped, not armed anew, too long or short, out of order",
+    "field": "a value in a message or indication is another one, off by one, or dropped",
+    "memory": "something is not remembered, not forgotten, or not sent again",
+    "form": "a check of the form of a message is left out or another one",
+    "station": "a mistake that a programmer made by hand, in the C++ station",
+}
+LONGEST = 110
+"""Characters of a change in the table; the JSON has all."""
+
+
+def summary(found: Certificate) -> str:
+    """A few lines for the screen: counts, and all about what is not killed."""
+    lines = [_counted("all", found.rows)]
+    lines = [_counted(name, rows) for name, rows in _by_class(found)] + lines
+    for row in found.rows:
+        if row.verdict in ("survived", "undecided"):
+            lines += ["", *survivor(row)]
+    lines += [f"SKIPPED: {note}" for note in found.notes]
+    lines += [f"Problem: {problem}" for problem in found.problems]
+    if not found.complete:
+        lines.append(
+            f"Incomplete: {len(found.rows)} of {found.chosen}; the same command goes on from here"
+        )
+    return "\n".join(lines)
+
+
+def survivor(row: Row) -> list[str]:
+    """All that is needed to make a case of it."""
+    lines = [f"{row.verdict} {row.id} ({row.file}:{row.line}, {row.rule})"]
+    lines.append(f"  {row.old}  =>  {row.new}")
+    if row.why:
+        lines.append(f"  {row.why}")
+    if row.difference is not None:
+        d = row.difference
+        lines.append(f"  graph {d.graph}, state {d.state}")
+        lines.append(f"  input {d.input}")
+        lines += [f"  right {d.right}", f"  wrong {d.wrong}"]
+    return lines
+
+
+def _counted(name: str, rows: Sequence[Row]) -> str:
+    counts = Counter(row.verdict for row in rows)
+    told = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+    return f"{name:>8} {len(rows):>4}: {told}"
+
+
+def _by_class(found: Certificate) -> list[tuple[str, list[Row]]]:
+    of = {name: [row for row in found.rows if row.class_ == name] for name in MEANING}
+    return [(name, rows) for name, rows in of.items() if rows]
+
+
+def write(found: Certificate) -> None:
+    """Write the page, if the certificate is complete."""
+    if found.complete:
+        files.write(PAGE, markdown(found))
+
+
+def markdown(found: Certificate) -> str:
+    """The page."""
+    classes = _by_class(found)
+    counts = [_counts(name, of, MEANING[name]) for name, of in classes]
+    groups = sorted({case.split("/")[2] for row in found.rows for case in row.cases})
+    rows: list[list[object]] = []
+    for name, of in classes:
+        hit = Counter(group for row in of for group in {case.split("/")[2] for case in row.cases})
+        rows.append([name, len(of), *(hit[group] or "" for group in groups)])
+    mutants = [
+        [f"`{row.id}`", row.line, row.rule, f"`{_change(row)}`", _killers(row)]
+        for row in found.rows
+    ]
+    heads = ["mutant", "line", "rule", "change", "killed by"]
+    return markdown_.page(
+        PAGES / "certificate.md.j2",
+        found=found,
+        many="one case" if found.asked.cases == 1 else f"{found.asked.cases} cases",
+        counts=markdown_table(
+            ["class", "mutants", *VERDICTS, "what"], [*counts, _counts("all", found.rows, "")]
+        ),
+        matrix=markdown_table(["class", "mutants", *groups], rows),
+        survivors=[row for row in found.rows if row.verdict in ("survived", "undecided")],
+        survivor=survivor,
+        mutants=markdown_table(heads, mutants, heads[2:]),
+    )
+
+
+def _counts(name: str, of: Sequence[Row], what: str) -> list[object]:
+    counts = Counter(row.verdict for row in of)
+    return [name, len(of), *(counts[v] for v in VERDICTS), what]
+
+
+def _change(row: Row) -> str:
+    text = f"{row.old}  =>  {row.new}"
+    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
+
+
+def _killers(row: Row) -> str:
+    if row.verdict != "killed":
+        return f"*{row.verdict}*"
+    return ", ".join(case.removeprefix("AMCM/") for case in row.cases) or "ends at once"

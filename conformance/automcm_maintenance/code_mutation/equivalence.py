@@ -1,0 +1,251 @@
+"""Does a mutant behave as the reference does, everywhere on the graphs?  Decided by comparison.
+
+At every state of a graph every input is given to both, and all that is said and kept is compared
+(behaviour_digest.py).  Inputs are left out only if the changed function cannot be called for them:
+the functions that each kind of input may call are known from the tables of the reference.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+from automcm_conformance.suite.purposes import Owners
+from automcm_maintenance.code_mutation.mutated_process import full_name
+from automcm_maintenance.code_mutation.source_mutants import MODULES, REFERENCE, Mutant, path_of
+from automcm_spec.graph.oracle import load
+from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
+from automcm_spec.support import children
+from automcm_spec.vocabulary.rules import kind
+
+WALKS = (
+    ("forms", 0),
+    *(("tight", n) for n in range(3)),
+    *(("one-peer", n) for n in range(3)),
+    ("two-peers", 0),
+)
+"""Graphs and variants, the quick ones first."""
+SECONDS = 3_600
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a mutant behaves differently; ``state`` and ``input`` in the form of JSON."""
+
+    graph: str
+    state: object
+    input: str
+    right: str
+    wrong: str
+    hidden: bool = False
+    """It is in what the mutant keeps, and never shows in what it says."""
+
+
+class WalkError(Exception):
+    """A walk that did not come to its end; the text is what it said last."""
+
+
+def digests(folder: Path, walk: tuple[str, int]) -> Path:
+    """The digests of the reference itself; written if they are not there.  Raises WalkError."""
+    graph, variant = walk
+    path = folder / f"{graph}-{variant}-{_present()}.digests"
+    if not path.exists():
+        part = path.with_suffix(".part")
+        _child("state", "-", "write", graph, str(variant), str(part))
+        part.rename(path)
+    return path
+
+
+def difference(
+    mutant: Mutant, source: Path, folder: Path, walks: Iterable[tuple[str, int]] = WALKS
+) -> Difference | None:
+    """The first difference on these graphs; None if there is none.  ``source`` is the file of the
+    mutated module, ``folder`` holds the digests.  Raises WalkError."""
+    for walk in walks:
+        found = differs(mutant, source, folder, walk)
+        if found is not None:
+            return _shown(mutant, source, walk, found[0])
+    return None
+
+
+def differs(
+    mutant: Mutant, source: Path, folder: Path, walk: tuple[str, int]
+) -> tuple[int, list[str]] | None:
+    """The first state of a graph at which something differs, and the kinds of input that are
+    answered otherwise there.  Raises as ``difference``."""
+    graph, variant = walk
+    known, kinds = str(digests(folder, walk)), sorted(kinds_of(mutant))
+    task = ("compare", graph, str(variant), known, *kinds)
+    found = _child(mutant.module, str(source), *task).strip()
+    if not found:
+        return None
+    n, others = json.loads(found)
+    return n, others
+
+
+def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]] = WALKS) -> bool:
+    """A mutant that differs somewhere never says anything else on these graphs, wherever they lead
+    it (lockstep.py).  Raises WalkError."""
+    kinds = sorted(kinds_of(mutant))
+    return all(
+        json.loads(_child(mutant.module, str(source), "lockstep", graph, str(variant), "-", *kinds))
+        is None
+        for graph, variant in walks
+        if graph in GRAPHS
+    )
+
+
+def hint(walk: tuple[str, int], found: tuple[int, list[str]], owners: Owners) -> set[str]:
+    """The cases to which such inputs belong at such a state: they should see the difference."""
+    if walk[0] not in GRAPHS:
+        return set()
+    oracle = load(GRAPHS[walk[0]].path)
+    cases = set()
+    for answer in oracle.answers(found[0]):
+        value = oracle.inputs[answer.input]
+        if kind(value) in found[1]:
+            state = oracle.states[answer.state]
+            owner = owners.owner(state, value, answer.effect, answer.changes)
+            cases |= {owner.id} if owner is not None else set()
+    return cases
+
+
+def _shown(mutant: Mutant, source: Path, walk: tuple[str, int], n: int) -> Difference:
+    graph, variant = walk
+    show = ("show", graph, str(variant), str(n))
+    right = json.loads(_child("state", "-", *show))
+    wrong = dict(json.loads(_child(mutant.module, str(source), *show))["answers"])
+    for given, answer in right["answers"]:
+        if wrong.get(given, "") != answer:
+            return Difference(graph, right["state"], given, answer, wrong.get(given, ""))
+    raise WalkError(f"{mutant.id}: {graph} {n}: the difference does not come again")
+
+
+@cache
+def _present() -> str:
+    """Of the reference, the graphs and the walk, as they are now."""
+    found = hashlib.sha256(spec_hash().encode())
+    walk = [Path(__file__).with_name(name) for name in ("behaviour_digest.py", "accepted_forms.py")]
+    for path in [
+        *sorted(REFERENCE.rglob("*.py")),
+        path_of("messages"),
+        path_of("parameters"),
+        *walk,
+    ]:
+        found.update(path.read_bytes())
+    return found.hexdigest()[:12]
+
+
+def _child(*arguments: str) -> str:
+    done = subprocess.run(
+        children.tied(
+            [sys.executable, "-m", "automcm_maintenance.code_mutation.mutated_process", *arguments]
+        ),
+        capture_output=True,
+        text=True,
+        timeout=SECONDS,
+    )
+    if done.returncode:
+        raise WalkError(f"exit code {done.returncode}: {done.stderr.strip()[-500:]}")
+    return done.stdout
+
+
+# -- which kinds of input may call which function
+
+
+def kinds_of(mutant: Mutant) -> set[str]:
+    """The kinds of input for which the changed code may be run; empty: any kind."""
+    place = mutant.id.split("/")[1]
+    always, by_kind = _reach()
+    if place in always:
+        return set()
+    return {kind for kind, names in by_kind.items() if (mutant.module, place) in names}
+
+
+@cache
+def _reach() -> tuple[set[str], dict[str, set[tuple[str, str]]]]:
+    """Names of functions that any input may call, and for each kind of input what it may."""
+    import importlib
+
+    from automcm.core.rules import RULES
+
+    modules = {name: importlib.import_module(full_name(name)) for name in MODULES}
+    functions = _functions(modules.values())
+    station = [f for f in functions if f.__module__ == "automcm.core.station"]
+    always = {name for _, name in _names(_closure(station, functions))} | {"marks"}
+    by_kind = {}
+    for name, rows in RULES.items():
+        roots = [f for row in rows for f in (row.when, row.then) if isinstance(f, FunctionType)]
+        names = _names(_closure(roots, functions))
+        by_kind[name] = names | set(_tables(modules, name, rows))
+    return always, by_kind
+
+
+def _tables(modules: Mapping[str, ModuleType], kind: str, rows: Any) -> Iterable[tuple[str, str]]:
+    """The tables that the rows of a kind come from."""
+    mine = {id(row) for row in rows}
+    for module, content in modules.items():
+        for name, value in vars(content).items():
+            if name == "RULES" or not name.isupper():
+                continue
+            if isinstance(value, tuple) and any(id(row) in mine for row in value):
+                yield module, name
+            if isinstance(value, dict) and kind.partition(" ")[2] in value:
+                yield module, name
+
+
+def _functions(modules: Iterable[ModuleType]) -> list[FunctionType]:
+    found: list[FunctionType] = []
+    for module in modules:
+        for value in vars(module).values():
+            if getattr(value, "__module__", "") != module.__name__:
+                continue
+            if isinstance(value, FunctionType):
+                found.append(value)
+            elif isinstance(value, type):
+                for part in vars(value).values():
+                    method = part.fget if isinstance(part, property) else part
+                    if isinstance(method, FunctionType):
+                        found.append(method)
+    return found
+
+
+def _closure(roots: Iterable[FunctionType], all_: list[FunctionType]) -> list[FunctionType]:
+    """These, and all that they may call: whatever has a name that they mention."""
+    seen: dict[int, FunctionType] = {}
+    todo = list(roots)
+    while todo:
+        function = todo.pop()
+        if id(function) in seen:
+            continue
+        seen[id(function)] = function
+        cells = [cell.cell_contents for cell in function.__closure__ or ()]
+        todo += [value for value in cells if isinstance(value, FunctionType)]
+        mentioned = _mentioned(function.__code__)
+        todo += [other for other in all_ if other.__name__ in mentioned]
+    return list(seen.values())
+
+
+def _mentioned(code: CodeType) -> set[str]:
+    names = set(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            names |= _mentioned(constant)
+    return names
+
+
+def _names(functions: Iterable[FunctionType]) -> set[tuple[str, str]]:
+    """Module and name of each, and of the functions that they stand in."""
+    return {
+        (function.__module__.rpartition(".")[2], name)
+        for function in functions
+        for name in function.__qualname__.split(".")
+    }

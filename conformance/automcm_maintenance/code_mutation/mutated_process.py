@@ -1,0 +1,129 @@
+"""A child process in which one module of the reference is another one.
+
+``python -m automcm_maintenance.code_mutation.mutated_process MODULE FILE`` answers as ``automcm
+adapter`` does, with the source of FILE in the place of MODULE; FILE may be ``-``, then nothing is
+replaced.  Behind that may stand what to do instead (behaviour_digest.py):
+
+    write GRAPH VARIANT DIGESTS             writes the digests of a graph
+    compare GRAPH VARIANT DIGESTS [KIND]... prints the first state that has others
+                                            and the kinds of input, or nothing
+    show GRAPH VARIANT STATE                prints a state and all answers there, as JSON
+    lockstep GRAPH VARIANT - [KIND]...      prints what tells it from the reference, or null
+
+The graph `forms` is none: its states are messages, its inputs what is odd in them (forms.py).
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import json
+import resource
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+
+NO_IMPORT = 86
+"""Exit code of a child whose module cannot even be imported."""
+BYTES = 2 << 30
+CPU_S = 600
+
+
+class _Replaced(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
+    """Gives one module another source."""
+
+    def __init__(self, name: str, file: Path) -> None:
+        self.name, self.file = name, file
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        return importlib.util.spec_from_loader(name, self) if name == self.name else None
+
+    def get_source(self, name: str) -> str:
+        return self.file.read_text(encoding="utf-8")
+
+    def is_package(self, name: str) -> bool:
+        return False
+
+
+def full_name(module: str) -> str:
+    """With its package: the grammar and the table of parameters are not in the reference's own."""
+    grammar = module in ("messages", "parameters")
+    package = "automcm_spec.vocabulary" if grammar else "automcm.core"
+    return f"{package}.{module}"
+
+
+def replace(module: str, file: str) -> None:
+    """From now on this module is what stands in the file.  Nothing of the reference may have been
+    imported before."""
+    if file == "-":
+        return
+    name = full_name(module)
+    if name in sys.modules or any(name.startswith("automcm.") for name in sys.modules):
+        raise RuntimeError("the reference has been imported already")
+    sys.meta_path.insert(0, _Replaced(name, Path(file)))
+
+
+def limited(cpu_s: int = CPU_S) -> None:
+    """A mutant may loop or eat memory: it ends by its own limits then."""
+    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
+
+
+def main() -> None:
+    """Replace a module as the arguments say, then do the task they name."""
+    module, file, *task = sys.argv[1:]
+    limited()
+    replace(module, file)
+    try:
+        import automcm.adapters.adapter_lines  # noqa: F401
+    except Exception as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        sys.exit(NO_IMPORT)
+    if task:
+        _behave(*task)
+    else:
+        _serve()
+
+
+def _serve() -> None:
+    from automcm.adapters.adapter_lines import serve
+
+    out = sys.stdout.buffer
+    for answer in serve(sys.stdin.buffer):
+        out.write(answer)
+        out.flush()
+
+
+def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> None:
+    from automcm_maintenance.code_mutation import accepted_forms, behaviour_digest, lockstep
+    from automcm_spec.graph.oracle import load
+    from automcm_spec.graph.oracle_generation import GRAPHS
+    from automcm_spec.vocabulary.json_forms import to_json
+
+    gc.disable()  # the graph stays, and is large
+    walked: behaviour_digest.Walked = accepted_forms.Forms()
+    if graph != "forms":
+        oracle, chosen = load(GRAPHS[graph].path), behaviour_digest.VARIANTS[int(variant)]
+        walked = behaviour_digest.Walker(oracle, chosen)
+    if task == "lockstep":
+        assert isinstance(walked, behaviour_digest.Walker)
+        right = lockstep.unchanged()
+        other = right.Walker(walked.oracle, right.VARIANTS[int(variant)])
+        print(json.dumps(lockstep.told_apart(walked, other, set(kinds) or None)))
+    elif task == "write":
+        behaviour_digest.write(walked, Path(about))
+    elif task == "compare":
+        found = behaviour_digest.first_difference(walked, Path(about), set(kinds) or None)
+        print("" if found is None else json.dumps(found))
+    else:
+        state = to_json(walked.states[int(about)])
+        print(json.dumps({"state": state, "answers": walked.shown(int(about))}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,351 @@
+"""Small faults in Python source, made from its syntax tree: what is changed, and into what."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeVar, get_args
+
+from automcm_spec.vocabulary.application import Indication
+from automcm_spec.vocabulary.messages import ANSWER_REASONS, CancelReason, Message, RefusalReason
+
+T = TypeVar("T")
+Class = Literal["table", "guard", "timer", "field", "memory", "form"]
+CLASSES: tuple[Class, ...] = get_args(Class)
+
+TIMER_PLACES = frozenset(
+    (
+        *("armed", "next_deadline", "advance", "_first", "_rearm", "_duration", "durations"),
+        *("Parameters", "TIMERS", "rank", "longest_delay", "lease_lasts", "forgotten_at"),
+    )
+)
+"""Functions and tables about timers alone: whatever is wrong there is a fault of a timer."""
+UNTOUCHED = frozenset(
+    (
+        *("__post_init__", "as_dict", "compiled", "_guard", "refusal", "short", "from_dict"),
+        *("to_dict", "known", "_given", "_derived", "in_header", "derived", "longest_session"),
+    )
+)
+"""Not mutated: what checks a configuration or a table of the program, and texts of errors."""
+COSTS = frozenset(("fail_fast", "json_schema_input_type", "discriminator", "mode", "frozen"))
+"""Keywords that say what a check costs or how a schema is printed, not what is refused."""
+_COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+}
+_STATES = frozenset(("replace", "moved", "_replace", "State"))
+_SAID = frozenset(
+    (
+        *(model.__name__ for model in (*get_args(Message), *get_args(Indication))),
+        *("MessageId", "answer", "refusal", "refuse_proposal", "cancels"),
+        *("cancel_peer", "Effects", "Heard"),
+    )
+)
+_NUMBERS = frozenset(("seq", "proposal", "number", "first", "lease_ms", "hold_ms", "lease_left_ms"))
+_SWAPPED: tuple[tuple[str, ...], ...] = (
+    tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS),
+    tuple(reason for reason in get_args(RefusalReason) if reason not in ANSWER_REASONS),
+    tuple(reason for reason in get_args(RefusalReason) if reason in ANSWER_REASONS),
+)
+"""Words that may stand for each other, as far as their form goes."""
+_TWINS: tuple[tuple[str, ...], ...] = (
+    ("src", "dst"),
+    ("target", "peer"),
+    ("proposal", "seq", "number"),
+    ("hold_ms", "lease_ms"),
+    ("recorded", "withdrawn"),
+    ("max_participants", "max_rounds"),
+    ("outbox_limit", "memory_limit"),
+    ("t_advertise", "t_giveup", "t_life", "t_hold", "t_decide", "t_resend"),
+    ("backoff_min", "backoff_max"),
+    ("quarantine", "backoff"),
+)
+"""Fields that a programmer may take for each other."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """The text of ``node`` replaced by ``new``."""
+
+    class_: Class
+    node: ast.AST
+    new: str
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a node stands: the function or table, and the calls around it, the inner first."""
+
+    name: str
+    form: bool
+    calls: tuple[str, ...] = ()
+    keyword: str = ""
+    told: bool = False
+    """In a function that returns bool."""
+
+    def class_of(self, usual: Class) -> Class:
+        """The class of a fault here that elsewhere has the ``usual`` one."""
+        if self.form:
+            return "form"
+        return "timer" if self.name in TIMER_PLACES else usual
+
+
+def called(node: ast.AST) -> str:
+    """The last name of what is called; empty for anything else."""
+    if not isinstance(node, ast.Call):
+        return ""
+    of = node.func
+    return of.id if isinstance(of, ast.Name) else of.attr if isinstance(of, ast.Attribute) else ""
+
+
+def _text(node: ast.AST) -> str:
+    text = ast.unparse(node)
+    simple = (ast.Name, ast.Attribute, ast.Constant, ast.Call, ast.Subscript, ast.Tuple, ast.Dict)
+    return text if isinstance(node, (*simple, ast.List, ast.Set, ast.stmt)) else f"({text})"
+
+
+def _without_item(items: Sequence[T], k: int) -> list[T]:
+    return [*items[:k], *items[k + 1 :]]
+
+
+def edits(node: ast.AST, place: Place) -> Iterator[Edit]:
+    """The faults at this node itself."""
+    for class_, new in _faults(node, place):
+        yield Edit(place.class_of(class_), node, new if isinstance(new, str) else _text(new))
+
+
+def _indented(node: ast.stmt) -> str:
+    return ("\n" + " " * node.col_offset).join(ast.unparse(node).split("\n"))
+
+
+def _faults(node: ast.AST, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
+    match node:
+        case ast.BoolOp():
+            yield from _logic(node)
+        case ast.Compare(left, [op], [right]):
+            for other in _COMPARED[type(op)]:
+                yield "guard", ast.Compare(left, [other()], [right])
+        case ast.UnaryOp(ast.Not(), operand):
+            yield "guard", operand
+        case ast.IfExp(test, body, orelse):
+            yield "guard", ast.IfExp(test, orelse, body)
+        case ast.BinOp():
+            yield from _arithmetic(node, place)
+        case ast.Call():
+            yield from _call(node, place)
+        case ast.Dict():
+            yield from _entries(node, place)
+        case ast.Tuple(elts=items) | ast.List(elts=items):
+            yield from _items(node, items)
+        case ast.Attribute(value, name):
+            for twin in _twins(name):
+                class_: Class = "timer" if name.startswith(("t_", "backoff_m")) else "field"
+                yield class_, ast.Attribute(value, twin)
+        case ast.Constant(bool(value)) if place.keyword:
+            yield (
+                ("memory" if place.calls[:1] and place.calls[0] in _STATES else "field"),
+                repr(not value),
+            )
+        case ast.Subscript(value, ast.Constant(str(name))) if place.name in TIMER_PLACES:
+            for twin in _twins(name):
+                yield "timer", ast.Subscript(value, ast.Constant(twin))
+        case ast.Constant(int(rank)) if place.calls[:1] == ("TimerRow",):
+            yield "timer", repr(rank + 1.5)  # behind the next
+        case ast.Constant(int(number)) if type(number) is int and place.name:
+            yield "field", repr(number + 1)
+        case ast.Constant(str(word)):
+            yield from _word(word, place)
+        case ast.stmt():
+            yield from _statement(node, place)
+
+
+def _logic(node: ast.BoolOp) -> Iterator[tuple[Class, ast.AST | str]]:
+    for k in range(len(node.values)):
+        kept = _without_item(node.values, k)
+        yield "guard", kept[0] if len(kept) == 1 else ast.BoolOp(node.op, kept)
+    other = ast.Or() if isinstance(node.op, ast.And) else ast.And()
+    yield "guard", ast.BoolOp(other, node.values)
+
+
+def _arithmetic(node: ast.BinOp, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
+    class_: Class = "table" if place.name.isupper() else "field"
+    if isinstance(node.op, ast.BitOr):
+        yield "memory", node.left
+        yield "memory", node.right
+        return
+    if class_ == "table" and place.name not in TIMER_PLACES:
+        yield class_, node.right
+        return
+    yield class_, node.left
+    other = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Add}.get(type(node.op))
+    if other is not None:
+        yield class_, ast.BinOp(node.left, other(), node.right)
+    if place.name in TIMER_PLACES:
+        for ms in (1, -1):
+            yield class_, ast.BinOp(node, ast.Add(), ast.Constant(ms))
+        yield class_, ast.BinOp(ast.Constant(2), ast.Mult(), node)
+
+
+def _call(node: ast.Call, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
+    name, empty = called(node), ast.Tuple([], ast.Load())
+    if name == "Row" and len(node.args) == 3:
+        rule, _, then = node.args
+        yes, nothing = "lambda me, st, i: True", "lambda me, st, i: Outcome(st)"
+        if ast.unparse(node.args[1]) != "always":
+            yield "table", f"Row({ast.unparse(rule)}, {yes}, {ast.unparse(then)})"
+        if ast.unparse(then) != "ignore":
+            yield "table", f"Row({ast.unparse(rule)}, {ast.unparse(node.args[1])}, {nothing})"
+        return
+    if name == "Outcome":
+        if node.args and called(node.args[0]):
+            yield "memory", ast.Call(node.func, [ast.Name("st"), *node.args[1:]], node.keywords)
+        if len(node.args) > 1:
+            kept = [node.args[0], empty, *node.args[2:]]
+            yield "field", ast.Call(node.func, kept, node.keywords)
+        if len(node.args) > 2:
+            yield "field", ast.Call(node.func, node.args[:2], node.keywords)
+    for k, keyword in enumerate(node.keywords):
+        if keyword.arg is None or keyword.arg in COSTS:
+            continue
+        dropped = ast.Call(node.func, node.args, _without_item(node.keywords, k))
+        if name in _STATES:
+            yield "memory", dropped
+        elif name == "Outcome":
+            yield ("timer" if keyword.arg == "again" else "field"), dropped
+        elif name in _SAID or place.form:
+            yield "field", dropped
+        if keyword.arg in _NUMBERS and not isinstance(keyword.value, ast.Constant):
+            more = ast.keyword(keyword.arg, ast.BinOp(keyword.value, ast.Add(), ast.Constant(1)))
+            changed = [*node.keywords[:k], more, *node.keywords[k + 1 :]]
+            class_: Class = "memory" if name in _STATES else "field"
+            yield class_, ast.Call(node.func, node.args, changed)
+    if name == "without":
+        for k in range(1, len(node.args)):
+            yield "memory", ast.Call(node.func, _without_item(node.args, k), [])
+    if name in ("leave", "post") and node.args:
+        yield "memory", node.args[0]
+    if name in ("min", "max"):
+        yield (
+            "field",
+            ast.Call(ast.Name("max" if name == "min" else "min"), node.args, node.keywords),
+        )
+    if name in ("to", "from_") and len(node.args) > 1:
+        for k in range(len(node.args)):
+            yield "table", ast.Call(node.func, _without_item(node.args, k), node.keywords)
+    if name == "leave_with" and len(node.args) > 1:
+        yield "field", ast.Call(node.func, [node.args[0], empty, *node.args[2:]], node.keywords)
+
+
+def _entries(node: ast.Dict, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
+    if place.name.isupper() or any(key is None for key in node.keys):
+        for k in range(len(node.keys)):
+            keys, values = _without_item(node.keys, k), _without_item(node.values, k)
+            yield ("table" if place.name.isupper() else "memory"), ast.Dict(keys, values)
+
+
+def _items(
+    node: ast.Tuple | ast.List, items: Sequence[ast.expr]
+) -> Iterator[tuple[Class, ast.AST | str]]:
+    rows = [called(item) == "Row" for item in items]
+    if not any(rows):
+        return
+    for k in range(len(items)):
+        yield "table", ast.Tuple(_without_item(items, k), ast.Load())
+    for k in range(len(items) - 1):
+        swapped = [*items[:k], items[k + 1], items[k], *items[k + 2 :]]
+        yield "table", ast.Tuple(swapped, ast.Load())
+
+
+def _word(word: str, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
+    if place.keyword == "cond" and " or " in word:
+        names = word.split(" or ")
+        for k in range(len(names)):
+            yield "table", repr(" or ".join(_without_item(names, k)))
+    if not place.calls or place.form:
+        return
+    for family in _SWAPPED:
+        if word in family and place.calls[0] in _SAID:
+            yield "field", repr(family[(family.index(word) + 1) % len(family)])
+
+
+def _twins(name: str) -> Iterator[str]:
+    for family in _TWINS:
+        if name in family:
+            yield family[(family.index(name) + 1) % len(family)]
+
+
+def _statement(node: ast.stmt, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
+    match node:
+        case ast.If(test) if not isinstance(test, ast.Compare | ast.UnaryOp):
+            yield "guard", _head(node, f"not ({ast.unparse(test)})")
+        case ast.Expr(ast.Call()) | ast.Delete():
+            yield "memory", "pass"
+        case ast.Assign([ast.Attribute() | ast.Subscript()]):
+            yield "memory", "pass"
+        case ast.Return(value) if value is not None and place.told:
+            if not isinstance(value, ast.Compare | ast.UnaryOp | ast.Constant):
+                yield "guard", f"return not ({ast.unparse(value)})"
+            elif isinstance(value, ast.Constant):
+                yield "guard", f"return {not value.value}"
+        case ast.Return(value) if value is not None and place.name in TIMER_PLACES:
+            if isinstance(value, ast.Attribute | ast.BinOp | ast.Subscript):
+                for how in ("({}) + 1", "({}) - 1", "2 * ({})"):
+                    yield "timer", f"return {how.format(ast.unparse(value))}"
+
+
+def _head(node: ast.If, test: str) -> str:
+    """An if with another test; what stands below it is indented as it was."""
+    return _indented(ast.If(ast.Name(test), node.body, node.orelse, col_offset=node.col_offset))
+
+
+def inner(node: ast.AST, place: Place) -> Iterator[tuple[ast.AST, Place]]:
+    """What stands below a node and may be changed, each with its place."""
+    match node:
+        case ast.Assert() | ast.Raise() | ast.Import() | ast.ImportFrom():
+            return
+        case ast.FunctionDef():
+            told = node.returns is not None and ast.unparse(node.returns) == "bool"
+            within = Place(node.name, place.form, told=told)
+            for statement in node.body:
+                yield statement, within
+        case ast.ClassDef():
+            for statement in node.body:
+                yield statement, Place(node.name, place.form)
+        case ast.AnnAssign(target, annotation, value):
+            named = target.id if isinstance(target, ast.Name) else place.name
+            if place.form:
+                yield annotation, place
+            if value is not None and not isinstance(value, ast.Constant):
+                yield value, Place(place.name or named, place.form)
+        case ast.Assign([ast.Name(name)], value) if not place.name:
+            yield value, Place(name, place.form)
+        case ast.Call(ast.Name("_given")):
+            return  # a default: the kit says all parameters
+        case ast.Call():
+            calls = (called(node), *place.calls)
+            for value in [*([] if called(node) else [node.func]), *node.args]:
+                yield value, Place(place.name, place.form, calls, told=False)
+            if isinstance(node.func, ast.Attribute):
+                yield node.func.value, Place(place.name, place.form, place.calls)
+            for keyword in node.keywords:
+                if keyword.arg in COSTS:
+                    continue
+                yield keyword.value, Place(place.name, place.form, calls, keyword.arg or "")
+        case ast.Lambda(_, body):
+            yield body, place
+        case ast.Expr(ast.Constant()):
+            return
+        case _:
+            for child in ast.iter_child_nodes(node):
+                if isinstance(child, ast.arguments | ast.expr_context | ast.operator | ast.cmpop):
+                    continue
+                yield child, place

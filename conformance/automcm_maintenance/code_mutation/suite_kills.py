@@ -1,0 +1,93 @@
+"""The suite alone, against a station that is known to be wrong: which cases find it?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import monotonic
+
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.adapter.process import AdapterError
+from automcm_conformance.adapter.protocol import ProtocolError
+from automcm_conformance.exchange import transcript
+from automcm_conformance.scenarios import scenario_cases
+from automcm_conformance.suite import named_cases
+from automcm_conformance.suite.graph_cases import Runner
+from automcm_conformance.suite.purposes import Purpose
+from automcm_conformance.suite.suite_run import Graphs, special, tours, uncollected
+
+RUNS, STARTS = 12, 2
+"""A short exchange is shown to nobody; these few tries are for the case that is to blame."""
+
+
+@dataclass
+class Kills:
+    """The cases that do not pass (FAIL or ERROR); none if the suite finds nothing wrong."""
+
+    cases: list[str] = field(default_factory=list)
+    what: str = ""
+    """What the first of them found."""
+    unstarted: int | None = None
+    """The exit code of a station that did not even say hello (0: it went on living)."""
+    late: bool = False
+    """The time was over before enough was found."""
+
+
+class _Late(Exception):
+    pass
+
+
+def kills(
+    command: Sequence[str],
+    graphs: Graphs,
+    purposes: Sequence[Purpose],
+    folder: Path,
+    *,
+    enough: int,
+    seed: int,
+    limit_s: float,
+    until_s: float,
+    brief: bool = False,
+) -> Kills:
+    """Run these purposes until so ``enough`` cases do not pass (0: all), the quick ones first.
+
+    ``limit_s`` is for an answer, ``until_s`` about for all.  ``brief``: the first wrong answer that
+    is none of these cases' ends the run as well.  Raises OSError, OracleError.
+    """
+    due = monotonic() + until_s
+
+    def say(_: str) -> None:
+        if monotonic() > due or (brief and runner.elsewhere):
+            raise _Late
+
+    try:
+        adapter = Adapter(command, limit_s)
+    except (AdapterError, ProtocolError) as error:
+        return Kills(what=str(error), unstarted=getattr(error, "exit_code", None) or 0)
+    runner = Runner(adapter, purposes, seed, say)
+    runner.enough, runner.runs, runner.starts = enough, RUNS, STARTS
+    last = [purpose for purpose in purposes if purpose.case in scenario_cases.NAMES]
+    late = False
+    try:
+        with uncollected():
+            special(runner, graphs, [p for p in purposes if p not in last], folder)
+            if any(purpose.select for purpose in purposes):
+                tours(runner, graphs)
+                named_cases.samples(runner, folder)
+            special(runner, graphs, last, folder)
+    except _Late:
+        late = True
+    finally:
+        adapter.stop()
+    return Kills(runner.failed, _what(runner), late=late)
+
+
+def _what(runner: Runner) -> str:
+    for name in runner.failed:
+        tally = runner.tallies[name]
+        if tally.faults:
+            return transcript.finding(tally.faults[0].finding)
+        if tally.outcome is not None:
+            return transcript.finding(tally.outcome.finding) or tally.outcome.reason
+    return ""

@@ -1,0 +1,5 @@
+"""Builds traces/corpus: logs, each with its verdict.
+
+For ``make generate``.
+Only maintenance imports it.
+"""

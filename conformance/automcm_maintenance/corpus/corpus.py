@@ -1,0 +1,199 @@
+"""The corpus: logs with the verdict that is right for each, and the index that says which.
+
+``traces/corpus/`` holds four folders:
+
+* ``behaviours``: every transition of the stations of the closed models (``corpus_walks``);
+* ``counterexamples``: what the must-fail models show, as the logs of their stations;
+* ``bad``: good logs with one thing wrong (``corpus_bad``);
+* ``four-vehicles`` and ``pair``: runs of the reference.
+
+The first two need TLC.  The rest, the index and its page follow from what is on disk.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from automcm_maintenance.corpus.corpus_bad import Bad, bad_logs, bases_among
+from automcm_maintenance.corpus.corpus_walks import Graph, Transition
+from automcm_spec.model_checking import models
+from automcm_traces.explain.explain import explain_files
+from automcm_traces.export.itf_log import behaviour
+
+WALKED = (
+    "either_role",
+    "probe_system",
+    "restarts",
+    "one_by_one_two_sessions",
+    "two_by_one",
+    "one_by_two",
+    "unreduced",
+    "probe_two_prescribers",
+)
+"""The closed models of the quick profile, in the order in which they are walked through.
+
+Not ``one_by_three``: its receivers have no ids, and one more of them does nothing new."""
+COVERAGE = "behaviours/coverage.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A log of the corpus and what is right to say of it; ``file`` is relative to the corpus.
+
+    ``line`` is 0 where the verdict names none.  ``beside`` is a log it must be judged with.
+    """
+
+    file: str
+    story: str
+    verdict: str
+    line: int = 0
+    rule: str = ""
+    beside: str = ""
+    source: str = ""
+
+
+def behaviours(say: Callable[[str], None]) -> dict[str, bytes]:
+    """The logs of walks that take every transition, by file, and the count; with TLC.
+
+    Raises automcm_spec.model_checking.tlc.TlcError.
+    """
+    listed = {m.cfg: m for m in models.load()}
+    seen: dict[int, set[Transition]] = {}
+    files: dict[str, bytes] = {}
+    counts: dict[str, object] = {}
+    for name in WALKED:
+        say(f"corpus: {name}")
+        graph = Graph(listed[name])
+        before = seen.setdefault(graph.max_rounds, set())
+        walks = graph.walks(before)
+        all_ = graph.transitions
+        logs = graph.all_logs([(f"{name}-{n}", walk) for n, walk in enumerate(walks, 1)])
+        for n, stations in enumerate(logs, 1):
+            for station, text in stations.items():
+                if not _silent(text):
+                    files[f"behaviours/{name}/{n:03}-{station}.ndjson"] = text
+        counts[name] = {
+            "states": len(graph.nodes),
+            "transitions": len(all_),
+            "new": len(all_ - before),
+            "walks": len(walks),
+            "digests": sorted(t.digest for t in all_ - before),
+        }
+        before |= all_
+    rows = [f"{json.dumps(name)}: {json.dumps(count)}" for name, count in counts.items()]
+    files[COVERAGE] = ("{\n" + ",\n".join(rows) + "\n}\n").encode()
+    return files
+
+
+def counterexamples(folder: Path, say: Callable[[str], None]) -> dict[str, bytes]:
+    """The logs of every counterexample in ``folder`` that can have any, by file; with TLC.
+
+    Raises automcm_spec.model_checking.tlc.TlcError, automcm_traces.export.itf.ItfError.
+    """
+    files = {}
+    unsent = {m.cfg for m in models.load() if m.unsent}
+    for path in sorted(folder.glob("*.itf.json")):
+        if path.name.removesuffix(".itf.json") in unsent:
+            continue
+        found = behaviour(path)
+        say(f"corpus: {found.model}")
+        for station, text in found.logs().items():
+            if not _silent(text):
+                files[f"counterexamples/{found.model}/{station}.ndjson"] = text
+    return files
+
+
+def _silent(text: bytes) -> bool:
+    """Whether a log has no event: the station did nothing in this behaviour."""
+    return text.count(b"\n") <= 2
+
+
+def rest(corpus: Path, runs: Mapping[str, bytes]) -> dict[str, bytes]:
+    """The bad logs and the index, from what is in ``corpus`` and the ``runs`` of the reference.
+
+    ``runs`` is by file, such as ``pair/1001.ndjson``.  Raises OSError.
+    """
+    logs = {
+        path.relative_to(corpus).as_posix(): path.read_bytes()
+        for kind in ("behaviours", "counterexamples")
+        for path in sorted((corpus / kind).rglob("*.ndjson"))
+    }
+    walked = [text for file, text in logs.items() if file.startswith("behaviours/")]
+    pair = {f"pair-{Path(f).stem}": text for f, text in runs.items() if f.startswith("pair/")}
+    bad = list(bad_logs(pair | bases_among(walked)))
+    entries = [_of_run(file) for file in runs]
+    entries += [_of_bad(one) for one in bad]
+    entries += [_of_walk(file, text) for file, text in logs.items() if _is(file, "behaviours")]
+    entries += _of_counterexamples(corpus, [f for f in logs if _is(f, "counterexamples")])
+    files = dict(runs) | {f"bad/{one.name}.ndjson": one.text for one in bad}
+    return files | {"index.json": index_text(entries)}
+
+
+def _is(file: str, kind: str) -> bool:
+    return file.startswith(f"{kind}/")
+
+
+def index_text(entries: Iterable[Entry]) -> bytes:
+    """The index: a JSON list, one log a line, what is empty left out."""
+    lines = [
+        json.dumps({k: v for k, v in asdict(e).items() if v or k == "line"}, ensure_ascii=False)
+        for e in sorted(entries, key=lambda e: e.file)
+    ]
+    return ("[\n" + ",\n".join(lines) + "\n]\n").encode()
+
+
+def index(corpus: Path) -> list[Entry]:
+    """The entries of the index.  Raises OSError, ValueError."""
+    return [Entry(**item) for item in json.loads((corpus / "index.json").read_text())]
+
+
+_RUNS = {
+    "four-vehicles": "The four vehicles of the paper, one copy in five lost: the third is the "
+    "target, the others are released.",
+    "pair": "A prescriber and a receiver that refuses once, a quarter of the copies lost.",
+}
+
+
+def _of_run(file: str) -> Entry:
+    kind, name = file.split("/")
+    story = f"{_RUNS[kind]} Station {Path(name).stem}."
+    return Entry(file, story, "allowed", source="reference")
+
+
+def _of_bad(one: Bad) -> Entry:
+    beside = f"pair/{one.beside}.ndjson" if one.beside else ""
+    file = f"bad/{one.name}.ndjson"
+    return Entry(file, one.story, one.verdict, one.line, one.rule, beside, one.base)
+
+
+def _of_walk(file: str, text: bytes) -> Entry:
+    """A walk is allowed because TLC took it; its story is the rules it went by."""
+    _, model, name = file.split("/")
+    rules: dict[str, None] = {}
+    for line in text.splitlines():
+        rule = json.loads(line).get("rule")
+        if rule:
+            rules[rule] = None
+    walk, station = Path(name).stem.split("-")
+    story = f"Walk {int(walk)} through {model}, station {station}: {', '.join(rules)}."
+    return Entry(file, story, "allowed", source=f"spec/models/{model}.cfg")
+
+
+def _of_counterexamples(corpus: Path, files: list[str]) -> list[Entry]:
+    """What the engine says of each station of a must-fail model, with the model's story."""
+    why = {m.cfg: m for m in models.load()}
+    verdicts = [explain_files([corpus / file])[0] for file in files]
+    entries = []
+    for file, verdict in zip(files, verdicts, strict=True):
+        model = why[file.split("/")[1]]
+        station = Path(file).stem
+        story = f"{model.cfg} breaks {model.property}, station {station}: {model.why}"
+        source = f"spec/models/{model.cfg}.cfg"
+        found = verdict.finding
+        entries.append(
+            Entry(file, story, verdict.verdict, found.at.line, found.rule, source=source)
+        )
+    return entries

@@ -1,0 +1,282 @@
+"""Behaviours of a closed model that take every transition of its stations at least once.
+
+TLC prints the graph of the model: each state, and each step from it with its input.  A transition
+is what one station does: the station, its state and the input.  An input that changes nothing
+anywhere (a copy sent again, a message heard twice) is no step of the model, but it is a transition
+here: it is taken on the way, where the walk passes a state that offers it.
+
+A walk goes from the start to the nearest state that still has a transition to show, and on from
+there; where there is none left to reach, the next walk begins.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from automcm_spec.model_checking import tla_values, tlc, tlc_simulation
+from automcm_spec.model_checking.models import Model
+from automcm_spec.support import scratch
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary import renumbering
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.station import Input, Message, Receive, Session, State
+from automcm_traces.export import behaviour_to_log
+from automcm_traces.export.behaviour_effects import Question, ask, cfg_of
+from automcm_traces.export.behaviour_steps import Move, happenings_of_all
+
+MODULE = """---- MODULE Graph ----
+EXTENDS {module}, Simulation, TLC
+VARIABLE place
+GInit == Init /\\ place = 0 /\\ TLCSet(9, 0)
+Node == /\\ PrintT(ToString(<<"node", place>>))
+        /\\ \\E v \\in {{view}} : v = v /\\ PrintT(ToString(<<v>>))
+        /\\ \\A s \\in Stations : \\A i \\in Inputs(s) : PrintT(ToString(<<"may", s, i>>))
+GNext == \\E s \\in Stations : \\E i \\in Inputs(s) :
+  /\\ Do(s, i)
+  /\\ TLCSet(9, TLCGet(9) + 1) /\\ place' = TLCGet(9)
+  /\\ PrintT(ToString(<<"step", place, s, i>>)) 
+  /\\ \\E v \\in {{view'}} : v = v /\\ PrintT(ToString(<<v>>))
+GSpec == GInit /\\ [][GNext]_<<vars, place>>
+====
+"""
+"""``place`` numbers the states, and the VIEW hides it.  Node is an invariant, so TLC looks at it
+once for each state.  ``v = v`` brings a value into the form in which equal ones print alike."""
+
+
+Key = tuple[int, Input]
+"""A station and its input."""
+Walk = list[tuple[int, Key, int]]
+"""Steps: a node, the station and its input, the next node."""
+
+
+class Transition(NamedTuple):
+    """What one station does: its state and the input, as texts, as the station sees them.
+
+    To itself it is 1; the others are 2, 3, … in the order in which state and input name them.  So
+    what two stations do alike is one transition.  Whether the application is concerned counts with
+    an Advertisement alone.
+    """
+
+    state: str
+    input: str
+
+    @property
+    def digest(self) -> str:
+        """A short name for it."""
+        return hashlib.sha256("\n".join(self).encode()).hexdigest()[:12]
+
+
+def transition(station: int, at: State, value: Input) -> Transition:
+    """The transition of a station in a state with this input."""
+    ids = {0: 0, station: 1}
+
+    def to(of: Session) -> Session:
+        return ids.setdefault(of[0], len(ids)), of[1]
+
+    outbox = sorted(at.outbox, key=canonical)
+    named = [at.session[0], at.target, *sorted(at.recorded), *sorted(at.withdrawn)]
+    named += [s[0] for s in sorted(at.joined)] + [p for e in outbox for p in (e.to, e.session[0])]
+    for p in named:
+        renumbering.station(p, to)
+    if isinstance(value, Receive):
+        concerned = value.concerned and value.message.type == "Advertisement"
+        value = value._replace(concerned=concerned)
+    seen = renumbering.state(at, to)
+    return Transition(canonical(seen), canonical(renumbering.input_of(value, to)))
+
+
+@dataclass
+class Node:
+    """A state of the model: the stations and the radio, its inputs and where they lead.
+
+    ``idle`` are the inputs that change nothing.
+    """
+
+    st: dict[int, State]
+    net: frozenset[Message]
+    steps: dict[Key, int] = field(default_factory=dict)
+    idle: list[Key] = field(default_factory=list)
+    _known: dict[Key, Transition] = field(default_factory=dict)
+
+    def transition(self, key: Key) -> Transition:
+        """A transition, worked out once."""
+        if key not in self._known:
+            self._known[key] = transition(key[0], self.st[key[0]], key[1])
+        return self._known[key]
+
+
+class Graph:
+    """The graph of a closed model, as TLC prints it.  Node 0 is the start."""
+
+    def __init__(self, model: Model, tla: Path = TLA) -> None:
+        self.model = model
+        self.cfg = cfg_of(model.cfg)
+        self.nodes: dict[int, Node] = {}
+        self._inputs: dict[str, Key] = {}
+        self._by_view: dict[str, int] = {}
+        self._steps: list[tuple[int, Key, str]] = []
+        self._open: tuple[Any, ...] = ()
+        self._node = Node({}, frozenset())
+        self._run(tla)
+        for source, key, view in self._steps:
+            self.nodes[source].steps[key] = self._by_view[view]
+        for node in self.nodes.values():
+            node.idle = [key for key in node.idle if key not in node.steps]
+
+    def _run(self, tla: Path) -> None:
+        text = re.sub(r"^SPECIFICATION \w+$", "SPECIFICATION GSpec", self.cfg, flags=re.M)
+        rest = r"^(PROPERTIES|PROPERTY|INVARIANTS?|ACTION_CONSTRAINT) .*\n"
+        text = re.sub(rest, "", text, flags=re.M)
+        with scratch.folder("graph") as place:
+            for path in tla.glob("*.tla"):
+                shutil.copy(path, place)
+            (place / "Graph.tla").write_text(MODULE.format(module=self.model.module))
+            (place / "Graph.cfg").write_text(text + "INVARIANT Node\n")
+            tlc.run("Graph", place / "Graph.cfg", tla_dir=place, on_print=self._line)
+
+    def _line(self, line: str) -> None:
+        if line.startswith('"<<\\"node'):
+            self._open = ("node", int(line.split(",")[1].split(">")[0]))
+        elif line.startswith('"<<\\"step'):
+            _, source, rest = line.split(", ", 2)
+            self._open = ("step", int(source), self._input(rest))
+        elif line.startswith('"<<\\"may'):
+            self._node.idle.append(self._input(line.split(", ", 1)[1]))
+        elif line.startswith('"<<') and self._open:
+            if self._open[0] == "node":
+                self._by_view[line] = self._open[1]
+                self._node = self.nodes[self._open[1]] = _node(line)
+            else:
+                self._steps.append((self._open[1], self._open[2], line))
+            self._open = ()
+
+    def _input(self, text: str) -> Key:
+        """The station and the input that the end of a printed tuple names."""
+        if text not in self._inputs:
+            unquoted = tla_values.parse(f'"{text}')
+            who, value = _pair(tla_values.parse(f"<<{unquoted}"))
+            self._inputs[text] = who, tlc_simulation.input_of(value)
+        return self._inputs[text]
+
+    @property
+    def max_rounds(self) -> int:
+        """MaxRounds of the model."""
+        found = re.search(r"^  MaxRounds = (\d+)$", self.cfg, re.M)
+        assert found is not None, "every model says it"
+        return int(found[1])
+
+    @property
+    def transitions(self) -> set[Transition]:
+        """All that the stations do in some reachable state."""
+        return {
+            node.transition(key)
+            for node in self.nodes.values()
+            for key in (*node.steps, *node.idle)
+        }
+
+    def walks(self, seen: Iterable[Transition] = ()) -> list[Walk]:
+        """Walks that take every transition but those seen elsewhere."""
+        missing = self.transitions - set(seen)
+        walks = []
+        while missing:
+            at, walk = 0, []
+            while (path := self._nearest(at, missing)) is not None:
+                for source, key, target in path:
+                    walk += self._take_idle(source, missing)
+                    walk.append((source, key, target))
+                    missing.discard(self.nodes[source].transition(key))
+                    at = target
+                walk += self._take_idle(at, missing)
+            walks.append(walk)
+        return walks
+
+    def _take_idle(self, at: int, missing: set[Transition]) -> Walk:
+        node, taken = self.nodes[at], []
+        for key in node.idle:
+            if (transition := node.transition(key)) in missing:
+                missing.discard(transition)
+                taken.append((at, key, at))
+        return taken
+
+    def _nearest(self, at: int, missing: set[Transition]) -> Walk | None:
+        """The shortest way from a node that takes something missing; None if there is none."""
+        came: dict[int, tuple[int, Key, int] | None] = {at: None}
+        queue = deque([at])
+        while queue:
+            n = queue.popleft()
+            node = self.nodes[n]
+            for key, target in node.steps.items():
+                if node.transition(key) in missing:
+                    return [*_way(came, n), (n, key, target)]
+            if any(node.transition(key) in missing for key in node.idle):
+                return _way(came, n)
+            for key, target in node.steps.items():
+                if target not in came:
+                    came[target] = (n, key, target)
+                    queue.append(target)
+        return None
+
+    def logs(self, run: str, walk: Walk) -> dict[int, bytes]:
+        """The logs of a walk, by station.  Raises tlc.TlcError, story.StoryError."""
+        return self.all_logs([(run, walk)])[0]
+
+    def all_logs(self, walks: list[tuple[str, Walk]]) -> list[dict[int, bytes]]:
+        """The logs of several named walks; TLC is asked about all of them at once."""
+        reduced = "Reduced = TRUE" in self.cfg
+        asker = _Cached(partial(ask, self.model.module, self.cfg))
+        moves = [[self._move(*step) for step in walk] for _, walk in walks]
+        told = happenings_of_all(moves, asker, reduced)
+        return [
+            behaviour_to_log.logs(
+                run, some, sorted(self.nodes[0].st), {"max_rounds": self.max_rounds}
+            )
+            for (run, _), some in zip(walks, told, strict=True)
+        ]
+
+    def _move(self, source: int, key: Key, target: int) -> Move:
+        one, two = self.nodes[source], self.nodes[target]
+        return Move(*key, one.st, two.st, one.net, two.net)
+
+
+class _Cached:
+    """Asks TLC only what has not been asked."""
+
+    def __init__(self, asker: Any) -> None:
+        self._ask = asker
+        self._known: dict[Question, behaviour_to_log.Effects] = {}
+
+    def __call__(self, questions: Iterable[Question]) -> dict[Question, behaviour_to_log.Effects]:
+        missing = [q for q in questions if q not in self._known]
+        for first in range(0, len(missing), 1500):
+            self._known |= self._ask(missing[first : first + 1500])
+        return self._known
+
+
+def _way(came: dict[int, tuple[int, Key, int] | None], n: int) -> Walk:
+    way = []
+    while (step := came[n]) is not None:
+        way.append(step)
+        n = step[0]
+    return way[::-1]
+
+
+def _node(line: str) -> Node:
+    text = tla_values.parse(line)
+    assert isinstance(text, str)
+    parsed: Any = tla_values.parse(text)
+    stations, net, *_ = parsed[0]
+    st = {s: tlc_simulation.state(value) for s, value in enumerate(stations, 1)}
+    messages = frozenset(behaviour_to_log.plain(Message(**m)) for m in net)
+    return Node(st, messages)
+
+
+def _pair(value: Any) -> tuple[int, Any]:
+    return value[0], value[1]

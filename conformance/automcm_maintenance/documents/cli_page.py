@@ -1,0 +1,100 @@
+"""docs/cli.md: every command with its help, its options and its example, from the code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+from typer.main import get_command
+
+from automcm_cli.shared.common import CODES
+from automcm_maintenance.documents.repository import PAGES, markdown_table
+from automcm_spec.support import markdown
+
+_HEADS = ("argument or option", "default", "meaning")
+_VALUES = {int: "N", float: "X", str: "TEXT", Path: "PATH"}
+
+
+def text() -> str:
+    """The page."""
+    from automcm_cli.main import app
+
+    commands = [_shown(path, command) for path, command in _below(get_command(app), ("automcm",))]
+    return markdown.page(PAGES / "cli.md.j2", codes=CODES, commands=commands).rstrip() + "\n"
+
+
+def _below(group: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Groups and commands, those without a group first, each in the order of their names."""
+    for name in sorted(
+        group.commands, key=lambda name: (hasattr(group.commands[name], "commands"), name)
+    ):
+        command = group.commands[name]
+        yield (*path, name), command
+        if hasattr(command, "commands"):
+            yield from _below(command, (*path, name))
+
+
+def _shown(path: tuple[str, ...], command: Any) -> dict[str, Any]:
+    """What is said of a command, or of a group, which has no usage."""
+    said = [_plain(line.strip()) for line in (command.help or "").strip().splitlines()]
+    if hasattr(command, "commands"):
+        return {"path": path, "said": said, "usage": ""}
+    name = " ".join(path)
+    context = command.context_class(command, info_name=name)
+    example, _, rest = command.epilog.removeprefix("Example: ").partition(".  ")
+    rows = [_row(each) for each in command.params if not each.hidden]
+    return {
+        "path": path,
+        "said": said,
+        "usage": " ".join([name, *command.collect_usage_pieces(context)]),
+        "options": markdown_table(_HEADS, rows, left=_HEADS) if rows else "",
+        "example": example,
+        "further": _plain(rest.removesuffix(CODES).strip()),
+    }
+
+
+def _row(each: Any) -> tuple[str, str, str]:
+    """What is typed, its default, and what it means."""
+    if not each.opts[0].startswith("-"):
+        typed = each.metavar or each.name.upper()
+    else:
+        value = "" if each.is_flag or each.is_bool_flag else " " + _value(each)
+        typed = ", ".join([*(f"{opt}{value}" for opt in each.opts), *each.secondary_opts])
+    bounds = [f"at least {each.min}"] if each.min is not None else []
+    bounds += [f"at most {each.max}"] if each.max is not None else []
+    many = " May be given several times." if each.opts[0].startswith("-") and each.multiple else ""
+    meaning = _plain(" ".join((each.help or "").split())) + many
+    nothing = each.default is None or each.default is False or each.default in ((), [], "")
+    default = "" if nothing else f"`{_default(each)}`"
+    return (
+        f"`{typed}`",
+        "required" if each.required else default,
+        meaning + (f" ({', '.join(bounds)})" if bounds else ""),
+    )
+
+
+def _plain(said: str) -> str:
+    """What Markdown would take for emphasis or for a tag stays as it is."""
+    return said.replace("*", "\\*").replace("<", "&lt;")
+
+
+def _default(each: Any) -> str:
+    """The default; of a switch, the name that it goes by."""
+    if each.default is True:
+        return str(each.opts[0])
+    return (
+        ", ".join(map(str, each.default)) if isinstance(each.default, list) else str(each.default)
+    )
+
+
+def _value(each: Any) -> str:
+    """What stands after an option."""
+    if each.metavar:
+        return str(each.metavar)
+    of = each.type_descriptor.annotation
+    if get_origin(of) is list:
+        (of,) = get_args(of)
+    if get_origin(of) is Literal:
+        return "|".join(map(str, get_args(of)))
+    return _VALUES.get(of, "VALUE")

@@ -1,0 +1,62 @@
+"""Counterexamples as pages: the committed ones (``automcm spec pages``), and those of models that
+``automcm verify`` finds to fail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from automcm_cli.spec import model_output
+from automcm_cli.trace import trace_html
+from automcm_maintenance.documents.generated_files import COUNTEREXAMPLES
+from automcm_spec.model_checking import models
+from automcm_spec.model_checking.tlc import TlcError
+from automcm_spec.support import files
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.export.behaviour_to_log import StoryError
+from automcm_traces.export.itf import ItfError
+from automcm_traces.viewer.page import html
+from automcm_traces.viewer.page_run import PageError
+
+FOLDER = Path("runs/verify")
+
+
+def committed(
+    loaded: Iterable[models.Model], folder: Path, say: Callable[[str], None] = lambda text: None
+) -> list[Path]:
+    """A page for each must-fail model that can have one, in ``folder``; docs/models.md links to
+    them.
+
+    Raises what ``trace_html.page_of`` raises, and OSError.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for model in loaded:
+        if model.expect == "violates" and not model.unsent:
+            say(model.cfg)
+            source = COUNTEREXAMPLES / f"{model.cfg}.itf.json"
+            path = folder / f"{model.cfg}.html"
+            files.write(path, html(trace_html.page_of([source], None)))
+            written.append(path)
+    return written
+
+
+def failed(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Path]:
+    """Write what each counterexample that is not as expected shows; returns the pages.
+
+    One that cannot be told as logs is left as ITF.  Raises OSError.
+    """
+    written = []
+    for verdict in verdicts:
+        if verdict.ok or not verdict.trace:
+            continue
+        trace = model_output.write_trace(verdict, folder)
+        try:
+            data = html(trace_html.page_of([trace], None))
+        except (ItfError, BadInput, PageError, StoryError, TlcError):
+            written.append(trace)
+            continue
+        path = folder / f"{verdict.model.cfg}.html"
+        files.write(path, data)
+        written.append(path)
+    return written

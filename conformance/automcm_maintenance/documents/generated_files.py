@@ -1,0 +1,349 @@
+"""Files that are generated and committed, and whether they still are what would be generated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+from automcm_cli.spec import model_output
+from automcm_conformance.adapter import adapter_schema
+from automcm_conformance.adapter.kit_paths import VECTORS
+from automcm_conformance.suite import two_peer_residual
+from automcm_conformance.vectors import vectors
+from automcm_maintenance.corpus import corpus, corpus_page
+from automcm_maintenance.documents import (
+    citations,
+    cli_page,
+    import_graph,
+    models_page,
+    state_diagrams,
+)
+from automcm_maintenance.documents.repository import ROOT
+from automcm_spec.compilation import compiler
+from automcm_spec.graph import oracle, oracle_generation
+from automcm_spec.model_checking import models
+from automcm_spec.support import files, scratch
+from automcm_spec.vocabulary import json_schema
+from automcm_traces.format import log_schema
+
+COUNTEREXAMPLES = ROOT / "traces" / "counterexamples"
+CORPUS_ROOT = ROOT / "traces" / "corpus"
+CORPUS = CORPUS_ROOT / "four-vehicles"
+CORPUS_PAGE = ROOT / "docs" / "corpus.md"
+SCHEMA = ROOT / "traces" / "automcm_traces" / "format" / "trace-1.schema.json"
+ADAPTER_SCHEMA = ROOT / "conformance" / "adapter-1.schema.json"
+CLI_PAGE = ROOT / "docs" / "cli.md"
+ARCHITECTURE = ROOT / "docs" / "architecture.md"
+MODELS_PAGE = ROOT / "docs" / "models.md"
+CITATIONS = ROOT / "docs" / "rule-coverage.md"
+MESSAGES_SCHEMA = ROOT / "spec" / "automcm_spec" / "vocabulary" / "messages.schema.json"
+MESSAGES_PAGE = ROOT / "docs" / "messages.md"
+DIAGRAMS = ROOT / "docs" / "state-diagrams.md"
+EVALUATION = ROOT / "docs" / "evaluation.md"
+PICTURE = ROOT / "docs" / "four-vehicles.svg"
+FOUR_VEHICLES = (1001, 2002, 3003, 4004)
+
+
+def _counterexamples(verdicts: Iterable[models.Verdict]) -> dict[Path, str]:
+    return {
+        COUNTEREXAMPLES / f"{verdict.model.cfg}.itf.json": model_output.counterexample(verdict)
+        for verdict in verdicts
+        if verdict.model.expect == "violates" and verdict.ok
+    }
+
+
+def counterexample_drift(verdicts: Sequence[models.Verdict]) -> list[str]:
+    """Which committed counterexamples are not those just found."""
+    return [
+        _stale(path) for path, text in _counterexamples(verdicts).items() if _differs(path, text)
+    ]
+
+
+def four_vehicles(folder: Path) -> None:
+    """The logs of the paper's four vehicles: seeded, with loss, so that every byte is fixed."""
+    from automcm.links.simulated_radio import Channel
+    from automcm.scenarios.simulation import Simulation
+    from automcm.scenarios.straight_lane import Straight
+    from automcm_spec.vocabulary.parameters import Parameters
+
+    simulation = Simulation(seed=3, channel=Channel(loss=0.2, duplicate=0.05), logs=folder)
+    for station in FOUR_VEHICLES:
+        simulation.add(station, Straight(target=FOUR_VEHICLES[2]), Parameters(t_cam=400))
+    simulation.request(FOUR_VEHICLES[0], at=500)
+    simulation.run(until=10_000)
+
+
+def pair(folder: Path) -> None:
+    """The logs of a prescriber and a receiver that refuses once; the bad logs are edits of them."""
+    from automcm.links.simulated_radio import Channel
+    from automcm.scenarios.simulation import Simulation
+    from automcm.scenarios.straight_lane import Straight
+    from automcm_spec.vocabulary.parameters import Parameters
+
+    simulation = Simulation(seed=5, channel=Channel(loss=0.25, duplicate=0.1), logs=folder)
+    for station in FOUR_VEHICLES[:2]:
+        driver = Straight(refuse_first=1, maneuver_ms=900)
+        simulation.add(station, driver, Parameters(t_timeout=500, t_cam=500, max_rounds=2))
+    simulation.request(FOUR_VEHICLES[0], at=300)
+    simulation.run(until=4000)
+
+
+def picture() -> str:
+    """The paper's four vehicles in a lane change, with a little loss and few repetitions."""
+    from automcm.links.simulated_radio import Channel
+    from automcm.scenarios.drive import NAMES, FourVehicles
+    from automcm.scenarios.lane_change import Plan
+    from automcm_spec.vocabulary.parameters import Parameters
+    from automcm_traces.export.svg_drawing import drawing
+    from automcm_traces.format.reader import read
+    from automcm_traces.system.log_merge import merge
+
+    setting = FourVehicles(seed=3, until_s=12, plan=Plan(hold_s=0.2))
+    with scratch.folder("logs") as folder:
+        setting.run(
+            channel=Channel(loss=0.15),
+            parameters=Parameters(t_timeout=200, t_cam=500),
+            logs=folder,
+        )
+        logs = [read(path) for path in sorted(folder.iterdir())]
+    return drawing(merge(logs), NAMES)
+
+
+def _corpus() -> dict[Path, bytes]:
+    """What of the corpus is generated in seconds, from the logs on disk that need TLC."""
+    runs = {}
+    for name, run in (("four-vehicles", four_vehicles), ("pair", pair)):
+        with scratch.folder("logs") as folder:
+            run(folder)
+            for path in sorted(folder.iterdir()):
+                runs[f"{name}/{path.name}"] = path.read_bytes()
+    files = corpus.rest(CORPUS_ROOT, runs)
+    found = {CORPUS_ROOT / name: data for name, data in files.items()}
+    return found | {CORPUS_PAGE: corpus_page.page(CORPUS_ROOT, files["index.json"]).encode()}
+
+
+def _corpus_of_tlc(say: Callable[[str], None]) -> dict[Path, bytes]:
+    """The logs of the closed and of the must-fail models; minutes."""
+    files = corpus.behaviours(say) | corpus.counterexamples(COUNTEREXAMPLES, say)
+    return {CORPUS_ROOT / name: data for name, data in files.items()}
+
+
+def _superfluous(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
+    """Files in these folders of the corpus that nothing generates any more."""
+    there = [p for kind in kinds for p in (CORPUS_ROOT / kind).rglob("*") if p.is_file()]
+    return sorted(path for path in there if path not in files)
+
+
+_FROM_TLC = ("behaviours", "counterexamples")
+_AT_ONCE = ("bad", "four-vehicles", "pair")
+
+
+def _stale_corpus(kinds: Sequence[str], files: dict[Path, bytes]) -> list[str]:
+    stale = [p for p, data in files.items() if not p.exists() or p.read_bytes() != data]
+    return [_stale(path) for path in sorted([*stale, *_superfluous(kinds, files)])]
+
+
+def _write_corpus(kinds: Sequence[str], wanted: dict[Path, bytes]) -> list[Path]:
+    changed = _superfluous(kinds, wanted)
+    for path in changed:
+        path.unlink()
+    for path, data in wanted.items():
+        if not path.exists() or path.read_bytes() != data:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            files.write(path, data)
+            changed.append(path)
+    return changed
+
+
+def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
+    """What is generated within a second each; ``one_peer`` is the graph that the diagrams show."""
+    from automcm.core import phases
+    from automcm.encoding import sizes
+    from automcm_evaluation.runs import report
+    from automcm_evaluation.runs.catalogue import NAMES
+
+    results = EVALUATION.with_suffix("")
+    details: dict[Path, Callable[[], str]] = {
+        results / name / report.PAGE: partial(_details, results / name / report.RESULTS)
+        for name in NAMES
+    }
+    return details | {
+        compiler.PATH: compiler.text,
+        SCHEMA: lambda: json_schema.text(log_schema.schema()),
+        ADAPTER_SCHEMA: lambda: json_schema.text(adapter_schema.schema()),
+        MESSAGES_SCHEMA: lambda: json_schema.text(json_schema.messages()),
+        MESSAGES_PAGE: lambda: between(
+            MESSAGES_PAGE.read_text(), "automcm.encoding.sizes", sizes.table()
+        ),
+        ARCHITECTURE: _architecture,
+        CITATIONS: lambda: citations.table(ROOT),
+        CLI_PAGE: cli_page.text,
+        MODELS_PAGE: lambda: models_page.models_page(models.load()),
+        PICTURE: picture,
+        EVALUATION: lambda: report.evaluation(results),
+        DIAGRAMS: lambda: state_diagrams.text(oracle.parse(one_peer, "one-peer"), phases.WAYS),
+    }
+
+
+def _details(results: Path) -> str:
+    from automcm_evaluation.runs import report
+
+    return report.page(report.load(results))
+
+
+def _architecture() -> str:
+    found = import_graph.read(ROOT)
+    text = between(ARCHITECTURE.read_text(), "imports", import_graph.picture(found))
+    return between(text, "modules", import_graph.table(ROOT, found))
+
+
+def between(text: str, name: str, part: str) -> str:
+    """A page with ``part`` between the two marks of that name; the rest of it stays.
+
+    Raises ValueError if the marks are not there.
+    """
+    begin, end = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
+    before, begun, rest = text.partition(begin)
+    _, ended, after = rest.partition(end)
+    if not (begun and ended):
+        raise ValueError(f"the marks {begin} and {end} are needed")
+    return f"{before}{begin}\n{part}\n{end}{after}"
+
+
+def drift(
+    profile: str,
+    one_peer: bytes,
+    say: Callable[[str], None],
+    verdicts: Sequence[models.Verdict] = (),
+) -> list[str]:
+    """Which generated files are stale, or cannot be generated now; a line for each.
+
+    one_peer is the graph of the specification as it is.  The quick profile does not look at the
+    other graphs: who compares with them reads their version.
+    """
+    whole = profile != "quick"
+    checks: list[tuple[Path, Callable[[], list[str]]]] = [
+        (path, partial(_text_drift, path, make)) for path, make in _texts(one_peer).items()
+    ]
+    checks += [
+        (VECTORS, _vectors_drift),
+        (CORPUS_ROOT, lambda: _stale_corpus(_AT_ONCE, _corpus())),
+        (COUNTEREXAMPLES, lambda: counterexample_drift(verdicts)),
+    ]
+    if whole:
+        checks.append((CORPUS_ROOT, lambda: _stale_corpus(_FROM_TLC, _corpus_of_tlc(say))))
+    checks += [
+        (graph.path, partial(_graph_drift, graph, one_peer, say))
+        for graph in oracle_generation.GRAPHS.values()
+        if whole or graph is oracle_generation.ONE_PEER
+    ]
+    checks.append((two_peer_residual.PATH, partial(_remainder_drift, whole)))
+    return [line for path, check in checks for line in _lines(path, check)]
+
+
+def _lines(path: Path, check: Callable[[], list[str]]) -> list[str]:
+    """What a check finds.  Whatever it raises is a line as well: what it runs may be in the middle
+    of a change, and the other files are still compared."""
+    try:
+        return check()
+    except oracle.OracleError as error:
+        reason = said(error)
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"
+    return [f"{_name(path)}: cannot be generated now: {reason}"]
+
+
+def said(error: oracle.OracleError) -> str:
+    """The text, with the path from the repository on."""
+    return str(error).replace(f"{ROOT}/", "")
+
+
+def _text_drift(path: Path, make: Callable[[], str]) -> list[str]:
+    return [_stale(path)] if _differs(path, make()) else []
+
+
+def _vectors_drift() -> list[str]:
+    return [_stale(path) for path, text in vectors.texts().items() if _differs(path, text)]
+
+
+def _graph_drift(
+    graph: oracle_generation.Graph, one_peer: bytes, say: Callable[[str], None]
+) -> list[str]:
+    say(f"oracle: {graph.name}")
+    fresh = one_peer if graph is oracle_generation.ONE_PEER else oracle_generation.generate(graph)
+    same = graph.path.exists() and oracle.content(graph.path) == fresh
+    return [] if same else [_stale(graph.path)]
+
+
+def graph_changed(one_peer: bytes) -> bool:
+    """Whether the one-peer graph differs from the committed one in more than the text that it was
+    made from; False if there is none that can be read."""
+    try:
+        committed = oracle.content(oracle_generation.ONE_PEER.path)
+    except oracle.OracleError:
+        return False
+    before, after = (json.loads(data) | {"spec_hash": None} for data in (committed, one_peer))
+    return bool(before != after)
+
+
+def _remainder_drift(whole: bool) -> list[str]:
+    if not whole:
+        stale = two_peer_residual.spec_hash() != oracle_generation.spec_hash()
+    else:
+        stale = _differs(two_peer_residual.PATH, _remainder())
+    return [_stale(two_peer_residual.PATH)] if stale else []
+
+
+def _remainder() -> str:
+    """What two peers say beyond one; a minute, from the graphs as they are on disk."""
+    two, one = (
+        oracle.load(graph.path)
+        for graph in (oracle_generation.TWO_PEERS, oracle_generation.ONE_PEER)
+    )
+    return two_peer_residual.text(two, one)
+
+
+def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
+    """Renew all generated files; returns those that changed."""
+    changed = []
+    verdicts = models.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
+    for graph in oracle_generation.GRAPHS.values():
+        if graph is oracle_generation.TWO_PEERS and not two_peers:
+            continue
+        say(f"oracle: {graph.name}")
+        data = oracle_generation.generate(graph)
+        if not graph.path.exists() or oracle.content(graph.path) != data:
+            oracle.write(graph.path, data)
+            changed.append(graph.path)
+    one_peer = oracle.content(oracle_generation.ONE_PEER.path)
+    texts = _counterexamples(verdicts)
+    texts |= {path: make() for path, make in _texts(one_peer).items()} | vectors.texts()
+    if two_peers:
+        say("remainder")
+        texts[two_peer_residual.PATH] = _remainder()
+    for path, text in texts.items():
+        if _differs(path, text):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            files.write(path, text)
+            changed.append(path)
+    return changed + write_corpus(say)
+
+
+def write_corpus(say: Callable[[str], None]) -> list[Path]:
+    """Renew the corpus; returns the files that changed or are gone."""
+    changed = _write_corpus(_FROM_TLC, _corpus_of_tlc(say))
+    return changed + _write_corpus(_AT_ONCE, _corpus())
+
+
+def _differs(path: Path, text: str) -> bool:
+    return not path.exists() or path.read_text() != text
+
+
+def _name(path: Path) -> str:
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path)
+
+
+def _stale(path: Path) -> str:
+    return f"{_name(path)}: not what would be generated now; run make generate"

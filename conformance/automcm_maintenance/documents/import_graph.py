@@ -1,0 +1,195 @@
+"""Who imports whom among our packages, read from their source; docs/architecture.md."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+PACKAGES = {
+    "automcm_spec": "spec",
+    "automcm_traces": "traces",
+    "automcm": "reference",
+    "automcm_evaluation": "reference",
+    "automcm_conformance": "conformance",
+    "automcm_cli": "conformance",
+    "automcm_maintenance": "conformance",
+}
+"""The packages with their folders, each after those it may import."""
+LAYERS = {
+    "automcm_spec": "support vocabulary model_checking graph compilation",
+    "automcm_traces": "format checker system explain edit export viewer",
+    "automcm": "core encoding kernels links adapters service bridge scenarios",
+    "automcm_evaluation": "framework arrival bandwidth comfort loss safety runs",
+    "automcm_conformance": "adapter exchange scenarios suite explore live replay report vectors",
+    "automcm_cli": "shared conform reference spec trace",
+    "automcm_maintenance": "corpus documents spec_mutation code_mutation benches verify",
+}
+"""The subpackages of each; each may import those before it.  Modules beside them may import all."""
+# What of ours a package may import, besides itself; a module stands for itself alone.
+# What is about the operating system and knows nothing of the protocol, and the grammar.
+SHARED = {
+    *(f"automcm_spec.vocabulary.{name}" for name in ("application", "messages", "parameters")),
+    *(f"automcm_spec.support.{name}" for name in ("children", "files", "markdown", "scratch")),
+}
+MAY = {
+    "automcm_spec": set[str](),
+    "automcm_traces": {"automcm_spec"},
+    "automcm": {"automcm_traces.format.writer", *SHARED},
+    # The map between the reference and the specification; the station itself decides alone.
+    "automcm.adapters.spec_mapping": {"automcm_spec.vocabulary.station"},
+    "automcm_evaluation": {"automcm", *SHARED},
+    "automcm_conformance": {"automcm_spec", "automcm_traces"},
+    "automcm_cli": set(PACKAGES) - {"automcm_cli", "automcm_maintenance"},
+    "automcm_maintenance": set(PACKAGES) - {"automcm_maintenance"},
+}
+
+
+@dataclass(frozen=True, order=True)
+class Import:
+    """One module of ours imports another, when it is loaded itself or only later."""
+
+    importer: str
+    imported: str
+    at_load: bool
+
+
+def read(root: Path) -> set[Import]:
+    """All imports among our packages below ``root``; what only a type checker sees is not one.
+
+    A syntax error is that of ``ast.parse``, with the name of the file.
+    """
+    trees = {
+        ".".join((package, *_inner(path.relative_to(root / folder / package)))): ast.parse(
+            path.read_text(), str(path)
+        )
+        for package, folder in PACKAGES.items()
+        for path in sorted((root / folder / package).rglob("*.py"))
+    }
+    found = set()
+    for importer, tree in trees.items():
+        for names, at_load in _imports(tree, at_load=True):
+            # ``from a import b`` loads the module a.b if there is one, and else a, which has b.
+            known = next((name for name in names if name in trees), None)
+            if known is None and names[-1].split(".")[0] in PACKAGES:
+                raise ValueError(f"{importer}: imports {names[-1]}, which is not there")
+            if known is not None and known != importer:
+                found.add(Import(importer, known, at_load))
+    return found
+
+
+def forbidden(imports: set[Import]) -> list[Import]:
+    """Those between packages that ``MAY`` does not allow, and those upward in ``LAYERS``."""
+    return sorted(one for one in imports if not _allowed(one))
+
+
+def _allowed(one: Import) -> bool:
+    package, other = one.importer.split(".")[0], one.imported.split(".")[0]
+    if package != other:
+        return bool({one.imported, other} & (MAY[package] | MAY.get(one.importer, set())))
+    return _layer(one.importer) >= _layer(one.imported)
+
+
+def _layer(module: str) -> int:
+    """The place of its subpackage in ``LAYERS``: 0 for a package itself."""
+    package, _, inner = module.partition(".")
+    names = LAYERS[package].split()
+    name = inner.partition(".")[0]
+    return 0 if not inner else names.index(name) + 1 if name in names else len(names) + 1
+
+
+def cycles(imports: set[Import]) -> list[list[str]]:
+    """Groups of modules that load one another: strongly connected, of two or more."""
+    after: dict[str, set[str]] = {}
+    for one in imports:
+        if one.at_load:
+            after.setdefault(one.importer, set()).add(one.imported)
+    reach = {module: _reachable(after, module) for module in after}
+    groups = {
+        tuple(sorted(other for other in reach[module] if module in reach.get(other, ())))
+        for module in after
+        if module in reach[module]
+    }
+    return sorted(list(group) for group in groups)
+
+
+def picture(imports: set[Import]) -> str:
+    """The packages with their subpackages in Mermaid: an arrow to each that is imported, but from
+    package to package a single one, and none that follows from others."""
+    lines = ["```mermaid", "flowchart TD"]
+    inside: dict[str, set[tuple[str, str]]] = {package: set() for package in PACKAGES}
+    outside: dict[tuple[str, str], set[str]] = {}
+    for one in imports:
+        (package, *inner), (other, *imported) = (
+            each.split(".") for each in (one.importer, one.imported)
+        )
+        if package != other:
+            outside.setdefault((package, other), set()).add(one.imported)
+        elif inner and imported and inner[0] != imported[0]:
+            inside[package].add((inner[0], imported[0]))
+    for package, names in LAYERS.items():
+        lines.append(f"    subgraph {package}")
+        lines += [f"        {package}.{name}[{name}]" for name in names.split()]
+        after = {a: {b for c, b in inside[package] if c == a} for a in names.split()}
+        for a in after:
+            further = set().union(*(_reachable(after, b) for b in after[a]))
+            lines += [
+                f"        {package}.{a} --> {package}.{b}" for b in sorted(after[a] - further)
+            ]
+        lines.append("    end")
+    for (package, other), modules in sorted(outside.items()):
+        may = {one for who, ones in MAY.items() if who.split(".")[0] == package for one in ones}
+        only = f"|{len(modules)} modules|" if modules <= may and len(modules) > 1 else ""
+        only = f"|{min(modules)}|" if modules <= may and len(modules) == 1 else only
+        lines.append(f"    {package} -->{only} {other}")
+    return "\n".join([*lines, "```"])
+
+
+def table(root: Path, imports: set[Import]) -> str:
+    """As Markdown: each subpackage, what it is, and the module of it that most others import."""
+    lines = ["| package | subpackage | what it is | begin with |", "|---|---|---|---|"]
+    count = Counter(one.imported for one in imports)
+    for package, names in LAYERS.items():
+        for name in names.split():
+            folder = root / PACKAGES[package] / package / name
+            doc = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
+            inner = (path.stem for path in sorted(folder.glob("[!_]*.py")))
+            first = max(inner, key=lambda module: count[f"{package}.{name}.{module}"])
+            link = f"[`{first}`](../{(folder / first).relative_to(root).as_posix()}.py)"
+            what = " ".join(doc.split("\n\n")[0].split())
+            lines.append(f"| `{package}` | `{name}` | {what} | {link} |")
+    return "\n".join(lines)
+
+
+def _reachable(after: dict[str, set[str]], start: str) -> set[str]:
+    seen: set[str] = set()
+    todo = [start]
+    while todo:
+        new = after.get(todo.pop(), set()) - seen
+        seen |= new
+        todo.extend(new)
+    return seen
+
+
+def _inner(path: Path) -> tuple[str, ...]:
+    """The names behind the package's: ``links/udp.py`` is links, udp; ``__init__.py`` is none."""
+    parts = path.with_suffix("").parts
+    return parts[:-1] if parts[-1] == "__init__" else parts
+
+
+def _imports(node: ast.AST, at_load: bool) -> Iterator[tuple[list[str], bool]]:
+    """Each import below a node: the modules it may name, the likelier first."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+            for other in child.orelse:
+                yield from _imports(other, at_load)
+        elif isinstance(child, ast.Import):
+            yield from (([alias.name], at_load) for alias in child.names)
+        elif isinstance(child, ast.ImportFrom):
+            module = child.module or ""
+            yield from (([f"{module}.{alias.name}", module], at_load) for alias in child.names)
+        else:
+            lazy = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            yield from _imports(child, at_load and not lazy)

@@ -1,0 +1,38 @@
+"""docs/models.md."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from automcm_cli.spec.model_output import checks
+from automcm_maintenance.documents.repository import PAGES
+from automcm_spec.model_checking import models
+from automcm_spec.support import markdown
+from automcm_spec.support.paths import MODELS
+
+
+def models_page(loaded: Sequence[models.Model]) -> str:
+    """docs/models.md: every model, with what was recorded of it."""
+    usual = {pair for m in loaded if m.expect == "holds" for pair in _replaced(m)}
+
+    def changed(model: models.Model) -> str:
+        operators = [name for name, by in _replaced(model) if (name, by) not in usual]
+        return ", ".join(f"`{name}`" for name in (*operators, *_missing(model)))
+
+    return markdown.page(PAGES / "models.md.j2", models=loaded, checks=checks, changed=changed)
+
+
+def _replaced(model: models.Model) -> list[tuple[str, str]]:
+    """The operators that the cfg of a model replaces, each with its replacement."""
+    return re.findall(r"(\w+) <- (\w+)", _cfg(model))
+
+
+def _missing(model: models.Model) -> list[str]:
+    """The timers that the cfg of a model removes."""
+    line = re.search(r"^ *Missing = \{(.*)\}", _cfg(model), re.MULTILINE)
+    return [f"timer {name}" for name in re.findall(r"\w+", line[1])] if line else []
+
+
+def _cfg(model: models.Model) -> str:
+    return (MODELS / f"{model.cfg}.cfg").read_text(encoding="utf-8")

@@ -1,0 +1,400 @@
+"""``automcm verify``: model-check, generate, compare.  One report, whatever happens."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import time
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from automcm_cli.shared.common import unknown
+from automcm_cli.spec import model_output
+from automcm_conformance.replay import graph_comparison
+from automcm_conformance.replay.behaviour_replay import replay
+from automcm_maintenance.documents import counterexample_pages, generated_files
+from automcm_maintenance.documents.repository import ROOT
+from automcm_spec.compilation import compiler
+from automcm_spec.graph import oracle, oracle_agreement, oracle_generation
+from automcm_spec.model_checking import kept_results, models, tlc_simulation
+from automcm_spec.model_checking.tlc import TlcError
+from automcm_spec.model_checking.toolchain import ToolError
+from automcm_spec.support import children, files
+from automcm_spec.vocabulary import json_forms
+from automcm_spec.vocabulary.rules import RULES
+
+BEHAVIOURS = ((30, 40, False), (70, 40, True))
+"""How many random behaviours of the closed models are replayed, how long, and which kind."""
+SEED = 7
+KEPT = ROOT / "runs" / "kept"
+"""What later runs use: results of models, and how long each stage took."""
+SECONDS = "seconds.json"
+EARLIER = 3
+"""Of so many runs."""
+_HISTORY = TypeAdapter(dict[str, dict[str, list[float]]])
+
+
+class NotLoaded(Exception):
+    """The reference cannot be imported; the text says why."""
+
+
+@dataclass
+class Report:
+    """What ``automcm verify`` found.  ``errors`` are tools and inputs that did not work."""
+
+    profile: str
+    models_too: bool = True
+    """Models are checked, not the reference compared alone."""
+    rule: str | None = None
+    """The short loop: only the small graph, and only this rule taken away."""
+    verdicts: list[models.Verdict] = field(default_factory=list)
+    oracle: dict[str, Any] = field(default_factory=dict)
+    compared: dict[str, graph_comparison.Comparison] = field(default_factory=dict)
+    compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
+    """The compiled station against TLC's graphs; not with ``rule``."""
+    coverage: graph_comparison.Coverage | None = None
+    """None too if the reference differs: then a difference shows whatever is taken away."""
+    behaviours: int = 0
+    behaviour_differences: list[str] = field(default_factory=list)
+    drift: list[str] = field(default_factory=list)
+    pages: list[str] = field(default_factory=list)
+    """Counterexamples that should not be, each as a page (docs/trace-format.md)."""
+    unnoticed: bool = False
+    """The specification's graph is not the committed one, and no model noticed."""
+    errors: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+    earlier: dict[str, list[float]] = field(default_factory=dict)
+    """How long each stage took in earlier runs of this profile here, the last one first."""
+
+    @property
+    def loop(self) -> str:
+        """Runs with the same stages, whose durations are comparable."""
+        return "rule" if self.rule else self.profile
+
+    @property
+    def kept(self) -> int:
+        """How many models were not run: nothing that their result depends on has changed."""
+        return sum(verdict.kept for verdict in self.verdicts)
+
+    def took_earlier(self, stage: str) -> str:
+        """Those durations as text; empty without any."""
+        times = ", ".join(f"{seconds:.0f}" for seconds in self.earlier.get(stage, ()))
+        return f" (earlier: {times} s)" if times else ""
+
+    @property
+    def transitions_only(self) -> set[str]:
+        """Graphs of which only the transitions are compared."""
+        return {oracle_generation.TWO_PEERS.name} if self.profile == "quick" else set()
+
+    @property
+    def divergences(self) -> list[dict[str, Any]]:
+        """Of all comparisons, as in ``--json``; those of the rule asked for first."""
+        found = [d for c in self.compared.values() for d in c.divergences]
+        found.sort(key=lambda d: d.rule != self.rule)
+        return [d.as_dict() for d in found] + [
+            {"behaviour": text} for text in self.behaviour_differences
+        ]
+
+    @property
+    def all_errors(self) -> list[str]:
+        """Each error once, those of single models too."""
+        return list(dict.fromkeys([str(v.error) for v in self.verdicts if v.error] + self.errors))
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs of state and input the rule asked for decides."""
+        return sum(c.decided[self.rule or ""] for c in self.compared.values())
+
+    @property
+    def undecided(self) -> bool:
+        """The rule asked for decides nothing in the small graph, and is not missed there."""
+        covered = self.coverage.covered if self.coverage else {}
+        told = bool(self.pairs or self.divergences or self.rule in covered)
+        return self.rule is not None and bool(self.compared) and not told
+
+    @property
+    def ok(self) -> bool:
+        """Whether everything is as it must be."""
+        return (
+            not self.errors
+            and not self.drift
+            and (bool(self.verdicts) or not self.models_too)
+            and all(verdict.ok for verdict in self.verdicts)
+            and bool(self.compared)
+            and not self.divergences
+            and (bool(self.compiled) or self.rule is not None)
+            and not any(a.differences for a in self.compiled.values())
+            and self.coverage is not None
+            and not self.coverage.uncovered
+            and not self.undecided
+        )
+
+    @property
+    def exit_code(self) -> int:
+        """0 as expected, 1 a verdict against, 3 something did not run, 4 the rule asked for
+        decides nothing."""
+        if self.errors:
+            return 3
+        if self.undecided:
+            return 4
+        return model_output.exit_code(self.verdicts) or int(not self.ok)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The JSON of ``--json``."""
+        rules = self.coverage or graph_comparison.Coverage(by_test={})
+        return {
+            "ok": self.ok,
+            "profile": self.profile,
+            "models_too": self.models_too,
+            "rule": self.rule,
+            "unnoticed": self.unnoticed,
+            "models": [model_output.as_dict(v) | {"kept": v.kept} for v in self.verdicts],
+            "kept": self.kept,
+            "oracle": self.oracle,
+            "reference": {
+                "states_compared": sum(c.states for c in self.compared.values()),
+                "inputs_compared": sum(c.inputs for c in self.compared.values()),
+                "divergences": self.divergences,
+                "rules_covered": sorted(rules.covered),
+                "rules_uncovered": rules.uncovered,
+                "rules_by_test": rules.by_test,
+                "behaviours_replayed": self.behaviours,
+            },
+            "compiled": {
+                "states_compared": sum(a.states for a in self.compiled.values()),
+                "inputs_compared": sum(a.inputs for a in self.compiled.values()),
+                "differences": [str(d) for a in self.compiled.values() for d in a.found],
+            },
+            "drift": self.drift,
+            "pages": self.pages,
+            "errors": self.all_errors,
+            "seconds": {name: round(value, 1) for name, value in self.seconds.items()},
+            "earlier_seconds": self.earlier,
+        }
+
+
+def reference(constants: dict[str, Any]) -> graph_comparison.Adapter:
+    """The reference behind its in-process adapter."""
+    from automcm.adapters.spec_mapping import Reference
+
+    return Reference(constants)
+
+
+def _without(constants: dict[str, Any], rule: str) -> graph_comparison.Adapter:
+    from automcm.adapters.spec_mapping import Reference, without
+
+    return Reference(constants, without(rule))
+
+
+def _walk(data: bytes, transitions_only: bool) -> graph_comparison.Comparison:
+    graph = oracle.parse(data, "oracle")
+    return graph_comparison.walk(
+        graph, reference(graph.constants), transitions_only=transitions_only
+    )
+
+
+def _agree(data: bytes, transitions_only: bool) -> oracle_agreement.Agreement:
+    graph = oracle.parse(data, "oracle")
+    station = json_forms.open_station(graph.constants)
+    return oracle_agreement.compare(graph, station, transitions_only=transitions_only)
+
+
+def _cover(data: bytes, wanted: Collection[str]) -> graph_comparison.Coverage:
+    graph = oracle.parse(data, "oracle")
+    return graph_comparison.covered(
+        graph, lambda rule: _without(graph.constants, rule), wanted=wanted
+    )
+
+
+def _behave() -> tuple[int, list[str]]:
+    found = [
+        behaviour
+        for number, depth, lively in BEHAVIOURS
+        for behaviour in tlc_simulation.behaviours(number, depth, SEED, lively=lively)
+    ]
+    answers = (
+        replay(behaviour, lambda: reference(tlc_simulation.CONSTANTS)) for behaviour in found
+    )
+    return len(found), [answer for answer in answers if answer]
+
+
+def run(
+    profile: str = "quick",
+    say: Callable[[str], None] = lambda text: None,
+    *,
+    models_too: bool = True,
+    rule: str | None = None,
+    fresh: bool = False,
+) -> Report:
+    """Model-check, write the oracle out, compare, look for drift.  With ``rule``, only
+    compare, in the small graph.  ``fresh``: run the models whose results are kept as well; the
+    larger profiles do so anyway.
+
+    Never raises for what it examines: a spec that does not parse, a reference that cannot be
+    imported, a missing Java or a full disk ends up in the report's errors.  Raises ValueError for
+    an unknown profile.
+    """
+    if profile not in models.PROFILES:
+        raise ValueError(unknown(profile, models.PROFILES, "profile"))
+    report = Report(profile, models_too, rule)
+    report.earlier = _history().get(report.loop, {})
+    try:
+        if rule is not None:
+            _compare_rule(report, rule, say)
+        else:
+            if models_too:
+                _models(report, say, fresh)
+            data = _oracle(report, oracle_generation.ONE_PEER, say)
+            _compare(report, data, say)
+            _drift(report, data, say)
+    except (
+        TlcError,
+        ToolError,
+        models.ModelError,
+        oracle.OracleError,
+        OSError,
+        NotLoaded,
+    ) as error:
+        report.errors.append(str(error))
+    except ValueError as error:
+        report.errors.append(f"oracle: {error}")
+    if report.ok:
+        _remember(report)
+    return report
+
+
+def _history() -> dict[str, dict[str, list[float]]]:
+    """``Report.earlier`` of each loop; empty if there is none that can be read."""
+    with suppress(OSError, ValueError):
+        return _HISTORY.validate_json((KEPT / SECONDS).read_bytes())
+    return {}
+
+
+def _remember(report: Report) -> None:
+    """Add the durations to the history; the last of two runs at once wins."""
+    stages = {
+        name: [round(seconds, 1), *report.earlier.get(name, ())][:EARLIER]
+        for name, seconds in report.seconds.items()
+    }
+    history = _history() | {report.loop: report.earlier | stages}
+    with suppress(OSError):
+        KEPT.mkdir(parents=True, exist_ok=True)
+        files.write(KEPT / SECONDS, json.dumps(history))
+
+
+@contextmanager
+def _timed(
+    report: Report, name: str, say: Callable[[str], None]
+) -> Iterator[Callable[[str], None]]:
+    """A stage, and what says how far it is."""
+    earlier = report.took_earlier(name)
+    started = time.monotonic()
+    try:
+        yield lambda text: say(f"{text}{earlier}")
+    finally:
+        report.seconds[name] = time.monotonic() - started
+
+
+def _models(report: Report, say: Callable[[str], None], fresh: bool) -> None:
+    chosen = models.of_profile(models.load(), report.profile)
+    with _timed(report, "models", say) as say:
+        say(f"models 0/{len(chosen)}")
+
+        def done(verdict: models.Verdict) -> None:
+            report.verdicts.append(verdict)
+            n = f"{len(report.verdicts)}/{len(chosen)}"
+            how = " (kept)" if verdict.kept else ""
+            say(f"models {n}: {verdict.model.cfg} {verdict.outcome}{how}")
+
+        kept_results.check_all(chosen, KEPT, fresh=fresh or report.profile != "quick", on_done=done)
+    order = [m.cfg for m in chosen]
+    report.verdicts.sort(key=lambda verdict: order.index(verdict.model.cfg))
+    report.pages = [str(path) for path in counterexample_pages.failed(report.verdicts)]
+
+
+def _oracle(report: Report, graph: oracle_generation.Graph, say: Callable[[str], None]) -> bytes:
+    with _timed(report, "oracle", say) as say:
+        say(f"oracle: {graph.name}")
+        data, _ = oracle_generation.build(graph, short=graph is oracle_generation.SMALL)
+        fresh = oracle.dump(data)
+        written = oracle.parse(fresh, "oracle")
+        report.oracle = {
+            "states": len(written.states),
+            "transitions": written.transitions,
+            "refusals": written.refusals,
+            "spec_hash": written.spec_hash,
+        }
+    return fresh
+
+
+def _compare_rule(report: Report, rule: str, say: Callable[[str], None]) -> None:
+    """The short loop: every input in every state of the small graph, and the rule taken away."""
+    _load_reference()
+    data = _oracle(report, oracle_generation.SMALL, say)
+    with _timed(report, "comparison", say) as say:
+        say("comparison: every state, every input")
+        report.compared = {oracle_generation.SMALL.name: _walk(data, False)}
+        if not report.divergences:
+            report.coverage = _cover(data, [rule])
+
+
+def _load_reference() -> None:
+    """Raises NotLoaded: what it is changed into need not even be importable."""
+    try:
+        importlib.import_module("automcm.adapters.spec_mapping")
+    except Exception as error:
+        text = f"the reference cannot be imported: {type(error).__name__}: {error}"
+        raise NotLoaded(text) from error
+
+
+def _drift(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
+    with _timed(report, "generated files", say) as say:
+        say("generated files")
+        report.drift += generated_files.drift(report.profile, one_peer, say, report.verdicts)
+        report.unnoticed = (
+            bool(report.verdicts)
+            and all(verdict.ok for verdict in report.verdicts)
+            and generated_files.graph_changed(one_peer)
+        )
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(2, initializer=children.end_with_parent)
+
+
+def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
+    _load_reference()
+    with _timed(report, "comparison", say) as say, _pool() as pool:
+        say("comparison: every state, every input")
+        data = {oracle_generation.ONE_PEER.name: one_peer}
+        for graph in (oracle_generation.TIGHT, oracle_generation.TWO_PEERS):
+            try:
+                found = oracle.content(graph.path)
+                oracle.parse(found, graph.path, oracle_generation.spec_hash())
+            except oracle.OracleError as error:
+                report.drift.append(generated_files.said(error))
+                continue
+            data[graph.name] = found
+        # The largest first: it takes half of the time.
+        ordered = sorted(data, key=lambda name: -len(data[name]))
+        begun = {
+            name: pool.submit(_walk, data[name], name in report.transitions_only)
+            for name in ordered
+        }
+        agreed = {
+            name: pool.submit(_agree, data[name], name in report.transitions_only)
+            for name in (ordered if compiler.is_fresh() else ())  # else it is drift
+        }
+        covered = pool.submit(_cover, one_peer, RULES)
+        behaved = pool.submit(_behave)
+        report.compared = {name: begun[name].result() for name in data}
+        report.compiled = {name: agreed[name].result() for name in agreed}
+        say("comparison: every rule taken away")
+        differs = report.compared[oracle_generation.ONE_PEER.name].differences
+        report.coverage = None if differs else covered.result()
+        report.behaviours, report.behaviour_differences = behaved.result()

@@ -1,0 +1,182 @@
+"""The one screen of ``automcm verify``."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from automcm_cli.spec.model_output import checks
+from automcm_maintenance.verify.verify import Report
+from automcm_spec.model_checking import models
+from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
+
+
+def show(report: Report, console: Console) -> None:
+    """Print the report: models, must-fail models, oracle, comparison, the verdict."""
+    holds = [v for v in report.verdicts if v.model.expect == "holds"]
+    fails = [v for v in report.verdicts if v.model.expect == "violates"]
+    if not report.models_too:
+        console.print("Models      not checked")
+    if report.rule:
+        console.print(f"Rule        {report.rule}: {RULES[report.rule]}")
+    if holds:
+        console.print(_holds(holds))
+    if fails:
+        console.print(_fails(fails))
+        for v in fails:
+            if v.problem:
+                console.print(f"[red]{v.model.cfg}[/]  {_problem(v)[0]}")
+    if report.oracle:
+        o = report.oracle
+        name = "Small graph" if report.rule else "Oracle"
+        console.print(
+            f"{name:11} {o['states']:,} states, {o['transitions']:,} transitions, "
+            f"{o['refusals']:,} refusals, spec {o['spec_hash'][:12]}"
+        )
+    _comparison(report, console)
+    if report.rule:
+        for text in _short_loop(report):
+            console.print(text)
+    if report.unnoticed:
+        console.print(
+            "[red]Not covered[/] The specification's graph is not the one in spec/oracle, and "
+            "every model comes out as recorded: no property covers what changed."
+        )
+    for text in report.drift:
+        console.print(f"[red]Drift[/]       {escape(text)}")
+    for text in report.pages:
+        console.print(f"[red]See[/]         {escape(text)}", soft_wrap=True)
+    for text in report.all_errors:
+        console.print(f"[red]Error[/]       {escape(text)}")
+    if report.kept:
+        of, same = len(report.verdicts), "nothing they depend on has changed"
+        console.print(f"Kept        {report.kept} of {of} models: {same} (--fresh runs all)")
+    total = sum(report.seconds.values())
+    parts = "; ".join(
+        f"{name} {seconds:.0f} s{report.took_earlier(name)}"
+        for name, seconds in report.seconds.items()
+    )
+    word = "[green]As expected[/]" if report.ok else "[red]NOT as expected[/]"
+    console.print(f"{word} after {total:.0f} s: {parts}.")
+
+
+def _short_loop(report: Report) -> list[str]:
+    """What the small graph shows of the rule asked for, and what was left out."""
+    rule = str(report.rule)
+    differing = sum(c.differing[rule] for c in report.compared.values())
+    lines = []
+    if report.compared:
+        without = ""
+        if report.coverage is not None:
+            missed = rule in report.coverage.covered
+            without = f"; {'missed' if missed else '[red]not missed[/]'} when taken away"
+        lines.append(
+            f"{rule:11} decides {report.pairs:,} of these inputs, and {differing:,} differ{without}"
+        )
+    if report.undecided:
+        shown = NO_GRAPH.get(rule)
+        lines.append(
+            f"[red]Cannot tell[/] {rule} decides nothing in the small graph; "
+            + (f"it is shown by {shown}" if shown else "run automcm verify --no-models")
+        )
+    lines.append(
+        "Left out    the larger graphs, four stations, the other rules, generated files: "
+        "automcm verify --no-models"
+    )
+    return lines
+
+
+def _holds(verdicts: list[models.Verdict]) -> Table:
+    table = _table("Models: every property holds")
+    for name in ("distinct states", "checks", "reached", "seconds"):
+        table.add_column(name, justify="left" if name == "checks" else "right")
+    table.add_column("")
+    table.add_column("")
+    for v in verdicts:
+        r = v.result
+        states = f"{r.distinct_states:,}" if r else ""
+        seconds = f"{r.seconds:.1f}" if r else ""
+        reached = str(len(v.reached)) if v.reached else ""
+        table.add_row(
+            v.model.cfg, states, checks(v.model), reached, seconds, _mark(v), *_problem(v)
+        )
+    return table
+
+
+def _fails(verdicts: list[models.Verdict]) -> Table:
+    """Two to a row, so that it stays on one screen."""
+    table = _table("Must fail: a mechanism taken away breaks what it protects")
+    for name in ("breaks", "steps", "", "model", "breaks", "steps", ""):
+        table.add_column(name, justify="right" if name == "steps" else "left", no_wrap=True)
+    half = (len(verdicts) + 1) // 2
+    for n in range(half):
+        pair = [verdicts[n], *verdicts[half + n : half + n + 1]]
+        table.add_row(*(cell for v in pair for cell in _fail(v)))
+    return table
+
+
+def _fail(v: models.Verdict) -> tuple[str, str, str, str]:
+    return v.model.cfg, v.property or "-", str(len(v.trace) - 1) if v.trace else "", _mark(v)
+
+
+def _mark(v: models.Verdict) -> str:
+    return "[red]FAIL[/]" if not v.ok else "[green]kept[/]" if v.kept else "[green]ok[/]"
+
+
+def _table(title: str) -> Table:
+    table = Table(title=title, title_justify="left", box=None, pad_edge=False)
+    table.add_column("model", no_wrap=True)
+    return table
+
+
+def _problem(v: models.Verdict) -> tuple[str, ...]:
+    """The first line; an error of a tool stands below the tables, once."""
+    if v.outcome == "error" and v.error is not None:
+        return (f"{v.error.kind} error, see below",)
+    return (escape(v.problem.splitlines()[0]),) if v.problem else ("",)
+
+
+def _comparison(report: Report, console: Console) -> None:
+    for name, c in report.compared.items():
+        what = "transitions" if name in report.transitions_only else "every input"
+        console.print(
+            f"Comparison  {name}: {c.states:,} states, {c.inputs:,} inputs ({what}), "
+            f"{c.differences} differences"
+        )
+    for name, a in report.compiled.items():
+        what = "transitions" if name in report.transitions_only else "every input"
+        console.print(
+            f"Compiled    {name}: {a.states:,} states, {a.inputs:,} inputs ({what}), "
+            f"{a.differences} differences"
+        )
+        for found in a.found[:1]:
+            console.print(f"[red]Differs[/]     {escape(str(found))}", soft_wrap=True)
+    if report.behaviours:
+        console.print(
+            f"Behaviours  {report.behaviours} of four stations replayed, "
+            f"{len(report.behaviour_differences)} differences"
+        )
+    if report.coverage is not None and not report.rule:
+        rules = report.coverage
+        total = len(rules.covered) + len(rules.uncovered)
+        missing = f", [red]not missed: {', '.join(rules.uncovered)}[/]" if rules.uncovered else ""
+        console.print(
+            f"Rules       {len(rules.covered)} of {total} missed when "
+            f"taken away{missing}; {len(rules.by_test)} shown by a test"
+        )
+    for d in report.divergences[:3]:
+        if "behaviour" in d:
+            console.print(f"[red]Differs[/]     {escape(d['behaviour'])}", soft_wrap=True)
+            continue
+        console.print(f"[red]Differs[/]     {d['rule']} (Station.tla:{d['line']})")
+        for n, value in enumerate(d["inputs"], 1):
+            console.print(f"  {n}. {escape(str(value))}", soft_wrap=True)
+        if "error" in d["actual"]:
+            console.print(f"  code raises {escape(str(d['actual']['error']))}", soft_wrap=True)
+            continue
+        for name, wanted in d["expected"].items():
+            actual = d["actual"][name]
+            if actual != wanted:
+                console.print(f"  {name}: spec {escape(str(wanted))}", soft_wrap=True)
+                console.print(f"  {name}: code {escape(str(actual))}", soft_wrap=True)

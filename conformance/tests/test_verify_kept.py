@@ -1,0 +1,137 @@
+"""What ``automcm verify`` keeps for later runs: results of models, and how long each stage took."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from automcm_cli.main import app
+from automcm_conformance.replay.graph_comparison import Comparison, Coverage
+from automcm_maintenance.documents import generated_files
+from automcm_maintenance.verify import verify as verify_
+from automcm_maintenance.verify import verify_screen
+from automcm_spec.graph.oracle_agreement import Agreement
+from automcm_spec.model_checking import kept_results, models
+from automcm_spec.model_checking.models import Model, Verdict
+from automcm_spec.model_checking.tlc import Result
+
+CHOSEN = [model for model in models.load() if model.cfg in ("one_by_two", "bare_ack")]
+TIMES = {"models": [70.4, 2.0], "oracle": [7.0]}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(verify_, "KEPT", tmp_path / "kept")
+    return tmp_path / "kept"
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """A verify whose stages are empty; whether each was asked to run all models."""
+    fresh: list[bool] = []
+
+    def check_all(chosen: Sequence[Model], *_: object, **options: Any) -> None:
+        fresh.append(options["fresh"])
+        for model in chosen:
+            result = Result("holds", None, 10, 20, 3, 0.1)
+            options["on_done"](Verdict(model, "holds", None, result, None, kept=not fresh[-1]))
+
+    def compared(report: verify_.Report, data: bytes, say: object) -> None:
+        report.compared = {"one-peer": Comparison(states=1, inputs=5)}
+        report.compiled = {"one-peer": Agreement(states=1, inputs=6)}
+        report.coverage = Coverage(covered={"a rule": "one"})
+
+    monkeypatch.setattr(models, "load", lambda: CHOSEN)
+    monkeypatch.setattr(kept_results, "check_all", check_all)
+    monkeypatch.setattr(verify_, "_oracle", lambda report, graph, say: b"")
+    monkeypatch.setattr(verify_, "_compare", compared)
+    monkeypatch.setattr(generated_files, "drift", lambda *_: [])
+    monkeypatch.setattr(generated_files, "graph_changed", lambda fresh: False)
+    return fresh
+
+
+def shown(report: verify_.Report) -> str:
+    console = Console(file=io.StringIO(), record=True, width=100)
+    verify_screen.show(report, console)
+    return console.export_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fresh"),
+    [([], False), (["--fresh"], True), (["--profile", "full"], True), (["--no-models"], None)],
+)
+def test_only_the_quick_profile_takes_what_is_kept(
+    arguments: list[str], fresh: bool | None, asked: list[bool]
+) -> None:
+    answer = CliRunner().invoke(app, ["verify", *arguments, "--json", "-"])
+    assert answer.exit_code == 0, answer.output
+    found = json.loads(answer.output)
+    assert asked == ([] if fresh is None else [fresh])
+    assert found["kept"] == sum(m["kept"] for m in found["models"]) == (2 if fresh is False else 0)
+
+
+def test_the_screen_says_which_models_are_kept_and_how_many(asked: list[bool]) -> None:
+    said: list[str] = []
+    text = shown(verify_.run("quick", said.append))
+    assert (
+        "Kept        2 of 2 models: nothing they depend on has changed (--fresh runs all)" in text
+    )
+    assert {line.split()[0] for line in text.splitlines() if "kept" in line.split()} == {
+        model.cfg for model in CHOSEN
+    }
+    assert "models 2/2: bare_ack holds (kept)" in said
+    text = shown(verify_.run(fresh=True))
+    assert "Kept" not in text and "kept" not in text
+
+
+def test_a_stage_says_how_long_it_took_earlier(asked: list[bool], folder: Path) -> None:
+    said: list[str] = []
+    folder.mkdir()
+    (folder / verify_.SECONDS).write_text(json.dumps({"quick": TIMES, "full": {"models": [300.0]}}))
+    report = verify_.run("quick", said.append)
+    report.seconds = {"models": 12.3, "generated files": 4.0}
+    text = " ".join(shown(report).split())
+    assert text.endswith("after 16 s: models 12 s (earlier: 70, 2 s); generated files 4 s.")
+    assert report.as_dict()["earlier_seconds"] == TIMES
+    assert said[0] == "models 0/2 (earlier: 70, 2 s)" and said[-1] == "generated files"
+
+
+def test_the_last_runs_of_a_profile_are_remembered(
+    asked: list[bool], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = (float(n * n) for n in count())
+    monkeypatch.setattr(verify_, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    runs = [verify_.run() for _ in range(verify_.EARLIER + 2)]
+    verify_.run("full")
+    latest = verify_.run("quick")
+    assert [len(run.earlier.get("models", ())) for run in runs] == [0, 1, 2, 3, 3]
+    wanted = [round(run.seconds["models"], 1) for run in reversed(runs[2:])]
+    assert latest.earlier["models"] == wanted == sorted(set(wanted), reverse=True)
+    assert set(json.loads((folder / verify_.SECONDS).read_text())) == {"quick", "full"}
+
+
+def test_runs_that_fail_do_not_count(asked: list[bool], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generated_files, "drift", lambda *_: ["spec/oracle: stale"])
+    assert not verify_.run().ok and verify_.run().earlier == {}
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"quick": {"models": ["a"]}}', '{"quick": [1]}', "\0"])
+def test_a_history_that_cannot_be_read_is_none(text: str, asked: list[bool], folder: Path) -> None:
+    folder.mkdir()
+    (folder / verify_.SECONDS).write_text(text)
+    assert verify_.run().earlier == {} and verify_.run().ok
+
+
+def test_a_history_that_cannot_be_written_is_none(asked: list[bool], folder: Path) -> None:
+    folder.write_text("a file")
+    report = verify_.run()
+    assert report.ok and verify_.run().earlier == {}

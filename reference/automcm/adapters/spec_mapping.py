@@ -1,0 +1,431 @@
+"""The reference behind the kit, in-process: spec state → reference state → spec state.
+
+The kit's values are those of the specification (automcm_spec.vocabulary.station).  This module is
+the map between them and a ``Station``, written down once: ``concrete`` and ``abstract`` are inverse
+on every state, so nothing can hide between them.  ``abstract``, ``abstract_input`` and ``answer``
+take any ids and limits: the stateful tests give the same inputs to the compiled station.
+
+What the specification leaves out is chosen here (content, the counter behind seq, generation
+times) and checked here: a copy must be the very message sent before, new content must take a new
+seq.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+from automcm.core.outcome import Expiry, Heard, Input, Me, Restart, Row, Rules
+from automcm.core.rules import RULES
+from automcm.core.state import EntryKey, State, Timer, armed, key
+from automcm.core.station import Effects, Station
+from automcm_spec.vocabulary import station as spec
+from automcm_spec.vocabulary.application import COMMAND, Fallback, Indication
+from automcm_spec.vocabulary.messages import (
+    Acceptance,
+    Ack,
+    Advertisement,
+    Cam,
+    Cancel,
+    Fin,
+    Intention,
+    Message,
+    MessageId,
+    Prescription,
+    Reliable,
+    Trajectory,
+)
+from automcm_spec.vocabulary.parameters import Parameters
+
+_Input = TypeVar("_Input")
+
+ME = 1
+NOW, LATER = 1_000, 1_000_000
+HEARD_MS = 500
+LAST_SEQ = 60
+ODD_SEQ = 77
+WRONG = -1
+"""A seq that the specification never sends."""
+PLANNED = Trajectory(t0=0, points=((0, 0, 0), (1000, 8333, 0)))
+PRESCRIBED = Trajectory(t0=0, points=((0, 0, 0), (1000, 2778, 0)))
+LEASE_MS, HOLD_MS = 60_000, 2_000
+
+
+def _seq(type_: str, to: int, k: int) -> int:
+    """A concrete seq, unique in its session, for a message the specification numbers k."""
+    first = {"Advertisement": 0, "Intention": 0, "Prescription": 10, "Acceptance": 20}
+    return first[type_] + k if type_ in first else {"Fin": 30, "Cancel": 40}[type_] + to
+
+
+@cache
+def _message(value: spec.Message, seq: int) -> Message:
+    """A message of the specification with content; ``seq`` replaces its seq."""
+    type_, src, dst, session, _, proposal, accepted = value[:7]
+    reason: Any = value.reason
+    of: Any = value.of
+    common: dict[str, Any] = {"src": src, "session": session, "seq": seq}
+    if dst:
+        common["dst"] = dst
+    match type_:
+        case "Advertisement":
+            return Advertisement(**common, scenario="lane_change", details={"lane": 2})
+        case "Intention":
+            return Intention(**common, planned=PLANNED)
+        case "Prescription":
+            return Prescription(
+                **common,
+                proposal=proposal,
+                prescribed=PRESCRIBED,
+                hold_ms=HOLD_MS,
+                lease_ms=LEASE_MS,
+            )
+        case "Acceptance" if accepted:
+            return Acceptance(**common, proposal=proposal, accepted=True, selected=PRESCRIBED)
+        case "Acceptance":
+            if reason == "as_sent":
+                reason = ("undecided", "unsafe")[proposal % 2]
+            return Acceptance(**common, proposal=proposal, accepted=False, reason=reason)
+        case "Fin":
+            return Fin(**common)
+        case "Cancel":
+            return Cancel(**common, reason="abort" if reason == "as_sent" else reason)
+    return Ack(**{**common, "seq": 0}, of=MessageId(type=of[0], seq=of[1]))
+
+
+def _first(type_: str, src: int, dst: int, session: spec.Session) -> spec.Message:
+    """The first message of a session from a station."""
+    return spec.Message(type_, src, dst, session, 1, 0, False, "none", ("none", 0))
+
+
+def _entry(value: spec.Entry) -> Reliable:
+    """An outbox entry of the specification as the message it stands for."""
+    type_, to, session, k, accepted = value
+    proposal = k if type_ in ("Prescription", "Acceptance") else 0
+    described = spec.Message(type_, ME, to, session, k, proposal, accepted, "as_sent", ("none", 0))
+    message = _message(described, _seq(type_, to, k))
+    assert not isinstance(message, Advertisement | Ack)
+    return message
+
+
+def _number(message: Message) -> int:
+    """The seq of the specification: the proposal, 1, or 0 for an answer."""
+    if message.seq == 0:
+        return 0
+    return message.proposal if isinstance(message, Prescription | Acceptance) else 1
+
+
+def abstract_entry(message: Reliable) -> spec.Entry:
+    """The specification's outbox entry for a message."""
+    accepted = isinstance(message, Acceptance) and message.accepted
+    return spec.Entry(message.type, message.dst, message.session, _number(message), accepted)
+
+
+def concrete(value: spec.State) -> State:
+    """The reference state for a state of the specification."""
+    phase: Any = value.phase
+    role: Any = value.role
+    bound = phase != "STANDALONE"
+    advertisement = None
+    if phase == "ADVERTISING":
+        message = _message(_first("Advertisement", ME, 0, value.session), 1)
+        assert isinstance(message, Advertisement)
+        advertisement = message
+    intentions = {}
+    for p in sorted(value.recorded):
+        message = _message(_first("Intention", p, ME, value.session), 1)
+        assert isinstance(message, Intention)
+        intentions[p] = message
+    return State(
+        phase=phase,
+        role=role,
+        session=value.session if bound else None,
+        advertisement=advertisement,
+        recorded=MappingProxyType(intentions),
+        withdrawn=value.withdrawn,
+        target=value.target,
+        proposal=value.proposal,
+        deciding=value.deciding,
+        heard_ms=HEARD_MS if value.heard else None,
+        number=value.number,
+        joined=MappingProxyType(dict(sorted(value.joined))),
+        outbox=tuple(map(_entry, sorted(value.outbox))),
+        quarantine=value.quarantine,
+        backoff=value.backoff,
+        lease_ms=LEASE_MS if value.proposal else 0,
+        seq=LAST_SEQ if bound else 0,
+    )
+
+
+def abstract(st: State) -> spec.State:
+    """The specification's state for a reference state."""
+    return spec.State(
+        st.phase,
+        st.role,
+        st.session or (0, 0),
+        frozenset(st.recorded),
+        frozenset(st.withdrawn),
+        st.target,
+        st.proposal,
+        st.deciding,
+        st.heard_ms is not None,
+        st.number,
+        frozenset(st.joined.items()),
+        _set(map(abstract_entry, st.outbox)),
+        st.quarantine,
+        st.backoff,
+    )
+
+
+def _set(values: Iterable[Any]) -> frozenset[Any]:
+    """A set of what is there once.  Raises ValueError for what is there twice."""
+    listed = list(values)
+    if len(made := frozenset(listed)) < len(listed):
+        raise ValueError(f"twice there: {listed}")
+    return made
+
+
+# -- what a station takes and does, in the specification's form
+
+
+def abstract_input(st: State, i: Input) -> spec.Input:
+    """The specification's input for an input of the reference in this state."""
+    match i:
+        case Heard(message, planned):
+            return spec.Receive("receive", _heard(st, message), planned is not None)
+        case Cam():
+            newer = st.heard_ms is None or i.generation_ms > st.heard_ms
+            return spec.Cam("cam", i.src, frozenset(i.marks), newer)
+        case Expiry(timer):
+            return spec.Expire("expire", _abstract_timer(timer, st))
+        case Restart():
+            return spec.Restart("restart")
+    about = getattr(i, "proposal", 0), getattr(i, "target", 0)
+    return spec.Command("command", i.name, getattr(i, "session", (0, 0)), *about)
+
+
+def _heard(st: State, m: Message) -> spec.Message:
+    """A message received.  An Ack names an entry of the outbox, or by -seq what is not there."""
+    described = _described(m)
+    if m.seq and described.reason != "none":
+        described = described._replace(reason="as_sent")
+    if isinstance(m, Ack):
+        named = EntryKey(m.of.type, m.src, m.session, m.of.seq)
+        entry = next((e for e in st.outbox if key(e) == named), None)
+        described = described._replace(of=(m.of.type, _number(entry) if entry else -m.of.seq))
+    return described
+
+
+def _described(m: Message) -> spec.Message:
+    """A message of the specification, but for what an Ack names."""
+    accepted = isinstance(m, Acceptance) and m.accepted
+    reason = getattr(m, "reason", None) or "none"
+    proposal = m.proposal if isinstance(m, Prescription | Acceptance) else 0
+    about = proposal, accepted, reason, ("none", 0)
+    return spec.Message(m.type, m.src, m.dst, m.session, _number(m), *about)
+
+
+Answer = tuple[list[spec.Message], tuple[str, ...], list[spec.Timer], list[spec.Timer]]
+"""Messages, indication, timers armed and timers stopped."""
+
+
+def answer(before: State, given: Message | None, effects: Effects) -> Answer:
+    """What the specification calls these effects; ``given`` is the message received."""
+    messages = [_sent(before, given, m) for m in effects.messages]
+    told: tuple[str, ...] = ("nothing",)
+    for indication in effects.indications:
+        told = _told(indication, given)
+    arm = [_abstract_timer(t, effects.state) for t, _ in effects.armed]
+    stop = [_abstract_timer(t, before) for t in effects.stopped]
+    return messages, told, arm, stop
+
+
+def is_copy(before: State, m: Message) -> bool:
+    """Is it the very message that is being sent reliably, or broadcast, already?"""
+    return m in before.outbox or m == before.advertisement
+
+
+def _sent(before: State, given: Message | None, m: Message) -> spec.Message:
+    described, copy = _described(m), is_copy(before, m)
+    if isinstance(m, Ack):
+        named = given is not None and m.of == MessageId(type=given.type, seq=given.seq)
+        described = described._replace(of=(m.of.type, _number(given) if given and named else WRONG))
+    if m.seq and not copy and m.seq <= before.seq and not isinstance(m, Intention):
+        described = described._replace(seq=WRONG)  # new content takes a new seq
+    if copy and described.reason != "none":
+        described = described._replace(reason="as_sent")
+    return described
+
+
+def _told(indication: Indication, given: Message | None) -> tuple[str, ...]:
+    if not isinstance(indication, Fallback):
+        return (indication.name,)
+    reason = indication.reason
+    passed_on = isinstance(given, Cancel) and given.seq and reason == given.reason
+    return "fallback", "as_sent" if passed_on else str(reason)
+
+
+def _abstract_timer(timer: Timer, st: State) -> spec.Timer:
+    if timer.name == "forget":
+        return "forget", timer.station
+    if timer.entry is None:
+        return (timer.name,)
+    if timer.entry.type == "Advertisement":
+        return timer.name, spec.Entry("Advertisement", 0, timer.entry.session, 1, False)
+    return timer.name, _entry_of(st, timer.entry)
+
+
+def _entry_of(st: State, wanted: EntryKey) -> spec.Entry:
+    for message in st.outbox:
+        if key(message) == wanted:
+            return abstract_entry(message)
+    return spec.Entry(f"unknown {wanted.type}", *wanted[1:], False)
+
+
+class Reference:
+    """A station that the kit puts into a state, gives an input and reads the answer of."""
+
+    def __init__(self, constants: Mapping[str, Any], rules: Rules = RULES) -> None:
+        self._parameters = Parameters(
+            max_rounds=constants["MaxRounds"],
+            max_participants=constants["MaxParticipants"],
+            outbox_limit=constants["OutboxLimit"],
+            memory_limit=constants["MemoryLimit"],
+        )
+        self._rules = rules
+        self._base: tuple[State, spec.State] | None = None
+        self._armed: dict[Timer, int] = {}
+        self.station = self._fresh()
+
+    def _fresh(self) -> Station:
+        return Station(ME, self._parameters, plan=lambda _: self._plan, rules=self._rules)
+
+    _plan: Trajectory | None = None
+
+    def reset(self) -> None:
+        """Back to the initial state."""
+        self.station = self._fresh()
+
+    def put(self, state: spec.State) -> None:
+        """Into this state of the specification, with its timers running."""
+        self.put_state(concrete(state))
+
+    def put_state(self, state: State) -> None:
+        """Into this reference state (one that was reached before)."""
+        if self._base is None or state is not self._base[0]:
+            self._base = state, abstract(state)
+            self._armed = dict.fromkeys(armed(ME, state), LATER)
+        self.station.state = state
+        self.station.timers = self._armed.copy()
+        self.station._now = 0
+
+    def save(self) -> State:
+        """What it is in now, for ``put_state``."""
+        return self.station.state
+
+    def state(self) -> spec.State:
+        """The specification's state it is in."""
+        state = self.station.state
+        return self._base[1] if self._base and state is self._base[0] else abstract(state)
+
+    def marks(self) -> frozenset[spec.Session]:
+        """The sessions its CAM would name."""
+        return _set(self.station.state.marks)
+
+    def apply(self, value: spec.Input) -> Answer:
+        """One input, and the answer."""
+        before = self.station.state
+        given, (only,) = self.give(value)
+        return answer(before, given, only)
+
+    def give(self, value: spec.Input) -> tuple[Message | None, list[Effects]]:
+        """One input, as the station takes it: the message if it is one, and what it does."""
+        station = self.station
+        match value:
+            case spec.Receive():
+                given = self.message(value.message)
+                self._plan = PLANNED if value.concerned else None
+                return given, station.receive(given, NOW)
+            case spec.Cam():
+                return None, station.receive(self._cam(value), NOW)
+            case spec.Command():
+                return None, station.command(self._command(value), NOW)
+            case spec.Expire():
+                station.timers[self._timer(value.timer)] = NOW
+                return None, station.advance(NOW)
+        return None, station.restart(NOW)
+
+    # -- inputs
+
+    def message(self, value: spec.Message) -> Message:
+        """A message received, with content."""
+        if value.type != "Ack":
+            return _message(value, 100 + value.seq if value.seq else 0)
+        of_type, of_k = value.of
+        of_seq = 0 if of_k == 0 else self._acked_seq(value.src, value.session, of_type, of_k)
+        return _message(value._replace(of=(of_type, of_seq)), 0)
+
+    def _acked_seq(self, src: int, session: spec.Session, type_: str, k: int) -> int:
+        """The seq of the entry named, or, to try the check, of another entry to the same one."""
+        others = [m for m in self.station.state.outbox if m.dst == src and m.session == session]
+        for m in others:
+            if (m.type, _number(m)) == (type_, k):
+                return m.seq
+        return next((m.seq for m in others if m.type != type_), ODD_SEQ)
+
+    def _cam(self, value: spec.Cam) -> Cam:
+        last = self.station.state.heard_ms or HEARD_MS
+        return Cam(
+            src=value.src,
+            generation_ms=last + 100 if value.newer else last,
+            x_mm=0,
+            y_mm=0,
+            heading_mrad=0,
+            speed_mm_s=8333,
+            marks=tuple(sorted(value.marks)),
+        )
+
+    def _command(self, value: spec.Command) -> Any:
+        _, name, session, proposal, target = value
+        fields: dict[str, Any] = {"name": name}
+        if name == "request":
+            fields |= {"scenario": "lane_change", "details": {}}
+        else:
+            fields |= {"session": session}
+        if name in ("prescribe", "accept", "refuse"):
+            fields |= {"proposal": proposal}
+        if name == "prescribe":
+            fields |= {"target": target, "prescribed": PRESCRIBED}
+            fields |= {"hold_ms": HOLD_MS, "lease_ms": LEASE_MS}
+        if name == "accept":
+            fields |= {"selected": PRESCRIBED}
+        return COMMAND.validate_python(fields)
+
+    def _timer(self, value: spec.Timer) -> Timer:
+        """The armed timer that the specification names so."""
+        for timer in self.station.timers:
+            if _abstract_timer(timer, self.station.state) == value:
+                return timer
+        raise LookupError(f"not armed: {value}")
+
+
+def without(rule: str) -> Rules:
+    """The rules with one taken away: its rows go, and what stands below them decides.
+
+    END-4 is no row but the guard of many: without it any session of the same prescriber counts.
+    """
+    if rule == "END-4":
+        return {kind: tuple(map(_loose, rows)) for kind, rows in RULES.items()}
+    return {kind: tuple(row for row in rows if row.rule != rule) for kind, rows in RULES.items()}
+
+
+def _loose(row: Row[_Input]) -> Row[_Input]:
+    """The row; to its guard the session of a message is the own one if the prescriber is."""
+
+    def when(me: Me, st: State, i: _Input) -> bool:
+        if isinstance(i, Heard) and st.session and st.session[0] == i.message.session[0]:
+            st = st._replace(session=i.message.session)
+        return row.when(me, st, i)
+
+    return row._replace(when=when)

@@ -1,0 +1,114 @@
+"""The kernels of the reference behind the test vectors (docs/vectors.md)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from automcm.kernels import success
+from automcm.kernels.collide import Approach, Collision, closest_approach, collision
+from automcm.kernels.convert import convert
+from automcm.kernels.discover import Candidate, discover
+from automcm.kernels.prescribe import prescribe
+from automcm.kernels.thin import thin
+from automcm.kernels.trajectory import Trajectory, TrajectoryError
+from automcm.kernels.verify import Limits, verify
+
+Json = Any
+
+
+def call(kernel: str, inputs: Json) -> Json:
+    """The outputs of the kernel; ``{"error": {"name", "index"}}`` if it refuses the inputs."""
+    try:
+        return KERNELS[kernel](inputs)
+    except TrajectoryError as error:
+        found = re.match(r"(\w+)(?:\[(\d+))?", str(error))
+        if found is None:
+            raise
+        index = {} if found[2] is None else {"index": int(found[2])}
+        return {"error": {"name": found[1], **index, "why": str(error)}}
+
+
+def _trajectory(given: Json) -> Trajectory:
+    return Trajectory(given["t"], given["xy"], given.get("stopped", False))
+
+
+def _json(trajectory: Trajectory) -> Json:
+    return {
+        "t": trajectory.t.tolist(),
+        "xy": trajectory.xy.tolist(),
+        "stopped": trajectory.stopped,
+    }
+
+
+def _convert(given: Json) -> Json:
+    path = given["xy"], given["speed"], given["position"], given["t0"]
+    return _json(convert(*path, v_eps=given["v_eps"]))
+
+
+def _thin(given: Json) -> Json:
+    overhead, per_point = given["size"]["overhead"], given["size"]["per_point"]
+    whole = _trajectory(given)
+    thinned = thin(
+        whole,
+        given["budget"],
+        lambda trajectory: int(overhead + per_point * len(trajectory)),
+        given["every"],
+    )
+    return {"kept": [n for n, t in enumerate(whole.t) if t in thinned.t]}
+
+
+def _collide(given: Json) -> Json:
+    a, b = _trajectory(given["a"]), _trajectory(given["b"])
+    closest = closest_approach(a, b)
+    found = collision(a, b, given["threshold"], clock_error=given["clock_error"])
+    return {
+        "approach": closest and {"distance": closest.distance, **_places(closest)},
+        "collision": found and _places(found),
+    }
+
+
+def _places(found: Approach | Collision) -> Json:
+    return {
+        "time": found.time,
+        "place_a": list(found.place_a),
+        "place_b": list(found.place_b),
+    }
+
+
+def _discover(given: Json) -> Json:
+    return {"target": discover([Candidate(**each) for each in given["candidates"]], given["zone"])}
+
+
+def _prescribe(given: Json) -> Json:
+    others = {name: given[name] for name in ("hold", "delta_v", "gain", "v_min")}
+    return _json(prescribe(_trajectory(given["planned"]), given["start"], **others))
+
+
+def _verify(given: Json) -> Json:
+    trajectories = _trajectory(given["prescribed"]), _trajectory(given["planned"])
+    others = (given[name] and _trajectory(given[name]) for name in ("leader", "follower"))
+    reasons = verify(*trajectories, given["now"], Limits(**given["limits"]), *others)
+    return {"reasons": sorted(map(str, reasons))}
+
+
+def _success(given: Json) -> Json:
+    n, loss = success.sendings(given["t_timeout"], given["t_resend"]), given["loss"]
+    return {
+        "sendings": n,
+        "message": float(success.message(loss, n)),
+        "exchange": float(success.exchange(loss, n)),
+        "session": float(success.session(loss, n)),
+    }
+
+
+KERNELS: dict[str, Callable[[Json], Json]] = {
+    "convert": _convert,
+    "thin": _thin,
+    "collide": _collide,
+    "discover": _discover,
+    "prescribe": _prescribe,
+    "verify": _verify,
+    "success": _success,
+}

@@ -1,0 +1,225 @@
+"""Trajectories and kinematics in Autoware's form: ROS messages as JSON, SI units.
+
+Inside there are integers (mm, ms, mrad); outside there are floats (m, s, rad).  An integer comes
+back from the outside as it was: ``trajectory(to_trajectory(t)) == t`` for every trajectory that
+``to_trajectory`` takes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from automcm.service.application import Kinematics
+from automcm_spec.vocabulary.messages import MessageError, Trajectory, refusal, short
+
+MAX_POINTS = 1000
+"""Points of a trajectory.  Any such trajectory fits a message of the protocol."""
+LIMIT = 1e9
+"""The largest number, in whatever unit, that is not a time."""
+
+Number = Annotated[float, Field(ge=-LIMIT, le=LIMIT, allow_inf_nan=False)]
+
+
+class Ros(BaseModel):
+    """A ROS message: what is left out has its default, what is unknown is refused."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+
+
+class Time(Ros):
+    """builtin_interfaces/Time, and Duration."""
+
+    sec: int = Field(default=0, ge=-(2**31), lt=2**31)
+    nanosec: int = Field(default=0, ge=0, lt=10**9)
+
+    @property
+    def ms(self) -> int:
+        """To the nearest ms."""
+        return self.sec * 1000 + (self.nanosec + 500_000) // 1_000_000
+
+
+def to_time(ms: int) -> Time:
+    """Raises ValidationError beyond 2^31 s."""
+    return Time(sec=ms // 1000, nanosec=ms % 1000 * 1_000_000)
+
+
+class Header(Ros):
+    """std_msgs/Header.  Everything is in the frame ``map``."""
+
+    stamp: Time = Time()
+    frame_id: Literal["map"] = "map"
+
+
+class Vector(Ros):
+    """geometry_msgs/Point, and Vector3."""
+
+    x: Number = 0.0
+    y: Number = 0.0
+    z: Number = 0.0
+
+
+class Quaternion(Ros):
+    """geometry_msgs/Quaternion."""
+
+    x: Number = 0.0
+    y: Number = 0.0
+    z: Number = 0.0
+    w: Number = 1.0
+
+    @property
+    def yaw(self) -> float:
+        """The heading: 0 along x, counterclockwise."""
+        return math.atan2(2 * (self.w * self.z + self.x * self.y), 1 - 2 * (self.y**2 + self.z**2))
+
+
+def _heading(yaw: float) -> Quaternion:
+    return Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+
+
+class Pose(Ros):
+    """geometry_msgs/Pose."""
+
+    position: Vector = Vector()
+    orientation: Quaternion = Quaternion()
+
+
+class TrajectoryPoint(Ros):
+    """autoware_planning_msgs/TrajectoryPoint."""
+
+    time_from_start: Time
+    pose: Pose
+    longitudinal_velocity_mps: Number = 0.0
+    lateral_velocity_mps: Number = 0.0
+    acceleration_mps2: Number = 0.0
+    heading_rate_rps: Number = 0.0
+    front_wheel_angle_rad: Number = 0.0
+    rear_wheel_angle_rad: Number = 0.0
+
+
+class AutowareTrajectory(Ros):
+    """autoware_planning_msgs/Trajectory.  Without points: none."""
+
+    header: Header = Header()
+    points: list[TrajectoryPoint] = Field(default=[], max_length=MAX_POINTS, fail_fast=True)
+
+
+class _WithCovariance(Ros):
+    covariance: list[Number] = Field(default=[], max_length=36, fail_fast=True)
+
+
+class PoseWithCovariance(_WithCovariance):
+    """geometry_msgs/PoseWithCovariance."""
+
+    pose: Pose = Pose()
+
+
+class Twist(Ros):
+    """geometry_msgs/Twist."""
+
+    linear: Vector = Vector()
+    angular: Vector = Vector()
+
+
+class TwistWithCovariance(_WithCovariance):
+    """geometry_msgs/TwistWithCovariance."""
+
+    twist: Twist = Twist()
+
+
+class Odometry(Ros):
+    """nav_msgs/Odometry: the speed is that forward, ``twist.twist.linear.x``."""
+
+    header: Header = Header()
+    child_frame_id: str = Field(default="base_link", max_length=64)
+    pose: PoseWithCovariance
+    twist: TwistWithCovariance = TwistWithCovariance()
+
+
+NO_TRAJECTORY = AutowareTrajectory()
+
+
+def trajectory(of: AutowareTrajectory, place: str = "trajectory") -> Trajectory:
+    """In integers; velocities and headings follow from times and places, and are not looked at.
+
+    Raises MessageError, which names ``place``, if there is no point or the times do not grow.
+    """
+    if not of.points:
+        raise MessageError(short(f"{place}.points", "at least one point is needed"))
+    points = tuple((p.time_from_start.ms, *_mm(p.pose.position)) for p in of.points)
+    _check_times(points, place)
+    return Trajectory(t0=of.header.stamp.ms, points=points)
+
+
+def to_trajectory(of: Trajectory, place: str = "trajectory") -> AutowareTrajectory:
+    """In Autoware's form, with velocity and heading from each point to the next.
+
+    Raises MessageError, which names ``place``, for more than ``MAX_POINTS`` points, a place or a
+    time out of bounds, or times that do not grow.
+    """
+    if len(of.points) > MAX_POINTS:
+        raise MessageError(short(f"{place}.points", f"more than {MAX_POINTS}"))
+    _check_times(of.points, place)
+    try:
+        return AutowareTrajectory(header=Header(stamp=to_time(of.t0)), points=_points(of.points))
+    except ValidationError as error:
+        raise refusal(error, place) from None
+
+
+def _mm(at: Vector) -> tuple[int, int]:
+    return round(at.x * 1000), round(at.y * 1000)
+
+
+def _check_times(points: Sequence[tuple[int, int, int]], place: str) -> None:
+    for n, (before, after) in enumerate(pairwise(points), 1):
+        if after[0] <= before[0]:
+            where = f"{place}.points.{n}.time_from_start"
+            raise MessageError(short(where, "not after that of the point before"))
+
+
+def _points(points: Sequence[tuple[int, int, int]]) -> list[TrajectoryPoint]:
+    out = []
+    yaw, speed = 0.0, 0.0
+    for n, (t, x, y) in enumerate(points):
+        if n + 1 < len(points):
+            next_t, next_x, next_y = points[n + 1]
+            dx, dy = next_x - x, next_y - y
+            speed = math.hypot(dx, dy) / (next_t - t)  # mm/ms is m/s
+            yaw = math.atan2(dy, dx) if dx or dy else yaw
+        out.append(
+            TrajectoryPoint(
+                time_from_start=to_time(t),
+                pose=Pose(position=Vector(x=x / 1000, y=y / 1000), orientation=_heading(yaw)),
+                longitudinal_velocity_mps=speed,
+            )
+        )
+    return out
+
+
+def kinematics(of: Odometry) -> Kinematics:
+    """In integers."""
+    x_mm, y_mm = _mm(of.pose.pose.position)
+    return Kinematics(
+        x_mm=x_mm,
+        y_mm=y_mm,
+        heading_mrad=round(of.pose.pose.orientation.yaw * 1000),
+        speed_mm_s=round(of.twist.twist.linear.x * 1000),
+    )
+
+
+def to_odometry(of: Kinematics, now_ms: int) -> Odometry:
+    """In Autoware's form.  Raises ValidationError for numbers out of bounds."""
+    at = Pose(
+        position=Vector(x=of.x_mm / 1000, y=of.y_mm / 1000),
+        orientation=_heading(of.heading_mrad / 1000),
+    )
+    moving = Twist(linear=Vector(x=of.speed_mm_s / 1000))
+    return Odometry(
+        header=Header(stamp=to_time(now_ms)),
+        pose=PoseWithCovariance(pose=at),
+        twist=TwistWithCovariance(twist=moving),
+    )

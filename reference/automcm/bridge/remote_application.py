@@ -1,0 +1,312 @@
+"""The bridge, the vehicle's side: any application of application.py, run in another process.
+
+It connects to a ``WebSocketBridge``, turns topics into the application's calls and its commands
+into publications, and connects again when the connection is lost (docs/bridge.md).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Sequence
+from typing import Any
+
+from automcm.bridge import rosbridge as ros
+from automcm.bridge.autoware import NO_TRAJECTORY, to_odometry, to_trajectory
+from automcm.bridge.websocket_bridge import OWN_REASONS, QUEUE
+from automcm.links.clock import AsyncioClock, Clock
+from automcm.links.link import LinkError
+from automcm.service.application import Advertised, Application, Drive
+from automcm_spec.vocabulary import application as commands
+from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory
+
+# After rosbridge, which says what to install if this is missing.
+# isort: split
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+
+OPEN_S = 3
+CLOSE_S = 1
+
+
+class RemoteApplication:
+    """Runs ``application`` at the far end of the bridge at ``uri``; towards it, the service.
+
+    ``expect`` holds samples of what other stations may ask: the application is asked about them
+    all the time, so that a first Advertisement is answered.  One that resembles none of them is
+    answered when its next copy comes, by what the application says to the real one.
+
+    Where it is, and its plans, are published every ``period_ms``.  ``run`` tries ``attempts``
+    times to connect at first, and for ever once it was connected, waiting longer each time,
+    from the first to the second of ``backoff_ms``; ``seed`` spreads the waits.
+    """
+
+    def __init__(
+        self,
+        application: Application,
+        uri: str = f"ws://127.0.0.1:{ros.PORT}",
+        *,
+        expect: Sequence[commands.Request] = (),
+        period_ms: int = 100,
+        attempts: int = 5,
+        backoff_ms: tuple[int, int] = (100, 5000),
+        ping_ms: int = 5000,
+        clock: Clock | None = None,
+        seed: int = 0,
+    ) -> None:
+        self._application, self._uri, self._expect = application, uri, tuple(expect)
+        self._period_ms, self._attempts, self._backoff_ms = period_ms, attempts, backoff_ms
+        self._ping_ms, self._random = ping_ms, random.Random(seed)
+        self._given_clock = clock
+        self._clock: Clock
+        self.connected = asyncio.Event()
+        """Set while there is a connection on which the bridge was heard."""
+        self._outbox: ros.Outbox | None = None
+        self._socket: ClientConnection | None = None
+        self._offset = 0
+        self._time = 0
+        self._heard_ms = 0
+        """When the bridge was last heard, on the own clock."""
+        self._lost_after_ms = 1500
+        self._asked: tuple[Session, int] | None = None
+        self._last: commands.Command | None = None
+        """The last answer or ending command: said again if it seems to have been lost."""
+        self._loaded: Session | None = None
+        self._over: Session | None = None
+
+    async def run(self) -> None:
+        """Serve until cancelled.  Raises LinkError if the bridge cannot be reached at first."""
+        self._clock = self._given_clock or AsyncioClock()
+        self._application.attach(self)
+        socket = await self._connect(self._attempts)
+        tasks = (asyncio.create_task(self._stay(socket)), asyncio.create_task(self._keep()))
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()  # neither ends but by an exception of the application
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    # -- the connection
+
+    async def _connect(self, attempts: int | None) -> ClientConnection:
+        low, high = self._backoff_ms
+        attempt = 0
+        while True:
+            attempt += 1
+            try:
+                return await connect(
+                    self._uri,
+                    compression=None,
+                    max_size=ros.MAX_OUT + 1024,
+                    max_queue=4,
+                    open_timeout=OPEN_S,
+                    close_timeout=CLOSE_S,
+                    ping_interval=self._ping_ms / 1000,
+                    ping_timeout=self._ping_ms / 1000,
+                    proxy=None,
+                )
+            except InvalidURI:
+                raise LinkError(f"{self._uri} is no address of a bridge") from None
+            except (OSError, TimeoutError, InvalidHandshake, EOFError) as error:
+                if attempts is not None and attempt >= attempts:
+                    why = str(error) or type(error).__name__
+                    raise LinkError(f"cannot reach the bridge at {self._uri}: {why}") from None
+            wait = min(high, low * 2 ** min(attempt - 1, 30))
+            await asyncio.sleep(wait * self._random.uniform(0.5, 1) / 1000)
+
+    async def _stay(self, socket: ClientConnection) -> None:
+        while True:
+            await self._serve(socket)
+            socket = await self._connect(None)
+
+    async def _serve(self, socket: ClientConnection) -> None:
+        """One connection, until it ends."""
+        self._socket, self._outbox = socket, ros.Outbox(socket, QUEUE, ros.MAX_OUT)
+        sending = asyncio.create_task(self._outbox.send())
+        try:
+            for topic, model in ros.OUTPUTS.items():
+                self._outbox.put(ros.operation(op="subscribe", topic=topic, type=model.type))
+            self._publish_present()
+            async for data in socket:
+                self._take(data)
+        except ConnectionClosed:
+            pass
+        finally:
+            self.connected.clear()
+            self._socket = self._outbox = None
+            sending.cancel()
+            await socket.close()
+
+    async def _keep(self) -> None:
+        """Publish where it is, and watch that the bridge is there."""
+        while True:
+            await asyncio.sleep(self._period_ms / 1000)
+            self._publish_present()
+            if self._clock.now() - self._heard_ms >= self._lost_after_ms:
+                if self._loaded is not None:
+                    self._let_go(self._loaded)
+                if self.connected.is_set() and self._socket is not None:
+                    self._socket.transport.abort()
+
+    # -- what is published
+
+    def _publish(self, message: ros.Input) -> None:
+        if self._outbox is not None:
+            self._outbox.put(ros.publication(message))
+
+    def _publish_present(self) -> None:
+        if self._outbox is None:
+            return
+        now = self.now()
+        at = to_odometry(self._application.kinematics(now), now)
+        self._publish(ros.OdometryIn.model_construct(**dict(at)))
+        for n, sample in enumerate(self._expect, 1):
+            self._plan(Advertised((1, n), sample.scenario, sample.details, sample.planned))
+
+    def _plan(self, advertised: Advertised) -> None:
+        planned: Trajectory | None = self._application.concerned(advertised)
+        form = NO_TRAJECTORY if planned is None else to_trajectory(planned)
+        self._publish(ros.Plan(scenarios=[advertised.scenario], trajectory=form))
+
+    # -- the service, for the application
+
+    def now(self) -> int:
+        """The time in ms on the service's clock, as far as it is known.
+
+        It can go back only when a connection is new: the router may have restarted.
+        """
+        self._time = max(self._time, self._clock.now() + self._offset)
+        return self._time
+
+    def command(self, command: commands.Command, after_ms: int = 0) -> None:
+        """Give a command, now or later.
+
+        Without a connection a request is refused as ``unreachable``.  Any other is said again
+        when there is one, if it still matters then.
+        """
+        if after_ms > 0:
+            self._clock.at(self._clock.now() + after_ms, lambda: self.command(command))
+            return
+        message = ros.of_command(command)
+        if not isinstance(command, commands.Request):
+            self._last = command
+        elif self._outbox is None:
+            refused = lambda: self._application.refused("request", "unreachable")  # noqa: E731
+            self._clock.at(self._clock.now(), refused)
+            return
+        self._publish(message)
+
+    def _say_again(self) -> None:
+        if self._last is not None:
+            self._publish(ros.of_command(self._last))
+
+    # -- what the bridge says
+
+    def _take(self, data: str | bytes) -> None:
+        """One operation; what cannot be read is answered with a status and changes nothing."""
+        try:
+            fields = ros.opened(data, marks=ros.MAX_OUT)
+            model = ros.OUTPUTS.get(str(fields.get("topic")))
+            if fields.get("op") != "publish" or model is None:
+                return
+            self._heard_ms = self._clock.now()
+            message = ros.read(model, fields.get("msg"))
+            if isinstance(message, ros.State):
+                if not self.connected.is_set():
+                    self._time = 0  # the router may have restarted, and its clock with it
+                self._offset = message.header.stamp.ms - self._heard_ms
+                self._lost_after_ms = message.lost_after_ms
+                self.connected.set()
+            elif isinstance(message, ros.Refused):
+                self._application.refused(message.command, message.rule)
+            elif (session := message.session.key) is not None:
+                self._of_session(message, session)
+            elif isinstance(message, ros.Drive):
+                self._forget_loaded()  # the router has restarted
+        except MessageError as error:
+            if self._outbox is not None:
+                self._outbox.put(ros.operation(op="status", level="error", msg=str(error)))
+
+    def _of_session(self, message: Any, session: Session) -> None:
+        match message:
+            case ros.Advertised():
+                self._plan(message.advertised(session))
+            case ros.Choice():
+                choice = message.choice(session)
+                if self._is_new(session, choice.proposal):
+                    self._application.choose(choice)
+            case ros.Proposal():
+                proposal = message.asked(session)
+                if self._is_new(session, proposal.proposal):
+                    self._application.verify(proposal)
+            case ros.Drive(mode="coordinated"):
+                try:
+                    self._coordinated(message.drive(session))
+                except MessageError:
+                    self._let_go(session)
+            case ros.Drive():
+                self._alone(session, message.reason)
+
+    def _is_new(self, session: Session, proposal: int) -> bool:
+        """Whether this has not been asked yet; if it has, the answer is said again."""
+        if self._asked != (session, proposal):
+            self._asked = session, proposal
+            return True
+        if self._last is not None and _answers(self._last, session, proposal):
+            self._say_again()
+        return False
+
+    def _coordinated(self, drive: Drive) -> None:
+        if drive.session == self._over:  # it has let go, and the bridge does not know yet
+            self._let_go(drive.session)
+        elif drive.session != self._loaded:
+            self._forget_loaded()
+            self._loaded = drive.session
+            self._application.load(drive)
+        elif _ends(self._last, drive.session):
+            self._say_again()
+
+    def _alone(self, session: Session, reason: str) -> None:
+        if self._loaded != session:
+            self._forget_loaded()
+        self._loaded = None
+        if session == self._over:
+            return
+        self._over = session
+        if reason == "finished":
+            self._application.finished(session)
+        elif not (reason in OWN_REASONS and _ends(self._last, session)):
+            self._application.fallback(session, reason)
+
+    def _forget_loaded(self) -> None:
+        """Something else holds: that session ended while there was no connection."""
+        if (session := self._loaded) is not None:
+            self._loaded, self._over = None, session
+            self._application.fallback(session, "bridge_loss")
+
+    def _let_go(self, session: Session) -> None:
+        """Nothing was heard for too long: drive alone, and tell the bridge when it can be."""
+        if not _ends(self._last, session):
+            self._last = commands.Abort(session=session)
+        if session != self._over:
+            self._loaded, self._over = None, session
+            self._application.fallback(session, "bridge_loss")
+        self._say_again()
+
+
+def _ends(command: commands.Command | None, session: Session) -> bool:
+    ending = commands.Complete | commands.Proceed | commands.Abort
+    return isinstance(command, ending) and command.session == session
+
+
+def _answers(command: commands.Command, session: Session, proposal: int) -> bool:
+    if _ends(command, session):
+        return True
+    answering = commands.Prescribe | commands.Accept | commands.Refuse
+    return isinstance(command, answering) and (command.session, command.proposal) == (
+        session,
+        proposal,
+    )

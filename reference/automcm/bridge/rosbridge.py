@@ -1,0 +1,466 @@
+"""What both ends of the bridge speak: rosbridge v2, its topics and its messages (docs/bridge.md).
+
+Needs the extra ``automcm[ws]``; importing this without it raises LinkError.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
+
+from pydantic import Field, ValidationError
+from pydantic_core import from_json, to_json
+
+from automcm.bridge.autoware import (
+    NO_TRAJECTORY,
+    AutowareTrajectory,
+    Header,
+    Odometry,
+    Ros,
+    Time,
+    to_time,
+    to_trajectory,
+    trajectory,
+)
+from automcm.links.link import LinkError
+from automcm.service import application
+from automcm_spec.vocabulary import application as commands
+from automcm_spec.vocabulary.application import Phase, Role
+from automcm_spec.vocabulary.messages import (
+    Details,
+    MessageError,
+    Natural,
+    Positive,
+    StationId,
+    refusal,
+    short,
+)
+from automcm_spec.vocabulary.messages import Session as SessionKey
+
+try:
+    from websockets.asyncio.connection import Connection
+    from websockets.exceptions import ConnectionClosed
+except ModuleNotFoundError as error:  # pragma: no cover - a test runs this in a process of its own
+    if (error.name or "").split(".")[0] != "websockets":
+        raise
+    raise LinkError("the WebSocket bridge needs websockets: pip install 'automcm[ws]'") from None
+
+PORT = 9090
+"""That of rosbridge."""
+TYPES = "automcm_msgs/msg/"
+IN, OUT = "/v2x/mcm/input/", "/v2x/mcm/output/"
+MAX_IN = 2**20
+"""Bytes of a message to the bridge."""
+MAX_MARKS = 40_000
+"""Commas and opening brackets in a message to the bridge: more take too long to read."""
+MAX_OUT = 2**22
+"""Bytes of a message from the bridge."""
+MAX_PLANNED = 8000
+"""Points in all the planned trajectories of one choice."""
+MAX_DETAILS = 8192
+"""Bytes of a request's ``details``, as JSON."""
+MAX_SCENARIOS = 16
+
+Scenario = Annotated[str, Field(max_length=256)]
+Duration = Annotated[int, Field(lt=2**31)]
+Note = Annotated[str, Field(max_length=256)]
+
+
+class Message(Ros):
+    """A message with a topic of its own, which is named as the message is."""
+
+    folder: ClassVar[str] = ""
+    topic: ClassVar[str]
+    type: ClassVar[str]
+    header: Header = Header()
+
+    def __init_subclass__(cls) -> None:
+        """Name topic and type."""
+        cls.topic, cls.type = cls.folder + cls.__name__.lower(), TYPES + cls.__name__
+
+
+class _Output(Message):
+    folder = OUT
+
+
+class _Input(Message):
+    folder = IN
+
+
+class Session(Ros):
+    """A session; 0 and 0 is none."""
+
+    prescriber: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
+    number: Natural = 0
+
+    @property
+    def key(self) -> SessionKey | None:
+        """The session, if it names one."""
+        return (self.prescriber, self.number) if self.prescriber and self.number else None
+
+
+def to_session(session: SessionKey | None) -> Session:
+    """A session as the bridge writes it; none is number 0."""
+    return Session(prescriber=session[0], number=session[1]) if session else Session()
+
+
+def stamped(ms: int) -> Header:
+    """A header with this time."""
+    return Header(stamp=to_time(ms))
+
+
+# -- from the bridge to the driving software
+
+
+class State(_Output):
+    """What the station does, and that the service is there."""
+
+    station_id: StationId
+    phase: Phase
+    role: Role
+    session: Session = Session()
+    driver: bool
+    """Whether there is one."""
+    lost_after_ms: Natural
+
+
+class Drive(_Output):
+    """What holds now: ``coordinated`` drives ``selected``, ``alone`` says why the last ended."""
+
+    mode: Literal["coordinated", "alone"]
+    session: Session = Session()
+    reason: Note = ""
+    role: Role = "none"
+    selected: AutowareTrajectory = NO_TRAJECTORY
+    start: Time = Time()
+    until: Time = Time()
+
+    @classmethod
+    def of(cls, drive: application.Drive, now: int) -> Drive:
+        """What goes to the driving software; ``now`` in ms."""
+        return cls(
+            header=stamped(now),
+            mode="coordinated",
+            session=to_session(drive.session),
+            role=drive.role,
+            selected=to_trajectory(drive.selected, "selected"),
+            start=to_time(drive.start_ms),
+            until=to_time(drive.until_ms),
+        )
+
+    def drive(self, session: SessionKey) -> application.Drive:
+        """What it stands for.  Raises ValueError."""
+        selected = trajectory(self.selected, "selected")
+        return application.Drive(session, self.role, selected, self.start.ms, self.until.ms)
+
+
+class Planned(Ros):
+    """What one station plans to drive."""
+
+    station_id: StationId
+    trajectory: AutowareTrajectory
+
+
+class Choice(_Output):
+    """Whom to ask for what?"""
+
+    session: Session
+    proposal: Positive
+    planned: list[Planned] = Field(default_factory=list)
+    target: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
+    reason: Note = ""
+
+    @classmethod
+    def of(cls, choice: application.Choice, now: int) -> Choice:
+        """What goes to the driving software; ``now`` in ms."""
+        if sum(len(t.points) for t in choice.planned.values()) > MAX_PLANNED:
+            raise MessageError(f"planned: more than {MAX_PLANNED} points")
+        return cls(
+            header=stamped(now),
+            session=to_session(choice.session),
+            proposal=choice.proposal,
+            planned=[
+                Planned(station_id=station, trajectory=to_trajectory(t, f"planned.{station}"))
+                for station, t in choice.planned.items()
+            ],
+            target=choice.target,
+            reason=choice.reason,
+        )
+
+    def choice(self, session: SessionKey) -> application.Choice:
+        """What it stands for.  Raises ValueError."""
+        planned = {p.station_id: trajectory(p.trajectory, "planned") for p in self.planned}
+        return application.Choice(session, self.proposal, planned, self.target, self.reason)
+
+
+class Proposal(_Output):
+    """Is it safe to drive this?"""
+
+    session: Session
+    proposal: Positive
+    prescribed: AutowareTrajectory
+    hold_ms: Annotated[Duration, Field(ge=0)]
+    lease_ms: Annotated[Duration, Field(ge=1)]
+
+    @classmethod
+    def of(cls, proposal: application.Proposal, now: int) -> Proposal:
+        """What goes to the driving software; ``now`` in ms."""
+        return cls(
+            header=stamped(now),
+            session=to_session(proposal.session),
+            proposal=proposal.proposal,
+            prescribed=to_trajectory(proposal.prescribed, "prescribed"),
+            hold_ms=proposal.hold_ms,
+            lease_ms=proposal.lease_ms,
+        )
+
+    def asked(self, session: SessionKey) -> application.Proposal:
+        """What it stands for.  Raises ValueError."""
+        prescribed = trajectory(self.prescribed, "prescribed")
+        return application.Proposal(session, self.proposal, prescribed, self.hold_ms, self.lease_ms)
+
+
+class Advertised(_Output):
+    """Another station wants to make a maneuver."""
+
+    session: Session
+    scenario: str
+    details: Details
+    planned: AutowareTrajectory = NO_TRAJECTORY
+    concerned: bool
+    """Whether the station joins, by a plan that was there."""
+
+    @classmethod
+    def of(cls, advertised: application.Advertised, concerned: bool, now: int) -> Advertised:
+        """What goes to the driving software; ``now`` in ms."""
+        planned = advertised.planned
+        return cls(
+            header=stamped(now),
+            session=to_session(advertised.session),
+            scenario=advertised.scenario,
+            details=dict(advertised.details),
+            planned=NO_TRAJECTORY if planned is None else to_trajectory(planned, "planned"),
+            concerned=concerned,
+        )
+
+    def advertised(self, session: SessionKey) -> application.Advertised:
+        """What it stands for.  Raises ValueError."""
+        planned = trajectory(self.planned, "planned") if self.planned.points else None
+        return application.Advertised(session, self.scenario, self.details, planned)
+
+
+class Refused(_Output):
+    """A command changed nothing, by ``rule``."""
+
+    command: Note
+    rule: Note
+
+
+# -- from the driving software to the bridge
+
+
+class OdometryIn(Odometry):
+    """nav_msgs/Odometry: where the vehicle is."""
+
+    topic: ClassVar[str] = IN + "kinematics"
+    type: ClassVar[str] = "nav_msgs/msg/Odometry"
+
+
+class Plan(_Input):
+    """For these scenarios the vehicle plans this; without points they do not concern it."""
+
+    scenarios: list[Scenario] = Field(max_length=MAX_SCENARIOS, fail_fast=True)
+    trajectory: AutowareTrajectory
+
+
+class Request(_Input):
+    """Open a session (ADV-1)."""
+
+    scenario: Scenario
+    details: Details = Field(default_factory=dict)
+    planned: AutowareTrajectory = NO_TRAJECTORY
+
+    def command(self) -> commands.Request:
+        """What it asks of the station.  Raises ValueError."""
+        if len(to_json(self.details)) > MAX_DETAILS:
+            raise MessageError(f"msg.details: more than {MAX_DETAILS} bytes")
+        planned = trajectory(self.planned, "msg.planned") if self.planned.points else None
+        return commands.Request(scenario=self.scenario, details=self.details, planned=planned)
+
+
+class _OfSession(_Input):
+    session: Session
+
+    @property
+    def key(self) -> SessionKey:
+        """Raises MessageError if none is named."""
+        if (session := self.session.key) is None:
+            raise MessageError("msg.session: must name one")
+        return session
+
+    def command(self) -> commands.Command:
+        """The command of its name, but of ``Accept``, which has no trajectory.
+
+        Raises ValueError.
+        """
+        fields = {name: value for name, value in self if name not in ("header", "session")}
+        made: commands.Command = getattr(commands, type(self).__name__)(session=self.key, **fields)
+        return made
+
+
+class Prescribe(_OfSession):
+    """The choice of a target, or the next proposal to it (PRE-2, NEG-7)."""
+
+    proposal: Positive
+    target: StationId
+    prescribed: AutowareTrajectory
+    hold_ms: Annotated[Duration, Field(ge=0)]
+    lease_ms: Annotated[Duration, Field(ge=1)]
+
+    def command(self) -> commands.Prescribe:
+        """What it asks of the station.  Raises ValueError."""
+        return commands.Prescribe(
+            session=self.key,
+            proposal=self.proposal,
+            target=self.target,
+            prescribed=trajectory(self.prescribed, "msg.prescribed"),
+            hold_ms=self.hold_ms,
+            lease_ms=self.lease_ms,
+        )
+
+
+class Proceed(_OfSession):
+    """Nobody is in the way (PRE-3)."""
+
+
+class Accept(_OfSession):
+    """The proposal is safe (NEG-2); the selected trajectory is the prescribed one."""
+
+    proposal: Positive
+
+
+class Refuse(_OfSession):
+    """The proposal is not safe (NEG-3)."""
+
+    proposal: Positive
+
+
+class Complete(_OfSession):
+    """The prescriber's maneuver is done (ACT-3)."""
+
+
+class Abort(_OfSession):
+    """Break off (END-1)."""
+
+
+def of_command(command: commands.Command) -> Input:
+    """Raises MessageError for a trajectory that Autoware's form does not hold."""
+    match command:
+        case commands.Request():
+            planned = command.planned
+            return Request(
+                scenario=command.scenario,
+                details=command.details,
+                planned=NO_TRAJECTORY if planned is None else to_trajectory(planned, "planned"),
+            )
+        case commands.Prescribe():
+            return Prescribe(
+                session=to_session(command.session),
+                proposal=command.proposal,
+                target=command.target,
+                prescribed=to_trajectory(command.prescribed, "prescribed"),
+                hold_ms=command.hold_ms,
+                lease_ms=command.lease_ms,
+            )
+        case commands.Accept():
+            return Accept(session=to_session(command.session), proposal=command.proposal)
+        case commands.Refuse():
+            return Refuse(session=to_session(command.session), proposal=command.proposal)
+        case commands.Proceed():
+            return Proceed(session=to_session(command.session))
+        case commands.Complete():
+            return Complete(session=to_session(command.session))
+        case commands.Abort():
+            return Abort(session=to_session(command.session))
+
+
+Input = OdometryIn | Plan | Request | Prescribe | Proceed | Accept | Refuse | Complete | Abort
+Output = State | Drive | Choice | Proposal | Advertised | Refused
+INPUTS: dict[str, type[Input]] = {c.topic: c for c in get_args(Input)}
+OUTPUTS: dict[str, type[Output]] = {c.topic: c for c in get_args(Output)}
+
+# -- the envelope
+
+M = TypeVar("M", bound=Ros)
+
+
+def publication(message: Input | Output) -> str:
+    """The operation that publishes a message."""
+    envelope = to_json({"op": "publish", "topic": message.topic, "type": message.type})
+    return f'{envelope[:-1].decode()},"msg":{message.model_dump_json()}}}'
+
+
+def operation(**fields: Any) -> str:
+    """Another operation."""
+    return to_json(fields).decode()
+
+
+def opened(data: str | bytes, marks: int = MAX_MARKS) -> dict[str, Any]:
+    """A rosbridge operation.  Raises MessageError, and nothing else, for anything else."""
+    if isinstance(data, bytes):
+        raise MessageError("message: a binary frame; JSON text is needed")
+    if sum(map(data.count, ",[{")) > marks:
+        raise MessageError(f"message: more than {marks} commas and brackets")
+    try:
+        fields = from_json(data, allow_inf_nan=False, cache_strings=False)
+    except ValueError as error:
+        raise MessageError(short("message", f"no JSON: {error}")) from None
+    if not isinstance(fields, dict):
+        raise MessageError("message: a JSON object is needed")
+    return fields
+
+
+def read(model: type[M], msg: Any) -> M:
+    """``msg`` as a message.  Raises MessageError, naming the first field that is wrong."""
+    try:
+        return model.model_validate(msg)
+    except ValidationError as error:
+        raise refusal(error, "msg") from None
+
+
+class Outbox:
+    """What is still to be sent on a socket.  A peer that does not read is cut off."""
+
+    def __init__(self, socket: Connection, messages: int, size: int) -> None:
+        self._socket, self._messages, self._size = socket, messages, size
+        self._texts: deque[str] = deque()
+        self._bytes = 0
+        self._wake = asyncio.Event()
+        self._cut = False
+
+    def put(self, text: str) -> None:
+        """Send it soon; if that is too much to keep, end the connection."""
+        if self._cut:
+            return
+        self._texts.append(text)
+        self._bytes += len(text)
+        if len(self._texts) > self._messages or self._bytes > self._size:
+            self._cut = True
+            self._texts.clear()
+            self._socket.transport.abort()
+        self._wake.set()
+
+    async def send(self) -> None:
+        """Send what there is, until the connection ends or this is cancelled."""
+        try:
+            while not self._cut:
+                await self._wake.wait()
+                self._wake.clear()
+                while self._texts:
+                    text = self._texts.popleft()
+                    self._bytes -= len(text)
+                    await self._socket.send(text)
+        except ConnectionClosed:
+            self._cut = True
+            self._texts.clear()

@@ -1,0 +1,498 @@
+"""The bridge, the router's side: the driving software connects over a WebSocket and speaks
+rosbridge v2 (section V-A of the paper; docs/bridge.md).
+
+``WebSocketBridge`` is an application.  What the service asks it is published on topics, what the
+driving software publishes becomes commands.  It decides two things itself: it aborts the session
+of a vehicle whose driving software has been silent for ``t_cam_loss``, and it declines what it
+cannot put before the driving software.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import logging
+import socket
+from collections import OrderedDict
+from collections.abc import Sequence
+from http import HTTPStatus
+from typing import Any, Self
+
+from pydantic import ValidationError
+
+from automcm.bridge import autoware
+from automcm.bridge import rosbridge as ros
+from automcm.links.link import LinkError
+from automcm.service import application
+from automcm.service.service import McService
+from automcm_spec.vocabulary import application as commands
+from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory, refusal, short
+
+# After rosbridge, which says what to install if this is missing.
+# isort: split
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request as HttpRequest
+from websockets.http11 import Response
+from websockets.typing import Origin
+
+MAX_CLIENTS = 8
+MAX_SOCKETS = 64
+"""Connections, those that have not said yet that they want a WebSocket among them."""
+QUEUE = 256
+"""Messages that may wait for one client; one more, and it is cut off."""
+QUEUE_BYTES = 2 * ros.MAX_OUT
+CHUNK = 2**12
+"""Bytes read from a socket at a time."""
+KERNEL = 2**16
+"""Bytes that the system keeps for one client."""
+PONGS = 2**16
+"""Bytes of answers to pings that may wait for one client."""
+HANDSHAKE_S = 3
+CLOSE_S = 1
+
+
+_QUIET = logging.getLogger("automcm.bridge.websockets")
+_QUIET.setLevel(logging.CRITICAL)
+"""Every failed handshake would be a page in the log."""
+
+
+class _Socket(ServerConnection):
+    """A connection whose peer can neither hold the loop with one read nor fill our memory."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        if hasattr(transport, "max_size"):  # asyncio's reads 256 KiB: 40,000 pings
+            transport.max_size = CHUNK
+        super().connection_made(transport)
+        plain: socket.socket = transport.get_extra_info("socket")
+        plain.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL)
+        if len(self.server.handler_tasks) > MAX_SOCKETS:
+            self.transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if self.transport.get_write_buffer_size() > ros.MAX_OUT + PONGS:
+            self.transport.abort()
+
+
+class _Client:
+    """A connection and what it has subscribed to: at most every topic there is."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self.outbox = ros.Outbox(connection, QUEUE, QUEUE_BYTES)
+        self.topics: set[str] = set()
+
+    def status(self, error: MessageError, id_: Any) -> None:
+        fields: dict[str, Any] = {"op": "status", "level": "error", "msg": str(error)}
+        if isinstance(id_, str) and len(id_) <= 64:
+            fields["id"] = id_
+        self.outbox.put(ros.operation(**fields))
+
+
+class WebSocketBridge:
+    """The application interface, for driving software in another process or computer.
+
+    Give it to an ``McService`` as its application, start the service, and ``await open()``.
+    ``host`` must be a loopback address unless ``allow_remote``: nobody is authenticated.  A
+    web page is refused unless its origin is one of ``origins``.  A plan counts for ``plan_ms``.
+    A peer that answers no ping for ``ping_ms`` is cut off.
+    """
+
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = ros.PORT,
+        *,
+        allow_remote: bool = False,
+        origins: Sequence[str] = (),
+        plan_ms: int = 1000,
+        ping_ms: int = 5000,
+        max_clients: int = MAX_CLIENTS,
+    ) -> None:
+        if not allow_remote and not _loopback(host):
+            raise LinkError(f"{host!r} is not a loopback address; allow_remote permits it")
+        if not 0 <= port <= 65_535:
+            raise LinkError(f"port {port}: there are 0 to 65535")
+        self._host, self._port = host, port
+        self._origins = [*map(Origin, origins), None]
+        self._plan_ms, self._ping_ms, self._max_clients = plan_ms, ping_ms, max_clients
+        self._server: Server | None = None
+        self._service: McService
+        self._turn = asyncio.Lock()
+        self._clients: set[_Client] = set()
+        self._driver: _Client | None = None
+        self._heard_ms: int | None = None
+        """When the driver, whoever it was, last published."""
+        self._kinematics = application.Kinematics()
+        self._plans: OrderedDict[str, tuple[Trajectory, int]] = OrderedDict()
+        """For each scenario what is planned, and when it was said."""
+        self._question: application.Choice | application.Proposal | None = None
+        self._asked = ""
+        """The publication of that question."""
+        self._drive = ""
+        """The last publication of what holds now."""
+        self._bound: Session | None = None
+        self._ended: Session | None = None
+        self._given_up: tuple[Session, str] | None = None
+        """The session the bridge has aborted, and why."""
+        self._shown: tuple[Any, ...] = ()
+
+    # -- the server
+
+    @property
+    def port(self) -> int:
+        """The port it listens on; once open, the true one even if 0 was asked for."""
+        if self._server is not None:
+            port: int = next(iter(self._server.sockets)).getsockname()[1]
+            return port
+        return self._port
+
+    async def open(self) -> None:
+        """Listen, once there is a service.  Raises LinkError, naming host and port."""
+        if not hasattr(self, "_service"):
+            raise RuntimeError("the bridge has no service yet: give it to an McService first")
+        try:
+            self._server = await serve(
+                self._handle,
+                self._host,
+                self._port,
+                process_request=self._admit,
+                origins=self._origins,
+                compression=None,
+                max_size=ros.MAX_IN,
+                max_queue=2,
+                open_timeout=HANDSHAKE_S,
+                close_timeout=CLOSE_S,
+                ping_interval=self._ping_ms / 1000,
+                ping_timeout=self._ping_ms / 1000,
+                create_connection=_Socket,
+                logger=_QUIET,
+            )
+        except OSError as error:
+            where = f"ws://{self._host}:{self._port}"
+            raise LinkError(f"cannot listen on {where}: {error.strerror or error}") from None
+
+    async def close(self) -> None:
+        """Send every client away and listen no more."""
+        if self._server is not None:
+            self._server.close()
+            await self._server.wait_closed()
+            self._server = None
+
+    async def __aenter__(self) -> Self:
+        await self.open()
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self.close()
+
+    def _admit(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
+        if len(self._clients) >= self._max_clients:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients\n")
+        return None
+
+    async def _handle(self, connection: ServerConnection) -> None:
+        client = _Client(connection)
+        self._clients.add(client)
+        sending = asyncio.create_task(client.outbox.send())
+        try:
+            async for data in connection:
+                await self._slice(client, data)
+        except ConnectionClosed:
+            pass
+        except Exception as error:  # of an observer: not the client's fault, nor of use to it
+            asyncio.get_running_loop().call_exception_handler(
+                {"message": "a command from the bridge failed", "exception": error}
+            )
+        finally:
+            self._clients.discard(client)
+            if self._driver is client:
+                self._leave_driver()
+            sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
+
+    async def _slice(self, client: _Client, data: str | bytes) -> None:
+        """Take one message, and leave the loop to others for as long as that took.
+
+        Clients take turns, so all of them together use at most half of the loop's time.
+        """
+        loop = asyncio.get_running_loop()
+        async with self._turn:
+            begun = loop.time()
+            self._take(client, data)
+            await asyncio.sleep(loop.time() - begun)
+
+    # -- operations of clients
+
+    def _take(self, client: _Client, data: str | bytes) -> None:
+        fields: dict[str, Any] = {}
+        try:
+            fields = ros.opened(data)
+            self._operate(client, fields)
+        except MessageError as error:
+            client.status(error, fields.get("id"))
+
+    def _operate(self, client: _Client, fields: dict[str, Any]) -> None:
+        match op := fields.get("op"):
+            case "publish":
+                self._published(client, ros.read(_model(fields, ros.INPUTS), fields.get("msg")))
+            case "subscribe":
+                if fields.get("compression", "none") != "none":
+                    raise MessageError("compression: none is all there is")
+                client.topics.add(topic := _model(fields, ros.OUTPUTS).topic)
+                self._send_again(client, topic)
+            case "unsubscribe":
+                client.topics.discard(_model(fields, ros.OUTPUTS).topic)
+            case "advertise" | "unadvertise":
+                _model(fields, ros.INPUTS)
+            case str():
+                raise MessageError(short("op", f"{op!r} is not supported"))
+            case _:
+                raise MessageError("op: a text is needed")
+
+    def _published(self, client: _Client, message: ros.Input) -> None:
+        now = self._service.now()
+        content = _content(message)
+        if self._driver is not client and self._driver is not None and not self._silent(now):
+            raise MessageError("topic: another connection is the driver")
+        if self._driver is not client:
+            self._leave_driver()
+            self._driver = client
+        self._heard_ms = now
+        match message:
+            case ros.OdometryIn():
+                self._kinematics = autoware.kinematics(message)
+            case ros.Plan():
+                self._keep(message.scenarios, content, now)
+            case ros.Accept():
+                self._accept(message)
+            case _:
+                self._command(content)
+        self._show()
+
+    def _keep(self, scenarios: list[str], planned: Trajectory | None, now: int) -> None:
+        for scenario in scenarios:
+            self._plans.pop(scenario, None)
+            if planned is not None:
+                self._plans[scenario] = planned, now
+        while len(self._plans) > ros.MAX_SCENARIOS:
+            self._plans.popitem(last=False)
+
+    def _accept(self, message: ros.Accept) -> None:
+        asked = self._question
+        if isinstance(asked, application.Proposal) and (asked.session, asked.proposal) == (
+            message.key,
+            message.proposal,
+        ):
+            self._command(asked.accept())
+        else:
+            self.refused("accept", "PRE-5")
+
+    def _command(self, command: commands.Command) -> None:
+        self._service.command(command)
+        self._look(_OWN.get(command.name, "left"))
+
+    # -- who drives
+
+    def _silent(self, now: int) -> bool:
+        lost_after = self._service.parameters.t_cam_loss
+        return self._heard_ms is None or now - self._heard_ms >= lost_after
+
+    def _leave_driver(self) -> None:
+        """Nobody drives: nothing concerns the vehicle any more."""
+        self._driver = None
+        self._plans.clear()
+
+    def _give_up(self, session: Session, reason: str) -> None:
+        self._given_up = session, reason
+        self._service.command(commands.Abort(session=session))
+
+    def _look(self, reason: str) -> None:
+        """Say that a session is over of whose end the service tells nothing."""
+        before, self._bound = self._bound, self._service.state.session
+        if before is not None and before not in (self._bound, self._ended):
+            if self._given_up is not None and self._given_up[0] == before:
+                reason = self._given_up[1]
+            self._alone(before, reason)
+
+    # -- publishing
+
+    def _publish(self, topic: str, text: str) -> None:
+        for client in tuple(self._clients):
+            if topic in client.topics:
+                client.outbox.put(text)
+
+    def _send_again(self, client: _Client, topic: str) -> None:
+        """What a new subscriber must know (as ROS's transient local does)."""
+        self._look("left")
+        if topic == ros.State.topic:
+            client.outbox.put(self._state())
+        elif topic == ros.Drive.topic:
+            client.outbox.put(self._drive)
+        elif self._question is not None and self._is_open():
+            asks_choice = isinstance(self._question, application.Choice)
+            if topic == (ros.Choice if asks_choice else ros.Proposal).topic:
+                client.outbox.put(self._asked)
+
+    def _is_open(self) -> bool:
+        """Whether the last question still waits for its answer."""
+        st = self._service.state
+        if self._question is None or self._question.session != st.session:
+            return False
+        if isinstance(self._question, application.Choice):
+            return st.phase == "CHOOSING" or st.deciding
+        return (st.role, st.phase) == ("receiver", "NEGOTIATING")
+
+    def _state(self) -> str:
+        st, service = self._service.state, self._service
+        return ros.publication(
+            ros.State(
+                header=ros.stamped(service.now()),
+                station_id=service.station_id,
+                phase=st.phase,
+                role=st.role,
+                session=ros.to_session(st.session),
+                driver=self._driver is not None,
+                lost_after_ms=service.parameters.t_cam_loss,
+            )
+        )
+
+    def _show(self, always: bool = False) -> None:
+        """Publish the state if it is another one, or anyway."""
+        st = self._service.state
+        shown = (st.phase, st.role, st.session, self._driver is not None)
+        if always or shown != self._shown:
+            self._shown = shown
+            self._publish(ros.State.topic, self._state())
+
+    def _alone(self, session: Session | None, reason: str) -> None:
+        self._ended = session
+        over = ros.to_session(session)
+        header = ros.stamped(self._service.now())
+        message = ros.Drive(header=header, mode="alone", session=over, reason=reason)
+        self._drive = ros.publication(message)
+        self._publish(ros.Drive.topic, self._drive)
+        self._show()
+
+    # -- the application interface
+
+    def attach(self, service: application.Service) -> None:
+        """To a service of its own kind only."""
+        if not isinstance(service, McService):
+            raise TypeError("the bridge needs an McService: it publishes the station's state")
+        self._service = service
+        self._alone(None, "")
+
+    def kinematics(self, now_ms: int) -> application.Kinematics:
+        """Where the driving software last said.  Called for every CAM, it also keeps watch."""
+        self._look("left")
+        if self._silent(now_ms):
+            self._leave_driver()
+            session = self._service.state.session
+            if session is not None and (self._given_up or ((0, 0), ""))[0] != session:
+                self._give_up(session, "no_driver")
+        self._show(always=True)
+        return self._kinematics
+
+    def concerned(self, advertised: application.Advertised) -> Trajectory | None:
+        """What the driving software last planned for this scenario, if that is not too old.
+
+        It is told of the maneuver, unless a session is under way.
+        """
+        now = self._service.now()
+        planned, since = self._plans.get(advertised.scenario, (None, now))
+        if now - since >= self._plan_ms:
+            planned = None
+        if not self._service.state.bound:
+            try:
+                told = ros.Advertised.of(advertised, planned is not None, now)
+            except ValueError:  # its trajectory fits no message: say nothing
+                return planned
+            self._publish(told.topic, ros.publication(told))
+        return planned
+
+    def choose(self, choice: application.Choice) -> None:
+        """Ask the driving software."""
+        self._ask(choice, ros.Choice.of)
+
+    def verify(self, proposal: application.Proposal) -> None:
+        """Ask the driving software."""
+        self._ask(proposal, ros.Proposal.of)
+
+    def _ask(self, question: Any, of: Any) -> None:
+        self._question, self._asked = None, ""
+        try:
+            message = of(question, self._service.now())
+            text = ros.publication(message)
+            if len(text) > ros.MAX_OUT:
+                raise MessageError("message: too long")
+        except ValueError:
+            if isinstance(question, application.Proposal):
+                self._service.command(question.refuse())
+            else:
+                self._give_up(question.session, "unreadable")
+            return
+        self._question, self._asked = question, text
+        self._publish(message.topic, text)
+        self._show()
+
+    def load(self, drive: application.Drive) -> None:
+        """Hand the drive over."""
+        try:
+            self._drive = ros.publication(ros.Drive.of(drive, self._service.now()))
+        except ValueError:
+            self._give_up(drive.session, "unreadable")
+            return
+        self._publish(ros.Drive.topic, self._drive)
+        self._show()
+
+    def fallback(self, session: Session, reason: str) -> None:
+        """Tell the driving software that it drives alone."""
+        self._alone(session, reason)
+
+    def finished(self, session: Session) -> None:
+        """Tell the driving software that it drives alone."""
+        self._alone(session, "finished")
+
+    def refused(self, command: str, rule: str) -> None:
+        """Tell the driving software, with the rule."""
+        message = ros.Refused(header=ros.stamped(self._service.now()), command=command, rule=rule)
+        self._publish(message.topic, ros.publication(message))
+
+
+_OWN = {"complete": "completed", "proceed": "proceeded", "abort": "aborted"}
+"""The reason of ``alone`` after a command of the driving software, which is told nothing."""
+OWN_REASONS = frozenset(_OWN.values())
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _content(message: ros.Input) -> Any:
+    """The command or the trajectory in a message.  Raises MessageError."""
+    match message:
+        case ros.OdometryIn():
+            return None
+        case ros.Plan():
+            planned = message.trajectory
+            return autoware.trajectory(planned, "msg.trajectory") if planned.points else None
+        case ros.Accept():
+            return message.key
+    try:
+        return message.command()
+    except ValidationError as error:
+        raise refusal(error, "msg") from None
+
+
+def _model(fields: dict[str, Any], known: dict[str, Any]) -> Any:
+    """The message of the topic that an operation names.  Raises MessageError."""
+    topic, type_ = fields.get("topic"), fields.get("type")
+    if not isinstance(topic, str) or topic not in known:
+        raise MessageError(short("topic", f"{topic!r} is none of {', '.join(known)}"))
+    if type_ is not None and type_ != known[topic].type:
+        raise MessageError(short("type", f"{topic} has {known[topic].type}"))
+    return known[topic]

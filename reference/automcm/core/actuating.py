@@ -1,0 +1,75 @@
+"""Actuating: ACT-2 … ACT-5.  (ACT-1 is the application's.)"""
+
+from __future__ import annotations
+
+from automcm.core.outcome import (
+    Heard,
+    Me,
+    Outcome,
+    Row,
+    ack,
+    acked,
+    always,
+    foreign,
+    ignore,
+    leave,
+    leave_with,
+    own,
+    refuse,
+    stale,
+)
+from automcm.core.state import State, Timer
+from automcm_spec.vocabulary.application import Complete, Finished
+from automcm_spec.vocabulary.messages import Cam, Fin
+
+
+def counts_as_heard(me: Me, st: State, i: Cam) -> bool:
+    """ACT-5: marked with this session, and newer than the last one that counted."""
+    return (
+        st.phase == "ACTUATING"
+        and i.src == st.peer
+        and st.session in i.marks
+        and (st.heard_ms is None or i.generation_ms > st.heard_ms)
+    )
+
+
+def heard(me: Me, st: State, i: Cam) -> Outcome:
+    """ACT-5: the CAM counts, and the cam timer begins anew."""
+    return Outcome(st._replace(heard_ms=i.generation_ms), again=(Timer("cam"),))
+
+
+CAM: tuple[Row[Cam], ...] = (Row("ACT-5", counts_as_heard, heard), Row("ACT-5", always, ignore))
+
+
+def complete(me: Me, st: State, i: Complete) -> Outcome:
+    """ACT-3: the prescriber has finished, and says so until it is acked."""
+    fin = Fin(src=me.station_id, dst=st.target, session=own(st), seq=st.seq + 1)
+    return leave_with(st, [fin])
+
+
+COMPLETE: tuple[Row[Complete], ...] = (
+    Row(
+        "CMD-1",
+        lambda me, st, i: not (st.phase == "ACTUATING" and st.role == "prescriber"),
+        refuse,
+    ),
+    Row("PRE-5", stale, refuse),
+    Row("ACT-3", always, complete),
+)
+
+
+def from_own_prescriber(me: Me, st: State, i: Heard[Fin]) -> bool:
+    """ACT-3: is it for this receiver, from its prescriber, of its session?"""
+    m = i.message
+    return not foreign(me, st, i) and st.role == "receiver" and m.src == m.session[0]
+
+
+def finished(me: Me, st: State, i: Heard[Fin]) -> Outcome:
+    """ACT-3: the receiver acks the Fin and is free."""
+    return Outcome(leave(st), (ack(me, i.message),), Finished(session=own(st)))
+
+
+FIN: tuple[Row[Heard[Fin]], ...] = (
+    Row("ACT-3", from_own_prescriber, finished),
+    Row("END-3", always, acked),
+)

@@ -1,0 +1,130 @@
+"""How many bytes a message needs in each codec, and what fits one frame (KIN-2).
+
+The table stands in docs/messages.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from automcm.encoding.codec import FRAME_BYTES, NAMES, Codec, codec
+from automcm_spec.vocabulary.messages import (
+    Acceptance,
+    Ack,
+    Advertisement,
+    Cam,
+    Cancel,
+    Fin,
+    Intention,
+    Message,
+    MessageError,
+    MessageId,
+    Prescription,
+    Trajectory,
+)
+
+POINTS = (1, 10, 52, 260)
+"""52 is the paper's case: 260 m, a point every 5 m.  260 is as many before thinning to a fifth."""
+
+_CAR, _OTHER, _NOW = 3_000_000_001, 3_000_000_002, 1_800_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Bytes of one message.  ``points`` is 0 if it carries no trajectory."""
+
+    type: str
+    points: int
+    codec: str
+    bytes: int
+
+    @property
+    def fits(self) -> bool:
+        """Whether it travels in one frame (KIN-2)."""
+        return self.bytes <= FRAME_BYTES
+
+
+def trajectory(points: int) -> Trajectory:
+    """Points 5 m apart at 30 km/h, not along an axis, from a place a kilometre off the origin."""
+    places = ((600 * i, 1_000_000 + 4000 * i, 500_000 + 3000 * i) for i in range(points))
+    return Trajectory(t0=_NOW, points=tuple(places))
+
+
+def carrying(driven: Trajectory) -> list[Message]:
+    """One of each type that carries a trajectory; the station ids are long ones."""
+    session, about = (_CAR, 12), "lane_change"
+    to: dict[str, Any] = {"src": _CAR, "dst": _OTHER, "session": session, "seq": 2, "proposal": 1}
+    back = to | {"src": _OTHER, "dst": _CAR}
+    return [
+        Advertisement(src=_CAR, session=session, seq=1, scenario=about, details={}, planned=driven),
+        Intention(src=_OTHER, dst=_CAR, session=session, seq=1, planned=driven),
+        Prescription(**to, prescribed=driven, hold_ms=2000, lease_ms=60_000),
+        Acceptance(**back, accepted=True, selected=driven),
+    ]
+
+
+def plain() -> list[Message | Cam]:
+    """One of each type without a trajectory."""
+    session = (_CAR, 12)
+    no = {"src": _OTHER, "dst": _CAR, "session": session, "seq": 2, "proposal": 1}
+    return [
+        Advertisement(src=_CAR, session=session, seq=1, scenario="lane_change", details={}),
+        Acceptance.model_validate(no | {"accepted": False, "reason": "unsafe"}),
+        Fin(src=_CAR, dst=_OTHER, session=session, seq=3),
+        Cancel(src=_CAR, dst=_OTHER, session=session, seq=3, reason="not_selected"),
+        Ack(src=_OTHER, dst=_CAR, session=session, of=MessageId(type="Fin", seq=3)),
+        Cam(
+            src=_CAR,
+            generation_ms=_NOW,
+            x_mm=1_000_000,
+            y_mm=500_000,
+            heading_mrad=644,
+            speed_mm_s=8333,
+            marks=(session,),
+        ),
+    ]
+
+
+def measure(points: Sequence[int] = POINTS) -> list[Size]:
+    """Each type in each codec; those with a trajectory once for each number of points.
+
+    Raises CodecError if the extra ``automcm[asn1]`` is not installed.
+    """
+    messages: list[tuple[int, Message | Cam]] = [(0, message) for message in plain()]
+    messages += [(n, message) for n in points for message in carrying(trajectory(n))]
+    return [
+        Size(message.type, n, name, len(codec(name).encode(message)))
+        for n, message in messages
+        for name in NAMES
+    ]
+
+
+def most_points(used: Codec, budget: int = FRAME_BYTES) -> int:
+    """With how many points a Prescription still fits the budget in bytes (KIN-2)."""
+    low, high = 0, budget
+    while low < high:
+        middle = (low + high + 1) // 2
+        prescription = carrying(trajectory(middle))[2]
+        try:
+            fits = len(used.encode(prescription)) <= budget
+        except MessageError:  # more than any datagram carries
+            fits = False
+        low, high = (middle, high) if fits else (low, middle - 1)
+    return low
+
+
+def table() -> str:
+    """The measured sizes as Markdown."""
+    lines = ["| message | points | JSON, bytes | UPER, bytes |", "|---|---:|---:|---:|"]
+    sizes = measure()
+    for json, uper in zip(sizes[::2], sizes[1::2], strict=True):
+        cells = [f"{size.bytes:,}" if size.fits else f"**{size.bytes:,}**" for size in (json, uper)]
+        lines.append(f"| {json.type} | {json.points or '-'} | {' | '.join(cells)} |")
+    most = ", ".join(f"{most_points(codec(name))} in {name.upper()}" for name in NAMES)
+    lines += [
+        "",
+        f"Points with which a Prescription fits one frame of {FRAME_BYTES} bytes: {most}.",
+    ]
+    return "\n".join(lines)

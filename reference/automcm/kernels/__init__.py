@@ -1,0 +1,19 @@
+"""Trajectory kernels: pure functions on numpy arrays, in SI units (docs/kernels.md).
+
+Times are seconds, places metres (x forward, y left), speeds m/s, angles radians.  The messages
+carry integers (automcm_spec.vocabulary.messages.Trajectory); ``from_message`` and ``to_message``
+convert.
+
+| module | kernel |
+|---|---|
+| trajectory | the Trajectory type |
+| convert | KIN-1, a path with speeds as positions over time |
+| thin | KIN-2, few enough points for one frame |
+| collide | KIN-3, how close two come, between samples too |
+| discover | KIN-4, the target vehicle |
+| prescribe | KIN-5, the prescribed trajectory |
+| verify | KIN-6, is it safe to drive |
+| success | KIN-7, the probability that an exchange succeeds |
+
+The scenarios and the vector adapter import it; it imports messages and ``encoding``.
+"""

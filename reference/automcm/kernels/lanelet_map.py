@@ -1,0 +1,45 @@
+"""Lanes from a Lanelet2 map, as the polygons that KIN-4 asks for (extra ``automcm[map]``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from automcm.kernels.trajectory import Floats, TrajectoryError, array
+
+
+class MapError(Exception):
+    """A map that cannot be read, or has no such lane; the text names it."""
+
+
+class LaneMap:
+    """A Lanelet2 map in metres east (x) and north (y) of ``origin``, (latitude, longitude), on the
+    grid of its UTM zone, which is turned against true north away from the zone's middle.
+
+    Raises MapError if the file cannot be read, or if Lanelet2 is not installed.
+    """
+
+    def __init__(self, path: Path, origin: tuple[float, float]) -> None:
+        try:
+            import lanelet2
+        except ImportError:
+            raise MapError("Lanelet2 is not installed: pip install 'automcm[map]'") from None
+        self._path = path
+        projector = lanelet2.projection.UtmProjector(lanelet2.io.Origin(*origin))
+        try:
+            self._map: Any = lanelet2.io.load(str(path), projector)
+        except RuntimeError as error:
+            raise MapError(f"{path}: {error}") from None
+
+    def zone(self, lane: int) -> Floats:
+        """The lanelet with this id as a polygon, shape (n, 2).
+
+        Raises MapError if there is none.
+        """
+        try:
+            corners = [(p.x, p.y) for p in self._map.laneletLayer[lane].polygon2d()]
+            return array("zone", np.array(corners), 2)
+        except (RuntimeError, TrajectoryError) as error:
+            raise MapError(f"{self._path}: lane {lane}: {error}") from None

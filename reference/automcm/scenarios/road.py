@@ -1,0 +1,241 @@
+"""A straight two-lane road, small enough to read: vehicles in steps of 0.1 s.
+
+A vehicle follows the one ahead by the intelligent driver model (Treiber, Hennecke and Helbing,
+2000), and a prescribed trajectory by feedback to its stepwise speed, as the solid line of the
+paper's Fig. 4.  Without coordination a vehicle in the way is noticed late: hard braking, a stop,
+a restart (section VI-B).  SI units; x forward, y left; places are those of a vehicle's centre.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from automcm.kernels.trajectory import Floats, Trajectory
+
+STEP_S = 0.1
+LANE_WIDTH = 3.5
+ROAD_M = 600.0
+"""How far ahead a planned path goes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driving:
+    """How a vehicle drives.  The IDM parameters are common values for cars in a town."""
+
+    acceleration: float = 1.5
+    comfortable: float = 2.0
+    """Deceleration that the IDM aims at, m/s²."""
+    hardest: float = 8.0
+    headway_s: float = 1.0
+    standstill: float = 2.0
+    """Gap to the one ahead when both stand, bumper to bumper, m."""
+    gain: float = 1.0
+    """Of the feedback to a prescribed speed, 1/s."""
+    lane_change_s: float = 4.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Late:
+    """Without coordination, the paper's behaviour: an explicit model.  The paper has no values for
+    it.  These are plausible ones, of which ``restart_gap`` is calibrated: with it the differences
+    of section VI-B come out (experiments/arrival.py).  So those are fitted here, not confirmed.
+
+    A vehicle that moves over is noticed when it is ``notice`` m from its old lane's middle; who
+    then has it within ``range_m`` ahead brakes at ``brake`` to a stop, and restarts when the gap
+    is ``restart_gap`` m and ``restart_s`` have passed.
+    """
+
+    notice: float = 0.5
+    range_m: float = 15.0
+    brake: float = 3.0
+    restart_gap: float = 45.0
+    restart_s: float = 1.5
+
+
+@dataclass
+class Vehicle:
+    """One vehicle on the road."""
+
+    station_id: int
+    x: float
+    lane: int
+    speed: float
+    desired: float
+    length: float = 4.5
+    driving: Driving = field(default_factory=Driving)
+    late: Late | None = None
+    """Set: it brakes late and stops for a vehicle that moves over before it."""
+    acceleration: float = 0.0
+    y: float = 0.0
+    target_lane: int = 0
+    _moved_from: int = 0
+    _moving_since: float | None = None
+    _profile: Trajectory | None = None
+    _stopped_since: float | None = None
+    _braking: bool = False
+
+    def __post_init__(self) -> None:
+        self.target_lane = self._moved_from = self.lane
+        self.y = self.lane * LANE_WIDTH
+
+    @property
+    def changing(self) -> bool:
+        """It is between two lanes."""
+        return self._moving_since is not None
+
+    @property
+    def lanes(self) -> frozenset[int]:
+        """The lanes it is in the way on: both while it changes."""
+        return frozenset({self._moved_from, self.target_lane})
+
+    def follow(self, trajectory: Trajectory | None) -> None:
+        """Drive at the speeds of this trajectory from its first time on; None: no more."""
+        self._profile = trajectory
+
+    def change_lane(self, lane: int, now: float) -> None:
+        """Begin to move over; not while it changes already."""
+        if lane != self.target_lane and not self.changing:
+            self._moved_from, self.target_lane, self._moving_since = self.lane, lane, now
+
+    def profile_speed(self, now: float) -> float | None:
+        """The prescribed speed now; None where nothing is prescribed.  Stopped is stopped."""
+        p = self._profile
+        if p is None or now < p.t[0]:
+            return None
+        if now >= p.t[-1]:
+            return 0.0 if p.stopped else None
+        return float(p.speeds()[np.searchsorted(p.t, now, side="right") - 1])
+
+    def path(self) -> tuple[Floats, Floats]:
+        """What it plans to drive: points 5 m apart and the speed at each, shape (n, 2) and (n,).
+
+        A vehicle that is about to change lanes plans a straight way over to the other lane,
+        which takes ``lane_change_s``.
+        """
+        x = self.x + np.arange(0.0, ROAD_M, 5.0)
+        over = max(self.speed, 1.0) * self.driving.lane_change_s
+        share = np.clip((x - self.x) / over, 0.0, 1.0)
+        y = self.y + share * (self.target_lane * LANE_WIDTH - self.y)
+        return np.column_stack([x, y]), np.full(len(x), self.speed)
+
+
+def idm(gap: float, speed: float, ahead_speed: float, desired: float, d: Driving) -> float:
+    """Acceleration by the intelligent driver model, m/s².  ``gap``: bumper to bumper, m."""
+    free = 1 - (speed / max(desired, 0.1)) ** 4
+    if math.isinf(gap):
+        return d.acceleration * free
+    approach = speed * (speed - ahead_speed) / (2 * math.sqrt(d.acceleration * d.comfortable))
+    wanted = d.standstill + max(0.0, speed * d.headway_s + approach)
+    return d.acceleration * (free - (wanted / max(gap, 0.1)) ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One vehicle at one time."""
+
+    t: float
+    station_id: int
+    x: float
+    y: float
+    speed: float
+    acceleration: float
+
+
+class Road:
+    """The vehicles, their steps, and what was recorded."""
+
+    def __init__(self, vehicles: list[Vehicle]) -> None:
+        ids = [vehicle.station_id for vehicle in vehicles]
+        if len(set(ids)) != len(ids):
+            raise ValueError(f"station_id: one is there twice, of {ids}")
+        self.vehicles = vehicles
+        self.t = 0.0
+        self.samples: list[Sample] = []
+        self._record()
+
+    def ahead(self, of: Vehicle) -> Vehicle | None:
+        """The next vehicle ahead that is in the way on one of its lanes."""
+        inn = [v for v in self.vehicles if v is not of and v.x > of.x and v.lanes & of.lanes]
+        return min(inn, key=lambda v: v.x, default=None)
+
+    def gap(self, behind: Vehicle, front: Vehicle | None) -> float:
+        """Bumper to bumper, m; infinite with nobody ahead."""
+        if front is None:
+            return math.inf
+        return front.x - behind.x - (front.length + behind.length) / 2
+
+    def step(self) -> None:
+        """STEP_S further: all decide on what they see now, then all move."""
+        decided = [self._decide(vehicle) for vehicle in self.vehicles]
+        for vehicle, acceleration in zip(self.vehicles, decided, strict=True):
+            self._move(vehicle, acceleration)
+        self.t = round(self.t + STEP_S, 6)
+        self._record()
+
+    def _decide(self, v: Vehicle) -> float:
+        front = self.ahead(v)
+        gap = self.gap(v, front)
+        if v.late is not None and (braking := self._late(v, v.late)) is not None:
+            return braking
+        d = v.driving
+        if v.late is not None and front is not None and front.changing:
+            gap, front = math.inf, None  # not noticed yet
+        following = idm(gap, v.speed, front.speed if front else 0.0, v.desired, d)
+        prescribed = v.profile_speed(self.t)
+        if prescribed is not None:
+            feedback = d.gain * (prescribed - v.speed)
+            following = min(following, max(feedback, -d.comfortable))
+        return max(following, -d.hardest)
+
+    def _late(self, v: Vehicle, late: Late) -> float | None:
+        """What late notice makes of it; None if there is nothing to notice."""
+        if not v._braking:
+            others = (o for o in self.vehicles if o is not v and o.changing)
+            v._braking = any(
+                v.lane == o.target_lane
+                and abs(o.y - o._moved_from * LANE_WIDTH) >= late.notice
+                and -o.length <= o.x - v.x <= late.range_m
+                for o in others
+            )
+            if not v._braking:
+                return None
+        if v.speed > 0:
+            front = self.ahead(v)
+            ahead = front.speed if front else 0.0
+            following = idm(self.gap(v, front), v.speed, ahead, v.desired, v.driving)
+            return max(min(-late.brake, following), -v.driving.hardest)
+        v._stopped_since = self.t if v._stopped_since is None else v._stopped_since
+        waited = self.t - v._stopped_since >= late.restart_s
+        if waited and self.gap(v, self.ahead(v)) >= late.restart_gap:
+            v._braking, v._stopped_since = False, None
+            return None
+        return 0.0
+
+    def _move(self, v: Vehicle, acceleration: float) -> None:
+        """Even acceleration for one step; a vehicle does not go backwards."""
+        after = v.speed + acceleration * STEP_S
+        if after < 0:
+            v.x += v.speed**2 / (2 * -acceleration)
+            v.speed, v.acceleration = 0.0, -v.speed / STEP_S
+        else:
+            v.x += (v.speed + after) / 2 * STEP_S
+            v.speed, v.acceleration = after, acceleration
+        if v._moving_since is not None:
+            share = (self.t + STEP_S - v._moving_since) / v.driving.lane_change_s + 1e-9
+            v.y = LANE_WIDTH * (v._moved_from + min(share, 1) * (v.target_lane - v._moved_from))
+            if share >= 0.5:
+                v.lane = v.target_lane
+            if share >= 1:
+                v._moved_from, v._moving_since = v.target_lane, None
+
+    def _record(self) -> None:
+        self.samples += [
+            Sample(self.t, v.station_id, v.x, v.y, v.speed, v.acceleration) for v in self.vehicles
+        ]
+
+    def of(self, station_id: int) -> list[Sample]:
+        """What was recorded of one vehicle, in order of time."""
+        return [sample for sample in self.samples if sample.station_id == station_id]

@@ -1,0 +1,102 @@
+"""Several services on a simulated radio, in virtual time.  The same seed gives the same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+from automcm.encoding.codec import JSON, Codec
+from automcm.links.clock import VirtualClock
+from automcm.links.simulated_radio import Channel, Radio
+from automcm.scenarios.straight_lane import LANE_CHANGE
+from automcm.service import event_log
+from automcm.service.application import Application
+from automcm.service.service import McService, Observer
+from automcm_spec.vocabulary.application import Command
+from automcm_spec.vocabulary.parameters import Parameters, in_header
+from automcm_traces.format.writer import LogWriter
+
+
+class Simulation:
+    """Services, their applications and the radio between them; each may write a log.
+
+    ``service`` makes each, for experiments that take a rule away.
+    """
+
+    def __init__(
+        self,
+        *,
+        seed: int = 0,
+        channel: Channel | None = None,
+        logs: Path | None = None,
+        service: Callable[..., McService] = McService,
+    ) -> None:
+        self.clock = VirtualClock()
+        self.radio = Radio(self.clock, channel, seed)
+        self.services: dict[int, McService] = {}
+        self._seed, self._logs, self._service = seed, logs, service
+        self._stack = ExitStack()
+        if logs is not None:
+            logs.mkdir(parents=True, exist_ok=True)
+
+    def add(
+        self,
+        station_id: int,
+        application: Application,
+        parameters: Parameters | None = None,
+        *,
+        observers: tuple[Observer, ...] = (),
+        codec: Codec = JSON,
+    ) -> McService:
+        """A station that sends CAMs from now on.  Raises ValueError for an id that is there."""
+        link = self.radio.link(station_id)
+        parameters = parameters or Parameters()
+        log = None
+        if self._logs is not None:
+            log = self._stack.enter_context(
+                LogWriter(
+                    self._logs / f"{station_id}.ndjson",
+                    run=f"seed-{self._seed}",
+                    station=station_id,
+                    implementation="automcm",
+                    version="0.1.0",
+                    parameters=in_header(parameters.known),
+                    complete=event_log.COMPLETE,
+                )
+            )
+        service = self._service(
+            station_id,
+            application,
+            link,
+            self.clock,
+            parameters=parameters,
+            seed=self._seed * 1000 + station_id,
+            codec=codec,
+            log=log,
+            observers=(*observers, *self.watching(station_id)),
+        )
+        self.services[station_id] = service
+        service.start()
+        return service
+
+    def watching(self, station_id: int) -> tuple[Observer, ...]:
+        """What observes every station, for simulations that watch what happens."""
+        return ()
+
+    def command(self, station_id: int, command: Command, at: int) -> None:
+        """Give a command at a time."""
+        self.clock.at(at, lambda: self.services[station_id].command(command))
+
+    def request(self, station_id: int, at: int) -> None:
+        """Ask for a lane change at a time."""
+        self.command(station_id, LANE_CHANGE, at)
+
+    def restart(self, station_id: int, at: int) -> None:
+        """Restart a station at a time (END-8)."""
+        self.clock.at(at, lambda: self.services[station_id].restart())
+
+    def run(self, until: int) -> None:
+        """Run to a time.  The logs end here."""
+        with self._stack:
+            self.clock.run(until)

@@ -1,0 +1,78 @@
+"""The plainest application: a straight lane, and a receiver that agrees to everything.
+
+It stands in for a scenario in simulations, tests and the demonstration; the lane change of the
+paper is a scenario of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from automcm.service.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
+from automcm_spec.vocabulary.application import Prescribe, Request
+from automcm_spec.vocabulary.messages import Session, Trajectory
+
+LANE_CHANGE = Request(scenario="lane_change", details={"lane": 2})
+
+
+@dataclass
+class Straight:
+    """Drives straight on.  As a prescriber it takes ``target``, or the first who answered if
+    that one did not, proposes to drive slower each time, and completes after ``maneuver_ms``."""
+
+    speed_mm_s: int = 8333
+    target: int = 0
+    think_ms: int = 50
+    """How long it takes to choose or to verify."""
+    maneuver_ms: int = 3000
+    refuse_first: int = 0
+    """How many proposals of a session it refuses before it accepts one."""
+    concerned_by_all: bool = True
+    hold_ms: int = 2000
+    lease_ms: int = 20_000
+
+    def attach(self, service: Service) -> None:
+        """As ``Application.attach``."""
+        self.service = service
+
+    def kinematics(self, now_ms: int) -> Kinematics:
+        """As ``Application.kinematics``."""
+        return Kinematics(x_mm=self.speed_mm_s * now_ms // 1000, speed_mm_s=self.speed_mm_s)
+
+    def trajectory(self, per_cent: int = 100) -> Trajectory:
+        """A second at ``per_cent`` of the speed."""
+        return Trajectory(t0=0, points=((0, 0, 0), (1000, self.speed_mm_s * per_cent // 100, 0)))
+
+    def concerned(self, advertised: Advertised) -> Trajectory | None:
+        """As ``Application.concerned``."""
+        return self.trajectory() if self.concerned_by_all else None
+
+    def choose(self, choice: Choice) -> None:
+        """As ``Application.choose``."""
+        if not choice.target and self.target not in choice.planned:
+            self.target = next(iter(choice.planned))
+        self.service.command(self._proposal(choice), self.think_ms)
+
+    def _proposal(self, choice: Choice) -> Prescribe:
+        slower = self.trajectory(100 - 30 * min(choice.proposal, 3))
+        return choice.prescribe(self.target, slower, hold_ms=self.hold_ms, lease_ms=self.lease_ms)
+
+    def verify(self, proposal: Proposal) -> None:
+        """As ``Application.verify``."""
+        refused = proposal.proposal <= self.refuse_first
+        answer = proposal.refuse() if refused else proposal.accept()
+        self.service.command(answer, self.think_ms)
+
+    def load(self, drive: Drive) -> None:
+        """As ``Application.load``."""
+        if drive.role == "prescriber":
+            self.service.command(drive.complete(), self.maneuver_ms)
+
+    def fallback(self, session: Session, reason: str) -> None:
+        """It has driven straight on all along."""
+
+    def finished(self, session: Session) -> None:
+        """It has driven straight on all along."""
+
+    def refused(self, command: str, rule: str) -> None:
+        """An answer came too late; the service has gone on without it."""

@@ -1,0 +1,432 @@
+"""The MC service: the facility layer, common to all scenarios (section IV of the paper).
+
+It owns a station, a link, a clock and one application.  It generates and takes CAMs, sends and
+receives messages, keeps a single alarm set for the next thing due, writes the log, and turns
+what the station tells into the questions of the application interface.  It decides nothing.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from functools import partial
+from logging import getLogger
+from operator import attrgetter
+
+from automcm.core.outcome import Heard, Rules
+from automcm.core.rules import RULES
+from automcm.core.state import State
+from automcm.core.station import Effects, Station
+from automcm.encoding.codec import JSON, Codec
+from automcm.links.clock import Cancel, Clock
+from automcm.links.link import Link
+from automcm.service import event_log
+from automcm.service.application import Advertised, Application, Choice, Drive, Proposal
+from automcm.service.statistics import Statistics
+from automcm_spec.vocabulary.application import (
+    Abort,
+    Accept,
+    Accepted,
+    Choose,
+    Command,
+    Discarded,
+    Fallback,
+    Finished,
+    Indication,
+    NoParticipants,
+    Propose,
+    Refused,
+    Undecided,
+    Verify,
+)
+from automcm_spec.vocabulary.messages import (
+    BROADCAST,
+    MAX_BYTES,
+    Advertisement,
+    Cam,
+    Message,
+    MessageError,
+    Session,
+    Trajectory,
+    to_dict,
+)
+from automcm_spec.vocabulary.parameters import Parameters, longest_delay
+from automcm_traces.format.writer import LogWriter
+
+NEIGHBOURS = 256
+"""How many stations' last CAMs are kept."""
+
+_logger = getLogger(__name__)
+
+Observer = Callable[[State, Effects], None]
+"""Called with the state before and what an input did, after its messages were sent."""
+
+
+def _attempt(what: Callable[[], object], errors: list[Exception]) -> bool:
+    """Do it; an exception is kept for later."""
+    try:
+        what()
+    except Exception as error:
+        errors.append(error)
+        return False
+    return True
+
+
+class McService:
+    """One station at work.
+
+    ``number`` is the last session number used before, and ``keep_number`` is called with each
+    new one before it goes on the air (END-8); a service that comes back calls ``restart``.
+    ``seed`` feeds the back-off (END-7) and the offset of the first CAM.  ``rules`` and
+    ``marks`` (of a CAM, ACT-5) other than the protocol's are for experiments that take one away.
+
+    An exception in the application, an observer or ``keep_number`` passes through to whoever
+    called (the event loop, the simulation), but only after everything else that was to be done:
+    it stops no session.  While ``keep_number`` fails, nothing is sent.
+    """
+
+    def __init__(
+        self,
+        station_id: int,
+        application: Application,
+        link: Link,
+        clock: Clock,
+        *,
+        parameters: Parameters | None = None,
+        number: int = 0,
+        keep_number: Callable[[int], None] = lambda number: None,
+        seed: int = 0,
+        codec: Codec = JSON,
+        rules: Rules = RULES,
+        marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks"),
+        log: LogWriter | None = None,
+        observers: tuple[Observer, ...] = (),
+    ) -> None:
+        self.station = Station(
+            station_id,
+            parameters,
+            plan=self._plan,
+            number=number,
+            seed=seed,
+            rules=rules,
+            decode=codec.decode,
+        )
+        self.application, self.statistics = application, Statistics()
+        self.neighbours: OrderedDict[int, Cam] = OrderedDict()
+        """The last CAM of each of the ``NEIGHBOURS`` stations heard last."""
+        self._link, self._clock, self._codec, self._log = link, clock, codec, log
+        self._keep_number, self._observers = keep_number, observers
+        self._marks = marks
+        self._number = number
+        self._time = 0
+        self._sent = 0
+        self._cam_due = clock.now() + random.Random(seed).randrange(self.parameters.t_cam)
+        self._alarm: tuple[int, Cancel] | None = None
+        self._awake = 0
+        """When it was last looked at how late it is."""
+        self._late_ms = 0
+        """How late the last alarm was, until the log has it."""
+        self._pending: deque[Callable[[], None]] = deque()
+        self._busy = False
+        self._open = self._closed = self._stopping = False
+        self._proposal: Proposal | None = None
+        self._before = self.station.state
+        application.attach(self)
+
+    @property
+    def station_id(self) -> int:
+        """The id of its station."""
+        return self.station.station_id
+
+    @property
+    def parameters(self) -> Parameters:
+        """The parameters of its station."""
+        return self.station.parameters
+
+    @property
+    def state(self) -> State:
+        """What its station knows now."""
+        return self.station.state
+
+    # -- what may be done with it
+
+    def start(self) -> None:
+        """Open the link and begin to send CAMs.  Commands given before are carried out now."""
+        self._link.open(self.receive)
+        self._open, self._closed = True, False
+        self._do(lambda: None)
+
+    def log_to(self, log: LogWriter) -> None:
+        """Write the log there from now on; before ``start``."""
+        self._log = log
+
+    def stop(self) -> None:
+        """Leave the session, if there is one, by END-1, and join and begin none from now on.
+
+        The application is told ``fallback`` with the reason ``stop``, and its commands are taken
+        no more.  CAMs, and the Cancel until it is acknowledged, go on until ``close``.
+        """
+
+        def stop() -> None:
+            self._stopping = True
+            self._take(self.station.advance(self.now()))
+            session = self.state.session
+            if session is not None:
+                self._take(self.station.command(Abort(session=session), self.now()))
+                self.application.fallback(session, "stop")
+
+        self._do(stop)
+
+    def close(self) -> None:
+        """Stop where it is, as a crash would: nothing more is sent, received or due."""
+        self._open, self._closed = False, True
+        self._pending.clear()
+        if self._alarm is not None:
+            self._alarm[1]()
+            self._alarm = None
+        self._link.close()
+
+    def now(self) -> int:
+        """The time in ms.  It never goes back, whatever the clock does."""
+        self._time = max(self._time, self._clock.now())
+        return self._time
+
+    def receive(self, data: bytes, tx: str | None = None) -> int | None:
+        """Bytes from the link; what is no message is counted and dropped (END-5).
+
+        Returns the station that the message is from, None for no message.
+        """
+        src: int | None = None
+
+        def take() -> None:
+            nonlocal src
+            self.statistics.received_bytes += len(data)
+            self.statistics.oversized += len(data) > MAX_BYTES
+            now = self.now()
+            self._take(self.station.advance(now))  # whatever the application does below
+            effects = self.station.receive(data, now)
+            match effects[-1].input:
+                case Heard(message):
+                    src = message.src
+                case Cam() as cam:
+                    src = cam.src
+            self._take(effects, tx, data)
+
+        self._do(take)
+        return src
+
+    def command(self, command: Command, after_ms: int = 0) -> None:
+        """A command of the application, now (from within a callback: after it) or later."""
+
+        def take() -> None:
+            if not self._stopping:
+                self._take(self.station.command(command, self.now()))
+
+        if after_ms > 0:
+            self._clock.at(self._clock.now() + after_ms, lambda: self.command(command))
+        else:
+            self._do(take)
+
+    def restart(self) -> None:
+        """Forget every session, as after a crash (END-8); the application is to drive alone."""
+
+        def restart() -> None:
+            session = self.state.session
+            self._take(self.station.restart(self.now()))
+            if session is not None:
+                self.application.fallback(session, "restart")
+
+        self._do(restart)
+
+    # -- one thing at a time
+
+    def _do(self, what: Callable[[], None]) -> None:
+        """Do it, and what the application asks for meanwhile; then set the alarm."""
+        if self._closed:
+            return
+        self._pending.append(what)
+        if self._busy or not self._open:
+            return
+        self._busy = True
+        if self._alarm is not None:
+            self._was_away(self._alarm[0])
+        errors: list[Exception] = []
+        while self._pending:
+            _attempt(self._pending.popleft(), errors)
+        self._busy = False
+        self._set_alarm()
+        if errors:
+            raise errors[0]
+
+    def _set_alarm(self) -> None:
+        if not self._open:
+            return
+        deadline = self.station.next_deadline()
+        due = self._cam_due if deadline is None else min(deadline, self._cam_due)
+        if self._alarm is not None:
+            if self._alarm[0] <= due:
+                return  # rings early, does nothing, and is set again
+            self._alarm[1]()
+        self._alarm = due, self._clock.at(due, lambda: self._ring(due))
+
+    def _ring(self, due: int) -> None:
+        self._alarm = None
+        self._time = max(self._time, due)  # woken early it is due all the same
+        self._was_away(due)
+        self._do(self._on_time)
+
+    def _was_away(self, due: int) -> None:
+        """Note how late it is for an alarm.  What follows from it the timers say, which fire before
+        anything that has arrived is looked at: after ``t_cam_loss`` ACT-2 ends the session."""
+        now = self.now()
+        late = now - max(due, self._awake)  # of one absence the first alarm tells
+        self._awake = now
+        self.statistics.latest_ms = max(self.statistics.latest_ms, late)
+        if late > longest_delay(self.parameters.known):
+            self._late_ms = max(self._late_ms, late)
+
+    def _on_time(self) -> None:
+        now = self.now()
+        self._take(self.station.advance(now))
+        if now >= self._cam_due:
+            self._cam_due = max(self._cam_due + self.parameters.t_cam, now + 1)
+            self._send_cam(now)
+
+    def _take(self, effects: list[Effects], tx: str | None = None, raw: bytes = b"") -> None:
+        """Send, log, count and pass on what the station did.
+
+        The input that ``tx`` and ``raw`` belong to comes last: due timers fire first.
+        """
+        errors: list[Exception] = []
+        told = []
+        last = len(effects) - 1
+        for n, effect in enumerate(effects):
+            before, self._before = self._before, effect.state
+            kept = _attempt(partial(self._keep, effect.state.number), errors)
+            messages = effect.messages if kept else ()
+            txs = [self._send(message, errors) for message in messages]
+            if self._log is not None:
+                mine = n == last
+                write = partial(
+                    event_log.write,
+                    self._log,
+                    effect._replace(messages=messages),
+                    txs,
+                    tx=tx if mine else None,
+                    raw=raw if mine else b"",
+                    late_ms=self._noted(),
+                )
+                _attempt(write, errors)
+            self.statistics.count(effect, before)
+            told.append((before, effect))
+        for before, effect in told:
+            for observe in self._observers:
+                _attempt(partial(observe, before, effect), errors)
+            _attempt(partial(self._tell, effect), errors)
+        if errors:
+            raise errors[0]
+
+    def _noted(self) -> int | None:
+        """How late it was since the last record, once."""
+        late, self._late_ms = self._late_ms, 0
+        return late or None
+
+    def _keep(self, number: int) -> None:
+        if number > self._number:
+            self._keep_number(number)
+            self._number = number
+
+    # -- sending
+
+    def _send(self, message: Message | Cam, errors: list[Exception]) -> str:
+        """Put a message on the air; returns its transmission id.
+
+        What the codec cannot carry, such as a trajectory too long for it, is as if lost; so is
+        what raises anything else, which is kept in ``errors``.
+        """
+        self._sent += 1
+        tx = f"{self.station_id}:{self._sent}"
+        _attempt(partial(self._put, message, tx), errors)
+        return tx
+
+    def _put(self, message: Message | Cam, tx: str) -> None:
+        try:
+            data = self._codec.encode(message)
+        except MessageError as error:
+            self.statistics.unsendable += 1
+            _logger.warning("%s: %s is not sent: %s", self.station_id, message.type, error)
+            return
+        self.statistics.sent[message.type] += 1
+        self.statistics.sent_bytes += len(data)
+        self._link.send(data, BROADCAST if isinstance(message, Cam) else message.dst, tx)
+
+    def _send_cam(self, now: int) -> None:
+        at = self.application.kinematics(now)
+        cam = Cam(
+            src=self.station_id,
+            generation_ms=now,
+            x_mm=at.x_mm,
+            y_mm=at.y_mm,
+            heading_mrad=at.heading_mrad,
+            speed_mm_s=at.speed_mm_s,
+            marks=self._marks(self.state),
+        )
+        errors: list[Exception] = []
+        tx = self._send(cam, errors)
+        if self._log is not None:
+            self._log.event("send", now, tx=tx, message=to_dict(cam), late_ms=self._noted())
+        if errors:
+            raise errors[0]
+
+    # -- the application interface
+
+    def _plan(self, advertisement: Advertisement) -> Trajectory | None:
+        """Asked only when it could join (ADV-4)."""
+        if self.state.bound or self._stopping:
+            return None
+        a = advertisement
+        return self.application.concerned(Advertised(a.session, a.scenario, a.details, a.planned))
+
+    def _tell(self, effect: Effects) -> None:
+        if isinstance(effect.input, Cam) and effect.input.src != self.station_id:
+            self.neighbours[effect.input.src] = effect.input
+            self.neighbours.move_to_end(effect.input.src)
+            if len(self.neighbours) > NEIGHBOURS:
+                self.neighbours.popitem(last=False)
+        elif isinstance(effect.input, Accept) and effect.rule == "NEG-2":
+            p, now = self._proposal, effect.now_ms
+            assert p is not None
+            selected = effect.input.selected
+            self.application.load(
+                Drive(p.session, "receiver", selected, now + p.hold_ms, now + p.lease_ms)
+            )
+        for told in effect.indications:
+            self._tell_application(told, effect)
+
+    def _tell_application(self, told: Indication, effect: Effects) -> None:
+        application, now = self.application, effect.now_ms
+        match told:
+            case Refused(detail=command):
+                application.refused(command, effect.rule)
+            case Undecided():
+                application.refused("undecided", effect.rule)
+            case Choose(session=session, intentions=intentions):
+                application.choose(Choice(session, 1, {i.src: i.planned for i in intentions}))
+            case Propose(session=session, proposal=proposal, reason=reason):
+                target = effect.state.target
+                application.choose(Choice(session, proposal, {}, target, reason))
+            case Verify(session=session, prescription=m):
+                self._proposal = Proposal(session, m.proposal, m.prescribed, m.hold_ms, m.lease_ms)
+                application.verify(self._proposal)
+            case Accepted(session=session, selected=selected):
+                until = now + told.lease_left_ms
+                application.load(Drive(session, "prescriber", selected, now, until))
+            case Fallback(session=session, reason=reason):
+                application.fallback(session, reason)
+            case NoParticipants(session=session):
+                application.fallback(session, "no_participants")
+            case Finished(session=session):
+                application.finished(session)
+            case Discarded():
+                pass

@@ -1,0 +1,300 @@
+"""One station as a process of its own: a service on a UDP link, and what it reports."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import (
+    AbstractAsyncContextManager,
+    AsyncExitStack,
+    contextmanager,
+    nullcontext,
+    suppress,
+)
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from automcm.core.outcome import Expiry, Heard
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.encoding.codec import Codec
+from automcm.links.clock import AsyncioClock
+from automcm.links.link import LinkError
+from automcm.links.udp_link import UdpLink
+from automcm.service import event_log
+from automcm.service.application import Application
+from automcm.service.line_output import LineOutput, create
+from automcm.service.service import McService
+from automcm_spec.support import files
+from automcm_spec.vocabulary.application import Command, Fallback, Propose
+from automcm_spec.vocabulary.messages import LIMIT, MessageError
+from automcm_spec.vocabulary.parameters import Parameters, in_header
+from automcm_traces.format.writer import LogWriter
+
+Report = Callable[[dict[str, Any]], None]
+"""Takes one event, as JSON values."""
+
+
+STOP_MS = 1000
+"""How long a station that is told to stop goes on, at most, until its Cancel is acknowledged."""
+FINISH_S = 0.5
+"""How long the end waits for a log that is written slowly."""
+
+
+class NumberError(Exception):
+    """The file that keeps the session number cannot be used; the text names it."""
+
+
+@dataclass(frozen=True)
+class NumberFile:
+    """Keeps the last session number over a restart (END-8), in a file.  That the file is there
+    means that the station ran before."""
+
+    path: Path
+
+    def last(self) -> int | None:
+        """None if the station never ran before.  Raises NumberError for anything else."""
+        try:
+            with self.path.open() as file:
+                text = file.read(100).strip()
+        except FileNotFoundError:
+            return None
+        except (OSError, UnicodeDecodeError) as error:
+            raise NumberError(f"{self.path}: {error}") from None
+        if not (text.isascii() and text.isdecimal() and int(text) < LIMIT):
+            raise NumberError(f"{self.path}: holds no session number")
+        return int(text)
+
+    def keep(self, number: int) -> None:
+        """Raises NumberError: without it, the number must not go on the air."""
+        try:
+            files.write(self.path, f"{number}\n", durable=True)
+        except OSError as error:
+            raise NumberError(f"{self.path}: {error.strerror}") from None
+
+
+@dataclass(kw_only=True)
+class StationProcess:
+    """What ``run`` needs.  ``commands`` are given at the start, each after so many ms."""
+
+    station_id: int
+    application: Application
+    link: Callable[[], UdpLink]
+    codec: Codec
+    parameters: Parameters
+    report: Report
+    log: Path | None = None
+    run_name: str = "live"
+    number_file: NumberFile | None = None
+    number: int = 0
+    """Without a file: the last session number that it may have used before."""
+    restarted: bool = False
+    """Without a file: it may have run before (END-8)."""
+    commands: list[tuple[int, Command]] = field(default_factory=list)
+    serving: AbstractAsyncContextManager[Any] = field(default_factory=nullcontext)
+    """Open while the station runs: the WebSocket server of a bridge, and its ``port``."""
+    listen_ms: int = 1100
+    """How long to listen for another station of the same id before the start; a CAM comes at
+    least every 1000 ms."""
+    for_ms: int | None = None
+    zero: float = 0.0
+    """What counts as 0 ms on the host's monotonic clock, in s."""
+    complain: Callable[[str], None] = lambda text: None
+    """Takes a line about what is lost while the station goes on; also from another thread."""
+    _idle: asyncio.Future[None] | None = field(default=None, init=False)
+    """Done when a station that is told to stop has nothing left to send."""
+
+    async def run(self) -> None:
+        """Until it is told to stop (SIGTERM, SIGINT, SIGHUP), ``for_ms`` are over, or something of
+        ours raises; then leave the session with a Cancel (END-1) and end, ``STOP_MS`` later at the
+        latest, or at once when told a second time.
+
+        Raises LinkError, NumberError, OSError for a log that cannot be created or, at the end, has
+        lost records, and whatever the application raised.
+        """
+        over, at_once = stopping(None), asyncio.get_running_loop().create_future()
+        number, restarted = self._before()
+        async with AsyncExitStack() as stack:
+            link = self.link()
+            stack.callback(link.close)
+            await _free(link, self.codec, self.station_id, self.listen_ms, over)
+            service = McService(
+                self.station_id,
+                self.application,
+                link,
+                AsyncioClock(self.zero),
+                parameters=self.parameters,
+                number=number,
+                keep_number=self.number_file.keep if self.number_file else lambda number: None,
+                seed=self.station_id,
+                codec=self.codec,
+                observers=(self._observe,),
+            )
+            self._service = service
+            await stack.enter_async_context(self.serving)
+            log = stack.enter_context(self._logging(service))
+            stack.callback(self._end, service, link)
+            stack.callback(service.close)
+            service.start()
+            if restarted:
+                service.restart()
+            about = {"session_number": number, "bridge": getattr(self.serving, "port", None)}
+            self._report(service, event="start", log=log and str(log), **about)
+            for after_ms, command in self.commands:
+                service.command(command, max(after_ms, 1))
+            if self.for_ms is not None:
+                asyncio.get_running_loop().call_later(self.for_ms / 1000, _end, over)
+            try:
+                await over
+            finally:
+                on_signals(_end, at_once)
+                await self._leave(service, at_once)
+
+    async def _leave(self, service: McService, at_once: asyncio.Future[None]) -> None:
+        """END-1, then wait until nothing is left to send, or as long as there is time.
+
+        The loop goes on whatever raises: an exception must not keep the Cancel from the peer.
+        """
+        with suppress(Exception):
+            service.stop()
+        if service.state.outbox:
+            self._idle = asyncio.get_running_loop().create_future()
+            await asyncio.wait(
+                {self._idle, at_once},
+                timeout=STOP_MS / 1000,
+                return_when=asyncio.FIRST_COMPLETED,
+            )
+
+    def _before(self) -> tuple[int, bool]:
+        """The last number used, and whether it has run before; from now on it has."""
+        if self.number_file is None:
+            return self.number, self.restarted
+        last = self.number_file.last()
+        self.number_file.keep(last or 0)
+        return last or 0, last is not None
+
+    def _end(self, service: McService, link: UdpLink) -> None:
+        statistics = service.statistics.as_dict()
+        self._report(service, event="end", statistics=statistics, unsent=link.unsent)
+
+    @contextmanager
+    def _logging(self, service: McService) -> Iterator[Path | None]:
+        """Write the log, if one is wanted; where, is the result.  What cannot be written is counted
+        in the log, once there is room again, by a jump of ``seq`` and in its end."""
+        if self.log is None:
+            yield None
+            return
+        fd, path = create(self.log)
+
+        def trouble(why: str) -> None:
+            self.complain(f"{path}: {why}; the records of now are lost, the station goes on")
+
+        output = LineOutput(fd, owned=True, trouble=trouble)
+        log = LogWriter(
+            output,
+            run=self.run_name,
+            station=self.station_id,
+            implementation="automcm",
+            version="0.1.0",
+            parameters=in_header(self.parameters.known),
+            complete=event_log.COMPLETE,
+        )
+        output.drain(FINISH_S)
+        if output.lost:  # not even the header: nothing later could be read
+            output.finish(FINISH_S)
+            if path.is_file():
+                path.unlink()
+            raise OSError(f"{path}: the log cannot be written")
+        service.log_to(log)
+        reason = "crash"
+        try:
+            yield path
+            reason = "clean"
+        finally:
+            output.drain(FINISH_S)
+            log.end(reason, output.lost)
+            output.finish(FINISH_S)
+        if output.lost:
+            raise OSError(f"{path}: {output.lost} records of the log are lost")
+
+    def _observe(self, before: State, effects: Effects) -> None:
+        """Report messages, changes of phase and what the application is told."""
+        service = self._service
+        if isinstance(effects.input, Heard):
+            m = effects.input.message
+            self._report(service, event="received", type=m.type, src=m.src, rule=effects.rule)
+        for message in effects.messages:
+            more = {"reason": message.reason} if message.type in ("Acceptance", "Cancel") else {}
+            self._report(service, event="sent", type=message.type, dst=message.dst, **more)
+        if (before.phase, before.role) != (effects.state.phase, effects.state.role):
+            self._report(service, event="phase", rule=effects.rule)
+        if isinstance(effects.input, Expiry) and effects.input.timer.name == "giveup":
+            self._report(service, event="given_up", rule=effects.rule)
+        for told in effects.indications:
+            if told.name != "discarded":
+                reason = told.reason if isinstance(told, Fallback | Propose) else ""
+                self._report(service, event="told", name=told.name, reason=reason)
+        if self._idle is not None and not effects.state.outbox:
+            _end(self._idle)
+
+    def _report(self, service: McService, **fields: Any) -> None:
+        st = service.state
+        self.report(
+            {"t_ms": service.now(), "station": self.station_id}
+            | fields
+            | {"phase": st.phase, "role": st.role, "session": st.session and list(st.session)}
+            | {"sending": len(st.outbox)}
+        )
+
+
+async def _free(
+    link: UdpLink, codec: Codec, station_id: int, ms: int, over: asyncio.Future[None]
+) -> None:
+    """Listen.  Raises LinkError if a station with this id is on the air already."""
+    if ms <= 0:
+        return
+    taken = False
+
+    def look(data: bytes, tx: str | None) -> None:
+        nonlocal taken
+        with suppress(MessageError):
+            taken = taken or codec.decode(data).src == station_id
+
+    link.open(look)
+    await asyncio.wait([over], timeout=ms / 1000)
+    if taken:
+        raise LinkError(f"station_id: {station_id} is on the air already")
+
+
+def stopping(for_ms: int | None = None) -> asyncio.Future[None]:
+    """Done at SIGTERM, SIGINT, SIGHUP or after ``for_ms``; an exception in the event loop is its
+    own."""
+    loop = asyncio.get_running_loop()
+    over: asyncio.Future[None] = loop.create_future()
+
+    def failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        error = context.get("exception") or RuntimeError(context["message"])
+        if "socket" in context and isinstance(error, OSError):
+            return  # a listener that found no free descriptor for a client; it tries again
+        if not over.done():
+            over.set_exception(error)
+
+    loop.set_exception_handler(failed)
+    on_signals(_end, over)
+    if for_ms is not None:
+        loop.call_later(for_ms / 1000, _end, over)
+    return over
+
+
+def on_signals(do: Callable[[asyncio.Future[None]], None], over: asyncio.Future[None]) -> None:
+    """Do it at SIGTERM, SIGINT, and SIGHUP unless that is ignored (nohup)."""
+    hangup = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+    for signum in (signal.SIGTERM, signal.SIGINT, *([signal.SIGHUP] if hangup else [])):
+        asyncio.get_running_loop().add_signal_handler(signum, do, over)
+
+
+def _end(over: asyncio.Future[None]) -> None:
+    if not over.done():
+        over.set_result(None)

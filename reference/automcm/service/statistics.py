@@ -1,0 +1,67 @@
+"""What a service has counted.  Nothing here is read by anything that decides."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from automcm.core.outcome import Heard
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm_spec.vocabulary.messages import Cam
+
+
+@dataclass(slots=True)
+class Statistics:
+    """Counters of one service.
+
+    ``unsendable`` messages were more than the codec can carry, and so as if lost.  Every message
+    received is counted in ``received``; of those, ``malformed`` were no message (``oversized``
+    among them for their length alone), ``elsewhere`` were addressed to another (MSG-1),
+    ``broken`` broke the protocol (END-5), ``foreign`` were of a session the station was not in
+    (END-4), and ``repeated`` were of its session and changed nothing: copies and stale ones.
+    ``rules`` counts what decided, expiries and commands too.  ``latest_ms`` is by how much an
+    alarm rang late at most.
+    """
+
+    sent: Counter[str] = field(default_factory=Counter)
+    sent_bytes: int = 0
+    unsendable: int = 0
+    received: Counter[str] = field(default_factory=Counter)
+    received_bytes: int = 0
+    rules: Counter[str] = field(default_factory=Counter)
+    malformed: int = 0
+    oversized: int = 0
+    elsewhere: int = 0
+    broken: int = 0
+    foreign: int = 0
+    repeated: int = 0
+    latest_ms: int = 0
+
+    def count(self, effects: Effects, before: State) -> None:
+        """Count one input that was taken in state ``before``."""
+        self.rules[effects.rule] += 1
+        match effects.input:
+            case None:
+                self.malformed += 1
+            case Heard(message):
+                self.received[message.type] += 1
+                if effects.rule == "MSG-1":
+                    self.elsewhere += 1
+                elif effects.rule == "END-5":
+                    self.broken += 1
+                elif message.session not in (before.session, effects.state.session):
+                    self.foreign += 1
+                elif effects.state is before:
+                    self.repeated += 1
+            case Cam():
+                self.received["CAM"] += 1
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON, sorted."""
+        out: dict[str, Any] = {}
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            out[name] = dict(sorted(value.items())) if isinstance(value, Counter) else value
+        return out

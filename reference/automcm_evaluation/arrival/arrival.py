@@ -1,0 +1,269 @@
+"""When a receiver arrives, with coordination and without (section VI-B, Fig. 8).
+
+A prescriber moves over into the lane of a receiver.  The clock starts at the prescriber's signal
+and stops when the receiver is at the target.  Each trial is driven twice from the same start:
+coordinated, and with ``road.Late``, the paper's behaviour without.  What that model has of
+figures the paper does not tell, so the gain is also driven over a grid of them, and in SUMO.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from random import Random
+from typing import Annotated
+
+from pydantic import Field
+
+from automcm.scenarios.drive import FourVehicles, arrival_s
+from automcm.scenarios.road import Driving, Late
+from automcm_evaluation.arrival import arrival_page, sumo
+from automcm_evaluation.arrival.arrival_claims import SPEEDS_KMH, claims, summary
+from automcm_evaluation.framework.experiment import (
+    Experiment,
+    ExperimentError,
+    Settings,
+    Values,
+    columns,
+)
+from automcm_evaluation.framework.intervals import mean
+
+BLOCK = 10
+"""Trials in one cell."""
+TOO_LATE = 10
+"""Times as long as the way takes undisturbed, and nothing arrives any more."""
+PLACES = ("target_m", "signal_m", "signal_span_m", "beside_m", "beside_span_m")
+MODEL = ("notice", "brake", "restart_s", "restart_gap")
+Notice = Annotated[float, Field(ge=0, le=3)]
+Brake = Annotated[float, Field(gt=0, le=9)]
+Wait = Annotated[float, Field(ge=0, le=10)]
+Gap = Annotated[float, Field(ge=0, le=100)]
+Acceleration = Annotated[float, Field(ge=0.5, le=4)]
+Draw = tuple[float, float]
+"""Of a trial: how far ahead the prescriber starts, and after how much way it signals, m."""
+
+
+class Arrival(Settings):
+    """SI units; all ways from where the receiver starts, or centre to centre."""
+
+    trials: int = Field(default=100, ge=2, le=1000)
+    """At each speed (the paper: 100)."""
+    target_m: float = Field(default=260.0, ge=200, le=2000)
+    """The paper's."""
+    signal_m: float = Field(default=45.0, ge=0, le=100)
+    """After how much way the prescriber signals, at least; calibrated."""
+    signal_span_m: float = Field(default=10.0, ge=0, le=50)
+    """And at most so much later; assumed."""
+    beside_m: float = Field(default=5.0, ge=0, le=20)
+    """How far ahead of the receiver the prescriber starts, at least; assumed."""
+    beside_span_m: float = Field(default=2.5, ge=0, le=20)
+    """And at most so much more; assumed."""
+    notice: Notice = Late().notice
+    brake: Brake = Late().brake
+    restart_s: Wait = Late().restart_s
+    restart_gap: Gap = Late().restart_gap
+    """Calibrated; the other four are assumed."""
+    acceleration: Acceleration = Driving().acceleration
+    """Of all vehicles, with coordination and without."""
+    draws: int = Field(default=3, ge=1, le=50)
+    """Starts for each baseline tried, spread evenly."""
+    notices: tuple[Notice, ...] = (0.2, 0.5, 1.0, 1.75)
+    brakes: tuple[Brake, ...] = Field(default=(2.0, 3.0, 4.0, 6.0, 8.0), min_length=1)
+    restarts_s: tuple[Wait, ...] = Field(default=(0.0, 0.5, 1.5, 3.0, 5.0), min_length=1)
+    restart_gaps: tuple[Gap, ...] = Field(
+        default=(10.0, 20.0, 30.0, 45.0, 60.0, 80.0), min_length=1
+    )
+    accelerations: tuple[Acceleration, ...] = (1.0, 1.5, 2.0, 2.5)
+    sumo: bool = True
+    """Also drive it in SUMO (automcm[sumo])."""
+
+
+def cells(settings: Arrival) -> list[Values]:
+    """SUMO's first: if it is missing that is told at once."""
+    all_ = settings.model_dump(mode="json")
+    places = {name: all_[name] for name in PLACES}
+    model = {name: all_[name] for name in (*MODEL, "acceleration")}
+    tried = {
+        "notice": all_["notices"],
+        "brake": all_["brakes"],
+        "restart_s": all_["restarts_s"],
+        "restart_gap": all_["restart_gaps"],
+        "acceleration": all_["accelerations"],
+    }
+    found: list[Values] = []
+    for speed_kmh in SPEEDS_KMH:
+        here = {"speed_kmh": speed_kmh, "places": places}
+        if settings.sumo:
+            found += [
+                here | {"part": "sumo", "how": how, "draws": settings.trials} for how in sumo.HOWS
+            ]
+        here |= {"model": model}
+        trials = here | {"part": "trials"}
+        found += [
+            trials | {"block": n, "trials": min(BLOCK, settings.trials - n)}
+            for n in range(0, settings.trials, BLOCK)
+        ]
+        here |= {"draws": settings.draws}
+        found += [here | {"part": "one", "name": name, "tried": tried[name]} for name in tried]
+        grid = {"part": "grid", "restart_gaps": tried["restart_gap"]}
+        grid |= here | {"restarts_s": tried["restart_s"]}
+        found += [grid | {"brake": brake} for brake in tried["brake"]]
+    return sorted(found, key=lambda values: values["part"] != "sumo")
+
+
+def run(values: Values, seed: int) -> Values:
+    """A cell.  Raises ExperimentError if nobody arrives, or SUMO is wanted and missing."""
+    if values["part"] == "trials":
+        return _trials(values, Random(seed))
+    if values["part"] == "sumo":
+        return _in_sumo(values, seed)
+    if values["part"] == "one":
+        name = values["name"]
+        models = [values["model"] | {name: value} for value in values["tried"]]
+        return {"gain_s": [_gains(values, [model])[0] for model in models]}
+    flat = [
+        values["model"] | {"brake": values["brake"], "restart_gap": gap, "restart_s": wait}
+        for gap in values["restart_gaps"]
+        for wait in values["restarts_s"]
+    ]
+    gains, width = _gains(values, flat), len(values["restarts_s"])
+    return {"gain_s": [gains[n : n + width] for n in range(0, len(gains), width)]}
+
+
+def _trials(values: Values, random: Random) -> Values:
+    """Lists, one entry for each trial."""
+    draws = [
+        (drawn(values["places"], random.random(), random.random()), random.getrandbits(31))
+        for _ in range(values["trials"])
+    ]
+    found: Values = {
+        "beside_m": [round(beside_m, 3) for (beside_m, _), _ in draws],
+        "signal_m": [round(signal_m, 3) for (_, signal_m), _ in draws],
+    }
+    for which in ("with", "without"):
+        found[which] = columns(
+            [
+                drive(values, draw, values["model"], coordinated=which == "with", seed=seed)
+                for draw, seed in draws
+            ]
+        )
+    return found
+
+
+def _gains(values: Values, models: Sequence[Values]) -> list[float]:
+    """By how much earlier a receiver arrives than with each of these baselines, s, on average.
+    They have one acceleration, so that with coordination all are the same."""
+    draws = spread(values["places"], values["draws"])
+
+    def average(model: Values, coordinated: bool) -> float:
+        driven = (drive(values, draw, model, coordinated=coordinated) for draw in draws)
+        return mean([one["arrival_s"] for one in driven])
+
+    with_ = average(models[0], True)
+    return [round(average(model, False) - with_, 3) for model in models]
+
+
+def _in_sumo(values: Values, seed: int) -> Values:
+    places = values["places"]
+    speed = values["speed_kmh"] / 3.6
+    starts = spread(places, values["draws"])
+    found = columns(
+        [
+            sumo.Trial(
+                how=values["how"],
+                speed=speed,
+                beside_m=beside_m,
+                signal_s=signal_m / speed,
+                target_m=places["target_m"],
+                seed=seed % 2**31,
+            ).run()
+            for beside_m, signal_m in starts
+        ]
+    )
+    undisturbed = mean([(places["target_m"] - signal_m) / speed for _, signal_m in starts])
+    return {
+        "arrival_s": round(mean(found["arrival_s"]), 3),
+        "lost_s": round(mean(found["arrival_s"]) - undisturbed, 3),
+        "slowest": min(found["slowest"]),
+        "hardest": max(found["hardest"]),
+        "collisions": sum(found["collisions"]),
+    }
+
+
+def drawn(places: Values, first: float, second: float) -> Draw:
+    """The start that two numbers from 0 to 1 stand for."""
+    return (
+        places["beside_m"] + first * places["beside_span_m"],
+        places["signal_m"] + second * places["signal_span_m"],
+    )
+
+
+def spread(places: Values, number: int) -> list[Draw]:
+    """Starts spread evenly, the same for all baselines: neither of the two goes with the other."""
+    golden = (5**0.5 - 1) / 2
+    return [drawn(places, (n + 0.5) / number, (n * golden + 0.5) % 1) for n in range(number)]
+
+
+def drive(values: Values, draw: Draw, model: Values, *, coordinated: bool, seed: int = 0) -> Values:
+    """One drive: ``arrival_s`` since the signal; of the receiver ``slowest`` (m/s), how long it
+    ``stood_s``, its ``hardest`` braking, and the hardest since the lane change began, ``after``
+    (m/s²); and whether the session was ``completed``.  Raises ExperimentError if it does not
+    arrive.
+    """
+    beside_m, signal_m = draw
+    target_m, speed = values["places"]["target_m"], values["speed_kmh"] / 3.6
+    signal_s, alone_s = round(signal_m / speed, 3), target_m / speed
+    driven = FourVehicles(
+        vehicles=2,
+        speed_kmh=values["speed_kmh"],
+        beside_m=beside_m,
+        coordinated=coordinated,
+        signal_s=signal_s,
+        until_s=alone_s + 5,
+        seed=seed,
+        late=Late(**{name: model[name] for name in MODEL}),
+        driving=Driving(acceleration=model["acceleration"]),
+    ).run()
+    until_s = alone_s + 5
+    while (arrival := arrival_s(driven.road.of(3), target_m - beside_m)) is None:
+        until_s += 5
+        if until_s > TOO_LATE * alone_s:
+            raise ExperimentError(
+                f"the receiver does not arrive: {values['speed_kmh']} km/h, {model}"
+            )
+        driven.run(until_s)
+    samples = [sample for sample in driven.road.of(3) if sample.t <= arrival]
+    begun = next((s.t for s in driven.road.of(1) if s.y != 0), arrival)
+    return {
+        "arrival_s": round(arrival - signal_s, 3),
+        "slowest": round(min(s.speed for s in samples), 3),
+        "stood_s": round(sum(s.speed == 0 for s in samples) * 0.1, 1),
+        "hardest": round(max(0.0, *(-s.acceleration for s in samples)), 3),
+        "after": round(max([0.0, *(-s.acceleration for s in samples if s.t >= begun)]), 3),
+        "completed": int(any(kind == "Fin" for _, _, kind in driven.sent)),
+    }
+
+
+EXPERIMENT = Experiment(
+    name="arrival",
+    title="Arrival with coordination and without (VI-B, Fig. 8)",
+    settings=Arrival,
+    profiles={
+        "quick": Arrival(
+            trials=10,
+            draws=1,
+            notices=(0.2, 0.5, 1.75),
+            brakes=(3.0, 6.0),
+            restarts_s=(0.0, 1.5, 3.0),
+            restart_gaps=(20.0, 45.0, 80.0),
+            accelerations=(1.0, 1.5, 2.5),
+            sumo=False,
+        ),
+        "standard": Arrival(),
+    },
+    cells=cells,
+    run=run,
+    summary=summary,
+    claims=claims,
+    page=arrival_page.page,
+    figures=arrival_page.figures,
+)

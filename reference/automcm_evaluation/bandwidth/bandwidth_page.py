@@ -1,0 +1,144 @@
+"""The page and the figures of the bandwidth experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from automcm_evaluation.bandwidth.bandwidth_air import CODECS, FORMS
+from automcm_evaluation.bandwidth.bandwidth_summary import MARKED, drive
+from automcm_evaluation.framework import figures as drawing
+from automcm_evaluation.framework.experiment import PAGES, Values
+from automcm_spec.support import markdown
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = {
+    "CAM": "#bbbbbb",
+    "Advertisement": "#0077bb",
+    "Intention": "#ee7733",
+    "Prescription": "#cc3311",
+    "Acceptance": "#009988",
+    "Cancel": "#aa3377",
+    "Fin": "#000000",
+    "Ack": "#ddaa33",
+}
+"""In the order in which they are stacked."""
+ALWAYS = "always-on"
+CASES = {
+    "cams": "CAMs alone",
+    "minute": "a lane change a minute",
+    "maneuver": "during a lane change",
+    "busiest": "busiest half second of one",
+    "always": ALWAYS,
+}
+
+
+def page(report: Values) -> str:
+    """Markdown; every figure is from the report."""
+    s, four = report["summary"], drive(report["summary"], 4)
+    return markdown.page(
+        PAGES / "bandwidth.md.j2",
+        s=s,
+        settings=report["settings"],
+        m=s["model"],
+        points=s["points"],
+        headers=sum(s["headers"].values()),
+        two=drive(s, 2),
+        four=four,
+        lossy=drive(s, 4, lossy=True),
+        kinds=list(COLOURS),
+        codecs=CODECS,
+        forms=FORMS,
+        cases=CASES,
+        always=ALWAYS,
+        marked=MARKED,
+        sent={name: _sent(four, name) for name in CODECS},
+    )
+
+
+def _sent(of: Values, name: str) -> dict[str, float]:
+    """The mean size of each message as it was sent."""
+    count = of["count"]
+    sizes = {k: of["bytes"][name].get(k, 0) / n for k, n in count.items() if n}
+    return dict.fromkeys(COLOURS, 0.0) | sizes | {"CAM": of["cam_size"][name]}
+
+
+def figures(report: Values) -> Iterator[tuple[str, Figure]]:
+    """Fig. 7 in each codec, and the scaling."""
+    s = report["summary"]
+    for name in CODECS:
+        yield f"fig7-{name}", _fig_7(s, name)
+    yield "scaling", _scaled(s)
+
+
+def _fig_7(s: Values, name: str) -> Figure:
+    figure, plots = drawing.plots(2, height=6.5)
+    for plot, n, letter in zip(plots, ("2", "4"), "ab", strict=True):
+        _stacked(plot, s["time"][n][name], s["bin_ms"] / 1000)
+        plot.set_title(f"({letter}) {n} vehicles", loc="left", fontsize=10)
+        plot.set_ylabel(f"kB/s ({name.upper()})")
+    for plot in plots[:-1]:
+        plot.sharex(plots[-1])
+        plot.sharey(plots[-1])
+    plots[-1].set_xlabel("time, s (the turn signal is set at 1 s)")
+    handles, labels = plots[-1].get_legend_handles_labels()
+    figure.legend(handles[::-1], labels[::-1], loc="outside right upper", fontsize=8)
+    return figure
+
+
+def _stacked(plot: Axes, time: Values, width: float) -> None:
+    number = len(time[ALWAYS])
+    left = [width * n for n in range(number)]
+    below = [0.0] * number
+    for kind, colour in COLOURS.items():
+        values = [value / width / 1000 for value in time.get(kind, [0] * number)]
+        plot.bar(left, values, width, below, align="edge", color=colour, label=kind)
+        below = [a + b for a, b in zip(below, values, strict=True)]
+    edges = [*left, left[-1] + width]
+    both = zip(time[ALWAYS], time["CAM"], strict=True)
+    heights = [(offer + cam) / width / 1000 for offer, cam in both]
+    label = f"{ALWAYS}, with CAMs"
+    plot.stairs(heights, edges, baseline=None, color="black", linestyle="--", label=label)
+    plot.set_xlim(0, edges[-1])
+
+
+def _scaled(s: Values) -> Figure:
+    figure, plots = drawing.plots(1, 2, height=4.2)
+    usual = min(each["participants"] for each in s["many"])
+    many = [each for each in s["many"] if each["participants"] == usual]
+    styles = {
+        "always": ("#cc3311", "o-"),
+        "busiest": ("#ee7733", "v:"),
+        "maneuver": ("#0077bb", "s-"),
+        "minute": ("#009988", "^--"),
+        "cams": ("#888888", "-"),
+    }
+    for plot, name in zip(plots, CODECS, strict=True):
+        for case, (colour, style) in styles.items():
+            plot.plot(
+                [each["vehicles"] for each in many],
+                [100 * each["channel"][name][case] for each in many],
+                style,
+                color=colour,
+                markersize=4,
+                label=CASES[case],
+            )
+        raised = [each for each in s["many"] if each["participants"] > usual]
+        for case in ("busiest", "maneuver") if raised else ():
+            plot.plot(
+                [each["vehicles"] for each in raised],
+                [100 * each["channel"][name][case] for each in raised],
+                styles[case][1][0],
+                color=styles[case][0],
+                fillstyle="none",
+                label="max_participants raised" if case == "maneuver" else None,
+            )
+        plot.set_title(name.upper(), loc="left", fontsize=10)
+        plot.set_xlabel("vehicles in range")
+        plot.set_ylabel(f"share of {s['channel_bit_s'] / 1e6:g} Mbit/s, CAMs included, %")
+        plot.set_ylim(bottom=0)
+    plots[0].legend(fontsize=8)
+    return figure

@@ -1,0 +1,243 @@
+"""What the cells of the bandwidth experiment come to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from automcm.kernels.thin import EVERY
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.lane_change import Plan
+from automcm.scenarios.road import ROAD_M
+from automcm_evaluation.bandwidth.bandwidth_air import (
+    BIN_MS,
+    CODECS,
+    FORMS,
+    GAP_M,
+    POINTS,
+    RATE_HZ,
+    SPEED_KMH,
+)
+from automcm_evaluation.framework.experiment import Cell, Values, chosen
+from automcm_evaluation.framework.intervals import mean, wilson
+from automcm_spec.vocabulary.parameters import Parameters
+
+CARRYING = ("Advertisement", "Intention", "Prescription", "Acceptance")
+"""The messages with a trajectory."""
+MARKED = "CAM in a session"
+"""Ours then names the session (ACT-5); the paper's has nothing of the kind."""
+ETSI_CAM = 41
+"""Bytes of an ETSI CAM in UPER, with the basic and the high-frequency container alone: encoded by
+pycrate, an encoder of others (reference/tests/foreign_cam.py)."""
+HEADERS = {
+    "802.11 MAC": 26,
+    "802.11 check sum": 4,
+    "LLC and SNAP": 8,
+    "GeoNetworking basic": 4,
+    "GeoNetworking common": 8,
+    "GeoNetworking single-hop broadcast": 28,
+    "BTP-B": 4,
+}
+"""Bytes around a payload in ITS-G5, without security; the lengths in the sources of Vanetza
+(github.com/riebl/vanetza: access/g5_link_layer.hpp, geonet/, btp/header.hpp)."""
+CHANNEL_BIT_S = 6_000_000
+SPARSE_CAM_MS = 500
+"""Between CAMs in drives with many vehicles, to save time; their bytes are counted at RATE_HZ."""
+
+
+def summary(cells: Sequence[Cell]) -> Values:
+    """What the tables, figures and claims are taken from; amounts in bytes, times in s."""
+    (sized,) = (cell.result for cell in chosen(cells, part="sizes"))
+    drives = chosen(cells, part="drive")
+    pairs = dict.fromkeys((cell.values["vehicles"], cell.values["loss"]) for cell in drives)
+    planned = next(cell.result["planned"] for cell in drives if "planned" in cell.result)
+    return {
+        "sizes": sized,
+        "ratios": {
+            name: {kind: round(sized[kind][name] / sized["CAM"][name], 2) for kind in CARRYING}
+            for name in CODECS
+        },
+        "etsi": {
+            "cam": ETSI_CAM,
+            "ratio": round(sized["Intention"]["uper"] / ETSI_CAM, 2),
+            "needed_per_point": round(10 * ETSI_CAM / POINTS, 2),
+            "here_per_point": round(sized["Intention"]["uper"] / POINTS, 2),
+        },
+        "headers": HEADERS,
+        "channel_bit_s": CHANNEL_BIT_S,
+        "points": {"paper": POINTS} | planned,
+        "model": _model(),
+        "drives": [
+            _drives(vehicles, loss, chosen(drives, vehicles=vehicles, loss=loss))
+            for vehicles, loss in pairs
+        ],
+        "time": {
+            str(cell.values["vehicles"]): cell.result["time"]
+            for cell in drives
+            if "time" in cell.result
+        },
+        "bin_ms": BIN_MS,
+        "many": [_many(cell) for cell in chosen(cells, part="many")],
+        "series": [
+            _event(each)
+            | {
+                "s": each["ms"] / 1000,
+                "finished": each["finished"],
+                "vehicles": cell.result["vehicles"],
+                "intentions": each["count"].get("Intention", 0),
+                "always": each["always"]["sent"],
+            }
+            for cell in chosen(cells, part="series")
+            for each in cell.result["sessions"]
+        ],
+    }
+
+
+def _model() -> Values:
+    """What the drives were run with."""
+    parameters, plan, (low, high) = Parameters(), Plan(), Channel().delay_ms
+    return {
+        "speed_kmh": SPEED_KMH,
+        "gap_m": GAP_M,
+        "rate_hz": RATE_HZ,
+        "sparse_hz": 1000 / SPARSE_CAM_MS,
+        "t_resend_s": parameters.t_resend / 1000,
+        "t_timeout_s": parameters.t_timeout / 1000,
+        "delay_ms": [low, high],
+        "delta_v_kmh": round(plan.delta_v * 3.6, 3),
+        "gain_m": plan.gain_m,
+        "ahead_m": ROAD_M,
+        "every": EVERY,
+    }
+
+
+def drive(summary: Values, vehicles: int, lossy: bool = False) -> Values:
+    """The drives with so many vehicles, without loss or with it."""
+    (found,) = (
+        d for d in summary["drives"] if d["vehicles"] == vehicles and (d["loss"] > 0) == lossy
+    )
+    return dict(found)
+
+
+def _event(session: Values, form: str = "sent") -> Values:
+    """Bytes of all messages of a session in each codec."""
+    return {name: sum(session["bytes"][form][name].values()) for name in CODECS}
+
+
+def _drives(vehicles: int, loss: float, cells: Sequence[Cell]) -> Values:
+    """The means of all drives of one kind, and what event-driven saves in them."""
+    sessions = [session for cell in cells for session in cell.result["sessions"]]
+    finished = sum(session["finished"] for session in sessions)
+    kinds = sorted({kind for session in sessions for kind in session["count"]})
+    seconds = _mean([session["ms"] / 1000 for session in sessions])
+    event = {form: _means([_event(session, form) for session in sessions]) for form in FORMS}
+    always = {form: _means([s["always"][form] for s in sessions]) for form in FORMS[:2]}
+    always[FORMS[2]] = always[FORMS[1]]
+    cams = _means([session["cams"] for session in sessions])
+    sent = [_event(session) for session in sessions]
+    return {
+        "vehicles": vehicles,
+        "loss": loss,
+        "trials": len(sessions),
+        "finished": finished,
+        "interval": [round(bound, 4) for bound in wilson(finished, len(sessions))],
+        "s": seconds,
+        "cancelled": sorted({n for session in sessions for n in session["cancelled"]}),
+        "count": {
+            kind: _mean([session["count"].get(kind, 0) for session in sessions]) for kind in kinds
+        },
+        "bytes": {
+            name: {
+                kind: _mean([s["bytes"]["sent"][name].get(kind, 0) for s in sessions])
+                for kind in kinds
+            }
+            for name in CODECS
+        },
+        "by_station": {
+            str(n): _means(
+                [s["by_station"].get(str(n), dict.fromkeys(CODECS, 0)) for s in sessions]
+            )
+            for n in range(1, vehicles + 1)
+        },
+        "cam_size": {
+            name: _mean([s["cams"][name] / s["cams"]["count"] for s in sessions]) for name in CODECS
+        },
+        "always_size": {
+            name: round(always["sent"][name] / (RATE_HZ * seconds * vehicles), 3) for name in CODECS
+        },
+        "event": event,
+        "range": {name: [f(each[name] for each in sent) for f in (min, max)] for name in CODECS},
+        "always": always,
+        "cams": cams,
+        "saving": {
+            form: {
+                name: {
+                    "factor": round(always[form][name] / event[form][name], 2),
+                    "with_cams": round(
+                        (always[form][name] + cams[name]) / (event[form][name] + cams[name]), 2
+                    ),
+                    "break_even_per_min": round(
+                        60 / seconds * always[form][name] / event[form][name], 1
+                    ),
+                }
+                for name in CODECS
+            }
+            for form in FORMS
+        },
+    }
+
+
+def _many(cell: Cell) -> Values:
+    """Bytes a second and the share of the channel; CAMs at RATE_HZ are always among them."""
+    session, vehicles = cell.result["session"], cell.values["vehicles"]
+    seconds, busiest, cams = session["ms"] / 1000, session["busiest"], session["cams"]
+    per_s, periodic = 1000 / BIN_MS, vehicles * RATE_HZ
+    messages, event = sum(session["count"].values()), _event(session)
+    frames = {
+        "cams": periodic,
+        "minute": periodic + messages / 60,
+        "maneuver": periodic + messages / seconds,
+        "busiest": periodic + busiest["count"] * per_s,
+        "always": 2 * periodic,
+    }
+    rates = {}
+    for name in CODECS:
+        basic = periodic * cams[name] / cams["count"]
+        rates[name] = {
+            "cams": basic,
+            "minute": basic + event[name] / 60,
+            "maneuver": basic + event[name] / seconds,
+            "busiest": basic + busiest[name] * per_s,
+            "always": basic + session["always"]["sent"][name] / seconds,
+        }
+    overhead = sum(HEADERS.values())
+    return {
+        "vehicles": vehicles,
+        "participants": cell.values["participants"],
+        "finished": session["finished"],
+        "s": seconds,
+        "messages": messages,
+        "intentions": session["count"].get("Intention", 0),
+        "event": event,
+        "factor": {
+            name: round(session["always"]["sent"][name] / event[name], 1) for name in CODECS
+        },
+        "always": session["always"]["sent"],
+        "bytes_s": {
+            name: {case: round(rate, 1) for case, rate in rates[name].items()} for name in CODECS
+        },
+        "channel": {
+            name: {
+                case: round((rate + overhead * frames[case]) * 8 / CHANNEL_BIT_S, 5)
+                for case, rate in rates[name].items()
+            }
+            for name in CODECS
+        },
+    }
+
+
+def _mean(values: Sequence[float]) -> float:
+    return round(mean(values), 3)
+
+
+def _means(values: Sequence[Values]) -> Values:
+    return {name: _mean([each[name] for each in values]) for name in CODECS}

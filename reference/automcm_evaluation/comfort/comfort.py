@@ -1,0 +1,211 @@
+"""Speeds of the four vehicles (Fig. 6), and what a maneuver costs in comfort (section III-D).
+
+The maneuver of Fig. 6 is driven as it should be, without coordination, and with each of the
+faults of ``comfort_courses.COURSES``; each fault with the rule that is for it and without.  A
+fault's moment goes over a grid within each stage of the maneuver.
+"""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from automcm.scenarios.drive import FourVehicles
+from automcm.scenarios.road import STEP_S, Driving
+from automcm_evaluation.comfort import comfort_claims, comfort_courses, comfort_page
+from automcm_evaluation.comfort.comfort_courses import (
+    COURSES,
+    PRESCRIBER,
+    STAGES,
+    A,
+    B,
+    C,
+    Run,
+    Setting,
+    disturbed,
+    nobody,
+    uncoordinated,
+    undisturbed,
+)
+from automcm_evaluation.comfort.comfort_measures import (
+    FAR_S,
+    HARD,
+    Track,
+    braking,
+    distance,
+    first_slower,
+    jerk,
+    lost,
+    slowed,
+    tracks,
+)
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values
+from automcm_spec.vocabulary.parameters import Parameters
+
+DRAWN_STEPS = 5
+"""Fig. 6 is drawn from every fifth step of the road."""
+DRAWN_S = 25.0
+"""And for the first so many seconds."""
+Speed = Annotated[int, Field(ge=25, le=80)]
+
+
+class Comfort(Settings):
+    """SI units, but for km/h and ms where the name says so."""
+
+    speeds_kmh: tuple[Speed, ...] = Field(default=(30, 50), min_length=1)
+    """Of Fig. 6; the paper's (section VI-B)."""
+    faults_kmh: tuple[Speed, ...] = Field(default=(30, 50), min_length=1)
+    """Of the drives with faults."""
+    trials: int = Field(default=5, ge=1, le=100)
+    """Moments of each fault in each stage, spread evenly; places and radio are drawn anew."""
+    gap_m: float = Field(default=FourVehicles().gap_m, ge=15, le=60)
+    """From each receiver to the next, centre to centre; assumed."""
+    beside_m: float = Field(default=FourVehicles().beside_m, ge=0, le=10)
+    """How far ahead of B the prescriber starts; assumed."""
+    spread_m: float = Field(default=1.0, ge=0, le=3)
+    """Both are drawn evenly within so much to either side."""
+    until_s: float = Field(default=50.0, ge=40, le=200)
+    """Length of a drive."""
+    t_cam_loss_ms: int = Field(default=Parameters().t_cam_loss, ge=1001, le=10_000)
+    stands_s: float = Field(default=5.0, ge=0, le=20)
+    """How long A stands when it has stopped; assumed."""
+    sees_s: float = Field(default=0.5, ge=0, le=3)
+    """After which time the prescriber has seen that; assumed."""
+    open_m: float = Field(default=150.0, ge=30, le=200)
+    """Gain of an open-ended prescription, to be ended by a Fin; assumed."""
+
+
+def cells(settings: Comfort) -> list[Values]:
+    """Fig. 6 at each speed, and all courses with faults in one stage at one speed."""
+    all_ = settings.model_dump(mode="json")
+    speeds, faults_kmh, trials = (all_.pop(name) for name in ("speeds_kmh", "faults_kmh", "trials"))
+    found = [{"part": "fig6", "speed_kmh": speed, "setting": all_} for speed in speeds]
+    return found + [
+        {"part": "courses", "speed_kmh": speed, "stage": stage, "trials": trials, "setting": all_}
+        for speed in faults_kmh
+        for stage in STAGES
+    ]
+
+
+def run(values: Values, seed: int) -> Values:
+    """A cell."""
+    s = values["setting"]
+    places = {name: s[name] for name in ("gap_m", "beside_m", "until_s")}
+    assumed = {name: s[name] for name in ("t_cam_loss_ms", "stands_s", "sees_s", "open_m")}
+    setting = Setting(four=FourVehicles(speed_kmh=values["speed_kmh"], **places), **assumed)
+    if values["part"] == "fig6":
+        return fig6(setting.drawn(seed, 0.0))
+    random = Random(seed)
+    trials = values["trials"]
+    drives: dict[str, list[Values]] = {}
+    for n in range(trials):
+        drawn = setting.drawn(random.getrandbits(31), s["spread_m"])
+        for name, cost in trial(drawn, values["stage"], (n + 0.5) / trials).items():
+            drives.setdefault(name, []).append(cost)
+    return {name: comfort_claims.together(costs) for name, costs in drives.items()}
+
+
+def trial(setting: Setting, stage: str, share: float) -> dict[str, Values]:
+    """Each course once, its fault after ``share`` of the stage.
+
+    "cut" is that course with its rule, "cut without" the same without it.
+    """
+    parameters, plan = Parameters(), setting.four.plan
+    begin, end = comfort_courses.stage(stage, plan, parameters, Driving().lane_change_s)
+    at_s = begin + share * (end - begin)
+    alone = tracks(nobody(setting).drive.road.samples)
+    plain = tracks(undisturbed(setting).drive.road.samples)
+    needed = {n: (lost(plain[n], alone[n]), slowed(plain[n], alone[n])) for n in (B, C)}
+    found = {
+        "undisturbed": cost(plain, alone, needed),
+        "open-ended": cost(_tracks(undisturbed(setting, open_ended=True)), alone, needed),
+        "uncoordinated": cost(_tracks(uncoordinated(setting)), alone, needed),
+    }
+    for name, course in COURSES.items():
+        without_change = alone
+        if course.else_befalls is not None:
+            without_change = _tracks(nobody(setting, course, at_s))
+        for with_rules in (True, False):
+            driven = _tracks(disturbed(course, setting, at_s, with_rules=with_rules))
+            found[name if with_rules else f"{name} without"] = cost(driven, without_change, needed)
+    return found
+
+
+def _tracks(run: Run) -> dict[int, Track]:
+    return tracks(run.drive.road.samples)
+
+
+def cost(
+    found: dict[int, Track], alone: dict[int, Track], needed: dict[int, tuple[float, float]]
+) -> Values:
+    """Of one drive.  ``alone``: if nobody wants to change lanes; ``needed``: m and s of slowing of
+    B and of C that a lane change takes if nothing goes wrong.
+
+    Slowing is needless as far as it is more than that, and all of it if nobody moved over.
+    """
+    moved = bool(found[PRESCRIBER].y[-1] != found[PRESCRIBER].y[0])
+    near = [distance(n, found) for n in (PRESCRIBER, B, C)]
+    values: Values = {
+        "drives": 1,
+        "moved": int(moved),
+        "touched": int(any(d.gap < 0 for d in near)),
+        "hard": int(any(braking(found[n]) > HARD for n in (PRESCRIBER, B, C))),
+        "gap_m": min(d.gap for d in near),
+        "ttc_s": min(FAR_S if d.collision_s is None else d.collision_s for d in near),
+    }
+    for name, n in (("prescriber", PRESCRIBER), ("B", B), ("C", C)):
+        track = found[n]
+        values[f"{name} braking"] = braking(track)
+        values[f"{name} jerk"] = jerk(track)
+        values[f"{name} lost_m"] = lost(track, alone[n])
+        if n in needed:
+            need_m, need_s = needed[n] if moved else (0.0, 0.0)
+            values[f"{name} needless_m"] = max(0.0, values[f"{name} lost_m"] - need_m)
+            values[f"{name} needless_s"] = max(0.0, slowed(track, alone[n]) - need_s)
+    return values
+
+
+def fig6(setting: Setting) -> Values:
+    """The undisturbed maneuver: speed over position of the four, and what is claimed of it."""
+    found, alone = _tracks(undisturbed(setting)), _tracks(nobody(setting))
+    prescriber = found[PRESCRIBER]
+    moving = np.flatnonzero(np.diff(prescriber.y))
+    begin, end = int(moving[0]), int(moving[-1]) + 1
+    steps = slice(0, round(DRAWN_S / STEP_S), DRAWN_STEPS)
+    behind = {n: first_slower(found[n], alone[n]) for n in (A, B, C)}
+    gap = distance(C, found).gap
+    return {
+        "x_m": {str(n): np.round(found[n].x[steps], 2).tolist() for n in found},
+        "speed": {str(n): np.round(found[n].speed[steps], 3).tolist() for n in found},
+        "begin_s": round(float(prescriber.t[begin]), 1),
+        "end_s": round(float(prescriber.t[end]), 1),
+        "begin_m": round(float(prescriber.x[begin]), 2),
+        "end_m": round(float(prescriber.x[end]), 2),
+        "slower_s": {str(n): behind[n] for n in behind},
+        "slowest": {str(n): round(float(found[n].speed.min()), 3) for n in found},
+        "a_differs": round(float(np.abs(found[A].speed - alone[A].speed).max()), 3),
+        "b_at_begin": round(float(found[B].speed[begin]), 3),
+        "hardest": {str(n): round(braking(found[n]), 3) for n in found},
+        "hardest_in_change": {
+            str(n): round(max(0.0, -float(found[n].acceleration[begin + 1 : end + 1].min())), 3)
+            for n in found
+        },
+        "c_gap_m": round(gap, 2),
+    }
+
+
+EXPERIMENT = Experiment(
+    name="comfort",
+    title="Speeds and comfort (Fig. 6, III-D)",
+    settings=Comfort,
+    profiles={"quick": Comfort(trials=1, faults_kmh=(30,)), "standard": Comfort()},
+    cells=cells,
+    run=run,
+    summary=comfort_claims.summary,
+    claims=comfort_claims.claims,
+    page=comfort_page.page,
+    figures=comfort_page.figures,
+)

@@ -1,0 +1,350 @@
+"""The courses of ``comfort``: what befalls four vehicles in mid-maneuver, with the rule that is
+for it and without.
+
+A rule is taken away outside the protocol core: by a parameter that no timer reaches, or by an
+application that does not say what it should.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from automcm.kernels.prescribe import prescribe
+from automcm.kernels.thin import thin
+from automcm.kernels.trajectory import to_message
+from automcm.scenarios import drive as driving
+from automcm.scenarios.drive import STEP_MS, FourVehicles
+from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.scenarios.road import STEP_S, Vehicle
+from automcm.scenarios.simulation import Simulation
+from automcm.service.application import Choice, Drive, Proposal
+from automcm_spec.vocabulary.application import Abort, Command, Prescribe
+from automcm_spec.vocabulary.parameters import Parameters
+
+PRESCRIBER, A, B, C = 1, 2, 3, 4
+NEVER_MS = 10**9
+"""A timer that long does not expire in any drive here."""
+STAGES = ("negotiation", "hold", "slow-down", "lane change")
+
+
+def stage(
+    name: str, plan: Plan, parameters: Parameters, lane_change_s: float
+) -> tuple[float, float]:
+    """Begin and end of a stage of an undisturbed maneuver, s since the signal (delays of messages
+    left out)."""
+    lengths = (
+        parameters.t_advertise / 1000,
+        plan.hold_s,
+        plan.gain_m / plan.delta_v,
+        lane_change_s,
+    )
+    begin = 0.0
+    for each, length in zip(STAGES, lengths, strict=True):
+        if each == name:
+            return begin, begin + length
+        begin += length
+    raise ValueError(f"there is no stage {name!r}")
+
+
+class Changer(LaneChange):
+    """The lane change of an application that may let go without a word.
+
+    ``open_m``: it prescribes to be slower until that much is gained, more than it needs, so that
+    its Fin is what ends the slowing.  ``leased``: False takes ACT-4 away.
+    """
+
+    def __init__(self, vehicle: Vehicle, plan: Plan, *, open_m: float = 0.0, leased: bool = True):
+        super().__init__(vehicle, plan)
+        self.executing = self.absent = False
+        self._open_m, self._leased = open_m, leased
+
+    def let_go(self) -> None:
+        """Drive alone from now on and answer nothing."""
+        self.absent = True
+        self._alone()
+
+    def hang(self) -> None:
+        """Answer nothing, begin nothing and end nothing from now on."""
+        self.absent = True
+        self._begins_ms = self._drive = None
+
+    def _chosen(self, choice: Choice) -> Command:
+        command = super()._chosen(choice)
+        if not isinstance(command, Prescribe):
+            return command
+        changed: dict[str, object] = {}
+        if self._open_m:
+            now = self.service.now() / 1000
+            slow = prescribe(
+                self._others[command.target].since(now),
+                now,
+                hold=self.plan.hold_s,
+                delta_v=self.plan.delta_v,
+                gain=self._open_m,
+                v_min=self.plan.v_min,
+            )
+            changed["prescribed"] = to_message(thin(slow))
+        if not self._leased:
+            changed["lease_ms"] = NEVER_MS
+        return command.model_copy(update=changed)
+
+    def choose(self, choice: Choice) -> None:
+        """Unless nobody is there to."""
+        if not self.absent:
+            super().choose(choice)
+
+    def verify(self, proposal: Proposal) -> None:
+        """Unless nobody is there to."""
+        if not self.absent:
+            super().verify(proposal)
+
+    def load(self, drive: Drive) -> None:
+        """Unless nobody is there to."""
+        if not self.absent:
+            self.executing = drive.role == "receiver"
+            super().load(drive)
+
+    def _alone(self) -> None:
+        self.executing = False
+        super()._alone()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """A drive of the four vehicles and what they are assumed to do."""
+
+    four: FourVehicles
+    t_cam_loss_ms: int = 1500
+    stands_s: float = 5.0
+    """How long A stands in ``leader_stops``."""
+    sees_s: float = 0.5
+    """After which time the prescriber's application has seen that."""
+    open_m: float = 150.0
+    """Gain of the open-ended prescription of ``prescriber_hangs``."""
+
+    def drawn(self, seed: int, spread_m: float) -> Setting:
+        """Of this seed: phases of CAMs, delays, and places up to ``spread_m`` to either side."""
+        dice = random.Random(seed)
+        four = replace(
+            self.four,
+            seed=seed,
+            gap_m=self.four.gap_m + dice.uniform(-spread_m, spread_m),
+            beside_m=self.four.beside_m + dice.uniform(-spread_m, spread_m),
+        )
+        return replace(self, four=four)
+
+
+class Run:
+    """One drive: what the courses act on, and what the measures are taken from."""
+
+    def __init__(
+        self,
+        setting: Setting,
+        *,
+        with_rules: bool = True,
+        cams: bool = True,
+        open_ended: bool = False,
+        leased: bool = True,
+    ) -> None:
+        self.setting, self.with_rules = setting, with_rules
+
+        self.changers: dict[int, Changer] = {}
+
+        def make(vehicle: Vehicle, plan: Plan) -> Changer:
+            open_m = setting.open_m if open_ended else 0.0
+            changer = Changer(vehicle, plan, open_m=open_m, leased=leased)
+            self.changers[vehicle.station_id] = changer
+            return changer
+
+        self.drive: driving.Drive = setting.four.on(
+            Simulation(seed=setting.four.seed),
+            Parameters(t_cam_loss=setting.t_cam_loss_ms if cams else NEVER_MS, clock_drift=0),
+            make,
+        )
+        self._dead: set[int] = set()
+        self._noticed = False
+        self.drive.simulation.clock.at(STEP_MS, self._step)
+
+    def at(self, after_signal_s: float, do: Callable[[], None]) -> None:
+        """Do something at a time since the signal."""
+        when = self.setting.four.signal_s + after_signal_s
+        self.drive.simulation.clock.at(round(when * 1000), do)
+
+    def go(self) -> Run:
+        """Drive to the end."""
+        if not self.setting.four.coordinated:
+            self._silence()
+        self.drive.run(self.setting.four.until_s)
+        return self
+
+    def _step(self) -> None:
+        clock = self.drive.simulation.clock
+        clock.at(clock.now() + STEP_MS, self._step)
+        if self.changers[PRESCRIBER].vehicle.changing and not self._noticed:
+            self._noticed = True
+            if not self.changers[B].executing:
+                # Nobody told it that a vehicle would come (section VI-B).
+                self.changers[B].vehicle.late = self.setting.four.late
+        after = clock.now() > self.setting.four.signal_s * 1000
+        if after and self.changers[PRESCRIBER].wanted is None and not self._bound():
+            self._silence()
+
+    def _bound(self) -> bool:
+        services = self.drive.simulation.services
+        return any(s.state.bound for n, s in services.items() if n not in self._dead)
+
+    def _silence(self) -> None:
+        """Nothing that is driven depends on a message any more; CAMs would only take time."""
+        for station_id, service in self.drive.simulation.services.items():
+            self._dead.add(station_id)
+            service.close()
+
+    # -- what may befall it
+
+    def cut(self, *ways: tuple[int, int]) -> None:
+        """What the first of each pair sends does not get to the second."""
+        for src, dst in ways:
+            self.drive.simulation.radio.cut(src, dst)
+
+    def dies(self, station_id: int) -> None:
+        """Its station falls silent for good; its vehicle drives alone."""
+        self._dead.add(station_id)
+        self.drive.simulation.services[station_id].close()
+        self.changers[station_id].let_go()
+
+    def gives_up(self, station_id: int) -> None:
+        """Its application drives alone, and says so (END-1) if rules are kept."""
+        service = self.drive.simulation.services[station_id]
+        session = service.state.session
+        self.changers[station_id].let_go()
+        if self.with_rules and session is not None:
+            service.command(Abort(session=session))
+
+    def leader_stops(self) -> None:
+        """A brakes to a stop, stands, and drives on."""
+        vehicle, clock = self.changers[A].vehicle, self.drive.simulation.clock
+        desired, vehicle.desired = vehicle.desired, 0.0
+
+        def on() -> None:
+            vehicle.desired = desired
+
+        clock.at(clock.now() + round(self.setting.stands_s * 1000), on)
+
+    def leader_stops_and_is_seen(self) -> None:
+        """The prescriber's application sees it and gives up; without the rule it goes on."""
+        self.leader_stops()
+        if self.with_rules:
+            clock = self.drive.simulation.clock
+            seen = clock.now() + round(self.setting.sees_s * 1000)
+            clock.at(seen, lambda: self.gives_up(PRESCRIBER))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """A fault, and the rule against it."""
+
+    text: str
+    rule: str
+    """What is taken away without it."""
+    taken: str
+    """How."""
+    befalls: Callable[[Run], None]
+    cams: bool = True
+    """Whether ACT-2 is kept without the rule; ``leased``: ACT-4."""
+    leased: bool = True
+    open_ended: bool = False
+    else_befalls: Callable[[Run], None] | None = None
+    """What happens on the same road if nobody wants to change lanes."""
+
+
+def _without_act_2(text: str, befalls: Callable[[Run], None]) -> Course:
+    taken = "t_cam_loss is so long that it never expires, in both stations"
+    return Course(text=text, rule="ACT-2", taken=taken, befalls=befalls, cams=False)
+
+
+def _without_a_word(text: str, station_id: int) -> Course:
+    taken = "the application that gives up drives alone and gives its service no command"
+    befalls = lambda run: run.gives_up(station_id)  # noqa: E731
+    return Course(text=text, rule="END-1, END-2", taken=taken, befalls=befalls)
+
+
+COURSES = {
+    "cut": _without_act_2(
+        "from then on no message passes between the prescriber and B",
+        lambda run: run.cut((PRESCRIBER, B), (B, PRESCRIBER)),
+    ),
+    "cut_to_b": _without_act_2(
+        "from then on B hears nothing of the prescriber, which still hears B",
+        lambda run: run.cut((PRESCRIBER, B)),
+    ),
+    "cut_to_prescriber": _without_act_2(
+        "from then on the prescriber hears nothing of B, which still hears it",
+        lambda run: run.cut((B, PRESCRIBER)),
+    ),
+    "prescriber_dies": _without_act_2(
+        "the prescriber's station falls silent; its vehicle drives on alone",
+        lambda run: run.dies(PRESCRIBER),
+    ),
+    "b_dies": _without_act_2(
+        "B's station falls silent; its vehicle drives on alone", lambda run: run.dies(B)
+    ),
+    "prescriber_aborts": _without_a_word(
+        "the prescriber's own lane is free again: its application gives the change up", PRESCRIBER
+    ),
+    "b_aborts": _without_a_word(
+        "B's application can drive the trajectory no longer and gives up", B
+    ),
+    "leader_stops": Course(
+        text="A brakes to a stop; the prescriber's application sees it and gives the change up",
+        rule="END-1, END-2",
+        taken="the prescriber's application does not look: it goes on as if A did",
+        befalls=Run.leader_stops_and_is_seen,
+        else_befalls=Run.leader_stops,
+    ),
+    "prescriber_hangs": Course(
+        text="the prescriber's application hangs while its station works; what it prescribed was "
+        "open-ended, to be ended by its Fin",
+        rule="ACT-4",
+        taken="the lease is so long that it never expires",
+        befalls=lambda run: run.changers[PRESCRIBER].hang(),
+        leased=False,
+        open_ended=True,
+    ),
+}
+
+
+def disturbed(course: Course, setting: Setting, at_s: float, *, with_rules: bool) -> Run:
+    """The maneuver, and the fault ``at_s`` seconds after the signal."""
+    run = Run(
+        setting,
+        with_rules=with_rules,
+        cams=with_rules or course.cams,
+        leased=with_rules or course.leased,
+        open_ended=course.open_ended,
+    )
+    run.at(at_s, lambda: course.befalls(run))
+    return run.go()
+
+
+def undisturbed(setting: Setting, *, open_ended: bool = False) -> Run:
+    """The maneuver as it should be."""
+    return Run(setting, open_ended=open_ended).go()
+
+
+def uncoordinated(setting: Setting) -> Run:
+    """The prescriber moves over at once, and who is in the way notices late (section VI-B)."""
+    return Run(replace(setting, four=replace(setting.four, coordinated=False))).go()
+
+
+def nobody(setting: Setting, course: Course | None = None, at_s: float = 0.0) -> Run:
+    """The same road, and nobody wants to change lanes."""
+    four = setting.four
+    never = replace(four, coordinated=False, signal_s=four.until_s + STEP_S)
+    run = Run(replace(setting, four=never))
+    if course is not None and course.else_befalls is not None:
+        befalls = course.else_befalls
+        when = round((four.signal_s + at_s) * 1000)
+        run.drive.simulation.clock.at(when, lambda: befalls(run))
+    return run.go()

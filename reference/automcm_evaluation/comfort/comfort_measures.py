@@ -1,0 +1,101 @@
+"""What a drive costs in comfort, from what was recorded of the road.  SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from automcm.kernels.trajectory import Floats
+from automcm.scenarios.road import STEP_S, Sample
+
+LENGTH_M = 4.5
+WIDTH_M = 2.0
+"""Nearer to the side of another than this, centre to centre, one is in its way: a car is about
+1.8 m wide (assumed)."""
+JERK_S = 0.5
+"""Jerk is the change of acceleration over this time: over one step of the road it would be the
+step's, as its vehicles change their acceleration at once."""
+SLOWER = 0.5
+"""By more than this, m/s, a vehicle counts as slowed down."""
+HARD = 4.0
+"""Braking that is harder is hard, m/s²: twice what the driver model aims at."""
+FAR_S = 60.0
+"""A longer time to collision is none."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """One vehicle over time, each of shape (n,)."""
+
+    t: Floats
+    x: Floats
+    y: Floats
+    speed: Floats
+    acceleration: Floats
+
+
+def tracks(samples: Sequence[Sample]) -> dict[int, Track]:
+    """By station id."""
+    found = {}
+    for station_id in sorted({s.station_id for s in samples}):
+        of = [s for s in samples if s.station_id == station_id]
+        rows = np.array([(s.t, s.x, s.y, s.speed, s.acceleration) for s in of])
+        found[station_id] = Track(*rows.T)
+    return found
+
+
+def braking(track: Track) -> float:
+    """The largest deceleration, m/s²; 0 if there is none."""
+    return max(0.0, -float(track.acceleration.min()))
+
+
+def jerk(track: Track) -> float:
+    """The largest change of acceleration within JERK_S, m/s³, up or down."""
+    steps = round(JERK_S / STEP_S)
+    return float(np.abs(track.acceleration[steps:] - track.acceleration[:-steps]).max()) / JERK_S
+
+
+def lost(track: Track, alone: Track) -> float:
+    """How many m it is behind ``alone`` in the end."""
+    return float(alone.x[-1] - track.x[-1])
+
+
+def slowed(track: Track, alone: Track) -> float:
+    """How long it was slower than ``alone`` by more than SLOWER, s."""
+    return int(np.count_nonzero(track.speed < alone.speed - SLOWER)) * STEP_S
+
+
+@dataclass(frozen=True)
+class Distance:
+    """To the one ahead that is in the way: the smallest gap from bumper to bumper, m (negative:
+    they touched), and the smallest time to collision, s (None: never below FAR_S)."""
+
+    gap: float
+    collision_s: float | None
+
+
+def distance(of: int, found: dict[int, Track]) -> Distance:
+    """Of one vehicle to whoever is next ahead at each time."""
+    me = found[of]
+    gaps, speeds = [], []
+    for station_id, other in found.items():
+        if station_id == of:
+            continue
+        in_way = (np.abs(other.y - me.y) < WIDTH_M) & (other.x > me.x)
+        gaps.append(np.where(in_way, other.x - me.x - LENGTH_M, np.inf))
+        speeds.append(other.speed)
+    next_, columns = np.argmin(gaps, axis=0), np.arange(len(me.t))
+    gap = np.array(gaps)[next_, columns]
+    closing = me.speed - np.array(speeds)[next_, columns]
+    towards = (closing > 0) & np.isfinite(gap)
+    times = np.maximum(gap[towards], 0) / closing[towards]
+    nearest = float(times.min()) if len(times) else FAR_S
+    return Distance(float(gap.min()), nearest if nearest < FAR_S else None)
+
+
+def first_slower(track: Track, alone: Track) -> float | None:
+    """When it first was slower than ``alone`` by more than SLOWER, s; None: never."""
+    (when,) = np.nonzero(track.speed < alone.speed - SLOWER)
+    return round(float(track.t[when[0]]), 1) if len(when) else None

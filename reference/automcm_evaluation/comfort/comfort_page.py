@@ -1,0 +1,124 @@
+"""The page of ``comfort`` and its figures, from the report alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from automcm.scenarios.drive import NAMES
+from automcm.scenarios.lane_change import Plan
+from automcm.scenarios.road import Driving, Late
+from automcm_evaluation.comfort.comfort_claims import PLAIN, WITHOUT
+from automcm_evaluation.comfort.comfort_courses import COURSES, STAGES
+from automcm_evaluation.comfort.comfort_measures import FAR_S, HARD, JERK_S, SLOWER, WIDTH_M
+from automcm_evaluation.framework import figures as drawing
+from automcm_evaluation.framework.experiment import PAGES, Values
+from automcm_evaluation.framework.intervals import wilson
+from automcm_spec.support import markdown
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+TITLES = {
+    "undisturbed": "undisturbed",
+    "open-ended": "undisturbed, open-ended prescription",
+    "uncoordinated": "no coordination",
+    "cut": "radio cut both ways",
+    "cut_to_b": "radio cut, prescriber to B",
+    "cut_to_prescriber": "radio cut, B to prescriber",
+    "prescriber_dies": "prescriber's station dies",
+    "b_dies": "B's station dies",
+    "prescriber_aborts": "prescriber gives up",
+    "b_aborts": "B gives up",
+    "leader_stops": "A stops, prescriber gives up",
+    "prescriber_hangs": "prescriber's application hangs",
+}
+STYLES = {
+    1: ("tab:red", "-"),
+    2: ("tab:green", "--"),
+    3: ("tab:blue", "-"),
+    4: ("tab:orange", "-."),
+}
+
+
+def page(report: Values) -> str:
+    """All but title and claims."""
+    return markdown.page(
+        PAGES / "comfort.md.j2",
+        wilson=wilson,
+        s=report["summary"],
+        settings=report["settings"],
+        plan=Plan(),
+        late=Late(),
+        hardest=Driving().hardest,
+        hard=HARD,
+        jerk_s=JERK_S,
+        slower=SLOWER,
+        width_m=WIDTH_M,
+        far_s=FAR_S,
+        courses=COURSES,
+        stages=STAGES,
+        titles=TITLES,
+        plain=PLAIN,
+        suffix=WITHOUT,
+    )
+
+
+# -- figures
+
+
+def figures(report: Values) -> Iterator[tuple[str, Figure]]:
+    """Fig. 6, and costs by course."""
+    yield "fig6", _speeds(report["summary"]["fig6"])
+    yield "costs", _bars(report["summary"]["all"])
+
+
+def _speeds(fig6: Values) -> Figure:
+    figure, plots = drawing.plots(len(fig6), 1, height=3.2 * len(fig6) + 0.5)
+    for plot, (speed, of) in zip(plots, fig6.items(), strict=True):
+        for n, name in NAMES.items():
+            colour, line = STYLES[n]
+            label = name if n == 1 else f"receiver {name}"
+            speeds = [v * 3.6 for v in of["speed"][str(n)]]
+            plot.plot(of["x_m"][str(n)], speeds, line, color=colour, label=label)
+        plot.axvspan(of["begin_m"], of["end_m"], color="0.88", label="prescriber moves over")
+        plot.set(title=f"{speed} km/h", ylabel="speed, km/h", ylim=(0, int(speed) * 1.2))
+    plots[-1].set_xlabel("position along the road, m")
+    handles, labels = plots[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=5)
+    return figure
+
+
+def _bars(all_: Values) -> Figure:
+    figure, plots = drawing.plots(1, 3, height=6.5)
+    names = [*(n for n in PLAIN), *COURSES]
+    places = {name: len(names) - n for n, name in enumerate(names)}
+    for plot, what, label in (
+        (plots[0], "needless_m", "needless way lost\nby B and C, m (mean)"),
+        (plots[1], "braking", "hardest braking\nof B or C, m/s² (worst)"),
+        (plots[2], "gap_m", "least gap, m (worst)"),
+    ):
+        _with_and_without(plot, all_, places, what)
+        plot.set(xlabel=label, yticks=list(places.values()), ylim=(0.4, len(names) + 0.6))
+        plot.set_yticklabels([TITLES[name] for name in names] if plot is plots[0] else [])
+        plot.axvline(0, color="black", linewidth=0.8)
+    handles, labels = plots[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+def _with_and_without(plot: Axes, all_: Values, places: dict[str, int], what: str) -> None:
+    plain = [name for name in places if name in PLAIN]
+    for shift, names, suffix, colour, label in (
+        (0.0, plain, "", "0.55", "no fault"),
+        (0.2, list(COURSES), "", "tab:blue", "fault, with its rule"),
+        (-0.2, list(COURSES), WITHOUT, "tab:orange", "fault, without"),
+    ):
+        plot.barh(
+            [places[name] + shift for name in names],
+            [all_[name + suffix][what] for name in names],
+            height=0.38,
+            color=colour,
+            label=label,
+        )

@@ -1,0 +1,44 @@
+"""Drawing: matplotlib if it is there (automcm[plot]), and files that are equal for equal data."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from automcm_spec.support import files
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def available() -> bool:
+    """Whether matplotlib is installed."""
+    return find_spec("matplotlib") is not None
+
+
+def plots(rows: int = 1, columns: int = 1, *, height: float = 4.5) -> tuple[Figure, list[Axes]]:
+    """A figure 8 inches wide with that many plots, row by row, each with a grid."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, height), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False).flat)
+    for plot in axes:
+        plot.grid(alpha=0.3)
+    return figure, axes
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """The figure as PNG and SVG; returns the files."""
+    import matplotlib
+
+    written = []
+    with matplotlib.rc_context({"svg.hashsalt": "automcm", "font.size": 9}):
+        for kind in ("png", "svg"):
+            path = stem.with_name(f"{stem.name}.{kind}")
+            with files.writing(path) as file:
+                date = {"Date": None} if kind == "svg" else None
+                figure.savefig(file, format=kind, dpi=120, metadata=date)
+            written.append(path)
+    return written

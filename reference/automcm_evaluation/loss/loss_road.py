@@ -1,0 +1,75 @@
+"""The paper's measurement under loss: a drive to the target, whether or not they agree (VI-C)."""
+
+from __future__ import annotations
+
+from random import Random
+
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.drive import Drive, arrival_s
+from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.scenarios.road import Late, Vehicle
+from automcm_evaluation.framework.experiment import ExperimentError, Values, columns
+from automcm_spec.vocabulary.parameters import Parameters
+
+SPEED_KMH = 30.0
+"""The paper's."""
+TOO_LATE_S = 300.0
+
+
+class Insists(LaneChange):
+    """Moves over all the same if there is no agreement: what the paper's prescriber does without
+    coordination (section VI-B)."""
+
+    def _alone(self) -> None:
+        lane, driving = self.wanted, self.service.now() / 1000
+        super()._alone()
+        if lane is not None and self.vehicle.lane != lane:
+            self.wanted = lane
+            self.vehicle.change_lane(lane, driving)
+
+
+def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Values:
+    """One drive: ``arrival_s`` of the receiver since the signal, whether they ``agreed`` and the
+    session was ``completed``, and whether the receiver ``stopped``.
+
+    Raises ExperimentError if the receiver does not arrive.
+    """
+    speed, t_timeout = SPEED_KMH / 3.6, values["t_timeout"]
+    prescriber = Insists(Vehicle(1, beside_m, 0, speed, speed), Plan(hold_s=t_timeout / 1000))
+    receiver = LaneChange(Vehicle(2, 0.0, 1, speed, speed, late=Late()))
+    driven = Drive(
+        [prescriber, receiver],
+        seed=seed,
+        channel=Channel(loss=values["loss"] / 100),
+        parameters=Parameters(t_timeout=t_timeout),
+    )
+    signal_ms = round(signal_m / speed * 1000)
+    driven.simulation.clock.at(signal_ms, lambda: prescriber.signal(1))
+    until_s, arrival = 30.0, None
+    while arrival is None:
+        until_s += 5
+        if until_s > TOO_LATE_S:
+            raise ExperimentError(f"the receiver does not arrive: {values}, seed {seed}")
+        driven.run(until_s)
+        arrival = arrival_s(driven.road.of(2), values["target_m"])
+    return {
+        "arrival_s": round(arrival - signal_ms / 1000, 3),
+        "agreed": int(any("is accepted" in what for _, what in prescriber.story)),
+        "completed": int(any(kind == "Fin" for _, _, kind in driven.sent)),
+        "stopped": int(any(sample.speed == 0 for sample in driven.road.of(2))),
+    }
+
+
+def block(values: Values, seed: int) -> Values:
+    """Drives in one cell: a list of each figure."""
+    random = Random(seed)
+    drives = [
+        drive(
+            values,
+            random.getrandbits(31),
+            beside_m=random.uniform(*values["beside_m"]),
+            signal_m=random.uniform(*values["signal_m"]),
+        )
+        for _ in range(values["trials"])
+    ]
+    return columns(drives)

@@ -1,0 +1,84 @@
+"""Sessions on a lossy radio, without a road: as far as the agreement, many of them (VI-C)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from random import Random
+
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import Straight
+from automcm_evaluation.framework.experiment import Values
+from automcm_spec.vocabulary.parameters import Parameters
+
+STEP_MS = 100
+BIN_MS = 100
+"""Of the histogram of times."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Of one session: whether both act in it, when that or the end was, and the messages sent up
+    to the end of the STEP_MS in which it was."""
+
+    agreed: bool
+    after_ms: int
+    sent: int
+    """CAMs are not counted."""
+
+
+def session(t_timeout: int, channel: Channel, seed: int) -> Outcome:
+    """One session of a prescriber and a receiver that agrees, from the request on."""
+    simulation = Simulation(seed=seed, channel=channel)
+    parameters = Parameters(t_timeout=t_timeout)  # CAMs too: a receiver acts first (NEG-2, ACT-2)
+    ends: list[tuple[str, int]] = []
+
+    def observe(before: State, effects: Effects) -> None:
+        if before.bound and effects.state.phase in ("ACTUATING", "STANDALONE"):
+            ends.append((effects.state.phase, effects.now_ms))
+
+    for station_id in (1, 2):
+        simulation.add(
+            station_id,
+            Straight(concerned_by_all=station_id == 2, think_ms=1),
+            parameters,
+            observers=(observe,) if station_id == 1 else (),
+        )
+    simulation.request(1, 0)
+    until = 0
+    while not ends:
+        until += STEP_MS
+        simulation.run(until)
+    (phase, at), *_ = ends
+    # S-3: a prescriber acts only on an Acceptance that its target, then committed, has sent.
+    sent = sum(
+        n
+        for service in simulation.services.values()
+        for kind, n in service.statistics.sent.items()
+        if kind != "CAM"
+    )
+    return Outcome(phase == "ACTUATING", at, sent)
+
+
+def block(values: Values, seed: int) -> Values:
+    """Sessions in one cell: how many ``agreed``, all messages ``sent``, the sum of the times to
+    agreement ``agreed_ms``, and their histogram ``bins`` (from n x BIN_MS on)."""
+    random = Random(seed)
+    channel = Channel(loss=values["loss"] / 100, burst_ms=values["burst_ms"])
+    bins: Counter[int] = Counter()
+    agreed_ms = sent = 0
+    for _ in range(values["trials"]):
+        one = session(values["t_timeout"], channel, random.getrandbits(31))
+        sent += one.sent
+        if one.agreed:
+            agreed_ms += one.after_ms
+            bins[one.after_ms // BIN_MS] += 1
+    return {
+        "agreed": bins.total(),
+        "sent": sent,
+        "agreed_ms": agreed_ms,
+        "bins": [[n, bins[n]] for n in sorted(bins)],
+    }

@@ -1,0 +1,208 @@
+"""Running the cells of an experiment: on all cores or on Dask, and going on after an interruption.
+
+A finished cell is a line of ``cells.ndjson`` at once.  Each cell has a seed drawn from the
+sweep's seed and its own values, so that neither the order nor the number of workers matters.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from importlib import import_module
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+import automcm
+import automcm_evaluation
+from automcm_evaluation.runs.catalogue import experiment
+from automcm_evaluation.framework.experiment import Cell, canonical, Experiment, ExperimentError, Settings, Values
+from automcm_spec.support import children, files
+
+FREE_BYTES = 50_000_000
+"""Less room than this on the disk, and nothing is begun."""
+CONNECT_S = 10.0
+"""For so long a Dask scheduler is waited for."""
+SOURCES = [Path(package.__path__[0]) for package in (automcm, automcm_evaluation)]
+
+
+CELL = TypeAdapter(Cell)
+
+
+def seed_of(name: str, values: Values, seed: int) -> int:
+    """The seed of a cell, below 2^48."""
+    text = f"{seed} {name} {canonical(values)}"
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
+
+
+def code() -> str:
+    """What the sources of the reference are, as 12 hexadecimal digits: not the same sources, not
+    the same results."""
+    digest = hashlib.sha256()
+    for folder in SOURCES:
+        for path in sorted(folder.rglob("*.py")):
+            name = path.relative_to(folder.parent).as_posix()
+            digest.update(name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def header(made: Experiment, profile: str, seed: int, settings: Settings) -> Values:
+    """What a sweep is of; cells of two sweeps are mixed only if this is the same."""
+    return {
+        "experiment": made.name,
+        "profile": profile,
+        "seed": seed,
+        "settings": settings.model_dump(mode="json"),
+        "version": version("automcm"),
+        "code": code(),
+    }
+
+
+def run_cell(name: str, values: Values, seed: int) -> Values:
+    """One cell, in whatever process."""
+    result: Values = json.loads(
+        canonical(experiment(name).run(values, seed_of(name, values, seed)))
+    )
+    return result
+
+
+def sweep(
+    made: Experiment,
+    about: Values,
+    folder: Path,
+    *,
+    workers: int = 0,
+    scheduler: str = "",
+    again: bool = False,
+    say: Callable[[int, int], None] = lambda done, of: None,
+) -> list[Cell]:
+    """All cells, in the order of the experiment; those finished before are not run again.
+
+    ``about`` is from ``header``.  ``workers``: processes; 0: one for each core.  ``scheduler``: a
+    Dask scheduler's address, in place of processes of this machine.  ``again``: forget what was
+    finished.  ``say`` is told how many of how many cells are done.
+
+    Raises ExperimentError for settings that cannot work, a folder with cells of another sweep,
+    and a missing extra; OSError for a folder that cannot be written or a disk that is full.
+    """
+    settings = made.settings.model_validate(about["settings"])
+    wanted = made.cells(settings)
+    texts = [canonical(values) for values in wanted]
+    if len(set(texts)) != len(texts):
+        raise ExperimentError(f"{made.name}: a cell stands twice in the sweep")
+    kept = folder / "cells.ndjson"
+    prepare(folder)
+    if again:
+        kept.unlink(missing_ok=True)
+    done = resumed(kept, about)
+    missing = [values for values, text in zip(wanted, texts, strict=True) if text not in done]
+    say(len(wanted) - len(missing), len(wanted))
+    with kept.open("a", encoding="utf-8") as file:
+        for values, result in _results(made.name, missing, about["seed"], workers, scheduler):
+            file.write(canonical({"values": values, "result": result}) + "\n")
+            file.flush()
+            done[canonical(values)] = result
+            say(len(done), len(wanted))
+    return [Cell(values, done[text]) for values, text in zip(wanted, texts, strict=True)]
+
+
+def prepare(folder: Path) -> None:
+    """Make the folder, and see that it can be written before hours are spent.  Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    probe = folder / ".probe"
+    try:
+        probe.write_bytes(b"probe")
+    finally:
+        probe.unlink(missing_ok=True)
+    free = shutil.disk_usage(folder).free
+    if free < FREE_BYTES:
+        raise OSError(f"{folder}: {free:,} bytes are free, {FREE_BYTES:,} are needed")
+
+
+def resumed(kept: Path, about: Values) -> dict[str, Values]:
+    """Results by the cell's values, as text, from a file that can now be added to.
+
+    A last line cut off by an interruption is taken away; a new file begins with ``about``.
+    Raises ExperimentError for a file of another sweep, or one that is no such file.
+    """
+    data = kept.read_bytes() if kept.exists() else b""
+    lines = data.split(b"\n")[:-1]
+    if not lines:
+        files.write(kept, canonical(about) + "\n")
+        return {}
+    found = {}
+    for number, line in enumerate(lines, 1):
+        try:
+            if number > 1:
+                cell = CELL.validate_json(line)
+                found[canonical(cell.values)] = cell.result
+                continue
+            value = json.loads(line)
+        except ValueError:
+            raise ExperimentError(f"{kept}:{number}: is no finished cell") from None
+        if value != about:
+            names = [
+                name
+                for name in about
+                if not isinstance(value, dict) or value.get(name) != about[name]
+            ]
+            raise ExperimentError(
+                f"{kept}: is of another sweep ({', '.join(names)} differ); "
+                "give another --out, or --again to begin anew"
+            )
+    whole = sum(len(line) + 1 for line in lines)
+    if whole < len(data):
+        os.truncate(kept, whole)
+    return found
+
+
+def _results(
+    name: str, missing: Sequence[Values], seed: int, workers: int, scheduler: str
+) -> Iterator[tuple[Values, Values]]:
+    """Each cell as it is finished."""
+    if not missing:
+        return
+    if scheduler:
+        yield from _on_dask(name, missing, seed, scheduler)
+        return
+    workers = min(workers or os.cpu_count() or 1, len(missing))
+    if workers == 1:
+        for values in missing:
+            yield values, run_cell(name, values, seed)
+        return
+    with ProcessPoolExecutor(
+        workers, get_context("spawn"), initializer=children.end_with_parent
+    ) as pool:
+        running: dict[Future[Values], Values] = {
+            pool.submit(run_cell, name, values, seed): values for values in missing
+        }
+        try:
+            while running:
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _on_dask(
+    name: str, missing: Sequence[Values], seed: int, scheduler: str
+) -> Iterator[tuple[Values, Values]]:
+    try:
+        dask: Any = import_module("distributed")
+    except ModuleNotFoundError as error:
+        if error.name != "distributed":
+            raise
+        raise ExperimentError("--scheduler needs Dask: pip install 'automcm[dask]'") from None
+    with dask.Client(scheduler, timeout=CONNECT_S) as client:
+        futures = {
+            client.submit(run_cell, name, values, seed, pure=False): values for values in missing
+        }
+        for future in dask.as_completed(futures):
+            yield futures[future], future.result()

@@ -1,0 +1,398 @@
+"""The running station without one mechanism of the protocol, to see what the mechanism is for.
+
+docs/protocol.md lists the mechanisms and docs/models.md has a counterexample for each.  An
+ablation hands a service other rows, another parameter or other marks; the station and the
+service stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from operator import attrgetter
+from typing import Any
+
+from automcm.adapters.spec_mapping import without
+from automcm.core.advertising import answer_closed
+from automcm.core.ending import ACK, FIRST
+from automcm.core.outcome import (
+    Heard,
+    Me,
+    Outcome,
+    Row,
+    Rules,
+    ack,
+    ignore,
+    leave,
+    leave_with,
+    own,
+)
+from automcm.core.rules import RULES
+from automcm.core.state import State, Timer
+from automcm.service.service import McService
+from automcm_spec.vocabulary.application import Fallback, Verify
+from automcm_spec.vocabulary.messages import (
+    Ack,
+    Advertisement,
+    Intention,
+    MessageId,
+    Reliable,
+    Session,
+    Trajectory,
+)
+from automcm_spec.vocabulary.parameters import Parameters
+
+Then = Callable[[Me, State, Any], Outcome]
+When = Callable[[Me, State, Any], bool]
+PARAMETERS = Parameters(clock_drift=0)
+"""Clocks run alike here, and a margin would hide a lease that is counted wrongly (ACT-4)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ablation:
+    """``rule``: what is taken away.  ``breaks``: the property that fails without it, by model
+    checking; ``model`` has the counterexample (docs/models.md)."""
+
+    name: str
+    rule: str
+    breaks: str
+    model: str
+    text: str
+    rules: Rules = field(default_factory=lambda: RULES)
+    parameters: Parameters = PARAMETERS
+    marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks")
+    """What a CAM names."""
+    unseen: str = ""
+    """Why random faults may not show it."""
+
+    @property
+    def service(self) -> Callable[..., McService]:
+        """A service without the mechanism."""
+        return partial(McService, rules=self.rules, marks=self.marks)
+
+
+def changed(
+    kind: str, n: int, *, when: When | None = None, then: Then | None = None, rules: Rules = RULES
+) -> Rules:
+    """The rules with another row ``n`` for inputs of this kind; phases.py need not allow it."""
+    rows = list(rules[kind])
+    rows[n] = Row(rows[n].rule, when or rows[n].when, then or rows[n].then, declared=False)
+    return {**rules, kind: tuple(rows)}
+
+
+def never(me: Me, st: State, i: Any) -> bool:
+    """The guard of a row that is taken away."""
+    return False
+
+
+def _ignored(*rows: tuple[str, int]) -> Rules:
+    """These rows do nothing."""
+    rules = RULES
+    for kind, n in rows:
+        rules = changed(kind, n, then=ignore, rules=rules)
+    return rules
+
+
+# -- what decides instead
+
+
+def any_cam(me: Me, st: State, i: Any) -> bool:
+    """ACT-5 without the marks."""
+    newer = st.heard_ms is None or i.generation_ms > st.heard_ms
+    return st.phase == "ACTUATING" and i.src == st.peer and newer
+
+
+def silent(me: Me, st: State, i: Any) -> Outcome:
+    """ACT-2 without its Cancel."""
+    return leave_with(st, (), Fallback(session=own(st), reason="cam_loss"))
+
+
+def lease_anew(me: Me, st: State, i: Any) -> Outcome:
+    """NEG-6; ACT-4's lease is armed again."""
+    outcome = RULES["receive Acceptance"][6].then(me, st, i)
+    return outcome._replace(again=(*outcome.again, Timer("lease")))
+
+
+def free_at_once(kind: str, n: int) -> Then:
+    """Against ACT-6: the row, without its quarantine."""
+
+    def then(me: Me, st: State, i: Any) -> Outcome:
+        outcome = RULES[kind][n].then(me, st, i)
+        return outcome._replace(state=outcome.state._replace(quarantine=st.quarantine))
+
+    return then
+
+
+def _no_break_off() -> Rules:
+    rules = RULES
+    for row in (("command abort", 2), ("expire cam", 0), ("expire lease", 0)):
+        rules = changed(*row, then=free_at_once(*row), rules=rules)
+    return rules
+
+
+def abandon(me: Me, st: State, i: Any) -> Outcome:
+    """Against NEG-9: no Ack of the Acceptance, no commitment."""
+    if st.phase == "ACTUATING":
+        return Outcome(leave(st), told=Fallback(session=own(st), reason="timeout"))
+    return RULES["expire giveup"][2].then(me, st, i)
+
+
+def take_over(me: Me, st: State, i: Any) -> Outcome:
+    """Against NEG-4: the last instruction counts."""
+    m = i.message
+    taken = State(
+        number=st.number,
+        joined=st.joined,
+        outbox=st.outbox,
+        phase="NEGOTIATING",
+        role="receiver",
+        session=m.session,
+        proposal=m.proposal,
+        lease_ms=m.lease_ms,
+    )
+    told = Verify(session=m.session, proposal=m.proposal, prescription=m)
+    return Outcome(taken, (ack(me, m),), told)
+
+
+STANDING = Trajectory(t0=0, points=((0, 0, 0), (1000, 0, 0)))
+
+
+def intend_again(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
+    """Against ADV-4: a bound receiver answers another's Advertisement as well.  What it intends
+    is not asked for, so this is for applications that do not look at it."""
+    m = i.message
+    if st.role != "receiver" or m.session == st.session:
+        return Outcome(st)
+    intention = Intention(src=me.station_id, dst=m.src, session=m.session, seq=1, planned=STANDING)
+    return Outcome(st, (intention,))
+
+
+def _no_busy_refusal() -> Rules:
+    rules = changed("receive Prescription", 2, then=take_over)
+    return changed("receive Advertisement", 2, then=intend_again, rules=rules)
+
+
+def ack_misread(entry: Callable[[State, Ack], Reliable | None]) -> Rules:
+    """Against END-6: an Ack is taken for one of the entry that ``entry`` gives for it."""
+
+    def misread(st: State, i: Heard[Ack]) -> Heard[Ack]:
+        named = entry(st, i.message)
+        if named is None:
+            return i
+        of = MessageId(type=named.type, seq=named.seq)
+        return Heard(i.message.model_copy(update={"src": named.dst, "of": of}))
+
+    def changed(row: Row[Heard[Ack]]) -> Row[Heard[Ack]]:
+        return row._replace(
+            when=lambda me, st, i: row.when(me, st, misread(st, i)),
+            then=lambda me, st, i: row.then(me, st, misread(st, i)),
+        )
+
+    return {**RULES, "receive Ack": tuple(map(changed, FIRST + ACK))}
+
+
+def acked_by_any(st: State, m: Ack) -> Reliable | None:
+    """END-6 without type and seq: any Ack from that station in that session."""
+    return next((e for e in st.outbox if (e.dst, e.session) == (m.src, m.session)), None)
+
+
+def bound_session(st: State) -> tuple[Session, ...]:
+    """ACT-5's marks without the sessions whose Fin is not acknowledged."""
+    return () if st.session is None else (st.session,)
+
+
+def always_closed(me: Me, st: State, i: Any) -> Outcome:
+    """ADV-5 without looking for a Fin or Cancel that is still being sent."""
+    return answer_closed(me, st._replace(outbox=()), i)._replace(state=st)
+
+
+def _closed() -> Rules:
+    rules = changed("receive Intention", 2, then=always_closed)
+    return changed("receive Acceptance", 2, then=always_closed, rules=rules)
+
+
+def _no_proposal_number() -> Rules:
+    """NEG-6 and END-5 do not look at the proposal of an Acceptance."""
+    rules = changed("receive Acceptance", 4, when=lambda me, st, i: i.message.src != st.target)
+    return changed(
+        "receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer, rules=rules
+    )
+
+
+COPIES = (
+    ("receive Intention", 3),
+    ("receive Intention", 7),
+    ("receive Prescription", 4),
+    ("receive Acceptance", 3),
+    ("receive Acceptance", 5),
+    ("receive Fin", 3),
+    ("receive Cancel", 2),
+    ("receive Cancel", 3),
+    ("receive Cancel", 8),
+)
+"""The rows that ack and do nothing else."""
+
+WHOLE = Ablation("whole protocol", "", "", "", "nothing is taken away")
+ABLATIONS = (
+    Ablation(
+        "no CAM-loss fallback",
+        "ACT-2",
+        "L-3",
+        "no_cam_loss_fallback",
+        "a station goes on although it hears no CAM",
+        _ignored(("expire cam", 0)),
+    ),
+    Ablation(
+        "silent CAM-loss fallback",
+        "ACT-2",
+        "T-2",
+        "silent_cam_loss",
+        "a station that hears no CAM leaves without a Cancel",
+        changed("expire cam", 0, then=silent),
+        unseen="hazards stay within B; the fault classes above show what it costs",
+    ),
+    Ablation(
+        "plain CAMs count",
+        "ACT-5",
+        "T-2",
+        "plain_cams",
+        "a CAM counts without the mark of the session",
+        changed("receive CAM", 0, when=any_cam),
+    ),
+    Ablation(
+        "mark dropped with the Fin",
+        "ACT-5",
+        "L-2",
+        "mark_dropped_early",
+        "a finished prescriber no longer names the session",
+        marks=bound_session,
+        unseen="shows only where all copies of a Fin are lost for t_cam_loss while CAMs pass",
+    ),
+    Ablation(
+        "no lease",
+        "ACT-4",
+        "L-1",
+        "no_lease",
+        "nothing ends when its lease does",
+        _ignored(("expire lease", 0)),
+        unseen="shows only with a prescriber that never ends its maneuver",
+    ),
+    Ablation(
+        "lease from the Acceptance",
+        "ACT-4",
+        "T-4",
+        "lease_from_acceptance",
+        "the prescriber counts its lease from hearing the Acceptance",
+        changed("receive Acceptance", 6, then=lease_anew),
+        unseen="shows only where a lease ends before the maneuver",
+    ),
+    Ablation(
+        "no busy refusal",
+        "NEG-4",
+        "S-1",
+        "no_busy_refusal",
+        "a receiver answers a second Advertisement (ADV-4), and the last instruction counts",
+        _no_busy_refusal(),
+        unseen="shows only where a second prescriber asks a committed target",
+    ),
+    Ablation(
+        "Acceptance abandoned",
+        "NEG-9",
+        "S-5",
+        "abandoned_acceptance",
+        "a receiver whose Acceptance is not acknowledged in time lets go",
+        changed("expire giveup", 2, then=abandon),
+        unseen="shows only where every Ack of an Acceptance is lost while CAMs pass",
+    ),
+    Ablation(
+        "no retransmission",
+        "REL-1",
+        "L-2",
+        "no_retransmission",
+        "t_timeout is 0: every message is sent once",
+        parameters=replace(PARAMETERS, t_timeout=0),
+    ),
+    Ablation(
+        "copies are not acked",
+        "END-3",
+        "L-2",
+        "no_re_ack",
+        "a message that changes nothing is not acknowledged",
+        _ignored(*COPIES),
+        unseen="an Acceptance ends a Prescription as well; other give-ups change no phase",
+    ),
+    Ablation(
+        "no proposal number",
+        "NEG-6",
+        "S-3",
+        "no_proposal_number",
+        "an Acceptance counts whatever proposal it names",
+        _no_proposal_number(),
+        unseen="shows only where a refusal is still being sent when the next proposal is out",
+    ),
+    Ablation(
+        "no session number",
+        "END-4",
+        "S-5",
+        "no_session_number",
+        "any session of the same prescriber counts as the own one",
+        without("END-4"),
+        unseen="needs a message of the last session that is still sent in the next",
+    ),
+    Ablation(
+        "Ack without type and seq",
+        "END-6",
+        "S-6",
+        "bare_ack",
+        "an Ack is taken for the oldest message sent to that station in that session",
+        ack_misread(acked_by_any),
+        unseen="needs an Acceptance beside a refusal that is not acknowledged yet",
+    ),
+    Ablation(
+        "no memory of sessions",
+        "ADV-8",
+        "S-6",
+        "rejoin",
+        "a receiver that has left a session may join it again",
+        changed("receive Advertisement", 4, when=never),
+        unseen="needs a receiver that joins twice in the window, and an old copy between",
+    ),
+    Ablation(
+        "no quarantine",
+        "END-8",
+        "S-4",
+        "no_quarantine",
+        "a station that has restarted joins at once",
+        changed("receive Advertisement", 3, when=never),
+        unseen="needs a restart within the window, and a copy from before that arrives late",
+    ),
+    Ablation(
+        "free after breaking off",
+        "ACT-6",
+        "S-8",
+        "no_break_off",
+        "a receiver that ends its commitment itself joins and requests at once",
+        _no_break_off(),
+        unseen="needs another prescriber that asks for it while the first still acts",
+    ),
+    Ablation(
+        "closed in place of the Fin",
+        "ADV-5",
+        "L-2",
+        "closed_despite_fin",
+        "a late copy is answered with Cancel(closed) although a Fin is being sent",
+        _closed(),
+        unseen="needs a copy of an Acceptance that is sent again when the Fin has been lost",
+    ),
+    Ablation(
+        "no hold timer",
+        "ADV-7",
+        "L-1",
+        "no_hold",
+        "a receiver waits for ever",
+        _ignored(("expire hold", 0)),
+        unseen="shows only where every Cancel to a waiting receiver is lost",
+    ),
+)
+BY_NAME = {ablation.name: ablation for ablation in (WHOLE, *ABLATIONS)}

@@ -1,0 +1,194 @@
+"""Hazards in a simulation, measured from the states of its services (S-5, T-2).
+
+A hazard: a prescriber is in ACTUATING while its target is not committed to that session and
+proposal.  S-5 excuses it only if the target itself aborted, lost CAMs, restarted or crashed in
+that session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from automcm.core.outcome import Expiry, Restart
+from automcm.core.state import State
+from automcm.core.station import Effects
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.simulation import Simulation
+from automcm.service.service import McService, Observer
+from automcm_spec.vocabulary.application import Abort, Accepted, Complete, Finished
+from automcm_spec.vocabulary.messages import Session
+from automcm_spec.vocabulary.parameters import Parameters
+
+EXCUSES = ("abort", "cam_loss", "restart", "crash")
+"""What the target may have done (S-5)."""
+
+
+def bound_ms(parameters: Parameters, delay_ms: int) -> int:
+    """B = D + L, the longest that an excused hazard lasts (theorem T-2, docs/verification.md,
+    section 4): the longest delay of a copy and ``t_cam_loss``, in ms.
+
+    It supposes 2 · D < ``t_resend``, a CAM interval and D below L together, and a lease of at
+    least L.  Raises ValueError for a delay or a CAM interval for which the theorem says nothing.
+    """
+    if not 0 <= 2 * delay_ms < parameters.t_resend:
+        raise ValueError(f"delay_ms: {delay_ms} is not below half of t_resend")
+    if not delay_ms < parameters.t_cam:
+        raise ValueError(f"t_cam: {parameters.t_cam} ms is not above the delay, {delay_ms} ms")
+    if not parameters.t_cam + delay_ms < parameters.t_cam_loss:
+        raise ValueError("t_cam_loss: not above the CAM interval and the delay together")
+    return delay_ms + parameters.t_cam_loss
+
+
+@dataclass(frozen=True, slots=True)
+class Hazard:
+    """``excuse``: what the target did, of EXCUSES; empty: nothing, and S-5 does not hold."""
+
+    session: Session
+    since_ms: int
+    until_ms: int
+    excuse: str
+
+    @property
+    def length_ms(self) -> int:
+        """How long it lasted."""
+        return self.until_ms - self.since_ms
+
+
+def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[str, Any]:
+    """The hazards of runs with these seeds: their ``lengths`` in ms, sorted, by what excuses them
+    (``none`` for nothing), and the first that are ``wrong``: unexcused, or longer than ``b``."""
+    lengths: dict[str, list[int]] = {}
+    for hazard in (hazard for run in runs for hazard in run):
+        lengths.setdefault(hazard.excuse or "none", []).append(hazard.length_ms)
+    wrong = [
+        {"seed": seed, "ms": h.length_ms, "excuse": h.excuse}
+        for seed, run in zip(seeds, runs, strict=True)
+        for h in run
+        if not h.excuse or h.length_ms > b
+    ]
+    return {
+        "bound_ms": b,
+        "lengths": {excuse: sorted(each) for excuse, each in lengths.items()},
+        "with_hazard": sum(bool(run) for run in runs),
+        "wrong": wrong[:5],
+    }
+
+
+class Watched(Simulation):
+    """A simulation that notes hazards, and what became of each session.
+
+    A hazard that begins and ends in one millisecond is none.
+    """
+
+    def __init__(
+        self,
+        *,
+        seed: int = 0,
+        channel: Channel | None = None,
+        logs: Path | None = None,
+        service: Callable[..., McService] = McService,
+    ) -> None:
+        super().__init__(seed=seed, channel=channel, logs=logs, service=service)
+        self.hazards: list[Hazard] = []
+        """Those that are over, in the order in which they ended."""
+        self.agreed: set[Session] = set()
+        """Sessions in which the prescriber was told that it is accepted."""
+        self.completed: set[Session] = set()
+        """Those the prescriber ended by its Fin."""
+        self.finished: set[Session] = set()
+        """Those of which the target was told that they ended so."""
+        self.down: set[int] = set()
+        """Stations that have crashed and are not back."""
+        self._since: dict[Session, tuple[int, int]] = {}
+        """When a hazard began, and whose commitment is missing."""
+        self._excuses: dict[tuple[Session, int], str] = {}
+
+    def watching(self, station_id: int) -> tuple[Observer, ...]:
+        """As in Simulation."""
+        return (partial(self._note, station_id),)
+
+    def crash(self, station_id: int) -> None:
+        """The service stops where it is; the vehicle drives on alone."""
+        service = self.services[station_id]
+        session = service.state.session
+        self._excuse(station_id, service.state, "crash")
+        self.down.add(station_id)
+        service.close()
+        if session is not None:
+            service.application.fallback(session, "crash")
+        self._look()
+
+    def recover(self, station_id: int) -> None:
+        """A service that has crashed comes back (END-8)."""
+        self.down.discard(station_id)
+        self.services[station_id].start()
+        self.services[station_id].restart()
+
+    def committed(self, station_id: int) -> bool:
+        """Is it at work, and acting on the word of a prescriber?"""
+        st = self.services[station_id].state
+        return station_id not in self.down and (st.role, st.phase) == ("receiver", "ACTUATING")
+
+    @property
+    def quiet(self) -> bool:
+        """No station at work is in a session or still sends a message again."""
+        states = (s.state for n, s in self.services.items() if n not in self.down)
+        return not any(st.bound or st.outbox for st in states)
+
+    def over(self) -> list[Hazard]:
+        """All hazards; one that is not over lasts until now."""
+        return self.hazards + [self._hazard(session) for session in self._since]
+
+    def _note(self, station_id: int, before: State, effects: Effects) -> None:
+        i = effects.input
+        if isinstance(i, Restart):
+            self._excuse(station_id, before, "restart")
+        elif isinstance(i, Abort) and effects.rule == "END-1":
+            self._excuse(station_id, before, "abort")
+        elif isinstance(i, Expiry) and i.timer.name == "cam":
+            self._excuse(station_id, before, "cam_loss")
+        elif isinstance(i, Complete) and effects.rule == "ACT-3":
+            self.completed.add(i.session)
+        for told in effects.indications:
+            if isinstance(told, Accepted):
+                self.agreed.add(told.session)
+            elif isinstance(told, Finished):
+                self.finished.add(told.session)
+        if effects.state is not before:
+            self._look()
+
+    def _excuse(self, station_id: int, st: State, what: str) -> None:
+        if st.role == "receiver" and st.session is not None:
+            self._excuses.setdefault((st.session, station_id), what)
+
+    def _look(self) -> None:
+        """Which hazards are there now."""
+        now = self.clock.now()
+        there = set()
+        for station_id, service in self.services.items():
+            st = service.state
+            acts = (st.role, st.phase) == ("prescriber", "ACTUATING")
+            if acts and station_id not in self.down and not self._keeps_to(st):
+                assert st.session is not None
+                there.add(st.session)
+                self._since.setdefault(st.session, (now, st.target))
+        for session in [session for session in self._since if session not in there]:
+            hazard = self._hazard(session)
+            del self._since[session]
+            if hazard.length_ms:
+                self.hazards.append(hazard)
+
+    def _keeps_to(self, st: State) -> bool:
+        """Is the target of a prescriber in this state committed to what it acts on?"""
+        peer = self.services[st.target].state
+        same = (peer.session, peer.proposal) == (st.session, st.proposal)
+        return same and self.committed(st.target)
+
+    def _hazard(self, session: Session) -> Hazard:
+        since, target = self._since[session]
+        excuse = self._excuses.get((session, target), "")
+        return Hazard(session, since, self.clock.now(), excuse)

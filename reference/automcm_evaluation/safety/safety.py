@@ -1,0 +1,245 @@
+"""Hazards under random faults, against the proved bound, and what each mechanism is for.
+
+Not in the paper.  Two harnesses: the protocol alone (Straight), where thousands of maneuvers are
+cheap, and the four vehicles of Fig. 6 on the road, where distances can be measured.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.straight_lane import Straight
+from automcm_evaluation.framework.experiment import Experiment, Settings, Values
+from automcm_evaluation.safety import safety_figures, safety_page, safety_road
+from automcm_evaluation.safety.ablations import BY_NAME, WHOLE, Ablation
+from automcm_evaluation.safety.faults import KINDS, Fault, Roles, drawn, inject
+from automcm_evaluation.safety.hazard_measures import Hazard, Watched, bound_ms, met
+from automcm_evaluation.safety.safety_tables import summary
+from automcm_spec.vocabulary.parameters import Parameters
+
+ROLES = Roles(prescriber=1001, target=2002, second=3003)
+REQUEST_MS = 500
+WINDOW_MS = (REQUEST_MS, 13_000)
+"""Faults begin in this time: from the request to about the end of the longest maneuver."""
+MANEUVER_MS = (2000, 12_000)
+LEASE_MS = 10_000
+"""Shorter than the longest maneuver, so that leases end as well."""
+REFUSES, ASKS_AGAIN, NEVER_ENDS = 0.2, 0.25, 0.05
+"""How often the first proposal is refused, another maneuver is asked for meanwhile or later, and
+the prescriber never ends its maneuver."""
+LONGEST_MS = 50_000
+"""No station should be bound for as long as that (T-1, with a second maneuver)."""
+LOSSES = (0.0, 0.2, 0.4, 0.6)
+NOTHING = "nothing but loss"
+SEVERAL = "two or three faults"
+CLASSES = ("cut both ways", "cut forth", "cut back", "target aborts", "target restarts")
+"""The fault classes of the table in docs/verification.md, section 4, with a perfect radio."""
+CLASS_ABLATIONS = (WHOLE.name, "silent CAM-loss fallback", "plain CAMs count")
+
+
+class Safety(Settings):
+    """How many maneuvers are simulated."""
+
+    drives: int = Field(60, ge=1, le=10_000)
+    """With the whole protocol, of each fault at each loss."""
+    ablated: int = Field(300, ge=1, le=10_000)
+    """Without each mechanism, with faults of all kinds; with the whole protocol likewise."""
+    classes: int = Field(60, ge=1, le=10_000)
+    """Of each fault class, with a perfect radio, with three protocols."""
+    road: int = Field(60, ge=1, le=10_000)
+    """On the road at each speed, with each protocol."""
+    block: int = Field(20, ge=1, le=1000)
+    """Of these on the road, in one cell."""
+    speeds_kmh: tuple[Annotated[int, Field(ge=10, le=130)], ...] = Field(
+        (30, 50), min_length=1, max_length=8
+    )
+    delay_ms: int = Field(40, ge=2, le=49)
+    """The longest delay of a copy, D; T-2 supposes less than half of t_resend."""
+
+
+def cells(settings: Safety) -> list[Values]:
+    """What is run: faults by loss, mechanisms, fault classes, and the road."""
+    common = {"delay_ms": settings.delay_ms}
+    found: list[Values] = [
+        common | {"part": "faults", "fault": fault, "loss": loss, "drives": settings.drives}
+        for fault in (NOTHING, *KINDS, SEVERAL)
+        for loss in LOSSES
+    ]
+    found += [
+        common | {"part": "mechanisms", "ablation": name, "drives": settings.ablated}
+        for name in BY_NAME
+    ]
+    found += [
+        common | {"part": "classes", "ablation": name, "fault": fault, "drives": settings.classes}
+        for name in CLASS_ABLATIONS
+        for fault in CLASSES
+    ]
+    for name in safety_road.PROTOCOLS:
+        for speed in settings.speeds_kmh:
+            for first in range(0, settings.road, settings.block):
+                count = min(settings.block, settings.road - first)
+                found.append(
+                    common
+                    | {"part": "road", "ablation": name, "speed_kmh": speed}
+                    | {"first": first, "drives": count}
+                )
+    return found
+
+
+def run(values: Values, seed: int) -> Values:
+    """One cell: its drives, each with a seed of its own, taken together."""
+    draw = random.Random(seed)
+    seeds = [draw.getrandbits(32) for _ in range(values["drives"])]
+    if values["part"] == "road":
+        return safety_road.run(values, seeds)
+    ablation = BY_NAME[values.get("ablation", WHOLE.name)]
+    b = bound_ms(ablation.parameters, values["delay_ms"])
+    found = together([drive(values, one) for one in seeds], seeds, b)
+    if values["part"] == "classes":
+        formula, ms = class_bound(values, ablation)
+        found |= {"class_bound": formula, "class_bound_ms": ms}
+    return found
+
+
+def class_bound(values: Values, ablation: Ablation) -> tuple[str, int]:
+    """The bound of a fault class with a perfect radio, as a formula and in ms: the table of
+    docs/verification.md, section 4."""
+    formula = {
+        "cut both ways": "C + D",
+        "cut forth": "D",
+        "cut back": "0",
+        "target aborts": "D",
+        "target restarts": "D + L",
+    }[values["fault"]]
+    if (ablation.name, values["fault"]) == ("silent CAM-loss fallback", "cut forth"):
+        formula = "D + L"
+    elif (ablation.name, values["fault"]) == ("plain CAMs count", "target restarts"):
+        formula = "E"
+    p = ablation.parameters
+    ms = {"C": p.t_cam, "D": values["delay_ms"], "L": p.t_cam_loss, "E": LEASE_MS, "0": 0}
+    return formula, sum(ms[symbol] for symbol in formula.split(" + "))
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one run."""
+
+    hazards: list[Hazard]
+    agreed: int
+    """Sessions in which the prescriber was accepted."""
+    completed: int
+    """Sessions that the prescriber ended by its Fin."""
+    in_vain: int
+    """Of these, those of which the target never learnt that they ended so."""
+    stuck: bool
+    """A station was still in a session, or sent again, when it was long over."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is drawn for a run."""
+
+    loss: float
+    faults: list[Fault]
+    maneuver_ms: int
+    refuses: int
+    again_ms: int = 0
+    """When the prescriber asks for another maneuver; 0: never."""
+
+
+def planned(values: Values, draw: random.Random) -> Plan:
+    """Faults and applications of one run."""
+    part = values["part"]
+    loss = values["loss"] if part == "faults" else 0.0
+    if part == "mechanisms":
+        loss = draw.choice(LOSSES)
+        kinds = draw.sample(KINDS, draw.choices((0, 1, 2), (2, 5, 3))[0])
+    elif values["fault"] == SEVERAL:
+        kinds = draw.sample(KINDS, draw.choice((2, 3)))
+    else:
+        kinds = [values["fault"]] if values["fault"] != NOTHING else []
+    faults = drawn(kinds, WINDOW_MS, draw)
+    return Plan(
+        loss=loss,
+        faults=faults,
+        maneuver_ms=10 * LONGEST_MS if draw.random() < NEVER_ENDS else draw.randint(*MANEUVER_MS),
+        refuses=int(draw.random() < REFUSES),
+        again_ms=draw.randint(*WINDOW_MS) if draw.random() < ASKS_AGAIN else 0,
+    )
+
+
+def drive(values: Values, seed: int, logs: Path | None = None) -> Outcome:
+    """One run of a cell that is not on the road."""
+    ablation = BY_NAME[values.get("ablation", WHOLE.name)]
+    plan = planned(values, random.Random(seed))
+    channel = Channel(loss=plan.loss, duplicate=0.1, delay_ms=(2, values["delay_ms"]))
+    watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
+    return simulated(watched, plan, ablation.parameters)
+
+
+def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
+    """A prescriber and its target, and a second prescriber if there is to be one."""
+    ids = [ROLES.prescriber, ROLES.target]
+    if any(fault.kind == "second prescriber" for fault in plan.faults):
+        ids.append(ROLES.second)
+    for station_id in ids:
+        driver = Straight(
+            target=ROLES.target,
+            maneuver_ms=plan.maneuver_ms,
+            lease_ms=LEASE_MS,
+            refuse_first=plan.refuses,
+        )
+        watched.add(station_id, driver, parameters)
+    watched.request(ROLES.prescriber, REQUEST_MS)
+    if plan.again_ms:
+        watched.request(ROLES.prescriber, plan.again_ms)
+    last = max(inject(plan.faults, watched, ROLES), plan.again_ms, REQUEST_MS)
+    watched.clock.run(last + 1)
+    while not watched.quiet and watched.clock.now() < LONGEST_MS:
+        watched.clock.run(watched.clock.now() + 500)
+    stuck = not watched.quiet
+    watched.run(watched.clock.now())
+    return Outcome(
+        hazards=watched.over(),
+        agreed=len(watched.agreed),
+        completed=len(watched.completed),
+        in_vain=len(watched.completed - watched.finished),
+        stuck=stuck,
+    )
+
+
+def together(outcomes: Sequence[Outcome], seeds: Sequence[int], b: int) -> Values:
+    """The runs of a cell as counts, and the lengths of its hazards in ms by what excuses them."""
+    return met(seeds, [outcome.hazards for outcome in outcomes], b) | {
+        "unexcused": sum(any(not h.excuse for h in o.hazards) for o in outcomes),
+        "beyond": sum(any(h.length_ms > b for h in o.hazards) for o in outcomes),
+        "agreed": sum(outcome.agreed > 0 for outcome in outcomes),
+        "maneuvers": sum(outcome.agreed for outcome in outcomes),
+        "completed": sum(outcome.completed for outcome in outcomes),
+        "in_vain": sum(outcome.in_vain for outcome in outcomes),
+        "stuck": sum(outcome.stuck for outcome in outcomes),
+    }
+
+
+EXPERIMENT = Experiment(
+    name="safety",
+    title="Hazards under random faults",
+    settings=Safety,
+    profiles={
+        "quick": Safety(drives=3, ablated=12, classes=6, road=4, block=4),
+        "standard": Safety(),
+    },
+    cells=cells,
+    run=run,
+    summary=summary,
+    claims=safety_page.claims,
+    page=safety_page.page,
+    figures=safety_figures.figures,
+)

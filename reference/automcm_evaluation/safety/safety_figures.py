@@ -1,0 +1,105 @@
+"""The safety experiment's figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from automcm_evaluation.framework import figures as drawing
+from automcm_evaluation.framework.experiment import Cell, Values
+from automcm_evaluation.framework.intervals import wilson
+from automcm_evaluation.safety.safety_tables import lengths
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def figures(report: Values) -> Iterator[tuple[str, Figure]]:
+    """Lengths of hazards, mechanisms, and room on the road."""
+    yield "hazards", _hazards(report)
+    yield "mechanisms", _mechanism_bars(report["summary"])
+    yield "room", _room(report)
+
+
+def _hazards(report: Values) -> Figure:
+    figure, (plot,) = drawing.plots()
+    b = report["summary"]["bound_ms"]
+    cells = [Cell(c["values"], c["result"]) for c in report["cells"]]
+    styles = ("-", "--", "-.", ":")
+    drawn = 0
+    for row in report["summary"]["faults"]:
+        some = [c for c in cells if c.values.get("fault") == row["fault"]]
+        found = lengths([c for c in some if c.values["part"] == "faults"])
+        if not found:
+            continue
+        shares = [n / len(found) for n in range(len(found) + 1)]
+        label = f"{row['fault']} ({len(found)})"
+        plot.step(
+            [0, *found], shares, where="post", label=label, linestyle=styles[drawn % len(styles)]
+        )
+        drawn += 1
+    plot.axvline(b, color="black", linewidth=1.5)
+    plot.annotate(
+        f"B = {b} ms", (b, 1.0), xytext=(4, 0), textcoords="offset points", rotation=90, va="top"
+    )
+    plot.set(xlabel="length of the hazard, ms", ylabel="share of hazards no longer")
+    plot.set(xlim=(0, b * 1.06), ylim=(0, 1.03))
+    if drawn:
+        figure.legend(title="fault (hazards)", loc="outside upper center", ncols=3)
+    return figure
+
+
+def _mechanism_bars(s: Values) -> Figure:
+    figure, (longest, share) = drawing.plots(1, 2, height=5.5)
+    rows = list(reversed(s["mechanisms"]))
+    b = s["bound_ms"]
+    values = [row["longest_ms"] or 0 for row in rows]
+    colours = ["C3" if value > b else "C0" for value in values]
+    longest.barh([row["ablation"] for row in rows], values, color=colours)
+    longest.axvline(b, color="black", linewidth=1.5)
+    longest.annotate(
+        f"B = {b} ms", (b, len(rows) - 0.4), xytext=(4, 0), textcoords="offset points", va="bottom"
+    )
+    longest.set(
+        xlabel="longest hazard, ms",
+        xlim=(0, 1.08 * max([b, *values])),
+        ylim=(-0.6, len(rows) + 0.5),
+    )
+    for name, label, colour, shift in (
+        ("unexcused", "without excuse (S-5)", "C1", 0.2),
+        ("beyond", "longer than B (T-2)", "C3", -0.2),
+    ):
+        met = [(n + shift, row) for n, row in enumerate(rows) if row[name]]
+        shares = [row[name] / row["drives"] * 100 for _, row in met]
+        limits = [wilson(row[name], row["drives"]) for _, row in met]
+        low = [v - lo * 100 for v, (lo, _) in zip(shares, limits, strict=True)]
+        high = [hi * 100 - v for v, (_, hi) in zip(shares, limits, strict=True)]
+        places = [place for place, _ in met]
+        share.errorbar(
+            shares, places, xerr=[low, high], fmt="o", color=colour, label=label, capsize=2
+        )
+    share.set(xlabel="share of drives, %, with 95 % interval", xlim=(0, None))
+    share.set(yticks=range(len(rows)), yticklabels=[], ylim=(-0.6, len(rows) + 0.5))
+    share.legend(title="drives with a hazard", loc="lower right")
+    return figure
+
+
+def _room(report: Values) -> Figure:
+    figure, plots = drawing.plots(1, len(report["settings"]["speeds_kmh"]), height=4)
+    names = [row["ablation"] for row in report["summary"]["road"]]
+    names = list(reversed(dict.fromkeys(names)))
+    for plot, speed in zip(plots, report["settings"]["speeds_kmh"], strict=True):
+        for n, name in enumerate(names):
+            rooms = [
+                room
+                for cell in report["cells"]
+                if cell["values"].get("speed_kmh") == speed and cell["values"]["ablation"] == name
+                for room in cell["result"]["room_m"]
+                if room is not None
+            ]
+            plot.plot(rooms, [n] * len(rooms), "|", color=f"C{n}", markersize=12)
+        plot.axvline(0, color="black", linewidth=1.5)
+        plot.set(title=f"{speed} km/h", xlabel="room when moving over begins, m", xlim=(-5, 20))
+        plot.set(yticks=range(len(names)), ylim=(-0.6, len(names) - 0.4))
+        plot.set_yticklabels(names if plot is plots[0] else [])
+    return figure

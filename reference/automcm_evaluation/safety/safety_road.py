@@ -1,0 +1,166 @@
+"""The four vehicles of Fig. 6 under faults: how close they come, with and without mechanisms."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.drive import STEP_MS, Drive, FourVehicles
+from automcm.scenarios.lane_change import LaneChange
+from automcm.scenarios.road import Late, Sample, Vehicle
+from automcm_evaluation.framework.experiment import Values
+from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
+from automcm_evaluation.safety.faults import CUTS, Roles, drawn, inject
+from automcm_evaluation.safety.hazard_measures import Hazard, Watched, bound_ms, met
+
+ROLES = Roles(prescriber=1, target=3)
+UNCOORDINATED = "no coordination"
+"""The prescriber just moves over; what the paper compares with."""
+PROTOCOLS = (
+    WHOLE.name,
+    "no CAM-loss fallback",
+    "silent CAM-loss fallback",
+    "plain CAMs count",
+    "no lease",
+    "Acceptance abandoned",
+    "no retransmission",
+    UNCOORDINATED,
+)
+KINDS = (*CUTS, "target aborts", "target restarts", "target crashes")
+"""What can leave a prescriber on the road alone with its maneuver."""
+WINDOW_MS = (3100, 12_800)
+"""From the agreement to the end of the lane change, when nothing goes wrong."""
+LOSSES = (0.0, 0.3, 0.6)
+BESIDE_M = (0.0, 4.0)
+"""How far the target is behind the prescriber at first, centre to centre."""
+UNTIL_S = 24.0
+NEAR_M = 2.0
+"""Less room than this when it begins to move over is little."""
+WIDTH_M = 1.8
+"""Of a vehicle: two are in each other's way where their sides overlap."""
+
+
+def run(values: Values, seeds: Sequence[int]) -> Values:
+    """The drives of a cell: distances and hardest braking of each, and hazards.
+
+    A distance is None for a drive in which nobody moved over.
+    """
+    drives = [drive(values, seed) for seed in seeds]
+    ablation = BY_NAME.get(values["ablation"], WHOLE)
+    b = bound_ms(ablation.parameters, values["delay_ms"])
+    measured = {
+        name: [None if (m := getattr(d, name)) is None else round(m, 2) for d in drives]
+        for name in ("room_m", "gap_m", "ttc_s", "braking")
+    }
+    counts = {name: sum(getattr(d, name) for d in drives) for name in ("begun", "unasked")}
+    return met(seeds, [d.hazards for d in drives], b) | measured | counts
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """What became of one drive."""
+
+    room_m: float | None
+    """Along the road to the nearest vehicle of the other lane, bumper to bumper, when it begins
+    to move over; below 0 they are abreast."""
+    gap_m: float | None
+    """Least distance, bumper to bumper, of the prescriber to another; below 0 they overlap."""
+    ttc_s: float | None
+    """Least time to collision; None: never closing in."""
+    braking: float
+    """Hardest deceleration of a receiver, m/s²."""
+    hazards: list[Hazard]
+    begun: bool
+    """It moved over while a hazard lasted."""
+    unasked: bool
+    """It moved over, and nobody had agreed to anything."""
+
+
+def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
+    """One drive: a fault in the time from the agreement to the end of the maneuver, and loss.
+
+    A target that is committed when the prescriber begins to move over follows it from then on;
+    everybody else notices it late (road.Late).
+    """
+    draw = random.Random(seed)
+    name = values["ablation"]
+    channel = Channel(loss=draw.choice(LOSSES), duplicate=0.1, delay_ms=(2, values["delay_ms"]))
+    faults = drawn([draw.choice(KINDS)], WINDOW_MS, draw)
+    setting = FourVehicles(
+        speed_kmh=values["speed_kmh"],
+        beside_m=draw.uniform(*BESIDE_M),
+        coordinated=name != UNCOORDINATED,
+        until_s=UNTIL_S,
+    )
+    ablation = BY_NAME.get(name, WHOLE)
+    watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
+    made = setting.on(watched, ablation.parameters)
+    _informed(made, watched)
+    inject(faults, watched, ROLES)
+    made.run(UNTIL_S)
+    return _driven(made, watched)
+
+
+def _informed(made: Drive, watched: Watched) -> None:
+    """Who notices late is settled when the prescriber begins to move over."""
+    prescriber, *others = (driver.vehicle for driver in made.drivers)
+    for vehicle in others:
+        vehicle.late = Late()
+    (target,) = (vehicle for vehicle in others if vehicle.station_id == ROLES.target)
+
+    def look() -> None:
+        if not prescriber.changing:
+            target.late = None if watched.committed(ROLES.target) else Late()
+            watched.clock.at(watched.clock.now() + STEP_MS, look)
+
+    watched.clock.at(0, look)
+
+
+def _driven(made: Drive, watched: Watched) -> Driven:
+    prescriber = made.drivers[0]
+    samples = made.road.samples
+    room, gap, ttc = nearest(samples, prescriber.vehicle)
+    hazards = watched.over()
+    begun = False
+    if isinstance(prescriber, LaneChange):
+        moved = [t for t, what in prescriber.story if what == "moves over"]
+        begun = any(t < h.until_ms for t in moved for h in hazards)  # it acts no longer than that
+    own = prescriber.vehicle.station_id
+    hardest = -min(s.acceleration for s in samples if s.station_id != own)
+    unasked = room is not None and not watched.agreed
+    return Driven(room, gap, ttc, hardest, hazards, begun, unasked)
+
+
+def nearest(
+    samples: Sequence[Sample], vehicle: Vehicle
+) -> tuple[float | None, float | None, float | None]:
+    """How close this vehicle comes to others while and after it moves over.
+
+    Room along the road when it begins, m; least gap, m, and least time to collision, s, from then
+    on to any other whose side overlaps with its own.  All bumper to bumper; a gap below 0 is a
+    collision.  None: it never moved over, was never beside anybody, nobody closed in.
+    """
+    ids = sorted({s.station_id for s in samples})
+    of = {n: np.array([(s.x, s.y, s.speed) for s in samples if s.station_id == n]) for n in ids}
+    own = of.pop(vehicle.station_id)
+    moved = np.flatnonzero(own[:, 1] != own[0, 1])
+    if not len(moved):
+        return None, None, None
+    first = int(moved[0]) - 1
+    own = own[first:]
+    rooms, gaps, times = [], [], []
+    for other in (all_[first:] for all_ in of.values()):
+        ahead = other[:, 0] - own[:, 0]
+        gap = np.abs(ahead) - vehicle.length
+        rooms.append(float(gap[0]))
+        there = np.abs(other[:, 1] - own[:, 1]) < WIDTH_M
+        gaps += gap[there].tolist()
+        closing = np.sign(ahead) * (own[:, 2] - other[:, 2])
+        near = there & (closing > 0.1)
+        times += (np.maximum(gap[near], 0.0) / closing[near]).tolist()
+    return min(rooms), min(gaps, default=None), min(times, default=None)

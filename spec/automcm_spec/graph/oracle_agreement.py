@@ -1,0 +1,116 @@
+"""Compares the compiled station with a graph that TLC wrote: every state, every input.
+
+In each state: its invariant, its marks, which inputs are offered; and for each input that is, the
+next state, the messages, what the application is told, the rule, the timers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from typing import Any
+
+from automcm_spec.graph.oracle import Effect, Oracle
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.station import Input, OpenStation, State
+
+LIMIT = 20
+"""Differences kept; the comparison goes on counting."""
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Where the two differ: TLC's value and the compiled one.  ``input`` is None for what is a
+    matter of the state, ``state`` too for the alphabet."""
+
+    state: State | None
+    input: Input | None
+    expected: Any
+    actual: Any
+
+    def __str__(self) -> str:
+        lines = [f"compiled station: {canonical(self.input)} in {canonical(self.state)}"]
+        lines += [f"  TLC      {canonical(self.expected)}", f"  compiled {canonical(self.actual)}"]
+        return "\n".join(lines)
+
+
+@dataclass(slots=True)
+class Agreement:
+    """What was compared."""
+
+    states: int = 0
+    inputs: int = 0
+    differences: int = 0
+    found: list[Difference] = field(default_factory=list)
+
+
+def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = False) -> Agreement:
+    """Compare every state and every input (or only the inputs that change something)."""
+    result = Agreement()
+
+    def differ(state: State | None, value: Input | None, expected: Any, actual: Any) -> None:
+        result.differences += 1
+        if len(result.found) < LIMIT:
+            result.found.append(Difference(state, value, expected, actual))
+
+    # The armed timers of a state are asked for at each of its inputs.
+    station = copy(station)
+    station.__dict__["armed"] = lru_cache(maxsize=8)(station.armed)
+    alphabet = _tried(lambda: station.alphabet)
+    if canonical(alphabet) != canonical(oracle.inputs):
+        differ(None, None, oracle.inputs, alphabet)
+    effects: dict[int, tuple[Any, ...]] = {}
+    for n, st in enumerate(oracle.states):
+        result.states += 1
+        wanted, facts = (True, oracle.marks[n]), _tried(partial(_facts, station, st))
+        if facts != wanted or _kinds(facts) != _kinds(wanted):
+            differ(st, None, wanted, facts)
+        for i in sorted(oracle.moves(n)) if transitions_only else range(len(oracle.inputs)):
+            answer, asked = oracle.answer(n, i), oracle.inputs[i]
+            offered = _tried(partial(station.offered, st, asked))
+            if offered is not (answer is not None):
+                differ(st, asked, {"offered": answer is not None}, offered)
+            if answer is None:
+                continue
+            result.inputs += 1
+            if id(answer.effect) not in effects:
+                effects[id(answer.effect)] = _typed(answer.effect)
+            expected = (oracle.states[answer.next], *effects[id(answer.effect)])
+            outcome = _tried(partial(station.step, station.me, st, asked))
+            if outcome != expected or not _is_exact(outcome, expected, st):
+                differ(st, asked, expected, outcome)
+    return result
+
+
+def _tried(ask: Callable[[], Any]) -> Any:
+    """What is returned, or the error: a wrong compiler makes anything."""
+    try:
+        return ask()
+    except Exception as error:
+        return (f"{type(error).__name__}: {error}",)
+
+
+def _facts(station: OpenStation, st: State) -> tuple[Any, ...]:
+    return station.station_type_inv(station.me, st), station.marks(st)
+
+
+def _typed(effect: Effect) -> tuple[Any, ...]:
+    arm, stop = frozenset(effect.arm), frozenset(effect.stop)
+    return frozenset(effect.messages), effect.told, effect.rule, arm, stop
+
+
+def _is_exact(outcome: tuple[Any, ...], expected: tuple[Any, ...], st: State) -> bool:
+    """Whether equal values are the same: Python takes True for 1."""
+    new, out, _, _, arm, stop = outcome
+    return (new is st and not (out or arm or stop)) or _kinds(outcome) == _kinds(expected)
+
+
+def _kinds(value: Any) -> Any:
+    """The types in a value, in its shape."""
+    if isinstance(value, tuple):
+        return tuple(map(_kinds, value))
+    if isinstance(value, frozenset):
+        return frozenset(map(_kinds, value)) if value else value
+    return type(value)

@@ -1,0 +1,84 @@
+"""The steps of a counterexample: the action, who took which input, the rule, and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, TypeAlias
+
+from automcm_spec.model_checking import tlc_simulation
+from automcm_spec.model_checking.tlc import TraceState
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.rules import handler, line
+from automcm_spec.vocabulary.station import Input, Message, State
+
+#: What happens in a model that is no step of a station.
+EVENTS = {
+    "tick": "a tick passes",
+    "slow tick": "a tick passes, and a slow clock does not count it",
+    "cut": "the radio is cut",
+    "silence": "no CAM is heard from here on",
+    "lose": "a message is lost",
+}
+
+
+Event: TypeAlias = tuple[str] | tuple[str, Message]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step.
+
+    index counts from 1. action is that of the model's next-state relation, as TLC names it. station
+    is its id, or None for an event of the radio or of time. input has the model's ids. line is that
+    of Station.tla where the rule decided, 0 for an event. changes maps the changed fields of the
+    station to before and after.
+    """
+
+    index: int
+    action: str
+    station: int | str | None
+    input: Input | Event
+    rule: str | None
+    line: int
+    changes: dict[str, tuple[Any, Any]]
+
+    @property
+    def text(self) -> str:
+        """The step in one line, and what it changed in another."""
+        if not isinstance(self.input, Input):
+            event, *about = self.input
+            return ": ".join([self.action, EVENTS[event], *map(canonical, about)])
+        by = f"[{self.rule}: {handler(self.input)}, Station.tla:{self.line}]"
+        fields = [f"{n} {canonical(a)} → {canonical(b)}" for n, (a, b) in self.changes.items()]
+        changed = ", ".join(fields) or "nothing changes"
+        who = f"{self.action} at station {self.station}"
+        return f"{who}: {canonical(self.input)}  {by}\n     {changed}"
+
+
+def steps(trace: Sequence[TraceState]) -> list[Step]:
+    """The steps of a trace of any model: its variable ``last`` has the arguments of each, which TLC
+    does not print."""
+    return [_step(before, after) for before, after in pairwise(trace)]
+
+
+def _step(before: TraceState, after: TraceState) -> Step:
+    last: Any = after.values["last"]
+    given, who, rule = last["input"], last["station"], last["rule"]
+    number, action = after.index - 1, after.action
+    if given["kind"] in EVENTS:
+        about = (Message(**given["message"]),) if "message" in given else ()
+        return Step(number, action, None, (given["kind"], *about), None, 0, {})
+    value = tlc_simulation.input_of(given)
+    old = tlc_simulation.state(_of(before.values["st"], who))
+    new = tlc_simulation.state(_of(after.values["st"], who))
+    changes = {n: (a, b) for n, a, b in zip(State._fields, old, new, strict=True) if a != b}
+    return Step(number, action, who, value, rule, line(rule, value), changes)
+
+
+def _of(stations: Any, who: Any) -> Any:
+    """The station ``who`` of the variable st: a sequence, a function of ids, or the only one."""
+    if isinstance(stations, Mapping) and "phase" in stations:
+        return stations
+    return stations[who] if isinstance(stations, Mapping) else stations[who - 1]

@@ -1,0 +1,127 @@
+"""Results of TLC kept from run to run, each with a hash of everything that it depends on.
+
+A file has a hash of all that and of the result, then the result.  So a damaged file, one of another
+version of this code and one of another specification are the same thing: no result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.model_checking import models, tla_values, tlc, toolchain
+from automcm_spec.support import files
+from automcm_spec.support.paths import MODELS, TLA
+
+CODE = (models, tlc, toolchain, tla_values, sys.modules[__name__])
+"""What starts TLC, with its options, what interprets its output, and what keeps it."""
+
+
+def check_all(
+    chosen: Sequence[models.Model],
+    folder: Path,
+    *,
+    fresh: bool = False,
+    on_done: Callable[[models.Verdict], None],
+    models_dir: Path = MODELS,
+    tla_dir: Path = TLA,
+) -> None:
+    """As ``models.check_all``, but models with a result in the folder are not run.
+
+    ``fresh`` runs them too.  A result as expected is put into the folder, under the key from before
+    TLC was started, and only if that has not changed meanwhile: TLC may have read either text.
+    What cannot be written is not kept.
+    """
+    keys = {model.cfg: _key(model, models_dir, tla_dir) for model in chosen}
+    rest = []
+    for model in chosen:
+        verdict = None if fresh else _read(model, keys[model.cfg], folder)
+        if verdict is None:
+            rest.append(model)
+        else:
+            on_done(verdict)
+
+    def done(verdict: models.Verdict) -> None:
+        key = keys[verdict.model.cfg]
+        if verdict.ok and key is not None and key == _key(verdict.model, models_dir, tla_dir):
+            with suppress(OSError):
+                _write(verdict, key, folder)
+        on_done(verdict)
+
+    models.check_all(rest, on_done=done, models_dir=models_dir, tla_dir=tla_dir)
+
+
+def _key(model: models.Model, models_dir: Path, tla_dir: Path) -> str | None:
+    """The hash of what the result of a model depends on: its entry in the list, its cfg, each
+    module that TLC reads, TLC, Java, Java's options in the environment, and our code.
+
+    None if some of that cannot be read: nothing is kept, and the run says what is wrong.
+    """
+    try:
+        java, jar = tlc.tools()
+        texts = {path.stem: path.read_bytes().decode() for path in tla_dir.glob("*.tla")}
+        return _hash(
+            model.model_dump(),
+            _digest(models_dir / f"{model.cfg}.cfg"),
+            {name: texts[name] for name in models.extended(model.module, texts, instances=True)},
+            _digest(jar),
+            _digest(java.parent.parent / "release"),
+            {name: value for name, value in toolchain.environment().items() if "JAVA" in name},
+            [inspect.getsource(module) for module in CODE],
+        )
+    except (OSError, ValueError, tlc.TlcError):
+        return None
+
+
+def _path(folder: Path, model: models.Model) -> Path:
+    return folder / f"{model.cfg}.result"
+
+
+def _read(model: models.Model, key: str | None, folder: Path) -> models.Verdict | None:
+    """The verdict of the result kept under this key, judged once more; None if there is none."""
+    try:
+        digest, text = _path(folder, model).read_bytes().decode().split("\n", 1)
+    except (OSError, ValueError):
+        return None
+    if key is None or digest != _hash(key, text):
+        return None
+    found = json.loads(text)
+    trace = tuple(
+        tlc.TraceState(
+            index,
+            action,
+            None if place is None else tlc.Location(*place),
+            {name: tla_values.parse(value) for name, value in state.items()},
+        )
+        for index, action, place, state in found["trace"]
+    )
+    result = tlc.Result(**(found["result"] | {"trace": trace}))
+    verdict = models.judged(model, result, found["reached"])
+    return replace(verdict, kept=True) if verdict.ok else None
+
+
+def _write(verdict: models.Verdict, key: str, folder: Path) -> None:
+    assert verdict.result is not None
+    trace = [
+        (s.index, s.action, s.location, {name: tla_values.show(v) for name, v in s.values.items()})
+        for s in verdict.trace
+    ]
+    result = asdict(replace(verdict.result, trace=()))
+    text = json.dumps({"reached": verdict.reached, "result": result, "trace": trace})
+    folder.mkdir(parents=True, exist_ok=True)
+    files.write(_path(folder, verdict.model), f"{_hash(key, text)}\n{text}")
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _hash(*parts: Any) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,399 @@
+"""The models: which there are, what TLC must find in each, and whether it does."""
+
+import builtins
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from automcm_spec.model_checking import tlc
+from automcm_spec.support.paths import MODELS, TLA
+
+EXPECTATIONS = "expectations.toml"
+
+#: The properties: id in docs/protocol.md and name in the modules of spec/tla.
+PROPERTIES = {
+    "S-1": "OneSessionProp",
+    "S-2": "CommitmentProp",
+    "S-3": "AcceptedInv",
+    "S-4": "AgreementInv",
+    "S-5": "NoHazardInv",
+    "S-6": "AckedProp",
+    "S-7": "NoCrossEffectProp",
+    "S-8": "ExclusiveInv",
+    "S-9": "ToldProp",
+    "S-10": "ReasonProp",
+    "S-11": "WordProp",
+    "S-12": "ParticipantsInv",
+    "S-13": "KeptProp",
+    "S-14": "AnewProp",
+    "S-15": "RememberedProp",
+    "S-16": "EndedProp",
+    "L-1": "EndsProp",
+    "L-2": "CompletesProp",
+    "L-3": "SilenceProp",
+    "L-4": "GivenUpProp",
+    "R-1": "PromiseProp",
+    "R-2": "FulfilledProp",
+    "T-1": "DurationInv",
+    "T-2": "HazardInv",
+    "T-3": "SendingsInv",
+    "T-4": "LeaseInv",
+    "T-5": "OrdersInv",
+    "T-6": "OneWordInv",
+    "T-7": "TogetherInv",
+    "T-8": "CamLossInv",
+    "T-9": "LeftInv",
+    "TypeInv": "TypeInv",
+}
+
+#: The properties of System, which each model of it checks; together they are called S.
+SAFETY = tuple(f"S-{n}" for n in range(1, 9))
+
+#: The modules of one station to which anything may happen.
+ALONE = ("OpenStation", "ProbeStation", "StationProperties")
+
+#: The modules of stations that are lied to by one that takes no step.
+LIED_TO = ("Liar", "TimedLiar")
+
+#: The id of a property by its name in the modules, or by that of its version with time.
+PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
+
+#: The profiles, each with the models of those before it.
+PROFILES = ("quick", "full", "deep")
+
+#: Below this many seconds a run is too short for Java to optimise it well.
+SHORT_S = 10.0
+
+_SENTENCE = re.compile(r"[.?!](?=\s|$)")
+_REACHED = re.compile(r'"<<\\"REACHED\\", \\"(.+)\\">>"')
+_KEYWORD = re.compile(r"^\s*([A-Z_]{4,})\b", re.MULTILINE)
+_COMMENT = re.compile(r"\\\*[^\n]*|\(\*.*?\*\)", re.DOTALL)
+_CHECKED = {"INVARIANT", "INVARIANTS", "PROPERTY", "PROPERTIES"}
+_EXTENDS = re.compile(r"\bEXTENDS\s+(\w+(?:\s*,\s*\w+)*)")
+_INSTANCE = re.compile(r"\bINSTANCE\s+(\w+)")
+
+
+class ModelError(Exception):
+    """The list of models and the files do not fit together."""
+
+
+class Model(BaseModel):
+    """A cfg and what TLC must find with it: a pass with these counts, or a counterexample.
+
+    reaches: what a model that holds must print as reached (modules Probe and TimedSystem), all
+    of it and nothing else. The why of a must-fail model is its story, in two sentences.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+    cfg: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    module: str
+    expect: Literal["holds", "violates"]
+    profile: Literal["quick", "full", "deep"]
+    why: str = Field(min_length=1)
+    seconds: float = Field(ge=0)
+    reaches: list[str] | None = None
+    distinct_states: int | None = None
+    states: int | None = None
+    depth: int | None = None
+    property: str | None = None
+    breaks: str | None = None
+    length: int | None = None
+
+    @builtins.property
+    def unsent(self) -> bool:
+        """Does a station receive what nobody has sent, since it is alone or lied to?  Then its
+        counterexample has no logs and no page.
+        """
+        return self.module in (*ALONE, *LIED_TO)
+
+    @model_validator(mode="after")
+    def _fields_fit(self) -> "Model":
+        holds = ("distinct_states", "states", "depth")
+        violates = ("property", "breaks", "length")
+        needed, barred = (holds, violates) if self.expect == "holds" else (violates, holds)
+        if self.expect == "violates" and self.reaches is not None:
+            raise ValueError("a model that violates reaches nothing")
+        if self.expect == "violates" and len(_SENTENCE.findall(self.why)) != 2:
+            raise ValueError("the why of a model that violates is a story of two sentences")
+        for name in needed:
+            if getattr(self, name) is None:
+                raise ValueError(f"a model that {self.expect} needs {name}")
+        for name in barred:
+            if getattr(self, name) is not None:
+                raise ValueError(f"a model that {self.expect} has no {name}")
+        if self.expect == "violates" and PROPERTY_IDS.get(self.breaks or "") != self.property:
+            raise ValueError(f"the property {self.property} is not {self.breaks}")
+        return self
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What TLC found in a model, and whether that was expected.
+
+    problem says what was not. With the outcome "error" TLC gave no verdict: error is why, and
+    result is None. "incomplete" is an error that came after part of the states had been looked
+    at without a violation (time, memory or disk ran out): partial says how many.
+    property is the id of what is violated, or its TLA+ name if it has no id. reached is what the
+    model printed as reached. kept: the result is that of an earlier run.
+    """
+
+    model: Model
+    outcome: Literal["holds", "violates", "incomplete", "error"]
+    property: str | None
+    result: tlc.Result | None
+    problem: str | None
+    error: tlc.TlcError | None = None
+    reached: tuple[str, ...] = ()
+    kept: bool = False
+
+    @builtins.property
+    def ok(self) -> bool:
+        """Is it as expected?"""
+        return self.problem is None
+
+    @builtins.property
+    def partial(self) -> tlc.Progress | None:
+        """How far TLC came, if it was stopped."""
+        return self.error.partial if self.error else None
+
+    @builtins.property
+    def trace(self) -> tuple[tlc.TraceState, ...]:
+        """The counterexample; empty if there is none."""
+        return self.result.trace if self.result else ()
+
+
+def load(models_dir: Path = MODELS, tla_dir: Path = TLA) -> list[Model]:
+    """The models of a folder, in the order of its list.
+
+    Raises ModelError if the list cannot be read or has something unknown in it, if a cfg is
+    not listed or missing, or if a cfg checks something else than the list says.
+    """
+    path = models_dir / EXPECTATIONS
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelError(f"{path.name} cannot be read: {error.strerror}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ModelError(f"{path.name}: {error}") from error
+    if unknown := set(table) - {"model"}:
+        raise ModelError(f"{path.name}: unknown key {', '.join(sorted(unknown))}")
+    models = [_model(entry) for entry in table.get("model", [])]
+    _check_files(models, models_dir)
+    _check_names(models, models_dir, tla_dir)
+    return models
+
+
+def _model(entry: dict[str, Any]) -> Model:
+    try:
+        return Model.model_validate(entry)
+    except ValidationError as error:
+        faults = "; ".join(
+            ".".join(map(str, e["loc"])) + (": " if e["loc"] else "") + e["msg"]
+            for e in error.errors()
+        )
+        raise ModelError(f"{EXPECTATIONS}: model {entry.get('cfg', '?')}: {faults}") from error
+
+
+def _check_files(models: list[Model], models_dir: Path) -> None:
+    listed = [model.cfg for model in models]
+    for name in listed:
+        if listed.count(name) > 1:
+            raise ModelError(f"{EXPECTATIONS} lists {name} twice")
+    on_disk = {path.stem for path in models_dir.glob("*.cfg")}
+    for name in sorted(on_disk - set(listed)):
+        raise ModelError(f"{name}.cfg is not listed in {EXPECTATIONS}")
+    for name in sorted(set(listed) - on_disk):
+        raise ModelError(f"{EXPECTATIONS} lists {name}, but there is no {name}.cfg")
+
+
+def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
+    try:
+        texts = [path.read_text(encoding="utf-8") for path in sorted(tla_dir.glob("*.tla"))]
+    except OSError as error:
+        raise ModelError(f"a module cannot be read: {error}") from error
+    defined = set(re.findall(r"^(\w+) +==", "\n".join(texts), re.MULTILINE))
+    for name in PROPERTIES.values():
+        if name not in defined:
+            raise ModelError(f"no module defines the property {name}")
+    for model in models:
+        if not (tla_dir / f"{model.module}.tla").is_file():
+            raise ModelError(f"model {model.cfg}: there is no module {model.module}")
+        checked = checked_in(models_dir / f"{model.cfg}.cfg")
+        if model.expect == "holds" and not checked:
+            raise ModelError(f"{model.cfg}.cfg checks nothing")
+        if model.expect == "violates" and checked != [model.breaks]:
+            raise ModelError(f"{model.cfg}.cfg must check {model.breaks} and nothing else")
+
+
+def split(cfg: str) -> tuple[str, list[tuple[str, str]]]:
+    """The text of a cfg without comments and what it checks, and that: (keyword, name)."""
+    rest, *sections = _KEYWORD.split(_COMMENT.sub("", cfg))
+    checked: list[tuple[str, str]] = []
+    for keyword, body in zip(sections[::2], sections[1::2], strict=True):
+        if keyword in _CHECKED:
+            checked += [(keyword, name) for name in body.split()]
+        else:
+            rest += f"\n{keyword}{body}"
+    return rest, checked
+
+
+def checked_in(cfg: Path) -> list[str]:
+    """The names of the invariants and properties that a cfg lists."""
+    return [name for _, name in split(cfg.read_text(encoding="utf-8"))[1]]
+
+
+def extended(module: str, texts: Mapping[str, str], *, instances: bool = False) -> set[str]:
+    """The modules a module extends, at whatever remove, itself included.
+
+    texts are the modules there are; others, such as Naturals, are left out. With instances, also
+    what is instantiated: all that TLC reads.
+    """
+    found: set[str] = set()
+    left = {module}
+    while left:
+        name = left.pop()
+        found.add(name)
+        text = _COMMENT.sub(" ", texts.get(name, ""))
+        names = {one for listed in _EXTENDS.findall(text) for one in re.findall(r"\w+", listed)}
+        if instances:
+            names |= set(_INSTANCE.findall(text))
+        left |= (names & set(texts)) - found
+    return found
+
+
+def of_profile(models: Sequence[Model], profile: str) -> list[Model]:
+    """The models of a profile and of those before it."""
+    return [m for m in models if PROFILES.index(m.profile) <= PROFILES.index(profile)]
+
+
+def check(
+    model: Model,
+    *,
+    models_dir: Path = MODELS,
+    tla_dir: Path = TLA,
+    heap_mb: int | None = None,
+    timeout_s: float | None = None,
+    on_progress: Callable[[tlc.Progress], None] | None = None,
+    stop: tlc.Stop | None = None,
+) -> Verdict:
+    """Run TLC on a model, with one worker, and compare what it finds with what is expected.
+
+    With more workers the depth differs from run to run, and with SYMMETRY also the states.
+    """
+    reached: list[str] = []
+
+    def printed(line: str) -> None:
+        if match := _REACHED.fullmatch(line.strip()):
+            reached.append(match[1])
+
+    try:
+        result = tlc.run(
+            model.module,
+            models_dir / f"{model.cfg}.cfg",
+            tla_dir=tla_dir,
+            extra=("-lncheck", "final"),
+            heap_mb=heap_mb,
+            timeout_s=timeout_s,
+            on_progress=on_progress,
+            on_print=printed,
+            stop=stop,
+            short=model.seconds < SHORT_S,
+        )
+    except tlc.TlcError as error:
+        if error.partial and error.kind in ("timeout", "memory", "disk"):
+            seen = f"incomplete: {error.partial.distinct_states:,} states looked at"
+            return Verdict(model, "incomplete", None, None, f"{seen}; {error}", error)
+        return Verdict(model, "error", None, None, f"TLC gave no verdict: {error}", error)
+    return judged(model, result, reached)
+
+
+def judged(model: Model, result: tlc.Result, reached: Sequence[str]) -> Verdict:
+    """What TLC found in a model, compared with what is expected."""
+    name = result.property
+    if name and name.startswith("line "):
+        name = None  # a part of a property, named by its place
+    if name is None and result.outcome == "violates" and model.expect == "violates":
+        name = model.breaks  # the cfg lists only this one
+    violated = None if name is None else PROPERTY_IDS.get(name, name)
+    labels = tuple(sorted(set(reached)))
+    problem = _problem(model, result, violated, labels)
+    return Verdict(model, result.outcome, violated, result, problem, reached=labels)
+
+
+def _problem(
+    model: Model, result: tlc.Result, violated: str | None, reached: tuple[str, ...]
+) -> str | None:
+    wrong: list[str] = []
+    if model.expect == "holds":
+        if result.outcome == "violates":
+            return f"{violated or 'a temporal property'} is violated; everything was to hold"
+        counts = ("distinct_states", "states", "depth")
+        found = {name: getattr(result, name) for name in counts}
+        if missed := sorted(set(model.reaches or ()) - set(reached)):
+            wrong.append(f"reached no more: {', '.join(missed)}")
+        if new := sorted(set(reached) - set(model.reaches or ())):
+            wrong.append(f"reached, and not expected: {', '.join(new)}")
+    else:
+        if result.outcome == "holds":
+            return f"nothing is violated; {model.property} was to be"
+        if violated != model.property:
+            return f"{violated} is violated; {model.property} was to be"
+        found = {"length": len(result.trace)}
+    wrong += [
+        f"{name} is {value}, {getattr(model, name)} expected"
+        for name, value in found.items()
+        if value != getattr(model, name)
+    ]
+    return "; ".join(wrong) or None
+
+
+def check_all(
+    models: Sequence[Model],
+    *,
+    jobs: int = 2,
+    on_done: Callable[[Verdict], None] | None = None,
+    models_dir: Path = MODELS,
+    tla_dir: Path = TLA,
+    heap_mb: int | None = None,
+    timeout_s: float | None = None,
+) -> list[Verdict]:
+    """Check the models, some at a time, the longest first; the verdicts in the order given.
+
+    on_done is called in the calling thread as each one ends. If it raises, or on Ctrl-C, the
+    runs that go on are killed.
+    """
+    order = sorted(models, key=lambda model: -model.seconds)
+    verdicts: dict[str, Verdict] = {}
+    stop = tlc.Stop()
+    with ThreadPoolExecutor(max_workers=jobs) as pool:
+        futures = [
+            pool.submit(
+                check,
+                model,
+                models_dir=models_dir,
+                tla_dir=tla_dir,
+                heap_mb=heap_mb,
+                timeout_s=timeout_s,
+                stop=stop,
+            )
+            for model in order
+        ]
+        try:
+            for future in as_completed(futures):
+                verdict = future.result()
+                verdicts[verdict.model.cfg] = verdict
+                if on_done:
+                    on_done(verdict)
+        except BaseException:
+            for future in futures:
+                future.cancel()
+            stop.now()
+            raise
+    return [verdicts[model.cfg] for model in models]

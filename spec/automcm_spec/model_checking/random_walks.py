@@ -1,0 +1,223 @@
+"""Random behaviours of a model: is a property violated, and which rules decided how often?"""
+
+from __future__ import annotations
+
+import builtins
+import re
+import shutil
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from automcm_spec.model_checking import models, tlc
+from automcm_spec.support import scratch
+from automcm_spec.support.paths import MODELS, SIMULATION, TLA
+from automcm_spec.vocabulary.rules import RULES
+
+Ended = Literal["time", "number", "violation"]
+
+MODULE = """---- MODULE Walk ----
+EXTENDS {module}, Simulation, TLC
+VARIABLE walked
+WalkInit == Init /\\ walked = 0
+Told == PrintT(<<"walk", walked, last.rule>>)
+WalkNext ==
+  \\E s \\in Stations : /\\ Told /\\ walked < {depth} /\\ walked' = walked + 1
+                      /\\ \\E i \\in Inputs(s) : {guard}Do(s, i)
+WalkSpec == WalkInit /\\ [][WalkNext]_<<vars, walked>>
+====
+"""
+"""The AnyNext of Simulation.tla, which first says how the state it is asked about was reached.
+
+TLC chooses the station first; only the state a walk is in is asked for its successors, at most
+once per station.  (An invariant would also see the successors that are not chosen.)
+"""
+
+_SAID = re.compile(r'<<"walk", (\d+), "([^"]+)">>$')
+
+
+class WalkError(Exception):
+    """A model that cannot be walked through."""
+
+
+@dataclass(frozen=True)
+class Walked:
+    """A model to walk through: its cfg, its module, and the property it must break, if any."""
+
+    name: str
+    cfg: Path
+    module: str
+    breaks: str | None = None
+
+
+@dataclass(frozen=True)
+class Walks:
+    """What the behaviours showed.
+
+    ``ended`` is why there are no more of them.  A behaviour that the time cut off is not counted.
+    ``rules`` says how many steps each rule decided; rules of no step are left out.  A step that
+    changes nothing is no step of System, nor is a CAM; so what a rule only ignores is not here.
+    ``property`` is the id of what is violated, and ``trace`` the behaviour that violates it.
+    """
+
+    model: Walked
+    seed: int
+    depth: int
+    behaviours: int
+    steps: int
+    rules: dict[str, int]
+    ended: Ended
+    property: str | None = None
+    trace: tuple[tlc.TraceState, ...] = ()
+
+    @builtins.property
+    def never(self) -> list[str]:
+        """The rules that decided no step."""
+        return [rule for rule in RULES if rule not in self.rules]
+
+    @builtins.property
+    def exit_code(self) -> int:
+        """0 as expected; 1 if something is violated that was to hold; 4 if that is open."""
+        if self.property is not None:
+            return 0 if self.property == self.model.breaks else 1
+        return 4 if self.model.breaks or not self.behaviours else 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report as JSON; the same for the same behaviours."""
+        return {
+            "model": self.model.name,
+            "seed": self.seed,
+            "depth": self.depth,
+            "behaviours": self.behaviours,
+            "steps": self.steps,
+            "ended": self.ended,
+            "property": self.property,
+            "length": len(self.trace) or None,
+            "rules": {rule: self.rules.get(rule, 0) for rule in RULES},
+            "never": self.never,
+        }
+
+
+def known(models_dir: Path = MODELS, simulation: Path = SIMULATION) -> dict[str, Walked]:
+    """What can be walked through by name: the listed models and those of spec/simulation.
+
+    Raises models.ModelError.
+    """
+    listed = [
+        Walked(m.cfg, models_dir / f"{m.cfg}.cfg", m.module, m.property)
+        for m in models.load(models_dir)
+    ]
+    larger = [Walked(path.stem, path, "System") for path in sorted(simulation.glob("*.cfg"))]
+    return {model.name: model for model in [*listed, *larger]}
+
+
+def run(
+    model: Walked,
+    *,
+    seed: int = 1,
+    depth: int = 100,
+    seconds: float | None = 30,
+    number: int | None = None,
+    lively: bool = False,
+    on_progress: Callable[[int], None] | None = None,
+    tla: Path = TLA,
+) -> Walks:
+    """Random behaviours of a model, of at most ``depth`` steps, until one violates a property.
+
+    They end after ``seconds`` (with the start of Java) or ``number`` behaviours, whichever comes
+    first.  The same seed gives the same behaviours; the time only cuts how many there are.
+    ``lively`` leaves out what ends sessions early (Simulation.tla).  on_progress gets the number
+    of behaviours so far.  Raises WalkError for a model that is not one of System, tlc.TlcError
+    if TLC fails.
+    """
+    if seconds is None and number is None:
+        raise ValueError("neither a time nor a number of behaviours is given")
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in tla.glob("*.tla")}
+    if "System" not in models.extended(model.module, texts):
+        raise WalkError(f"{model.name}: the module {model.module} does not extend System")
+    count = _Count(on_progress)
+    result = None
+    with scratch.folder("walks") as place:
+        for path in tla.glob("*.tla"):
+            shutil.copy(path, place)
+        guard = r"~Early(s, i) /\ " if lively else ""
+        text = MODULE.format(module=model.module, depth=depth, guard=guard)
+        (place / "Walk.tla").write_text(text, encoding="utf-8")
+        (place / "Walk.cfg").write_text(_config(model), encoding="utf-8")
+        extra = ["-simulate", *([] if number is None else [f"num={number}"])]
+        extra += ["-depth", str(depth + 2), "-seed", str(seed)]
+        try:
+            result = tlc.run(
+                "Walk",
+                place / "Walk.cfg",
+                tla_dir=place,
+                extra=extra,
+                timeout_s=seconds,
+                on_print=count.line,
+            )
+        except tlc.TlcError as error:
+            if error.kind != "timeout":
+                raise
+    if result is None or result.outcome == "holds":
+        if result is not None:
+            count.end()
+        ended: Ended = "time" if result is None else "number"
+        return Walks(model, seed, depth, *count.counts(), ended)
+    name = result.property or model.breaks or "a property"
+    trace = tuple(_named(state) for state in result.trace)
+    count.end([_last(state)["rule"] for state in trace[1:]])
+    counts = count.counts()
+    found = models.PROPERTY_IDS.get(name, name)
+    return Walks(model, seed, depth, *counts, "violation", found, trace)
+
+
+class _Count:
+    """Behaviours, steps and rules from what a walk prints: (step, rule that decided it)."""
+
+    def __init__(self, on_progress: Callable[[int], None] | None) -> None:
+        self._on_progress = on_progress
+        self._behaviours = 0
+        self._rules: Counter[str] = Counter()
+        self._current: list[str] = []
+
+    def line(self, text: str) -> None:
+        if not (match := _SAID.match(text)):
+            return
+        step, rule = int(match[1]), match[2]
+        if step == 0 and self._current:
+            self.end()
+        elif step > len(self._current):
+            self._current.append(rule)
+
+    def end(self, rules: list[str] | None = None) -> None:
+        """The behaviour is over; rules is what decided its steps, if that is known better."""
+        self._rules.update(self._current if rules is None else rules)
+        self._behaviours += 1
+        self._current = []
+        if self._on_progress:
+            self._on_progress(self._behaviours)
+
+    def counts(self) -> tuple[int, int, dict[str, int]]:
+        return self._behaviours, self._rules.total(), dict(self._rules)
+
+
+def _last(state: tlc.TraceState) -> Any:
+    return state.values["last"]
+
+
+def _named(state: tlc.TraceState) -> tlc.TraceState:
+    """The state with the action of System that led to it: it has the name of the kind of input.
+
+    TLC has only seen WalkNext.
+    """
+    return replace(state, action=str(_last(state)["input"]["kind"]).capitalize())
+
+
+def _config(model: Walked) -> str:
+    text = model.cfg.read_text(encoding="utf-8")
+    text, found = re.subn(r"^SPECIFICATION Spec$", "SPECIFICATION WalkSpec", text, flags=re.M)
+    if found != 1:
+        raise WalkError(f"{model.name}: its cfg does not say SPECIFICATION Spec, as System does")
+    return text

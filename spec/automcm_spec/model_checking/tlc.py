@@ -1,0 +1,489 @@
+"""Runs TLC and reads what it says (its "-tool" output: blocks with a message code)."""
+
+import re
+import subprocess
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Literal, NamedTuple
+
+from automcm_spec.model_checking import tla_values as values
+from automcm_spec.model_checking import toolchain
+from automcm_spec.support import children, scratch
+from automcm_spec.support.paths import TLA
+
+Outcome = Literal["holds", "violates"]
+ErrorKind = Literal["parse", "config", "java", "memory", "disk", "timeout", "other"]
+
+DEADLOCK = "Deadlock"
+INITIAL = "Initial predicate"
+
+
+class TlcError(Exception):
+    """TLC gave no verdict. module and line say where the fault is, if TLC said so.
+
+    partial is how far TLC had come, if it had begun.
+    """
+
+    partial: "Progress | None" = None
+
+    def __init__(
+        self, kind: ErrorKind, message: str, module: str | None = None, line: int | None = None
+    ) -> None:
+        super().__init__(message)
+        self.kind: ErrorKind = kind
+        self.message = message
+        self.module = module
+        self.line = line
+
+
+class Location(NamedTuple):
+    """Where something stands; lines and columns count from 1, the last column is included."""
+
+    module: str
+    line: int
+    column: int
+    end_line: int
+    end_column: int
+
+
+@dataclass(frozen=True)
+class TraceState:
+    """A state of a counterexample, and the action that led to it (INITIAL for the first)."""
+
+    index: int
+    action: str
+    location: Location | None
+    values: dict[str, values.Value]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far TLC is: the depth reached, states generated, distinct states, states to visit."""
+
+    depth: int
+    states: int
+    distinct_states: int
+    queue: int
+
+
+@dataclass(frozen=True)
+class Result:
+    """A verdict of TLC.
+
+    property is the TLA+ name of what is violated, "Deadlock", or None: TLC does not name a
+    violated temporal property. loop is the index of the state a temporal counterexample goes
+    back to. seconds is the time it took, with the start of Java.
+    """
+
+    outcome: Outcome
+    property: str | None
+    distinct_states: int
+    states: int
+    depth: int
+    seconds: float
+    trace: tuple[TraceState, ...] = ()
+    loop: int | None = None
+
+
+class Stop:
+    """Ends runs from another thread: those that go on, and those that start later."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: set[subprocess.Popen[str]] = set()
+        self.stopped = False
+
+    def now(self) -> None:
+        """Kill Java; each run raises TlcError."""
+        with self._lock:
+            self.stopped = True
+            for process in self._running:
+                process.kill()
+
+    def _enter(self, process: subprocess.Popen[str]) -> None:
+        with self._lock:
+            self._running.add(process)
+            if self.stopped:
+                process.kill()
+
+    def _leave(self, process: subprocess.Popen[str]) -> None:
+        with self._lock:
+            self._running.discard(process)
+
+
+_SHORT = ("-XX:TieredStopAtLevel=1", "-XX:+UseSerialGC")
+_LONG = ("-XX:+UseParallelGC",)
+ARCHIVE_MB = 16
+"""A heap in which the archive has room."""
+
+
+def run(
+    module: str,
+    cfg: Path,
+    *,
+    workers: int = 1,
+    tla_dir: Path = TLA,
+    extra: Sequence[str] = (),
+    heap_mb: int | None = None,
+    timeout_s: float | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    on_print: Callable[[str], None] | None = None,
+    stop: Stop | None = None,
+    short: bool = False,
+) -> Result:
+    """Check a module of tla_dir with a cfg.
+
+    short is for runs of seconds: Java then compiles fast instead of well, and uses one core.
+    on_print gets each line that the specification prints, as it comes; nothing of it is kept.
+    With one worker the counts, the depth and the counterexample are the same in every run.
+    Raises TlcError for whatever is neither a clean pass nor a violation. Whatever happens,
+    Java is not running and nothing of it is on disk afterwards.
+    """
+    java, jar = tools()
+    with scratch.folder("tlc") as place:
+        command = [
+            str(java),
+            "-Xss64m",
+            *(_SHORT if short else _LONG),
+            *quick_start(heap_mb),
+            "-XX:+ExitOnOutOfMemoryError",
+            "-XX:-UsePerfData",
+            f"-XX:ErrorFile={place / 'java.log'}",
+            f"-Djava.io.tmpdir={place}",
+            "-Dfile.encoding=UTF-8",
+            "-Dstdout.encoding=UTF-8",
+            "-Duser.language=en",
+            *([] if heap_mb is None else [f"-Xmx{heap_mb}m"]),
+            *("-cp", str(jar), "tlc2.TLC", "-tool", "-fp", "0"),
+            *("-workers", str(workers), "-metadir", str(place / "meta")),
+            *("-config", str(cfg.resolve()), *extra, module),
+        ]
+        started = time.monotonic()
+        reader = _Reader(on_progress, on_print)
+        try:
+            with (place / "stderr").open("w+b") as stderr:
+                code = execute(command, tla_dir, stderr, timeout_s, reader.read, stop=stop)
+                stderr.seek(0)
+                complaint = stderr.read(100_000).decode(errors="replace")
+            return reader.result(cfg, code, complaint, time.monotonic() - started)
+        except TlcError as error:
+            error.partial = reader.progress
+            raise
+
+
+def tools() -> tuple[Path, Path]:
+    """Java and TLC's jar. Raises TlcError if there is none."""
+    try:
+        return toolchain.java(), toolchain.tla2tools()
+    except toolchain.ToolError as error:
+        raise TlcError("java", str(error)) from error
+
+
+def quick_start(heap_mb: int | None = None) -> list[str]:
+    """Options with which Java loads TLC faster, if there is an archive of its classes."""
+    archive = toolchain.archive()
+    if archive is None or (heap_mb is not None and heap_mb < ARCHIVE_MB):
+        return []
+    return [f"-XX:AOTCache={archive}", "-Xlog:aot*=off"]
+
+
+def execute(
+    command: Sequence[str],
+    cwd: Path,
+    stderr: IO[bytes] | int,
+    timeout_s: float | None,
+    read: Callable[[Iterable[str]], None],
+    *,
+    stop: Stop | None = None,
+    name: str = "TLC",
+) -> int:
+    """Run the command, have its lines read as they come, and return its exit code.
+
+    Raises TlcError if it cannot be started, is stopped or does not end in time.  It ends with this
+    process, and with the thread that calls.
+    """
+    stop = stop or Stop()
+    try:
+        process = children.popen(
+            command,
+            cwd=cwd,
+            env=toolchain.environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+        )
+    except OSError as error:
+        raise TlcError("java", f"{name} could not be started: {error}") from error
+    expired = threading.Event()
+
+    def expire() -> None:
+        expired.set()
+        process.kill()
+
+    timer = None if timeout_s is None else threading.Timer(timeout_s, expire)
+    try:
+        stop._enter(process)
+        if timer:
+            timer.start()
+        assert process.stdout is not None
+        read(process.stdout)
+        code = process.wait()
+    finally:
+        if timer:
+            timer.cancel()
+        process.kill()
+        process.wait()
+        stop._leave(process)
+        if process.stdout:
+            process.stdout.close()
+    if stop.stopped:
+        raise TlcError("other", f"{name} was stopped")
+    if expired.is_set():
+        raise TlcError("timeout", f"{name} did not end within {timeout_s:g} s")
+    return code
+
+
+# Message codes (class EC of the TLA+ tools).
+_INITIALLY = {2107, 2108}  # an invariant, a property: in the initial state
+_DEADLOCKED = 2114
+_VIOLATIONS = _INITIALLY | {2110, 2112, _DEADLOCKED, 2116}  # invariant, action, temporal property
+_TRACE_HEADINGS = {2121, 2264}
+_SUCCESS, _SIMULATED, _FINISHED, _PARSE_FAILED, _NESTED = 2193, 2209, 2186, 3002, 2103
+_ENDED_WELL = {_SUCCESS, _SIMULATED}
+_SANY_STARTS, _SANY_ENDS = 2220, 2219
+_INITIAL_STATES, _STATS, _DEPTH, _PROGRESS = 2190, 2199, 2194, 2200
+_STATE, _STUTTERING, _BACK_TO_STATE = 2217, 2218, 2122
+_KINDS: tuple[tuple[range, ErrorKind], ...] = (
+    (range(1001, 1006), "memory"),
+    (range(2221, 2250), "config"),
+    (range(5001, 5007), "config"),
+)
+
+_START = re.compile(r"(.*)@!@!@STARTMSG (\d+):(\d+) @!@!@$")
+_END = re.compile(r"@!@!@ENDMSG (\d+) @!@!@$")
+_VIOLATED = re.compile(r"(?:Invariant|Property|Action property) (.+?) is violated")
+_HEAD = re.compile(
+    r"(\d+): (?:Back to state: )?<(.+?)"
+    r"(?: line (\d+), col (\d+) to line (\d+), col (\d+) of module (\w+))?>$"
+)
+_PLACES = (
+    re.compile(r"line (?P<line>\d+), col \d+ to line \d+, col \d+ of module (?P<module>\w+)"),
+    re.compile(r"at line (?P<line>\d+), column \d+(?:.*?)In module (?P<module>\w+)", re.DOTALL),
+    re.compile(r"[Ll]ine (?P<line>\d+), column \d+ to line \d+, column \d+ in (?P<module>\w+)"),
+    re.compile(r"imported in module (?P<module>\w+)"),
+)
+_SANY_CHATTER = re.compile(r"Parsing file |Semantic processing of module |\s*$")
+_TLC_CHATTER = re.compile(
+    r"TLC threw an unexpected|This was probably caused|See the User Output|The exception was a "
+)
+
+
+@dataclass
+class _Block:
+    """A message of TLC; the messages inside it stand in text as well."""
+
+    code: int
+    severity: int
+    lines: list[str] = field(default_factory=list)
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.lines)
+
+
+class _Reader:
+    """Takes the output line by line and keeps what the result needs."""
+
+    def __init__(
+        self,
+        on_progress: Callable[[Progress], None] | None,
+        on_print: Callable[[str], None] | None,
+    ) -> None:
+        self._on_progress = on_progress
+        self._on_print = on_print
+        self._open: list[_Block] = []
+        self._errors: list[_Block] = []
+        self._codes: set[int] = set()
+        self._in_sany = False
+        self._sany: list[str] = []
+        self._loose: deque[str] = deque(maxlen=20)
+        self._violation: _Block | None = None
+        self._trace: list[TraceState] = []
+        self._loop: int | None = None
+        self._states = self._distinct = self._depth = 0
+        self.progress: Progress | None = None
+
+    def read(self, lines: Iterable[str]) -> None:
+        for raw in lines:
+            line = raw.rstrip("\r\n")
+            if "@!@!@" in line:
+                if start := _START.match(line):
+                    if start[1]:
+                        self._text(start[1])
+                    self._open.append(_Block(int(start[2]), int(start[3])))
+                    continue
+                if self._open and _END.match(line):
+                    self._close(self._open.pop())
+                    continue
+            self._text(line)
+
+    def _text(self, line: str) -> None:
+        if self._open:
+            self._open[-1].lines.append(line)
+        elif self._in_sany:
+            self._sany.append(line)
+        else:
+            self._loose.append(line)
+            if self._on_print:
+                self._on_print(line)
+
+    def _close(self, block: _Block) -> None:
+        if self._open:
+            self._open[-1].lines.extend(block.lines)
+        code = block.code
+        self._codes.add(code)
+        if code in (_SANY_STARTS, _SANY_ENDS):
+            self._in_sany = code == _SANY_STARTS
+        elif code in _VIOLATIONS:
+            self._violation = block
+            if code in _INITIALLY:
+                head, _, state = block.text.partition("\n")
+                block.lines = [head]
+                self._trace = [TraceState(1, INITIAL, None, _parse_state(state))]
+        elif code == _STATE and self._violation:
+            self._state(block)
+        elif code == _STUTTERING:
+            self._loop = len(self._trace)
+        elif code == _BACK_TO_STATE:
+            self._loop = _numbers(block.text)[0]
+        elif code == _INITIAL_STATES:
+            self._states = self._distinct = _numbers(block.text)[0]
+        elif code == _STATS:
+            self._states, self._distinct = _numbers(block.text)[:2]
+        elif code == _DEPTH:
+            self._depth = _numbers(block.text)[0]
+        elif code == _PROGRESS:
+            self._progress(block.text)
+        elif block.severity == 1 and code not in _TRACE_HEADINGS:
+            self._errors.append(block)
+        if code not in _VIOLATIONS and self._open and self._open[-1].severity == 1:
+            self._open[-1].code = code  # the inner message is the one that says what is wrong
+
+    def _progress(self, text: str) -> None:
+        match = re.search(
+            r"Progress\((\d+)\).*?: ([\d,]+) states generated.*?"
+            r"([\d,]+) distinct states found.*?([\d,]+) states left",
+            text,
+        )
+        if match:
+            self.progress = Progress(*(int(g.replace(",", "")) for g in match.groups()))
+            if self._on_progress:
+                self._on_progress(self.progress)
+
+    def _state(self, block: _Block) -> None:
+        head, _, state = block.text.partition("\n")
+        match = _HEAD.match(head)
+        if not match:
+            raise TlcError("other", f"TLC printed a state that cannot be read: {head}")
+        index, action, line, column, end_line, end_column, module = match.groups()
+        location = None
+        if module:
+            location = Location(module, int(line), int(column), int(end_line), int(end_column))
+        self._trace.append(TraceState(int(index), action, location, _parse_state(state)))
+
+    def result(self, cfg: Path, code: int, complaint: str, seconds: float) -> Result:
+        """What TLC found, once it has ended. Raises TlcError if that is no verdict."""
+        if error := self._error(cfg, code, complaint):
+            raise error
+        outcome: Outcome = "holds"
+        name: str | None = None
+        if self._violation:
+            outcome = "violates"
+            match = _VIOLATED.match(self._violation.text)
+            name = match[1] if match else None
+            if self._violation.code == _DEADLOCKED:
+                name = DEADLOCK
+        return Result(
+            outcome,
+            name,
+            distinct_states=self._distinct,
+            states=self._states,
+            depth=self._depth,
+            seconds=seconds,
+            trace=tuple(self._trace),
+            loop=self._loop,
+        )
+
+    def _error(self, cfg: Path, code: int, complaint: str) -> TlcError | None:
+        if _PARSE_FAILED in self._codes:
+            return _parse_error("\n".join(self._sany))
+        said = "\n".join([complaint, *self._loose])
+        if "OutOfMemoryError" in said or "insufficient memory for the Java" in said:
+            return TlcError("memory", "TLC ran out of memory (the heap of Java is too small)")
+        if self._errors:
+            return _tlc_error(self._errors, cfg)
+        if _FINISHED in self._codes and (self._violation or self._codes & _ENDED_WELL):
+            return None
+        kind: ErrorKind = "disk" if _is_disk(said) else "java"
+        return TlcError(kind, f"TLC broke off with exit code {code}: {said.strip()}")
+
+
+def _parse_state(text: str) -> dict[str, values.Value]:
+    try:
+        return values.parse_state(text)
+    except values.ValueSyntaxError as error:
+        raise TlcError("other", f"TLC printed a state that cannot be read: {error}") from error
+
+
+def _numbers(text: str) -> list[int]:
+    return [int(n.replace(",", "")) for n in re.findall(r"\d[\d,]*", text)]
+
+
+def _is_disk(text: str) -> bool:
+    return bool(re.search(r"No space left|IOException|could not make a directory", text))
+
+
+def _place(text: str) -> tuple[str | None, int | None]:
+    """The module and line that a message names."""
+    for pattern in _PLACES:
+        for match in pattern.finditer(text):
+            found = match.groupdict()
+            return found["module"], int(found["line"]) if "line" in found else None
+    return None, None
+
+
+def _where(module: str | None, line: int | None) -> str:
+    if module is None:
+        return ""
+    return f"{module}.tla: " if line is None else f"{module}.tla line {line}: "
+
+
+def _parse_error(sany: str) -> TlcError:
+    """The error SANY has printed, without its chatter and its repetitions."""
+    module, line = _place(sany)
+    said = sany.partition("Residual stack trace")[0].replace("***Parse Error***", "")
+    text = [x for x in dict.fromkeys(said.splitlines()) if x and not _SANY_CHATTER.match(x)]
+    return TlcError("parse", _where(module, line) + "\n".join(text), module, line)
+
+
+def _tlc_error(errors: list[_Block], cfg: Path) -> TlcError:
+    first = errors[0]
+    text = "\n".join(x for x in first.lines if x and not _TLC_CHATTER.match(x)).lstrip(": \n")
+    kind: ErrorKind = next((kind for codes, kind in _KINDS if first.code in codes), "other")
+    if kind == "config":
+        return TlcError(kind, f"{cfg.name}: {text}")
+    if kind == "other" and "heap space" in text:
+        kind = "memory"
+    if kind == "other" and _is_disk(text):
+        kind = "disk"
+    nested = [b for b in errors if b.code == _NESTED]
+    # Of the nested expressions, the last is the innermost.
+    module, line = _place("\n".join(reversed((nested[0] if nested else first).lines)))
+    return TlcError(kind, _where(module, line) + text, module, line)

@@ -1,0 +1,106 @@
+"""Random behaviours of a closed model, as TLC's simulation mode walks them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.model_checking import tla_values, tlc
+from automcm_spec.support import scratch
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Input,
+    Message,
+    Receive,
+    Restart,
+    State,
+    Timer,
+)
+
+CONFIG = """CONSTANTS
+  MaxRounds = 3
+  MaxParticipants = 3
+  OutboxLimit = 12
+  MemoryLimit = 4
+  Stations = {{1, 2, 3, 4}}
+  Prescribers = {{1, 2}}
+  Receivers = {{1, 2, 3, 4}}
+  Restarters = {{2, 4}}
+  MaxSessions = 2
+  Forgetting = FALSE
+  Reduced = FALSE
+SPECIFICATION {spec}
+CHECK_DEADLOCK FALSE
+INVARIANTS TypeInv AcceptedInv AgreementInv NoHazardInv
+"""
+"""Four stations, two of them in either role, nothing reduced: too large to exhaust."""
+
+CONSTANTS = {"MaxRounds": 3, "MaxParticipants": 3, "OutboxLimit": 12, "MemoryLimit": 4}
+
+Behaviour = list[tuple[int, Input, State]]
+"""Steps: a station, its input, its next state."""
+
+
+def state(value: Any) -> State:
+    """A station of a closed model, with the model's ids."""
+    fields = {name: value[name] for name in State._fields}
+    return State(**fields | {"outbox": frozenset(Entry(**e) for e in value["outbox"])})
+
+
+def input_of(value: Any) -> Input:
+    """An input of a closed model, with the model's ids."""
+    match value["kind"]:
+        case "receive":
+            return Receive("receive", Message(**value["message"]), value["concerned"])
+        case "cam":
+            return Cam(**value)
+        case "command":
+            return Command(**value)
+        case "expire":
+            return Expire("expire", timer_of(value["timer"]))
+    return Restart("restart")
+
+
+def timer_of(value: Any) -> Timer:
+    """A timer of a closed model, with the model's ids."""
+    name, *about = value
+    return (name, *(Entry(**of) if isinstance(of, Mapping) else of for of in about))
+
+
+def behaviours(
+    number: int, depth: int, seed: int, *, lively: bool = False, tla: Path = TLA
+) -> list[Behaviour]:
+    """``number`` behaviours of ``depth`` steps.
+
+    The same seed gives the same behaviours.  ``lively`` leaves out what ends sessions early
+    (Simulation.tla).  Raises tlc.TlcError.
+    """
+    with scratch.folder("simulate") as folder:
+        cfg = folder / "Simulated.cfg"
+        cfg.write_text(CONFIG.format(spec="LivelySpec" if lively else "AnySpec"))
+        prefix = folder / "trace"
+        extra = ["-simulate", f"file={prefix},num={number}", "-depth", str(depth)]
+        tlc.run("Simulation", cfg, tla_dir=tla, extra=[*extra, "-seed", str(seed)])
+        files = sorted(folder.glob("trace_*"), key=_place)
+        return [_behaviour(path.read_text()) for path in files]
+
+
+def _place(path: Path) -> list[int]:
+    return [int(n) for n in path.name.split("_")[1:]]
+
+
+def _behaviour(text: str) -> Behaviour:
+    steps = []
+    for part in text.split("\nSTATE_")[2:]:
+        body = part.split("==", 1)[1].split("\n\n")[0].split("====")[0]
+        found = tla_values.parse_state(body.strip())
+        last: Any = found["last"]
+        stations: Any = found["st"]
+        who = last["station"]
+        steps.append((who, input_of(last["input"]), state(stations[who - 1])))
+    return steps

@@ -1,0 +1,192 @@
+"""How often each condition of Station.tla was true and false: coverage of the specification.
+
+What counts is what a step, or the marks of a CAM, may ask; not what only the type invariant or the
+alphabet of the models asks.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary import rules, station
+from automcm_spec.vocabulary.conditions import Condition
+from automcm_spec.vocabulary.tla_names import snake
+
+ROOTS = ("step", "marks")
+BOTH = (False, True)
+
+
+class Reached(NamedTuple):
+    """What of CONDITIONS the roots may ask, in the order of the specification.
+
+    A definition of LET may stand in several places of the source: of equal text at one line of an
+    operator, the first stands for all.
+    """
+
+    conditions: tuple[Condition, ...]
+    rules: tuple[Condition, ...]
+    """Where a rule is named that decides."""
+    first: dict[Condition, Condition]
+    last_arms: frozenset[Condition]
+    """Of a CASE without OTHER: true, or TLC stops there."""
+
+    def values(self, condition: Condition) -> tuple[bool, ...]:
+        """Those that a condition can have."""
+        return (True,) if condition in self.last_arms else BOTH
+
+
+@cache
+def reached() -> Reached:
+    """From the source of the compiled station."""
+    tree = ast.parse(Path(str(station.__file__)).read_text(encoding="utf-8"))
+    methods = {
+        node.name: node
+        for body in tree.body
+        if isinstance(body, ast.ClassDef) and body.name == station.Station.__name__
+        for node in body.body
+        if isinstance(node, ast.FunctionDef)
+    }
+    asked, following = set[str](), list(ROOTS)
+    while following:
+        name = following.pop()
+        if name in methods and name not in asked:
+            asked.add(name)
+            following += [
+                node.attr
+                for node in ast.walk(methods[name])
+                if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "self"
+            ]
+    own = [c for c in station.CONDITIONS if snake(c.operator) in asked]
+    last = {name: set(_last_arms(methods[name])) for name in asked}
+    places: dict[Condition, Condition] = {}
+    first = {c: places.setdefault(c._replace(node=0), c) for c in own}
+    return Reached(
+        tuple(c for c in places.values() if c.kind != "rule"),
+        tuple(c for c in places.values() if c.kind == "rule"),
+        first,
+        frozenset(c for c in own if c.node in last[snake(c.operator)]),
+    )
+
+
+def _last_arms(method: ast.FunctionDef) -> Iterator[int]:
+    """The tests that are followed by NoArm only: as places in the order of ast.walk."""
+    place = {id(node): n for n, node in enumerate(ast.walk(method))}
+    for node in ast.walk(method):
+        body = getattr(node, "body", [])
+        for test, after in pairwise(body if isinstance(body, list) else []):
+            if isinstance(test, ast.If) and isinstance(after, ast.Raise):
+                yield place[id(test.test)]
+
+
+@dataclass(slots=True)
+class ConditionCoverage:
+    """Counts the conditions that a recording station meets: ``recording(station, coverage.meet)``
+    (automcm_spec.vocabulary.conditions)."""
+
+    ways: Counter[tuple[Condition, bool]] = field(default_factory=Counter)
+    """How often a condition had a value; of a rule, how often it decided there."""
+    times: int = 1
+    """How often what is asked now counts."""
+
+    def meet(self, condition: Condition, value: bool, _: Callable[[], object]) -> bool:
+        """Count it (automcm_spec.vocabulary.conditions.Hook)."""
+        self.ways[reached().first.get(condition, condition), value] += self.times
+        return value
+
+    def missing(self, condition: Condition) -> list[bool]:
+        """The values that a condition could have, and had not."""
+        return [value for value in reached().values(condition) if not self.ways[condition, value]]
+
+    def both_ways(self) -> int:
+        """How many conditions had every value that they can have."""
+        return sum(not self.missing(c) for c in reached().conditions)
+
+    def as_list(self) -> list[dict[str, str | int | None]]:
+        """Each condition with how often it was true and false; null where it cannot be."""
+        found: list[dict[str, str | int | None]] = []
+        for c in reached().conditions:
+            can_be = reached().values(c)
+            times = {str(v).lower(): self.ways[c, v] if v in can_be else None for v in BOTH}
+            found.append({"operator": c.operator, "line": c.line, "text": c.text, **times})
+        return found
+
+
+def lacking(coverage: ConditionCoverage) -> list[str]:
+    """A line for each condition that was ``never`` met or had only one value, and one for an
+    operator of which none was met."""
+    lines = []
+    by_operator: dict[str, list[Condition]] = {}
+    for c in reached().conditions:
+        by_operator.setdefault(c.operator, []).append(c)
+    for operator, own in by_operator.items():
+        if len(own) > 1 and _mark(coverage, own) == "never":
+            lines.append(f"never {operator}:{own[0].line} ({len(own)} conditions)")
+            continue
+        for c in own:
+            if coverage.missing(c):
+                lines.append(f"{_mark(coverage, [c]):<5} {operator}:{c.line} {c.text}")
+    return lines
+
+
+def annotated(coverage: ConditionCoverage) -> list[str]:
+    """The operators of Station.tla that a step asks, each line with what was taken of it.
+
+    ``both``: every condition had each value that it can have; ``true``, ``false``: its condition
+    had that value only; ``part``: so has one that is named below; ``never``: not reached.  Of a
+    line without a condition that names a rule: ``met``, or ``never``.
+    """
+    conditions, deciding = _by_line(reached().conditions), _by_line(reached().rules)
+    operators = {c.operator for c in (*reached().conditions, *reached().rules)}
+    lines = []
+    for name, (first, text) in rules.operators(TLA).items():
+        if name not in operators:
+            continue
+        for number, written in enumerate(_without_what_follows(text), first):
+            here, mark = conditions.get(number, []), ""
+            if here:
+                mark = _mark(coverage, here)
+            elif number in deciding:
+                met = any(coverage.ways[c, True] for c in deciding[number])
+                mark = "met" if met else "never"
+            if mark in ("true", "false") and f"~{here[0].text}" in written:
+                mark = "part"  # the condition is what is negated
+            lines.append(f"{mark:>5} {number:>4} {written}".rstrip())
+            if mark == "part":
+                lines += [
+                    f"{_mark(coverage, [c]):>17}: {c.text}" for c in here if coverage.missing(c)
+                ]
+        lines.append("")
+    return lines[:-1]
+
+
+def _by_line(conditions: Iterable[Condition]) -> dict[int, list[Condition]]:
+    found: dict[int, list[Condition]] = {}
+    for c in conditions:
+        found.setdefault(c.line, []).append(c)
+    return found
+
+
+def _without_what_follows(text: str) -> list[str]:
+    """The lines of an operator without the comment before the next."""
+    lines = text.splitlines()
+    while not lines[-1] or lines[-1].startswith(("(*", "\\*", "===")):
+        lines.pop()
+    return lines
+
+
+def _mark(coverage: ConditionCoverage, conditions: list[Condition]) -> str:
+    """What was taken of some conditions."""
+    met = [[value for value in BOTH if coverage.ways[c, value]] for c in conditions]
+    if not any(met):
+        return "never"
+    if not any(map(coverage.missing, conditions)):
+        return "both"
+    return str(met[0][0]).lower() if len(conditions) == 1 else "part"

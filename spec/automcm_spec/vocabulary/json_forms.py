@@ -1,0 +1,120 @@
+"""The JSON form of the specification's values, and back (docs/oracle.md).
+
+A NamedTuple or a tuple becomes a list, a set a sorted one.  Which class a list is read as follows
+from the annotations of automcm_spec.vocabulary.station.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any, get_args, get_origin, get_type_hints
+
+from automcm_spec.vocabulary import station
+from automcm_spec.vocabulary.station import (
+    Entry,
+    Input,
+    Message,
+    OpenStation,
+    Session,
+    State,
+    Timer,
+)
+from automcm_spec.vocabulary.tla_names import snake
+
+Json = Any
+
+
+def canonical(value: Any) -> str:
+    """The text by which values are printed and sorted: of JSON, or of the specification."""
+    return json.dumps(value, separators=(",", ":"), default=_listed)
+
+
+def _listed(value: frozenset[Any]) -> list[Any]:
+    return sorted(value, key=canonical)
+
+
+def to_json(value: Any) -> Json:
+    """The JSON form of a state, a message, an input, a timer, or a set of them."""
+    if isinstance(value, tuple | list):
+        return [to_json(item) for item in value]
+    if isinstance(value, frozenset):
+        return [to_json(item) for item in _listed(value)]
+    return value
+
+
+def open_station(constants: Mapping[str, Json]) -> OpenStation:
+    """The compiled station with these constants of OpenStation, as a graph names them."""
+    given: dict[str, Any] = {
+        snake(name): frozenset(value) if isinstance(value, list) else value
+        for name, value in constants.items()
+    }
+    return OpenStation(**given)
+
+
+def state(value: Json) -> State:
+    """The state of this JSON form."""
+    made: State = _reader(State)(value)
+    return made
+
+
+def message(value: Json) -> Message:
+    """The message of this JSON form."""
+    made: Message = _reader(Message)(value)
+    return made
+
+
+def sessions(value: Json) -> frozenset[Session]:
+    """The sessions of a list of them."""
+    return frozenset(map(tuple, value))
+
+
+def timer(value: Json) -> Timer:
+    """The timer of this JSON form."""
+    name, *about = value
+    if not about:
+        return (name,)
+    (of,) = about
+    return (name, of) if isinstance(of, int) else (name, _reader(Entry)(of))
+
+
+def input_of(value: Json) -> Input:
+    """The input of this JSON form.  Raises KeyError if there is no such kind."""
+    made: Input = _reader(_inputs()[value[0]])(value)
+    return made
+
+
+@cache
+def _inputs() -> dict[str, Any]:
+    """The class of each kind of input."""
+    return {get_args(get_type_hints(one)["kind"])[0]: one for one in get_args(Input)}
+
+
+@cache
+def _reader(annotation: Any) -> Callable[[Json], Any]:
+    """How a value with this annotation is read."""
+    if annotation == Timer:
+        return timer
+    args = get_args(annotation)
+    if get_origin(annotation) is frozenset:
+        (item,) = map(_reader, args)
+        # Equal sets of a graph are one object.
+        kept: dict[frozenset[Any], frozenset[Any]] = {}
+
+        def of(value: Json) -> Any:
+            made = frozenset(map(item, value))
+            return kept.setdefault(made, made)
+
+        return of
+    if get_origin(annotation) is tuple:
+        return tuple
+    if isinstance(annotation, type) and issubclass(annotation, tuple):
+        hints = get_type_hints(annotation, vars(station))
+        fields = [_reader(hint) for hint in hints.values()]
+
+        def made(value: Json) -> Any:
+            return annotation(*(read(item) for read, item in zip(fields, value, strict=True)))
+
+        return made
+    return lambda value: value

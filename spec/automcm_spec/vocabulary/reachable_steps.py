@@ -1,0 +1,30 @@
+"""Every step of a compiled station from every state that it reaches: for few ids, low limits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TypeAlias
+
+from automcm_spec.vocabulary.station import Expire, Input, OpenStation, Outcome, State
+
+Step: TypeAlias = tuple[State, Input, Outcome]
+
+
+def steps(station: OpenStation, recorded: OpenStation | None = None) -> Iterator[Step]:
+    """Each state with each input that is offered there, and what follows.
+
+    ``recorded`` is asked instead, if there is one (automcm_spec.vocabulary.conditions.recording).
+    """
+    asked = recorded or station
+    given = [i for i in station.alphabet if not isinstance(i, Expire)]
+    seen, following = {station.initial}, [station.initial]
+    while following:
+        st = following.pop()
+        expiries = [Expire("expire", timer) for timer in station.armed(station.me, st)]
+        for i in (*given, *expiries):
+            if station.offered(st, i):
+                outcome = asked.step(station.me, st, i)
+                yield st, i, outcome
+                if outcome.st not in seen:
+                    seen.add(outcome.st)
+                    following.append(outcome.st)

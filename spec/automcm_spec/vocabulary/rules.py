@@ -1,0 +1,131 @@
+"""The rules by id, and where Station.tla states them (docs/protocol.md)."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Receive
+
+RULES: dict[str, str] = {
+    "ADV-1": "a request opens a session at a station that is not bound",
+    "ADV-2": "the Advertisement is broadcast every t_resend for t_advertise, never acked",
+    "ADV-3": "a station concerned by an Advertisement joins and sends its Intention",
+    "ADV-4": "a bound station ignores an Advertisement",
+    "ADV-5": "which Intentions are recorded, acked, or answered that the session is closed",
+    "ADV-6": "Ack, give-up or a Prescription ends the retransmission of the Intention",
+    "ADV-7": "waiting ends by the hold timer at the latest",
+    "ADV-8": "a station never rejoins a session, and remembers long enough",
+    "PRE-1": "the window closes: the application chooses, or nobody has answered",
+    "PRE-2": "the Prescription goes to the target, a Cancel to every other recorded station",
+    "PRE-3": "proceeding alone cancels everybody recorded",
+    "PRE-4": "Ack or Acceptance ends the retransmission of the Prescription; give-up cancels",
+    "PRE-5": "no choice in time aborts; a stale choice is refused",
+    "NEG-1": "a newer Prescription is acked and verified; copies are acked again",
+    "NEG-2": "verified safe: the receiver accepts and is committed at once",
+    "NEG-3": "not safe or not verified in time: the receiver refuses and waits",
+    "NEG-4": "a bound station refuses the instruction of another session (busy)",
+    "NEG-5": "a station in no session refuses an instruction (unknown_session)",
+    "NEG-6": "the prescriber takes an Acceptance only for its session, target and proposal",
+    "NEG-7": "a refusal leads to another proposal to the same target, or to the end",
+    "NEG-8": "no answer in time cancels",
+    "NEG-9": "want of an Ack does not end a commitment",
+    "ACT-1": "both drive what was agreed, and nothing else",
+    "ACT-2": "CAM loss ends the session, with a Cancel",
+    "ACT-3": "Fin ends the session",
+    "ACT-4": "the lease ends the session",
+    "ACT-5": "only a newer CAM marked with the session counts as heard",
+    "ACT-6": "a receiver that breaks a commitment off joins and requests nothing for a while",
+    "END-1": "either application may abort; leaving ends what is being sent but Fin and Cancel",
+    "END-2": "a Cancel from the peer ends the session; one before the choice withdraws",
+    "END-3": "any copy of Fin and Cancel is acked, in any phase",
+    "END-4": "a message of another session does nothing to the own one",
+    "END-5": "a message that breaks the protocol is discarded and reported",
+    "END-6": "an Ack counts only for the very message it names",
+    "END-7": "a back-off follows a session without participants",
+    "END-8": "after a restart numbers go on growing and nothing is joined for a while",
+    "REL-1": "a reliable message is sent again every t_resend until acked or given up",
+    "CMD-1": "a command for which the phase has no rule is refused",
+    "MSG-1": "what is addressed to another is dropped silently",
+    "MEM-1": "memory is bounded: outbox, participants, sessions remembered",
+}
+"""Every rule, and what it says in one line."""
+
+NO_GRAPH: dict[str, str] = {
+    "ACT-1": "reference/tests/test_station.py::test_act_1_one_trajectory_is_handed_over_and_kept",
+    "END-5 (malformed bytes)": "reference/tests/test_station.py::test_end_5_malformed_bytes",
+}
+"""What no graph of one station can show, and the test that shows it."""
+
+OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? +==", re.MULTILINE)
+"""Where an operator of a module is defined, and its name."""
+_EXPIRED = {
+    **{name: f"On{name.capitalize()}" for name in ("resend", "decide", "hold", "forget")},
+    **{"advertise": "OnAdvertiseEnd", "giveup": "GiveUpEntry", "cam": "OnCamLoss"},
+}
+"""The operator that a timer goes to, if it is not OnExpiry."""
+
+
+@cache
+def _lines(tla: Path) -> list[tuple[int, str, str]]:
+    """(line number, operator, text) of every line of Station.tla."""
+    operator, lines = "", []
+    for number, text in enumerate((tla / "Station.tla").read_text().splitlines(), 1):
+        if match := OPERATOR.match(text):
+            operator = match[1]
+        lines.append((number, operator, text))
+    return lines
+
+
+def handler(i: Input) -> str:
+    """The operator of Station.tla that an input goes to first."""
+    match i:
+        case Receive(message=message):
+            return "On" + message.type
+        case Command(name=name):
+            return f"On{name.capitalize()}"
+        case Expire(timer=timer):
+            return _EXPIRED.get(timer[0], "OnExpiry")
+    return f"On{i.kind.capitalize()}"
+
+
+def kind(i: Input) -> str:
+    """What sort of input it is: ``receive Fin``, ``command abort``, ``restart``."""
+    match i:
+        case Receive(message=message):
+            return f"receive {message.type}"
+        case Cam():
+            return "receive CAM"
+        case Expire(timer=timer):
+            return f"expire {timer[0]}"
+        case Command(name=name):
+            return f"command {name}"
+    return i.kind
+
+
+def line(rule: str, i: Input, tla: Path = TLA) -> int:
+    """The line of Station.tla where ``rule`` decides input ``i``; 0 if it is nowhere."""
+    where, wanted = _deciding(rule, tla), handler(i)
+    return next((n for n, operator in where if operator == wanted), where[0][0] if where else 0)
+
+
+@cache
+def _deciding(rule: str, tla: Path) -> list[tuple[int, str]]:
+    """Where Station.tla names a rule: line and operator."""
+    return [(n, operator) for n, operator, text in _lines(tla) if f'"{rule}"' in text]
+
+
+@cache
+def operators(tla: Path) -> dict[str, tuple[int, str]]:
+    """Of every operator of Station.tla the line where it begins, and its text."""
+    found: dict[str, tuple[int, list[str]]] = {}
+    for number, operator, text in _lines(tla):
+        found.setdefault(operator, (number, []))[1].append(text)
+    return {operator: (first, "\n".join(texts)) for operator, (first, texts) in found.items()}
+
+
+def cited(text: str) -> set[str]:
+    """The rule ids that a text names."""
+    return set(re.findall(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)-\d\b", text))

@@ -1,0 +1,339 @@
+"""Why a log diverges: the nearest thing that was allowed, the guard in the way, what else fits.
+
+The compiled specification is asked what would have to be otherwise in it for what the log says
+(``automcm_spec.vocabulary.conditions``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from automcm_spec.vocabulary.conditions import Condition, Taken, in_the_way, record
+from automcm_spec.vocabulary.messages import Ack, Cam, Fields, Message
+from automcm_spec.vocabulary.rules import handler
+from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, Station, Timer
+from automcm_traces.checker.finding import Diverges, Why
+from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
+from automcm_traces.checker.track import (
+    NOTHING_TOLD,
+    NUMBERED,
+    PHASES,
+    ROLES,
+    Track,
+    short,
+    timer_of,
+)
+from automcm_traces.format.log import ForgetTimer, MessageKey, MessageTimer, Part
+
+Words = tuple[str, ...]
+"""Something that a station does: ``("send", "Acceptance", "refused", "busy")``, ``("indication",
+"verify")``, ``("arm", "hold")``, ``("phase", "WAITING")``; or ``("without", …)``."""
+MOST = 8
+"""Inputs that are named."""
+KINDS = ("expire", "command", "receive", "cam", "restart")
+"""Of inputs, in the order in which they are named."""
+
+
+def why(d: Diverges, track: Track) -> Why:
+    """What is known of a divergence of a station that was in the state of ``track``."""
+    told, wanted = Why(d.finding.why.guard, state=_state(track)), _wanted(d)
+    if not wanted or wanted == ("send", "CAM"):
+        return told
+    question = Question(track, d.step.given, d.step.content) if d.step else Question(track)
+    seen = d.seen[1] if d.seen is not None else ""
+    if wanted[0] == "expire" and isinstance(seen, Part):
+        timer = timer_of(track, seen)
+        if timer is None or not (nearest := question.unarmed(timer)):
+            return told
+        phases = question.arms(timer) if len(timer) == 1 else []
+        into = (f"a step into {', '.join(phases)}",) if phases else ()
+        return replace(told, nearest=nearest, causes=into)
+    if d.step is not None and (nearest := question.nearest(d.step.input, wanted)):
+        return replace(told, nearest=nearest)
+    if wanted[0] == "without" or wanted[1] in track.state[:2]:
+        return told
+    named: set[int] = set()
+    dst: object = 0
+    match seen:
+        case {**message}:
+            dst = message.get("dst", 0)
+            named = {dst} if isinstance(dst, int) else named
+        case ForgetTimer(station=int(station)):
+            named = {station}
+    near = sorted(alphabet(track, named), key=_order)
+    causes = question.causes(near, wanted, dst)
+    nearest = "" if causes else Question(track).elsewhere(near, wanted)
+    return replace(told, nearest=nearest, causes=causes, of_last_input=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """The guards between a station and what was observed, and what would follow without them."""
+
+    outcome: Outcome
+    guards: list[Taken]
+    """In the order in which they are met, with the values of what is inside them."""
+    distance: tuple[bool, bool, int]
+    """What makes another one better: it is smaller."""
+
+
+class Question:
+    """Asks the specification about a station; ``given`` is the message received, if one was, and
+    ``content`` what the application gave."""
+
+    def __init__(
+        self, track: Track, given: Message | Cam | None = None, content: Fields | None = None
+    ) -> None:
+        self._track = track
+        self._given: dict[str, object] = {}
+        for name in ("seq", "reason"):
+            value = getattr(given, name, (content or {}).get(name))
+            self._given |= {} if value is None else {name: value}
+        if isinstance(given, Ack):  # one not logged names nothing
+            self._given |= {"of": f"{given.of.type} seq={given.of.seq}", "of[2]": given.of.seq}
+        self._station = Station(track.max_rounds, *track.limits)
+
+    def nearest(self, i: Input, wanted: Words) -> str:
+        """How this input could have led to what is wanted; empty if it never does."""
+        block = self._block(i, wanted, 3)
+        return "" if block is None else self._told(block, i, wanted)
+
+    def unarmed(self, timer: Timer) -> str:
+        """What keeps a timer from being armed; empty if nothing does that the state decides."""
+        me, st = self._track.me, self._track.state
+
+        def ask(station: Station) -> frozenset[Timer]:
+            return station.armed(me, st)
+
+        found = in_the_way(self._station, ask, lambda armed: timer in armed, kind="part")
+        if not found or not found[-1]:
+            return ""
+        flipped = {t.condition for t in found[-1]}
+        guards = _with_values(record(self._station, ask, flipped)[1], flipped)
+        to = handler(Expire("expire", timer))
+        return f"nearest allowed: expire {short(timer)} ({to}) {self._blocked(guards, to)}"
+
+    def arms(self, timer: Timer) -> list[str]:
+        """The phases in which this timer is armed, whatever else the state is."""
+        me, st = self._track.me, self._track.state
+        other = [
+            st._replace(phase=phase, role=role, deciding=deciding)
+            for phase in PHASES
+            for role in ROLES
+            for deciding in (False, True)
+        ]
+        return sorted({each.phase for each in other if timer in self._station.armed(me, each)})
+
+    def causes(self, near: Sequence[Input], wanted: Words, dst: object) -> tuple[str, ...]:
+        """Which of these inputs would have led to what is wanted, at most ``MOST``: first those
+        that change something.  ``dst`` is whom a message must go to."""
+        me, st = self._track.me, self._track.state
+        found: list[tuple[bool, str]] = []
+        for i in near:
+            outcome = self._station.step(me, st, i)
+            out = frozenset(m for m in outcome.out if m.dst == dst)
+            if _does(wanted, outcome._replace(out=out)):
+                found.append((outcome.st == st and not outcome.arm, _input(i)))
+        found.sort(key=lambda one: one[0])
+        return tuple(dict.fromkeys(text for _, text in found))[:MOST]
+
+    def elsewhere(self, near: Sequence[Input], wanted: Words) -> str:
+        """Which of these inputs comes nearest to what is wanted, and what blocks it; empty if
+        nothing does, or more than two guards."""
+        for most in range(3):
+            blocks = [(b, i) for i in near if (b := self._block(i, wanted, most))]
+            if blocks:
+                block, i = min(blocks, key=lambda found: found[0].distance)
+                return self._told(block, i, wanted, f" by {_input(i)},") if most else ""
+        return ""
+
+    def _block(self, i: Input, wanted: Words, most: int) -> Block | None:
+        """The fewest guards; of several choices not one for want of memory (MEM-1) or by a message
+        that breaks the protocol (END-5), and the one that gets as far as possible."""
+        me, st = self._track.me, self._track.state
+
+        def ask(station: Station) -> Outcome:
+            return station.step(me, st, i)
+
+        blocks = []
+        for choice in in_the_way(self._station, ask, lambda o: _does(wanted, o), most):
+            flipped = {t.condition for t in choice}
+            outcome, taken = record(self._station, ask, flipped)
+            first = next((n for n, t in enumerate(taken) if t.condition in flipped), 0)
+            broken = any(t.condition.operator == "OnMessage" for t in choice)
+            distance = outcome.rule == "MEM-1", broken, -first
+            blocks.append(Block(outcome, _with_values(taken, flipped), distance))
+        return min(blocks, key=lambda block: block.distance, default=None)
+
+    def _told(self, block: Block, i: Input, wanted: Words, by: str = "") -> str:
+        to = handler(i)
+        what = f"nearest allowed: {block.outcome.rule} {' '.join(wanted)} ({to}){by}"
+        if not block.guards:
+            return f"{what}, but not in this form, or not again"
+        return f"{what} {self._blocked(block.guards, to)}"
+
+    def _blocked(self, guards: Sequence[Taken], to: str) -> str:
+        return "blocked " + "; and ".join(f"by guard {self._guard(t, to)}" for t in guards)
+
+    def _guard(self, taken: Taken, to: str) -> str:
+        operator, line, _, _, text = taken.condition
+        inside = f" of {operator}" if operator != to else ""
+        must = "must not hold" if taken.value else "must hold"
+        values = [f"{name} = {self._value(name, value)}" for name, value in taken.values]
+        shown = f": {', '.join(values)}" if values else ""
+        return f"{text}{inside}, which {must}{shown}  Station.tla:{line}"
+
+    def _value(self, name: str, value: object) -> str:
+        """A value as the log has it, where it has it."""
+        record_, _, field = name.rpartition(".")
+        value = self._given.get(field, value) if record_ == "m" else value
+        if field in ("target", "dst", "to") and value == 0:
+            return "all" if field == "dst" else "nobody"
+        return self._plain(value)
+
+    def _plain(self, value: object) -> str:
+        match value:
+            case bool():
+                return str(value).upper()
+            case frozenset():
+                return "{" + ", ".join(map(self._plain, sorted(value))) + "}"
+            case Entry():
+                return self._entry(value)
+            case (0, 0):
+                return "none"
+            case (int(p), int(number)):
+                return f"{p}/{number}" if p != SOMEBODY else "another one"
+            case int() if value == SOMEBODY:
+                return _station(value)
+        return str(value)
+
+    def _entry(self, e: Entry) -> str:
+        number = f" proposal={e.seq}" if e.type in NUMBERED else ""
+        sent = next((x.message.seq for x in self._track.outbox if x.spec == e), e.seq)
+        return f"{e.type} to {e.to} session={self._plain(e.session)}{number} seq={sent}"
+
+
+def _with_values(taken: Sequence[Taken], flipped: set[Condition]) -> list[Taken]:
+    """Those of the conditions that were flipped, with the values of the parts met on the way to
+    each: what is inside of the operators that it names."""
+    found, inside = [], dict[str, object]()
+    for t in taken:
+        inside |= {name: value for name, value in t.values if _lasting(name)}
+        if t.condition in flipped:
+            found.append(t._replace(values=tuple((dict(t.values) | inside).items())))
+        if t.condition.kind != "part" or t.condition in flipped:
+            inside.clear()
+    return found
+
+
+def _lasting(name: str) -> bool:
+    """Whether a name means the same in every operator."""
+    return name[0].isupper() or name.split(".")[0] in ("st", "m", "c", "i")
+
+
+# -- what is observed, and what is done
+
+
+def _wanted(d: Diverges) -> Words:
+    """What the log has instead of what must come, or the first thing that it lacks."""
+    match d.seen:
+        case ("send", {**m}):
+            return ("send", *_message(m.get))
+        case (op, MessageTimer(message=MessageKey(type=type_)) as timer):
+            return (op, f"{timer.name}({type_})")
+        case (op, Part() as timer):
+            return (op, timer.name)
+        case (what, name):
+            return (what, str(name))
+    step = d.step
+    if step is None:
+        return ()
+    if step.messages:
+        return ("without", "send", step.messages[0].type)
+    for op, pool in (("arm", step.arm), ("stop", step.stop)):
+        if pool:
+            return ("without", op, short(pool[0]))
+    return ("without", "indication", *step.told[:1])
+
+
+def _message(get: Callable[[str], object]) -> Iterator[str]:
+    """A message in words, by its fields."""
+    yield str(get("type"))
+    if get("type") == "Acceptance":
+        yield "accepted" if get("accepted") else "refused"
+    if get("reason") not in (None, "none"):
+        yield str(get("reason"))
+
+
+def _does(wanted: Words, outcome: Outcome) -> bool:
+    """Whether this is what is wanted; less words are a question about all that begins so."""
+    if wanted[0] == "without":
+        return not _does(wanted[1:], outcome)
+    return any(
+        len(wanted) <= len(done)
+        and all(a == b or b == "as_sent" for a, b in zip(wanted, done, strict=False))
+        for done in _done(outcome)
+    )
+
+
+def _done(outcome: Outcome) -> Iterator[Words]:
+    for m in outcome.out:
+        yield ("send", *_message(m._asdict().get))
+    if outcome.told != NOTHING_TOLD:
+        yield ("indication", *outcome.told)
+    yield ("phase", outcome.st.phase)
+    yield ("role", outcome.st.role)
+    yield from (("arm", short(timer)) for timer in outcome.arm)
+    yield from (("stop", short(timer)) for timer in outcome.stop)
+
+
+def _order(i: Input) -> tuple[int, str]:
+    """The same for every run."""
+    return KINDS.index(i.kind), repr(i)
+
+
+def _input(i: Input) -> str:
+    """An input in words, without what seldom matters."""
+    match i.kind:
+        case "receive":
+            m = i.message
+            extra = (
+                f" ({'accepted' if m.accepted else 'refused'})" if m.type == "Acceptance" else ""
+            )
+            return f"receive {m.type} from {_station(m.src)}{extra}"
+        case "cam":
+            return f"receive CAM from {_station(i.src)}"
+        case "command":
+            return f"command {i.name}"
+        case "expire":
+            return f"expire {short(i.timer)}"
+    return i.kind
+
+
+def _station(p: int) -> str:
+    return "another station" if p == SOMEBODY else str(p)
+
+
+def _state(t: Track) -> str:
+    """A station in one line, only what is not empty."""
+    st = t.state
+    words = [st.phase]
+    if t.session is not None:
+        words.append(f"{st.role} of {t.session[0]}/{t.session[1]}")
+    for name, value in (
+        ("target", st.target),
+        ("proposal", st.proposal),
+        ("recorded", sorted(st.recorded)),
+        ("withdrawn", sorted(st.withdrawn)),
+        ("outbox", [f"{e.type} to {e.to} seq={e.message.seq}" for e in t.outbox]),
+    ):
+        if value:
+            words.append(
+                f"{name} {value if isinstance(value, int) else ', '.join(map(str, value))}"
+            )
+    words += [word for word, is_ in _FLAGS.items() if getattr(st, is_)]
+    return "; ".join(words)
+
+
+_FLAGS = {"deciding": "deciding", "in quarantine": "quarantine", "in back-off": "backoff"}

@@ -1,0 +1,150 @@
+"""Follows a log on the specification, to its end or to where that is not possible any more.
+
+All that looks at a log's steps watches one pass: the verdict, the timeline, a page, coverage.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.checker.engine import Engine
+from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, Finding, cannot_tell, unreadable
+from automcm_traces.checker.possible_states import Possible
+from automcm_traces.checker.track import CannotTell, Step, Track
+from automcm_traces.format.log import Event
+from automcm_traces.format.reader import Log, LogStream
+
+NEEDED = ("command", "receive", "restart", "send", "timer")
+"""Kinds of event with all of which a log says what the one state of its station is."""
+Follower: TypeAlias = Engine | Possible
+RECENT = 8
+"""Events that are remembered."""
+
+
+@dataclass(slots=True)
+class Ending:
+    """Where and how the following of a log ended."""
+
+    lacking: tuple[str, ...]
+    """Of ``NEEDED``, what the log does not promise to hold: no step is known for certain."""
+    finding: Finding = NOTHING_WRONG
+    diverges: Diverges | None = None
+    followed: bool = False
+    """To its end, or to where it diverges."""
+    engine: Follower | None = None
+    events: int = 0
+    recent: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=RECENT))
+    """The last events, with their lines."""
+    end: bool = False
+    """The log has an end."""
+    crashed: bool = False
+    """The log has none, or says that its station crashed."""
+    lost: int = 0
+    """Records that the log says are not in it."""
+
+    @property
+    def line(self) -> int:
+        """Of the last event; 0 if there is none."""
+        return self.recent[-1][0] if self.recent else 0
+
+
+class Watcher:
+    """Watches while a log is followed.  Steps are those of a log that lacks nothing."""
+
+    def event(self, line: int, event: Event, engine: Follower) -> None:
+        """After each event."""
+
+    def step(self, step: Step, track: Track) -> None:
+        """After each step that is complete."""
+
+    def ended(self, ending: Ending) -> None:
+        """At the end."""
+
+
+def follow(
+    log: Log | LogStream,
+    late_ms: int | None = None,
+    watchers: Sequence[Watcher] = (),
+    *,
+    events: Iterable[tuple[int, Event]] | None = None,
+    one: bool = False,
+) -> Ending:
+    """Follow a log; of a LogStream no more than the last events is kept in memory.
+
+    ``late_ms`` is as for ``Engine``.  ``events`` stand for those of the log.  With ``one``, one
+    state is followed whatever the log lacks.
+    """
+    ending = Ending(tuple(kind for kind in NEEDED if kind not in log.header.complete))
+
+    def after(step: Step, track: Track) -> None:
+        for watcher in watchers:
+            watcher.step(step, track)
+
+    events = iter(log if events is None else events)
+    try:
+        engine: Follower
+        if one or not ending.lacking:
+            engine = Engine(log.header, late_ms)
+            engine.observer = after
+        else:
+            engine = Possible(log.header, late_ms)
+        ending.engine = engine
+        for at, event in events:
+            ending.events += 1
+            ending.recent.append((at, event))
+            engine.feed(at, event)
+            for watcher in watchers:
+                watcher.event(at, event, engine)
+        if isinstance(log, LogStream) and log.gap is not None:
+            line, missing = log.gap
+            text = f"records are missing before this line: {missing}"
+            ending.finding = cannot_tell(log.file, line, text)
+        elif log.ended:
+            engine.finish()
+        elif isinstance(engine, Engine):
+            with suppress(Diverges, CannotTell):  # effects of the last input may be missing
+                engine.finish()
+        ending.followed = ending.finding.kind == "nothing"
+    except Diverges as d:
+        ending.diverges, ending.followed = d, True
+        ending.finding = replace(
+            d.finding,
+            at=d.finding.at._replace(file=log.file),
+            observed=d.finding.observed + _late(*ending.recent[-1]),
+        )
+    except CannotTell as error:
+        ending.finding = cannot_tell(log.file, ending.line or 1, str(error))
+    except BadInput as error:
+        ending.finding = unreadable(error)
+    _read_to_the_end(log, events)
+    ending.end = log.end is not None
+    ending.crashed = log.end is None or log.end.reason == "crash"
+    ending.lost = 0 if log.end is None else log.end.lost_records
+    if ending.lost and ending.finding.kind not in ("cannot_tell", "unreadable"):
+        but = f"; but for that: {ending.finding.observed}" if ending.diverges else ""
+        text = f"the log lost {ending.lost} records{but}"
+        where = ending.finding.at._replace(file=log.file)
+        ending.finding = replace(ending.finding, kind="cannot_tell", at=where, observed=text)
+    for watcher in watchers:
+        watcher.ended(ending)
+    return ending
+
+
+def _late(line: int, event: Event) -> str:
+    ms = event.late_ms
+    return f"; the station says that it was {ms} ms late (late_ms, line {line})" if ms else ""
+
+
+def _read_to_the_end(log: Log | LogStream, events: Iterable[tuple[int, Event]]) -> None:
+    """What the log says of itself at its end counts for the whole of it."""
+    if isinstance(log, LogStream):
+        with suppress(BadInput):  # it has been found, or comes after the divergence
+            for _ in events:
+                pass
+            for _ in log if log.gap is not None else ():
+                pass

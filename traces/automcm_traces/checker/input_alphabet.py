@@ -1,0 +1,191 @@
+"""What a station of a log may get: the alphabet of OpenStation.tla on ids that the log names.
+
+Its stations, sessions and proposals are those that the state of the station and an event name; no
+others could show, in what it does or in what is unseen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+from automcm_spec.vocabulary.station import (
+    Expire,
+    Input,
+    OpenStation,
+    Outcome,
+    Restart,
+    Session,
+    State,
+)
+from automcm_traces.checker.track import NUMBERED, UNBOUND, Track
+from automcm_traces.format.log import (
+    ApplicationCommand,
+    Event,
+    ForgetTimer,
+    MessageTimer,
+    Receive,
+    Send,
+    TimerArm,
+    TimerEnd,
+)
+
+AHEAD = 3
+"""By how much the proposal of an unseen Prescription may be above the last one."""
+SOMEBODY = -1
+"""Stands for a station that nothing is known of."""
+STRANGER = -2
+"""Of OpenStation; no id of a log."""
+
+
+class Alphabet(OpenStation):
+    """OpenStation.tla on these ids and limits.  No session is a stranger's."""
+
+    def __init__(
+        self,
+        limits: tuple[int, int, int, int],
+        me: int,
+        peers: Collection[int],
+        sessions: Collection[Session],
+        proposals: Collection[int],
+    ) -> None:
+        own = frozenset(n for q, n in sessions if q == me)
+        super().__init__(*limits, frozenset(peers), own, frozenset(), me, STRANGER)
+        self._named = frozenset(sessions) - {UNBOUND}
+        self._proposals = frozenset(proposals)
+
+    @cached_property
+    def rounds(self) -> frozenset[int]:
+        """The proposals that matter."""
+        return self._proposals
+
+    @cached_property
+    def beyond(self) -> int:
+        """One that does not: a log may hold proposals above max_rounds."""
+        return max(self._proposals, default=0) + 1
+
+    @cached_property
+    def foreign(self) -> frozenset[Session]:
+        """No session of a stranger."""
+        return frozenset()
+
+    def peer_ids(self, p: int) -> frozenset[Session]:
+        """The sessions of a peer that are named."""
+        return frozenset(s for s in self._named if s[0] == p)
+
+    @cached_property
+    def proper(self) -> tuple[Input, ...]:
+        """What keeps the protocol, but for expiries, in a fixed order."""
+        found: set[Input] = {*self.commands, Restart("restart")}
+        for p in self.peers:
+            found |= self.heard(self.from_peer(p), True) | self.heard(self.acks(p), False)
+            found |= self.cams(p)
+        return tuple(sorted(found, key=repr))
+
+    @cached_property
+    def broken(self) -> tuple[Input, ...]:
+        """What breaks it (END-5), in a fixed order."""
+        found = (m for p in self.peers for m in self.heard(self.improper(p), True))
+        return tuple(sorted(found, key=repr))
+
+    def expiries(self, st: State) -> Iterator[Input]:
+        """Of the timers that are armed."""
+        return (Expire("expire", timer) for timer in sorted(self.armed(self.me, st)))
+
+
+def alphabet(track: Track, named: Collection[int]) -> list[Input]:
+    """What may come next from the stations, and about the sessions, that the state names or are
+    ``named``; and one newer session of each."""
+    st = track.state
+    peers = {*named, track.peer, *sorted(st.recorded)[:1]}
+    peers = peers - {0, track.me} or {SOMEBODY}
+    sessions = set(st.joined) | {e.session for e in track.outbox}
+    sessions |= {(track.me, st.number + n) for n in (0, 1)}
+    joined = dict(st.joined)
+    sessions |= {(p, joined.get(p, 0) + 1) for p in peers}
+    proposals = {max(st.proposal, 1), st.proposal + 1, *(e.k for e in track.outbox)}
+    limits = track.max_rounds, *track.limits
+    found = Alphabet(limits, track.me, peers, sessions, proposals)
+    return [*found.expiries(st), *found.proper, *found.broken]
+
+
+class Answer(NamedTuple):
+    """An input, what the specification says to it, and whether it changes state or timers."""
+
+    input: Input
+    outcome: Outcome
+    changes: bool
+
+
+def _type(i: Input) -> str:
+    return i.message.type if i.kind == "receive" else i.name if i.kind == "command" else ""
+
+
+def answers(t: Track, event: Event) -> tuple[Answer, ...]:
+    """What may have come unseen before an event, and what must follow it."""
+    peers, sessions, proposals = _named_by(event)
+    st = t.state
+    peers |= {t.peer, *st.recorded, *(e.to for e in st.outbox)}
+    sessions |= {st.session, (t.me, st.number + 1), *(e.session for e in st.outbox)}
+    proposals |= {*range(max(st.proposal - 1, 1), st.proposal + AHEAD + 1)}
+    proposals |= {e.seq for e in st.outbox if e.type in NUMBERED}
+    about = frozenset(peers - {0, t.me}), frozenset(sessions - {UNBOUND}), frozenset(proposals)
+    return _answers((t.max_rounds, *t.limits), t.me, *about, st)
+
+
+@lru_cache(maxsize=2_000)
+def _answers(
+    limits: tuple[int, int, int, int],
+    me: int,
+    peers: frozenset[int],
+    sessions: frozenset[Session],
+    proposals: frozenset[int],
+    st: State,
+) -> tuple[Answer, ...]:
+    """The inputs that do something in this state; of those that do the same, one."""
+    alphabet = _alphabet(limits, me, peers, sessions, proposals)
+    found: dict[tuple[object, ...], Answer] = {}
+    for i in (*alphabet.proper, *alphabet.expiries(st)):
+        if not alphabet.offered(st, i):
+            continue
+        outcome = alphabet.step(me, st, i)
+        changes = bool(outcome.st != st or outcome.arm)
+        if changes or outcome.out or outcome.told != alphabet.nothing:
+            key = i if i.kind == "expire" else i.kind, _type(i), outcome
+            found.setdefault(key, Answer(i, outcome, changes))
+    return tuple(found.values())
+
+
+@lru_cache(maxsize=500)
+def _alphabet(
+    limits: tuple[int, int, int, int],
+    me: int,
+    peers: frozenset[int],
+    sessions: frozenset[Session],
+    proposals: frozenset[int],
+) -> Alphabet:
+    return Alphabet(limits, me, peers, sessions, proposals)
+
+
+def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:
+    """The stations, the sessions and the proposals that an event names."""
+    fields: dict[str, object] = {}
+    match event:
+        case Send(message=m) | Receive(message=dict(m)):
+            fields = {**m}
+        case TimerArm(timer=MessageTimer(message=key)) | TimerEnd(timer=MessageTimer(message=key)):
+            fields = {} if key is None else {"to": key.to, "session": list(key.session)}
+        case TimerArm(timer=ForgetTimer(station=p)) | TimerEnd(timer=ForgetTimer(station=p)):
+            fields = {"station": p}
+        case ApplicationCommand(command=given):
+            fields = given.model_extra or {}
+    names = ("src", "dst", "to", "target", "station")
+    stations = {q for name in names if type(q := fields.get(name)) is int}
+    sessions: set[Session] = set()
+    match fields.get("session"):
+        case [int(q), int(n)]:
+            sessions.add((q, n))
+            stations.add(q)
+    proposal = fields.get("proposal")
+    return stations, sessions, {proposal} if type(proposal) is int and proposal else set()

@@ -1,0 +1,491 @@
+"""A station that is followed by its log: between what a log says and the specification's values.
+
+Of a message the specification keeps what docs/protocol.md says under "What the specification keeps
+of a message": ``seq`` is there the proposal, 1, or 0 for an answer.  ``Track`` has the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, get_args
+
+from automcm_spec.vocabulary import station as spec
+from automcm_spec.vocabulary.messages import (
+    ANSWER_REASONS,
+    Acceptance,
+    Ack,
+    Advertisement,
+    Cam,
+    Cancel,
+    Fields,
+    Message,
+    Prescription,
+    encode,
+    same,
+    to_dict,
+)
+from automcm_spec.vocabulary.parameters import DEFAULTS
+from automcm_spec.vocabulary.rules import RULES, handler, line
+from automcm_spec.vocabulary.station import Input, State, Station
+from automcm_traces.format.log import (
+    Command,
+    Event,
+    ForgetTimer,
+    MessageKey,
+    MessageTimer,
+    PlainTimer,
+    Receive,
+    Timer,
+)
+
+NUMBERED = tuple(m.__name__ for m in get_args(Message) if "proposal" in m.model_fields)
+"""The messages whose seq is the proposal."""
+REASONS = ("none", *ANSWER_REASONS)
+"""The reasons that the specification tells apart; the others it passes on."""
+ROUNDS = DEFAULTS["max_rounds"]
+UNBOUND = (0, 0)
+"""The session of a station that has none."""
+
+
+class CannotTell(Exception):
+    """What the log holds is not enough for a verdict; the text says why."""
+
+
+@dataclass(slots=True)
+class Entry:
+    """A reliable message still being sent: ``k`` is its seq in the specification."""
+
+    type: str
+    to: int
+    session: tuple[int, int]
+    k: int
+    message: Message
+
+    @property
+    def spec(self) -> spec.Entry:
+        """As the specification has it."""
+        accepted = isinstance(self.message, Acceptance) and self.message.accepted
+        return spec.Entry(self.type, self.to, self.session, self.k, accepted)
+
+
+class Limits(NamedTuple):
+    """What bounds the memory of a station (MEM-1)."""
+
+    participants: int = DEFAULTS["max_participants"]
+    outbox: int = DEFAULTS["outbox_limit"]
+    memory: int = DEFAULTS["memory_limit"]
+
+
+DEFAULT_LIMITS = Limits()
+_STATION = Station(ROUNDS, *DEFAULT_LIMITS)
+INITIAL, NOTHING_TOLD = _STATION.initial, _STATION.nothing
+PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
+
+
+@dataclass(slots=True)
+class Track:
+    """What is known of a station: the state of the specification, with real ids, and content."""
+
+    me: int
+    max_rounds: int = ROUNDS
+    limits: Limits = DEFAULT_LIMITS
+    state: State = INITIAL
+    outbox: list[Entry] = field(default_factory=list)
+    """Those of the state, with their messages, in the order in which they were sent."""
+    advertisement: Message | None = None
+    heard_ms: int | None = None
+    """When the last CAM that counted was generated; None if none was heard."""
+    seq: int = 0
+    """The last one used in the session."""
+    lease_ms: int = 0
+
+    def copy(self) -> Track:
+        """The same station, to go on from here on its own."""
+        return replace(self, outbox=list(self.outbox))
+
+    def key(self) -> tuple[object, ...]:
+        """What tells this station from others; hashes."""
+        return self.state, tuple(e.spec for e in self.outbox), self.heard_ms, self.seq
+
+    @property
+    def session(self) -> tuple[int, int] | None:
+        """The own session."""
+        return None if self.state.session == UNBOUND else self.state.session
+
+    @property
+    def peer(self) -> int:
+        """The other station of the own session; 0 if there is none."""
+        st = self.state
+        return st.session[0] if st.role == "receiver" else st.target
+
+    @property
+    def marks(self) -> list[tuple[int, int]]:
+        """The sessions that its CAM names (ACT-5), in order."""
+        marks = {e.session for e in self.outbox if e.type == "Fin"}
+        return sorted(marks | ({self.session} if self.session else set()))
+
+    def entry(self, type_: str, to: int, session: tuple[int, int], k: int) -> Entry | None:
+        """The entry in the outbox, if it is there."""
+        for e in self.outbox:
+            if (e.type, e.to, e.session, e.k) == (type_, to, session, k):
+                return e
+        return None
+
+    def entry_by_seq(self, type_: str, to: int, session: tuple[int, int], seq: int) -> Entry | None:
+        """The entry that a timer or an Ack names by its seq on the wire."""
+        for e in self.outbox:
+            if (e.type, e.to, e.session, e.message.seq) == (type_, to, session, seq):
+                return e
+        return None
+
+    def entry_of(self, key: MessageKey) -> Entry | None:
+        """The entry that a timer names."""
+        return self.entry_by_seq(key.type, key.to or 0, key.session, key.seq)
+
+
+def number_of(m: Message) -> int:
+    """The seq of a message in the specification: its proposal, 1, or 0 for an answer."""
+    return _about(m)[0] or 1 if m.seq else 0
+
+
+def _about(m: Message) -> tuple[int, bool, str]:
+    """Proposal, whether it accepts, and reason, as far as a message has them."""
+    match m:
+        case Prescription():
+            return m.proposal, False, "none"
+        case Acceptance():
+            return m.proposal, m.accepted, m.reason or "none"
+        case Cancel():
+            return 0, False, m.reason
+    return 0, False, "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """A message that the specification expects."""
+
+    type: str
+    dst: int
+    session: tuple[int, int]
+    k: int
+    proposal: int
+    accepted: bool
+    reason: str
+    of: tuple[str, int | None] | None
+    """What an Ack names; its seq is None if that message was not observed."""
+    copy_of: Entry | None
+
+    def __str__(self) -> str:
+        extra = [f"proposal={self.proposal}"] if self.proposal else []
+        if self.type == "Acceptance":
+            extra.append("accepted" if self.accepted else "refused")
+        if self.reason not in ("none", "as_sent"):
+            extra.append(self.reason)
+        if self.of:
+            extra.append(f"of {self.of[0]} seq={self.of[1]}")
+        if self.copy_of:
+            extra.append(f"copy of seq={self.copy_of.message.seq}")
+        to = f" to {self.dst}" if self.dst else ""
+        inner = f" ({', '.join(extra)})" if extra else ""
+        return f"{self.type}{to} session={self.session[0]}/{self.session[1]}{inner}"
+
+
+def expected(t: Track, m: spec.Message, i: Input, given: Message | Cam | None) -> Expected:
+    """A message of the specification, as what follows ``i``; ``given`` is the message received,
+    if it was observed: it is what an Ack names."""
+    of = None
+    if m.type == "Ack" and i.kind == "receive":
+        seq = given.seq if given is not None and not isinstance(given, Cam) else None
+        of = i.message.type, seq if i.message.seq else 0
+    copy = t.entry(m.type, m.dst, m.session, m.seq) if m.seq else None
+    if m.type == "Advertisement" and t.advertisement is not None:
+        copy = Entry(m.type, 0, m.session, 1, t.advertisement)
+    more = m.proposal, m.accepted, m.reason
+    return Expected(m.type, m.dst, m.session, m.seq, *more, of, copy)
+
+
+def difference(e: Expected, m: Message, t: Track, content: Fields, fresh: int) -> str | None:
+    """Why the logged message ``m`` is not the expected one; None if it is.
+
+    ``content`` is what the application gave, ``fresh`` how many new messages the step sent.
+    """
+    proposal, accepted, reason = _about(m)
+    plain = (
+        ("type", e.type, m.type),
+        ("src", t.me, m.src),
+        ("dst", e.dst, m.dst),
+        ("session", list(e.session), list(m.session)),
+        ("proposal", e.proposal, proposal),
+        ("accepted", e.accepted, accepted),
+    )
+    for name, wanted, found in plain:
+        if wanted != found and not (name == "session" and _opens(e, m, t)):
+            return f"{name}: {wanted} is expected, not {found}"
+    if e.copy_of is not None:
+        return _copy_difference(e.copy_of.message, m)
+    if e.reason not in ("none", reason):
+        return f"reason: {e.reason} is expected, not {reason}"
+    if e.of is not None and isinstance(m, Ack) and e.of not in _acked(m):
+        return f"of: {e.of[0]} seq={e.of[1]} is expected, not {m.of.model_dump()}"
+    if e.k == 0 and m.seq != 0:
+        return f"seq: an answer has 0, not {m.seq} (END-6)"
+    if e.k and m.seq != t.seq + fresh + 1:
+        return f"seq: new content takes the next seq, {t.seq + fresh + 1}, not {m.seq}"
+    fields = to_dict(m) if content else {}
+    for name in set(content) & set(fields) - {"session", "proposal", "target"}:
+        if not same(content[name], fields[name]):
+            return f"{name}: not what the application gave"
+    return None
+
+
+def off(e: Expected, m: Fields) -> int:
+    """In how many fields the logged message ``m`` is not the expected one: one more than those
+    counted here, which may be right while its seq or its content is not."""
+    told: dict[str, object] = {"dst": e.dst, "session": list(e.session), "proposal": e.proposal}
+    told |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
+    found = {"dst": 0, "proposal": 0, "accepted": False, **m}
+    return 1 + len([name for name, wanted in told.items() if found.get(name) != wanted])
+
+
+def _acked(m: Ack) -> tuple[tuple[str, int | None], ...]:
+    """What an Ack may be expected to name; None for the seq of a message that was not observed."""
+    return (m.of.type, m.of.seq), (m.of.type, None)
+
+
+def _opens(e: Expected, m: Message, t: Track) -> bool:
+    """A new session may take any number above the last one."""
+    new = e.type == "Advertisement" and e.copy_of is None
+    return new and m.session[0] == t.me and m.session[1] > t.state.number
+
+
+def _copy_difference(first: Message, m: Message) -> str | None:
+    if encode(first) == encode(m):
+        return None
+    one, other = to_dict(first), to_dict(m)
+    for name in sorted({*one, *other}):
+        if not same(one.get(name), other.get(name)):
+            return f"{name}: a copy repeats the message byte for byte"
+    return None
+
+
+def lift(t: Track, after: State, sent: Iterable[tuple[Expected, Message]]) -> None:
+    """Bring ``t`` to the state that comes next, with the messages really sent."""
+    if after.session != t.state.session:
+        t.seq = 0
+    t.state = after
+    if after.phase != "ADVERTISING":
+        t.advertisement = None
+    if not after.proposal:
+        t.lease_ms = 0
+    if not after.heard:
+        t.heard_ms = None
+    t.outbox = [e for e in t.outbox if e.spec in after.outbox]
+    for e, m in sent:
+        if isinstance(m, Advertisement):  # any number above the last one will do
+            me, number = t.me, m.session[1]
+            t.state, t.advertisement = after._replace(session=(me, number), number=number), m
+        elif e.k and e.copy_of is None:
+            t.outbox.append(Entry(e.type, e.dst, e.session, e.k, m))
+        if e.k and e.copy_of is None and t.session is not None:
+            t.seq = max(t.seq, m.seq)
+        if isinstance(m, Prescription) and e.copy_of is None:
+            t.lease_ms = m.lease_ms
+
+
+# -- steps
+
+
+class Asked(NamedTuple):
+    """A question to the specification."""
+
+    value: Input
+    what: str
+    """The input in words."""
+    given: Message | Cam | None = None
+    """The message itself, if it is one and was observed."""
+    content: Mapping[str, object] = {}
+    """What the application gave with it, and the station must send as it is."""
+
+
+@dataclass(slots=True)
+class Step:
+    """One input and what is still expected to follow it."""
+
+    at: int
+    t_ms: int
+    event: Event | None
+    """The input as the log has it; None if it was not observed."""
+    input: Input
+    """As the specification has it."""
+    what: str
+    rule: str
+    """The rule that decides."""
+    after: State
+    """The state that comes next."""
+    changes: bool
+    """Whether the state or a timer changes."""
+    says: tuple[str, ...]
+    """What the application hears, with its reason."""
+    messages: list[Expected]
+    arm: list[spec.Timer]
+    stop: list[spec.Timer]
+    told: list[str]
+    given: Message | Cam | None
+    content: Fields
+    since_ms: int
+    """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
+    unseen: bool = False
+    """Neither the input nor an effect was observed so far."""
+    fresh: int = 0
+    sent: list[tuple[Expected, Message]] = field(default_factory=list)
+
+    @property
+    def guard(self) -> str:
+        """The rule, what it says, and where it stands."""
+        rule = self.rule
+        where = line(rule, self.input)
+        return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"
+
+    def copy(self) -> Step:
+        """The same step of a copy of the station."""
+        return replace(
+            self,
+            messages=list(self.messages),
+            arm=list(self.arm),
+            stop=list(self.stop),
+            told=list(self.told),
+            sent=list(self.sent),
+        )
+
+
+# -- inputs
+
+RESTARTED = Asked(spec.Restart("restart"), "restart")
+
+
+def marked_and_newer(t: Track, m: Cam) -> tuple[bool, bool]:
+    """Whether a CAM names the session, and is newer than the last that counted (ACT-5)."""
+    return t.state.session in m.marks, t.heard_ms is None or m.generation_ms > t.heard_ms
+
+
+def received(t: Track, event: Receive, m: Message | Cam) -> Asked:
+    """A message of the seven, or a CAM."""
+    what = f"receive {m.type} from {m.src}"
+    if isinstance(m, Cam):
+        marked, newer = marked_and_newer(t, m)
+        return Asked(
+            spec.Cam("cam", m.src, frozenset({t.state.session} if marked else ()), newer), what, m
+        )
+    of = ("none", 0)
+    if isinstance(m, Ack):  # it names an entry of the outbox, or what matches nothing (END-6)
+        entry = t.entry_by_seq(m.of.type, m.src, m.session, m.of.seq) if m.of.seq else None
+        of = (entry.type, entry.k) if entry is not None else ("Cancel", 0)
+    proposal, accepted, reason = _about(m)
+    reason = reason if reason in REASONS else "as_sent"
+    ids = m.type, m.src, m.dst, m.session
+    message = spec.Message(*ids, number_of(m), proposal, accepted, reason, of)
+    content = {} if event.planned is None else {"planned": event.planned}
+    return Asked(spec.Receive("receive", message, bool(content)), what, m, content)
+
+
+def commanded(command: Command) -> Asked:
+    """A command of the application."""
+    given = command.model_extra or {}
+    session, proposal = tuple(given.get("session") or UNBOUND), given.get("proposal", 0)
+    value = spec.Command("command", command.name, session, proposal, given.get("target", 0))
+    return Asked(value, f"command {command.name}", None, given)
+
+
+def expired(t: Track, timer: Timer) -> Asked | None:
+    """An armed timer; None if it is of a message that is not in the outbox."""
+    value = timer_of(t, timer)
+    what = f"expire {timer_name(timer)}"
+    return None if value is None else Asked(spec.Expire("expire", value), what)
+
+
+# -- timers
+
+
+def timer_name(timer: Timer) -> str:
+    """A timer of a log in words."""
+    match timer:
+        case MessageTimer(message=MessageKey() as m):
+            return f"{timer.name}({m.type} seq={m.seq} to {m.to or 'all'})"
+        case ForgetTimer(station=int(station)):
+            return f"{timer.name}({station})"
+    return timer.name
+
+
+def armed_name(timer: Timer) -> str:
+    """The same, with the session of its message."""
+    m = timer.message if isinstance(timer, MessageTimer) else None
+    return timer_name(timer) + (f" session={m.session[0]}/{m.session[1]}" if m else "")
+
+
+def timer_of(t: Track, timer: Timer) -> spec.Timer | None:
+    """A timer of a log; None if it is of a message that is neither the Advertisement nor in the
+    outbox."""
+    match timer:
+        case MessageTimer(message=MessageKey(type="Advertisement")):
+            return timer.name, spec.Entry("Advertisement", 0, t.state.session, 1, False)
+        case MessageTimer(message=MessageKey() as m):
+            entry = t.entry_of(m)
+            return None if entry is None else (timer.name, entry.spec)
+        case ForgetTimer(station=int(station)):
+            return timer.name, station
+    return (timer.name,)
+
+
+def named(track: Track, sent: Sequence[tuple[Expected, Message]], timer: spec.Timer) -> Timer:
+    """A timer of the specification as a log names it; ``sent`` is what the step sent."""
+    name: Any = timer[0]
+    match timer:
+        case (_, spec.Entry(type=type_, to=to) as entry):
+            messages = [e.message for e in track.outbox if e.spec == entry]
+            messages += [m for e, m in sent if (e.type, e.dst) == (type_, to)]
+            if type_ == "Advertisement" and track.advertisement is not None:
+                messages.append(track.advertisement)
+            m = messages[0]
+            key = MessageKey.model_construct(
+                type=type_, to=to or None, session=m.session, seq=m.seq
+            )
+            return MessageTimer.model_construct(name=name, message=key)
+        case (_, int(station)):
+            return ForgetTimer.model_construct(name=name, station=station)
+    return PlainTimer.model_construct(name=name)
+
+
+def match(track: Track, step: Step, timer: Timer, pool: Sequence[spec.Timer]) -> spec.Timer | None:
+    """The timer of the specification that this one of a log is."""
+    for one in pool:
+        if one[0] != timer.name:
+            continue
+        match one:
+            case (_, int(station)):
+                if not isinstance(timer, ForgetTimer) or station != timer.station:
+                    continue
+            case (_, spec.Entry() as entry):
+                key = timer.message if isinstance(timer, MessageTimer) else None
+                if key is None or not _names(track, step, key, entry):
+                    continue
+        return one
+    return None
+
+
+def _names(track: Track, step: Step, key: MessageKey, entry: spec.Entry) -> bool:
+    """Whether a timer of a log names this entry."""
+    if (key.type, key.to or 0) != (entry.type, entry.to):
+        return False
+    sent = [m for e, m in step.sent if (e.type, e.dst) == (entry.type, entry.to)]
+    if entry.type == "Advertisement" and track.advertisement is not None:
+        sent.append(track.advertisement)
+    if any((m.seq, m.session) == (key.seq, key.session) for m in sent):
+        return True
+    found = track.entry_of(key)
+    return found is not None and (found.session, found.k) == (entry.session, entry.seq)
+
+
+def short(timer: spec.Timer) -> str:
+    """A timer of the specification in words."""
+    return f"{timer[0]}({timer[1].type})" if isinstance(timer[-1], spec.Entry) else timer[0]

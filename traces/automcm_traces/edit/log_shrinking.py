@@ -1,0 +1,377 @@
+"""The smallest logs in which the same thing is still wrong.
+
+What is wrong is found by ``automcm_traces.explain.explain``.  Then less and less is kept, as long
+as the verdict is the same: the same event diverges, by the same rule, with the same guard in the
+way, in the same state but for its numbers.  First whole sessions go, then whole logs, then steps
+(an input with its effects), at last single effects.  The gaps that this leaves are closed if that
+is enough (``automcm_traces.edit.log_slice``).
+
+It is a search: the result is small, not proven to be the smallest.  No steps in a row, and no two,
+can be left out of it, unless it is long or the search was ended by its number of tries.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
+from automcm_traces.checker.finding import Finding
+from automcm_traces.edit.log_slice import Item, Sublog
+from automcm_traces.explain.explain import Verdict, explain, explain_files, forged
+from automcm_traces.explain.log_table import Row
+from automcm_traces.format.log import Receive, Send
+from automcm_traces.format.reader import Log, LogStream
+from automcm_traces.system.properties import SystemReport, judge
+
+TRIES = 3000
+"""How many candidates are judged."""
+MOST_STEPS = 40
+"""Of a log with more steps not all rows and pairs of them are tried."""
+Candidate = tuple[Sublog, ...]
+Test = Callable[[Sequence[Log]], bool]
+
+
+class NothingToShrink(Exception):
+    """The logs show nothing that is not allowed (``code`` 1), cannot be read (3), or one cannot
+    tell (4)."""
+
+    def __init__(self, text: str, code: int) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@dataclass(slots=True)
+class Shrunk:
+    """The smallest logs found, and what is wrong in them."""
+
+    finding: Finding
+    """What is wrong; without a file if only all logs together are."""
+    logs: Candidate = ()
+    before: dict[str, int] = field(default_factory=dict)
+    """Events of each log that was given."""
+    tries: int = 0
+    ended: bool = False
+    """The search was ended by the number of tries."""
+
+    @property
+    def line_now(self) -> int:
+        """The line of the event in the smallest log; 0 if only all together are wrong."""
+        at = self.finding.at
+        kept = [item.line for log in self.logs if log.file == at.file for item in log.items]
+        return kept.index(at.line) + 2 if at.line in kept else 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
+        return {
+            "what": self.finding.observed,
+            "rule": self.finding.rule or self.finding.property,
+            "file": self.finding.at.file,
+            "line_before": self.finding.at.line,
+            "line": self.line_now,
+            "tries": self.tries,
+            "ended": self.ended,
+            "logs": [
+                {"file": log.file, "events_before": self.before[log.file], "events": len(log.items)}
+                for log in self.logs
+            ],
+        }
+
+    def text(self) -> list[str]:
+        """For a person: what is left, as a table."""
+        at, rule = self.finding.at, self.finding.rule or self.finding.property
+        where = f"{at.file}:{at.line}: " if at.file else ""
+        shown = f" [{rule}]" if rule else ""
+        lines = [one_line(f"{where}{self.finding.observed}{shown}")]
+        for log in self.logs:
+            lines.append(f"{log.file}: {len(log.items)} of {self.before[log.file]} events are left")
+        gone = [file for file in self.before if file not in {log.file for log in self.logs}]
+        lines += [f"{file}: is not needed" for file in gone]
+        if self.ended:
+            lines.append(f"ended after {self.tries} tries: it may be smaller yet (--tries)")
+        return lines
+
+    def rows(self) -> list[Row]:
+        """Every event that is left, log after log, with the lines of the new files."""
+        return [
+            Row(log.header.station, line, item.event)
+            for log in self.logs
+            for line, item in enumerate(log.items, 2)
+        ]
+
+
+def shrink(
+    paths: Sequence[Path],
+    *,
+    late_ms: int | None = None,
+    tries: int = TRIES,
+    say: Callable[[str], None] = lambda text: None,
+) -> Shrunk:
+    """The smallest logs with what is wrong first in the logs of these files.
+
+    A log that diverges by itself is shrunk by itself; one with a forged message with the others,
+    and so are logs that together violate a property.  ``late_ms`` is as for ``explain``.
+
+    Raises NothingToShrink and OSError.
+    """
+    verdicts = explain_files(paths, late_ms)
+    wrong = next((v for v in verdicts if v.verdict == "diverges"), None)
+    if wrong is not None and wrong.finding.kind != "forged":
+        alone = Sublog.read(wrong.file, max(wrong.seen, wrong.finding.at.line))
+        found = Shrunk(wrong.finding)
+        found.before = {name_of(path): _events(path) for path in paths}
+        return Search((alone,), diverges_as(wrong, late_ms), tries, say).run(found)
+    for v in verdicts:
+        if v.verdict == "unreadable":
+            where = at_line(v.file, v.finding.at.line)
+            raise NothingToShrink(f"{where}: {v.finding.observed}", 3)
+    told = next((v for v in verdicts if v.verdict == "cannot_tell"), None)
+    text, code = "everything in the logs is allowed: there is nothing to shrink", 1
+    if told is not None:
+        line, observed = told.finding.at.line, told.finding.observed
+        text, code = f"{told.file}:{line}: CANNOT TELL: {observed}", 4
+    try:
+        logs = tuple(Sublog.read(path) for path in paths)
+    except BadInput:  # records are missing: its verdict says so
+        raise NothingToShrink(text, code) from None
+    before = {log.file: len(log.items) for log in logs}
+    if wrong is not None:
+        found = Shrunk(wrong.finding, before=before)
+        return Search(logs, forged_as(wrong, verdicts, late_ms), tries, say).run(found)
+    system = judge([log.log() for log in logs]) if len(paths) > 1 else None
+    violated = None if system is None else next(iter(_violations(system)), None)
+    if violated is None:
+        if code == 1 and system is not None and system.hazards:
+            text = (
+                "a fault caused a hazard, but what the stations did is allowed: nothing to shrink"
+            )
+        raise NothingToShrink(text, code)
+    found = Shrunk(violated, before=before)
+    return Search(logs, violates_as(violated, verdicts, late_ms), tries, say).run(found)
+
+
+def _events(path: Path) -> int:
+    """How many events a file holds, as far as it can be read."""
+    count = 0
+    try:
+        for _ in (log := LogStream(path, past_gaps=True)):
+            count = log.events
+    except BadInput:
+        pass  # after what is shrunk
+    return count
+
+
+# -- the same thing is wrong
+
+
+def masked(text: str) -> str:
+    """A text of a verdict without its numbers: those change with what is left out."""
+    return re.sub(r"\d+", "#", text)
+
+
+def diverges_as(wrong: Verdict, late_ms: int | None) -> Test:
+    """Whether a log diverges at the same event, by the same rule, in the same way: in the same
+    state but for numbers, with the same guard in the way."""
+    wanted = _way(wrong)
+    return lambda logs: _way(explain(logs[0], late_ms)) == wanted
+
+
+def _way(v: Verdict) -> tuple[object, ...]:
+    # What is missing after an input is what is wrong: nothing else may be left out there.
+    found = v.finding
+    whole = found.kind in ("missing", "state")
+    missing = tuple(masked(e) for e in found.expected) if whole else ()
+    around = found.why.guard, masked(found.why.state), masked(found.why.nearest)
+    return found.kind, found.at, found.rule, masked(found.observed), missing, around
+
+
+def forged_as(wrong: Verdict, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
+    """Whether the same message is forged, and no log has become worse."""
+    good = {v.file for v in verdicts if v.verdict == "allowed" or v is wrong}
+
+    def same(logs: Sequence[Log]) -> bool:
+        others = forged(logs)
+        if others.pop(wrong.file, None) != wrong.finding:
+            return False
+        return not others.keys() & good and all(
+            _allowed(log, late_ms) for log in logs if log.file in good
+        )
+
+    return same
+
+
+def violates_as(wrong: Finding, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
+    """Whether the same property is violated in the same way, and no log has become worse."""
+    wanted = wrong.property, masked(wrong.observed)
+    good = {v.file for v in verdicts if v.verdict == "allowed"}
+
+    def same(logs: Sequence[Log]) -> bool:
+        if not all(_allowed(log, late_ms) for log in logs if log.file in good):
+            return False
+        if forged(logs).keys() & good:
+            return False
+        return wanted in [(f.property, masked(f.observed)) for f in _violations(judge(logs))]
+
+    return same
+
+
+def _allowed(log: Log, late_ms: int | None) -> bool:
+    return explain(log, late_ms).verdict == "allowed"
+
+
+def _violations(report: SystemReport) -> list[Finding]:
+    """Each property that is violated, or ``forged`` or ``cycle``, and where."""
+    found = [(j.property, w) for j in report.properties if j.outcome == "violated" for w in j.where]
+    found += [("forged", text) for text in report.forged]
+    found += [("cycle", text) for text in report.cycles]
+    return [Finding("property", property=name, observed=where) for name, where in found]
+
+
+def _down(n: int) -> range:
+    return range(n, -1, -1)
+
+
+# -- the search
+
+
+@dataclass(slots=True)
+class Search:
+    """Leaves out what it can.  ``same`` says of logs whether the same thing is wrong in them."""
+
+    best: Candidate
+    same: Test
+    most: int
+    say: Callable[[str], None]
+    tries: int = 0
+    file: str = ""
+    line: int = 0
+    """Where the event is that is wrong; empty and 0 if only all together are."""
+    _refused: set[tuple[tuple[int, ...], ...]] = field(default_factory=set)
+
+    @property
+    def ended(self) -> bool:
+        """Has it been tried as often as was allowed?"""
+        return self.tries >= self.most
+
+    def run(self, found: Shrunk) -> Shrunk:
+        """Fill in what is left."""
+        self.file, self.line, _ = found.finding.at
+        self._sessions()
+        self._logs()
+        size = -1
+        while size != self._size() and not self.ended:
+            size = self._size()
+            for n in range(len(self.best)):
+                self._exchanges(n)
+                self._fewer(n, lambda log: log.steps())
+                self._fewer(n, lambda log: log.effects())
+            if size == self._size():
+                for n in range(len(self.best)):
+                    self._some_fewer(n)
+        found.logs, found.tries, found.ended = self.best, self.tries, self.ended
+        return found
+
+    def _size(self) -> int:
+        return sum(len(log.items) for log in self.best)
+
+    def _sessions(self) -> None:
+        """Without whole sessions, in all logs: all but one, or without each."""
+        wrong = self._wrong()
+        groups: dict[tuple[int, int], set[int]] = {}
+        for log in self.best:
+            for name, items in log.by_session().items():
+                groups.setdefault(name, set()).update(id(item) for item in items)
+        names = sorted(groups, reverse=True)
+        for name in names:
+            if groups[name] & wrong:
+                self._without({i for other in names if other != name for i in groups[other]})
+        for log_name in sorted({n for log in self.best for n in log.by_session()}, reverse=True):
+            found = (log.by_session().get(log_name, ()) for log in self.best)
+            self._without({id(item) for items in found for item in items})
+
+    def _exchanges(self, n: int) -> None:
+        """Without all that goes with a proposal, or with a message."""
+        again = True
+        while again and not self.ended:
+            found = self.best[n].by_number()
+            again = any(self._without({id(item) for item in items}) for items in reversed(found))
+
+    def _logs(self) -> None:
+        for log in self.best:
+            if len(self.best) > 1:
+                self._try(tuple(other for other in self.best if other is not log))
+
+    def _fewer(self, n: int, parts_of: Callable[[Sublog], list[list[Item]]]) -> None:
+        """Without runs of parts of the log in place ``n``, long ones first, the last first."""
+        size = len(parts_of(self.best[n]))
+        while size and not self.ended:
+            at = len(parts_of(self.best[n]))
+            while at > 0 and not self.ended:
+                parts = parts_of(self.best[n])
+                at = min(at, len(parts))
+                away = parts[max(0, at - size) : at]
+                self._without({id(item) for part in away for item in part})
+                at -= size
+            size //= 2
+
+    def _some_fewer(self, n: int) -> None:
+        """Without any steps in a row, or any two."""
+        steps = self.best[n].steps()
+        if len(steps) > MOST_STEPS:
+            return
+        rows = [steps[at : at + size] for size in _down(len(steps)) for at in _down(len(steps))]
+        for away in [*rows, *combinations(reversed(steps), 2)]:
+            if self.ended or self._without({id(item) for step in away for item in step}):
+                return
+
+    def _without(self, away: set[int]) -> bool:
+        """Without some items: the gaps closed if one log is left, or as they are."""
+        away = away - self._wrong()
+        if len(self.best) > 1:
+            away = self._with_received(away)
+        kept = [[item for item in log.items if id(item) not in away] for log in self.best]
+        key = tuple(tuple(item.line for item in items) for items in kept)
+        if key in self._refused or not away:
+            return False
+        pairs = list(zip(self.best, kept, strict=True))
+        if len(self.best) == 1 and self._try(tuple(log.closed_up(items) for log, items in pairs)):
+            return True
+        if self._try(tuple(log.having(items) for log, items in pairs)):
+            return True
+        self._refused.add(key)
+        return False
+
+    def _wrong(self) -> set[int]:
+        """The event that is wrong, and its input: they stay."""
+        steps = (step for log in self.best if log.file == self.file for step in log.steps())
+        found = [step for step in steps if any(item.line == self.line for item in step)]
+        return {id(i) for step in found for i in step if i is step[0] or i.line == self.line}
+
+    def _with_received(self, away: set[int]) -> set[int]:
+        """With every step by which a message was received that is no longer sent."""
+        away = set(away)
+        size = -1
+        while size != len(away):
+            size = len(away)
+            items = [item for log in self.best for item in log.items if id(item) in away]
+            gone = {item.event.tx for item in items if isinstance(item.event, Send)}
+            for log in self.best:
+                for step in log.steps():
+                    event = step[0].event
+                    if isinstance(event, Receive) and event.tx in gone:
+                        away |= {id(item) for item in step}
+        return away
+
+    def _try(self, candidate: Candidate) -> bool:
+        if self.ended:
+            return False
+        self.tries += 1
+        if not self.same([log.log() for log in candidate]):
+            return False
+        self.best = candidate
+        self.say(f"{self._size()} events in {len(self.best)} logs, {self.tries} tried")
+        return True

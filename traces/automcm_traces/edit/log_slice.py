@@ -1,0 +1,270 @@
+"""Part of a log as a log of its own: fewer steps, and what is left moved together.
+
+A step is an input with the effects that follow it; a CAM sent stands alone.  What is left out may
+leave a gap in time and in numbers.  ``closed_up`` closes it: what was armed still runs as long as
+it did, an expiry comes as late as it came, and a seq or proposal that nothing names any more is
+not counted.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from automcm_spec.support.bad_input import name_of
+from automcm_traces.format.event_text import session_of
+from automcm_traces.format.log import End, Event, Header, Record, Send, UnknownEvent, record
+from automcm_traces.format.reader import Log, NotJsonError, cut, parse, read
+
+Json = Any
+Numbers = dict[tuple[str, ...], set[int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """An event, its line in the log it comes from, and its record as it is to be written."""
+
+    line: int
+    event: Event
+    record: dict[str, Json]
+
+    @staticmethod
+    def of(line: int, fields: dict[str, Json]) -> Item:
+        """An item from the fields of a line.  Raises what ``log.record`` raises."""
+        event = record(json.dumps(fields).encode())
+        assert not isinstance(event, Header | End)
+        return Item(line, event, fields)
+
+
+@dataclass(frozen=True, slots=True)
+class Sublog:
+    """What is left of a log."""
+
+    file: str
+    header: Header
+    head: dict[str, Json]
+    end: End | None
+    items: tuple[Item, ...]
+
+    @staticmethod
+    def read(path: str | Path, lines: int = 0) -> Sublog:
+        """The log in a file, whole or its first ``lines``; an event of an unknown kind is left
+        out.  It has an end if the file has, in the part that is read or later.
+
+        Raises BadInput, if the whole is to be read, and OSError.
+        """
+        end = read(path).end if not lines else _end(path)
+        with open(path, "rb") as stream:
+            texts = list(islice(stream, lines or None))
+        items = []
+        header: Header | None = None
+        for number, text in enumerate(texts, 1):
+            match _parsed(text):
+                case Header() as header:
+                    pass
+                case None | End() | UnknownEvent():
+                    pass
+                case event:
+                    items.append(Item(number, event, json.loads(text)))
+        assert header is not None, "the log has been read before"
+        return Sublog(name_of(path), header, json.loads(texts[0]), end, tuple(items))
+
+    def having(self, items: Sequence[Item]) -> Sublog:
+        """The same log with these items only."""
+        return Sublog(self.file, self.header, self.head, self.end, tuple(items))
+
+    def log(self) -> Log:
+        """For the engine; the lines are those of the log it comes from."""
+        events = [(item.line, item.event) for item in self.items]
+        return Log(self.file, self.header, events, self.end, False, [])
+
+    def text(self) -> bytes:
+        """As a file, its events counted anew."""
+        records = [self.head]
+        records += [item.record | {"seq": n} for n, item in enumerate(self.items, 1)]
+        if self.end is not None:
+            records.append(self.end.model_dump() | {"seq": len(self.items)})
+        return b"".join(
+            json.dumps(r, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+            for r in records
+        )
+
+    def steps(self) -> list[list[Item]]:
+        """The events of each step together."""
+        found: list[list[Item]] = []
+        last: list[Item] | None = None
+        for item in self.items:
+            alone = isinstance(item.event, Send) and item.event.message["type"] == "CAM"
+            if alone or last is None or is_input(item.event):
+                found.append([item])
+                last = last if alone else found[-1]
+            else:
+                last.append(item)
+        return found
+
+    def effects(self) -> list[list[Item]]:
+        """Each event that is no input."""
+        return [[item] for item in self.items if not is_input(item.event)]
+
+    def by_session(self) -> dict[tuple[int, int], list[Item]]:
+        """The steps of each session; one that names none belongs to that of the step before."""
+        found: dict[tuple[int, int], list[Item]] = {}
+        at: tuple[int, int] | None = None
+        for step in self.steps():
+            named = [s for item in step if (s := session_of(item.event)) is not None]
+            at = named[0] if named else at
+            if at is not None:
+                found.setdefault(at, []).extend(step)
+        return found
+
+    def by_number(self) -> list[list[Item]]:
+        """The steps that go with each proposal, then with each message: what names it, and what
+        names a message about it."""
+        station = self.header.station
+        steps = [(step, _numbers((i.record for i in step), station)) for step in self.steps()]
+        topics = {(key, n) for _, named in steps for key, ns in named.items() for n in ns if n}
+        found = []
+        for key, n in sorted(topics):
+            about = [named for _, named in steps if n in named.get(key, ())]
+            more = _numbers((i.record for i in self.items if _is_about(i, key, n)), station)
+            more = more if key[0] == "proposal" else {key: {n}}
+            away = [s for s, named in steps if named in about or _overlap(named, more)]
+            found.append([item for step in away for item in step])
+        return found
+
+    def closed_up(self, left: Sequence[Item]) -> Sublog:
+        """Only the items ``left``, in their order, and the gaps closed."""
+        moved = _retimed(self.items, {id(item) for item in left})
+        station = self.header.station
+        gone = _numbers((item.record for item in self.items), station)
+        for key, values in _numbers((item.record for item in left), station).items():
+            gone[key] -= values
+        gone = {key: values for key, values in gone.items() if values}
+        return self.having([_renumbered(item, gone, station) for item in moved] if gone else moved)
+
+
+def is_input(event: Event) -> bool:
+    """Whether a step begins with it."""
+    return event.ev in ("receive", "command", "restart") or getattr(event, "op", "") == "expire"
+
+
+def _end(path: str | Path) -> End | None:
+    """The end of a log, if its last line is one."""
+    with open(path, "rb") as stream:
+        stream.seek(0, 2)
+        stream.seek(max(0, stream.tell() - 4096))
+        last = stream.read().splitlines()[-1:]
+    try:
+        found = parse(last[0]) if last else None
+    except (NotJsonError, ValidationError):
+        return None
+    return found if isinstance(found, End) else None
+
+
+def _retimed(items: Sequence[Item], left: set[int]) -> list[Item]:
+    """What is left, each as long after what is before it as it was, an expiry by its deadline."""
+    found: list[Item] = []
+    deadlines: dict[str, tuple[int, int]] = {}
+    """By timer: as it was, and as it is now."""
+    was = now = 0
+    for item in items:
+        old = item.event.t_ms
+        gap, was = old - was, old
+        if id(item) not in left:
+            if not found:
+                now = old  # what is left begins when its first event did
+            continue
+        fields = item.record
+        timer = json.dumps(fields.get("timer"), sort_keys=True)
+        if fields.get("op") == "expire" and timer in deadlines:
+            before, after = deadlines.pop(timer)
+            new = max(now, after + old - before)
+        else:
+            new = now + gap if found else old
+        if fields.get("op") == "arm":
+            deadlines[timer] = fields["deadline"], fields["deadline"] + new - old
+        elif fields.get("op") == "stop":
+            deadlines.pop(timer, None)
+        found.append(_at(item, new - old))
+        now = new
+    return found
+
+
+def _at(item: Item, shift: int) -> Item:
+    if not shift:
+        return item
+    fields = item.record | {"t_ms": item.record["t_ms"] + shift}
+    update = {"t_ms": fields["t_ms"]}
+    if "deadline" in fields:
+        fields["deadline"] = update["deadline"] = max(0, fields["deadline"] + shift)
+    return Item(item.line, item.event.model_copy(update=update), fields)
+
+
+def _numbers(records: Iterator[dict[str, Json]], station: int) -> Numbers:
+    """The seqs and proposals that records name, by whose they are."""
+    found: Numbers = defaultdict(set)
+    for fields in records:
+        for key, holder, name in _named(fields, station):
+            found[key].add(holder[name])
+    return found
+
+
+def _named(
+    fields: dict[str, Json], station: int
+) -> Iterator[tuple[tuple[str, ...], dict[str, Json], str]]:
+    """Where a record names a seq or a proposal: whose it is, and the place."""
+    holders = [fields[part] for part in ("message", "command", "indication") if part in fields]
+    if "indication" in fields:
+        holders += [value for value in fields["indication"].values() if isinstance(value, dict)]
+    for holder in holders:
+        if type(holder.get("proposal")) is int:
+            yield ("proposal", str(holder.get("session"))), holder, "proposal"
+        if type(holder.get("seq")) is int:
+            yield ("seq", str(holder.get("session")), str(holder.get("src"))), holder, "seq"
+        of = holder.get("of")
+        if isinstance(of, dict) and type(of.get("seq")) is int:
+            yield ("seq", str(holder.get("session")), str(holder.get("dst"))), of, "seq"
+    about = fields["timer"].get("message") if "timer" in fields else None
+    if about:
+        yield ("seq", str(about["session"]), str(station)), about, "seq"
+
+
+def _is_about(item: Item, key: tuple[str, ...], n: int) -> bool:
+    """Whether it is a message about a proposal."""
+    m = item.record.get("message", {})
+    return m.get("proposal") == n and str(m.get("session")) == key[1]
+
+
+def _overlap(one: Numbers, other: Numbers) -> bool:
+    return any(key[0] == "seq" and (ns - {0}) & other.get(key, set()) for key, ns in one.items())
+
+
+def _renumbered(item: Item, gone: Numbers, station: int) -> Item:
+    changes = [
+        lower
+        for key, holder, name in _named(item.record, station)
+        if (lower := sum(0 < value < holder[name] for value in gone.get(key, ())))
+    ]
+    if not changes:
+        return item
+    fields = json.loads(json.dumps(item.record))
+    for key, holder, name in list(_named(fields, station)):
+        holder[name] -= sum(0 < value < holder[name] for value in gone.get(key, ()))
+    return Item.of(item.line, fields)
+
+
+def _parsed(line: bytes) -> Record | UnknownEvent | None:
+    """A line of a log; None for a last one that is cut.  Raises what ``parse`` raises."""
+    try:
+        return parse(line)
+    except NotJsonError:
+        if cut(line):
+            return None
+        raise

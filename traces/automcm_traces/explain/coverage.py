@@ -1,0 +1,257 @@
+"""How much of the specification a fleet's logs exercise, and what they never do.
+
+Each log is followed on the compiled specification; what is counted of it ends where it diverges, or
+can no longer be told or read.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Literal, TypeAlias, get_args
+
+from automcm_spec.support.bad_input import BadInput, at_line, one_line
+from automcm_spec.vocabulary.condition_coverage import ConditionCoverage, lacking, reached
+from automcm_spec.vocabulary.conditions import recording
+from automcm_spec.vocabulary.messages import MessageType
+from automcm_spec.vocabulary.reachable_steps import steps
+from automcm_spec.vocabulary.rules import RULES, kind
+from automcm_spec.vocabulary.station import Input, OpenStation, State, Station
+from automcm_traces.checker.finding import Finding, cannot_tell, unreadable
+from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
+from automcm_traces.checker.track import INITIAL, Step, Track
+from automcm_traces.format.log import Event, Receive, Send
+from automcm_traces.format.reader import LogStream
+
+Problem = Literal["diverges", "cannot_tell", "unreadable"]
+ALL_TYPES = (*get_args(MessageType), "CAM")
+REMEMBERED = 20_000
+"""Questions to the specification that are counted before it is asked them."""
+Question: TypeAlias = tuple[int, tuple[int, ...], State, Input | None]
+"""Station, limits, what it was, and its input; None for the marks of its CAM."""
+
+
+@dataclass(frozen=True)
+class Possible:
+    """What the specification knows, to hold what was seen against."""
+
+    rules: tuple[str, ...]
+    """Those that decide an input."""
+    phases: tuple[str, ...]
+    ways: tuple[str, ...]
+    """``A -> B`` for each pair of phases that some step joins."""
+    inputs: tuple[str, ...]
+
+
+@cache
+def possible() -> Possible:
+    """Seen from a station with one peer, which has all phases, ways and kinds of input (tests)."""
+    one = frozenset({1})
+    o = OpenStation(2, 1, 5, 2, peers=frozenset({2}), own_sessions=one, peer_sessions=one)
+    ways = {
+        f"{st.phase} -> {after.st.phase}"
+        for st, _, after in steps(o)
+        if after.st != st or after.arm
+    }
+    deciding = {c.text for c in reached().rules}
+    return Possible(
+        tuple(rule for rule in RULES if rule in deciding),
+        tuple(sorted(o.phases)),
+        tuple(sorted(ways)),
+        tuple(sorted({kind(i) for i in o.alphabet})),
+    )
+
+
+@dataclass
+class Coverage:
+    """What the logs given to ``add`` have exercised, all together."""
+
+    logs: int = 0
+    events: int = 0
+    steps: int = 0
+    problems: list[tuple[str, int, Problem, str]] = field(default_factory=list)
+    """File, line, what kind, and why: logs that were not counted to their end."""
+    rules: Counter[str] = field(default_factory=Counter)
+    phases: Counter[str] = field(default_factory=Counter)
+    """In which the inputs came."""
+    ways: Counter[str] = field(default_factory=Counter)
+    inputs: Counter[str] = field(default_factory=Counter)
+    sent: Counter[str] = field(default_factory=Counter)
+    received: Counter[str] = field(default_factory=Counter)
+    _conditions: ConditionCoverage = field(default_factory=ConditionCoverage)
+    _asked: Counter[Question] = field(default_factory=Counter)
+    """How often each question came up that the specification was not asked yet."""
+
+    def add(self, path: Path, late_ms: int | None = None) -> None:
+        """Count one log, read as it is followed.  ``late_ms`` is as for ``Engine``."""
+        self.logs += 1
+        try:
+            stream = LogStream(path)
+        except BadInput as error:
+            self._problem(unreadable(error), 0)
+            return
+        ending = follow(stream, late_ms, [_Counter(self)], one=True)
+        found = ending.finding
+        if ending.lacking and ending.diverges:  # what is not in the log may have led there
+            text = f"{found.observed}; the log does not promise {', '.join(ending.lacking)}"
+            found = cannot_tell(stream.file, found.at.line, text)
+        if found.kind != "nothing":
+            self._problem(found, ending.line)
+
+    def _problem(self, found: Finding, last: int) -> None:
+        what: Problem = "diverges"
+        if found.kind == "cannot_tell" or found.kind == "unreadable":
+            what = found.kind
+        line = found.at.line or last
+        self.problems.append((found.at.file, line, what, one_line(found.observed)))
+
+    def count(self, track: Track, st: State, i: Input | None) -> None:
+        """Count a question to the specification."""
+        self._asked[track.me, (track.max_rounds, *track.limits), st, i] += 1
+        if len(self._asked) >= REMEMBERED:
+            self._ask()
+
+    @property
+    def conditions(self) -> ConditionCoverage:
+        """How often each condition of Station.tla was true and false."""
+        self._ask()
+        return self._conditions
+
+    def _ask(self) -> None:
+        """Ask each question once, with the conditions recorded."""
+        for (me, limits, st, i), times in self._asked.items():
+            self._conditions.times = times
+            station = recording(Station(*limits), self._conditions.meet)
+            station.marks(st) if i is None else station.step(me, st, i)
+        self._asked.clear()
+
+    def tables(self) -> dict[str, dict[str, int]]:
+        """By what is counted: how often each thing that is possible was seen, 0 for never."""
+        all_ = possible()
+        return {
+            "rules": {rule: self.rules[rule] for rule in all_.rules},
+            "phases": {phase: self.phases[phase] for phase in all_.phases},
+            "ways": {way: self.ways[way] for way in all_.ways},
+            "inputs": {what: self.inputs[what] for what in all_.inputs},
+            "sent": {type_: self.sent[type_] for type_ in ALL_TYPES},
+            "received": {type_: self.received[type_] for type_ in ALL_TYPES},
+        }
+
+    def as_dict(self) -> dict[str, object]:
+        """As in ``--json``."""
+        return {
+            "logs": self.logs,
+            "events": self.events,
+            "steps": self.steps,
+            "problems": [
+                {"file": file, "line": line, "verdict": what, "reason": why}
+                for file, line, what, why in self.problems
+            ],
+            "conditions": self.conditions.as_list(),
+            **self.tables(),
+        }
+
+
+class _Counter(Watcher):
+    """Counts what one log exercises."""
+
+    def __init__(self, coverage: Coverage) -> None:
+        self._c = coverage
+        self._before = INITIAL
+        self._events = 0
+
+    def event(self, line: int, event: Event, engine: Follower) -> None:
+        self._message(event)
+        if isinstance(event, Send) and event.message["type"] == "CAM":
+            self._c.count(engine.track, engine.track.state, None)
+
+    def ended(self, ending: Ending) -> None:
+        self._c.events += ending.events
+        if ending.events > self._events:  # the one that was not allowed
+            self._message(ending.recent[-1][1])
+
+    def _message(self, event: Event) -> None:
+        self._events += 1
+        if isinstance(event, Send):
+            self._c.sent[str(event.message["type"])] += 1
+        elif isinstance(event, Receive) and event.message is not None:
+            self._c.received[str(event.message["type"])] += 1
+
+    def step(self, step: Step, track: Track) -> None:
+        was, self._before = self._before, track.state
+        self._c.steps += 1
+        self._c.rules[step.rule] += 1
+        self._c.phases[was.phase] += 1
+        self._c.inputs[kind(step.input)] += 1
+        if step.changes:
+            self._c.ways[f"{was.phase} -> {track.state.phase}"] += 1
+        self._c.count(track, was, step.input)
+
+
+def measure(paths: Iterable[Path], late_ms: int | None = None) -> Coverage:
+    """What these logs exercise together."""
+    coverage = Coverage()
+    for path in paths:
+        coverage.add(path, late_ms)
+    return coverage
+
+
+EXIT: dict[Problem, int] = {"diverges": 1, "unreadable": 3, "cannot_tell": 4}
+
+
+def exit_code(coverage: Coverage) -> int:
+    """0 if each log was counted to its end, else what weighs most: 1, 3, 4."""
+    codes = {EXIT[what] for _, _, what, _ in coverage.problems}
+    return next((code for code in (1, 3, 4) if code in codes), 0)
+
+
+MOST_PROBLEMS = 10
+_PROBLEMS: dict[Problem, str] = {
+    "diverges": "diverge",
+    "unreadable": "cannot be read to their end",
+    "cannot_tell": "cannot be told to their end",
+}
+
+
+def text(coverage: Coverage) -> list[str]:
+    """The report for a person: each figure with its whole, and what was never seen."""
+    c = coverage
+    logs = "1 log" if c.logs == 1 else f"{c.logs:,} logs"
+    lines = [f"{logs}, {c.events:,} events, {c.steps:,} steps of the specification"]
+    counts = Counter(what for _, _, what, _ in c.problems)
+    for what, words in _PROBLEMS.items():
+        if counts[what]:
+            lines.append(f"  {counts[what]:,} {words}; counted up to there")
+    for file, line, problem, why in c.problems[:MOST_PROBLEMS]:
+        where = at_line(one_line(file), line)
+        lines.append(f"  {where}: {problem.replace('_', ' ').upper()}: {why}")
+    if len(c.problems) > MOST_PROBLEMS:
+        lines.append(f"  {len(c.problems) - MOST_PROBLEMS:,} more")
+    conditions = c.conditions
+    lines.append(_share("conditions both ways", conditions.both_ways(), len(reached().conditions)))
+    lines += [f"  {line}" for line in lacking(conditions)]
+    for name, table in c.tables().items():
+        lines.append(_share(name, sum(1 for count in table.values() if count), len(table)))
+        never = [thing for thing, count in table.items() if not count]
+        lines += _wrapped("  never: ", never)
+    return lines
+
+
+def _share(what: str, part: int, whole: int) -> str:
+    return f"{what:<22} {part:>9,} of {whole:>10,} {100 * part / whole:>6.1f} %"
+
+
+def _wrapped(start: str, words: Sequence[str]) -> list[str]:
+    """Words with commas between them, in lines of at most 80 characters."""
+    lines: list[str] = []
+    line = start
+    for n, word in enumerate(words):
+        piece = word + ("," if n + 1 < len(words) else "")
+        if len(line) + len(piece) > 80:
+            lines.append(line.rstrip())
+            line = " " * len(start)
+        line += piece + " "
+    return [*lines, line.rstrip()] if words else []

@@ -1,0 +1,395 @@
+"""What a log means: allowed by the specification, or where it first leaves it; and in words."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+from automcm_spec.support import files
+from automcm_spec.support.bad_input import BadInput, at_line, name_of, printable
+from automcm_spec.vocabulary.messages import Fields, same
+from automcm_spec.vocabulary.rules import RULES
+from automcm_traces.checker.divergence import why
+from automcm_traces.checker.finding import (
+    NOTHING_WRONG,
+    At,
+    Finding,
+    Kind,
+    Supposition,
+    cannot_tell,
+    unreadable,
+)
+from automcm_traces.checker.follow import Watcher, follow
+from automcm_traces.checker.track import Step, Track
+from automcm_traces.explain.log_table import Row, columns
+from automcm_traces.format.log import Event, Header
+from automcm_traces.format.reader import Log, LogStream
+from automcm_traces.system.delivery import forged_receptions
+from automcm_traces.system.properties import SystemReport, judge
+from automcm_traces.system.timeline import Recorder, Timeline
+
+Answer = Literal["allowed", "diverges", "cannot_tell", "unreadable"]
+ANSWERS: dict[Kind, Answer] = {
+    "nothing": "allowed",
+    "cannot_tell": "cannot_tell",
+    "unreadable": "unreadable",
+}
+"""By what was found; anything else is a divergence."""
+SESSIONS = 10
+"""Sessions of a log that are shown, the last ones."""
+MOST = 100
+"""Sessions that are kept; the last ones, the others are counted only."""
+
+
+@dataclass(slots=True)
+class Session:
+    """One session as its station took part in it."""
+
+    session: tuple[int, int]
+    role: str
+    first: int
+    """Line of the input by which it began."""
+    phases: list[str]
+    last: int = 0
+    """Line of the input by which it ended; 0 if the log ends in it."""
+    rule: str = ""
+    """The rule by which it ended."""
+
+    def as_dict(self) -> dict[str, object]:
+        """As in ``--json``."""
+        return {
+            "session": list(self.session),
+            "role": self.role,
+            "phases": self.phases,
+            "first": self.first,
+            "last": self.last,
+            "rule": self.rule,
+        }
+
+    def __str__(self) -> str:
+        name = f"session {self.session[0]}/{self.session[1]} as {self.role}"
+        way = " > ".join(self.phases)
+        if not self.last:
+            return f"{name}, from line {self.first}: {way}, still in it"
+        why = RULES.get(self.rule, "")
+        return f"{name}, lines {self.first} to {self.last}: {way}; ended by {self.rule}: {why}"
+
+
+class Sessions(Watcher):
+    """Watches the steps of a station."""
+
+    def __init__(self) -> None:
+        self.kept: list[Session] = []
+        self.number = 0
+
+    def step(self, step: Step, track: Track) -> None:
+        """Follow a step."""
+        current = self.kept[-1] if self.kept and not self.kept[-1].last else None
+        if current is not None and current.session != track.session:
+            current.last, current.rule = step.at, step.rule
+            current = None
+        if track.session is None:
+            return
+        if current is None:
+            self.number += 1
+            current = Session(track.session, track.state.role, step.at, [])
+            self.kept = [*self.kept[1 - MOST :], current]
+        if current.phases[-1:] != [track.state.phase]:
+            current.phases.append(track.state.phase)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer to one question: was it allowed?"""
+
+    file: str
+    finding: Finding = NOTHING_WRONG
+    """What is wrong, or why that is not known."""
+    possible_states: int = 1
+    """States of the specification that were possible before the event, or at the end."""
+    events: int = 0
+    warnings: tuple[str, ...] = ()
+    """What the reader had to overlook: an unknown event, a cut line, a missing end."""
+    unobserved: tuple[str, ...] = ()
+    """Kinds of event that the log does not promise to hold."""
+    sessions: tuple[Session, ...] = ()
+    """The last sessions of the station, if the log says what it does."""
+    number_of_sessions: int = 0
+    header: Header | None = None
+    recent: tuple[tuple[int, Event], ...] = ()
+    """The last events up to the divergence, with their lines."""
+    seen: int = 0
+    """The last line that was read: that of the divergence, or of the event that showed it."""
+    only_if: tuple[Supposition, ...] = ()
+    """What must have happened unseen for the log to be allowed."""
+
+    @property
+    def verdict(self) -> Answer:
+        """In a word."""
+        return ANSWERS.get(self.finding.kind, "diverges")
+
+    def as_dict(self) -> dict[str, object]:
+        """As in ``--json``."""
+        found = self.finding
+        return {
+            "verdict": self.verdict,
+            "file": self.file,
+            "line": found.at.line,
+            "event": found.observed,
+            "rule": found.rule,
+            "expected": list(found.expected),
+            "guard": found.why.guard,
+            "nearest": found.why.nearest,
+            "allowed_after": list(found.why.causes),
+            "state": found.why.state,
+            "possible_states": self.possible_states,
+            "only_if": [supposition.as_dict() for supposition in self.only_if],
+            "events": self.events,
+            "sessions": [session.as_dict() for session in self.sessions],
+            "unobserved": list(self.unobserved),
+            "warnings": list(self.warnings),
+        }
+
+
+def explain(
+    log: Log | LogStream,
+    late_ms: int | None = None,
+    watchers: Sequence[Watcher] = (),
+    events: Iterable[tuple[int, Event]] | None = None,
+) -> Verdict:
+    """The verdict on one log; the arguments are those of ``follow``."""
+    sessions = Sessions()
+    ending = follow(log, late_ms, [sessions, *watchers], events=events)
+    found, engine, diverges = ending.finding, ending.engine, ending.diverges
+    if not ending.events and found.kind == "nothing":
+        found = cannot_tell(log.file, 0, "the log holds no event")
+    if diverges is not None and engine is not None:
+        found = replace(found, why=why(diverges, engine.track))
+    verdict = Verdict(
+        log.file,
+        found,
+        events=ending.events,
+        warnings=tuple(log.warnings),
+        unobserved=tuple(log.header.unobserved),
+        header=log.header,
+    )
+    if engine is None or not ending.followed:
+        return verdict
+    return replace(
+        verdict,
+        possible_states=engine.states,
+        sessions=tuple(sessions.kept),
+        number_of_sessions=sessions.number,
+        recent=tuple(ending.recent) if diverges else (),
+        seen=ending.line if diverges else 0,
+        only_if=() if diverges else engine.only_if,
+    )
+
+
+def forged(logs: Sequence[Log]) -> dict[str, Finding]:
+    """By file: the first message received that is not the one its sender logged under that id."""
+    return {
+        file: Finding(
+            "forged",
+            "forged",
+            at=At(file, at),
+            expected=tuple(_as_sent(original, e.message or {})) if original else (),
+            observed=f"receive {e.message and e.message['type']} {e.tx}: not what its sender sent",
+        )
+        for file, (at, e, original) in forged_receptions(logs).items()
+    }
+
+
+def _as_sent(original: Fields, m: Fields) -> Iterator[str]:
+    """Each field in which a message is not the one that was sent."""
+    for name in sorted(original.keys() | m.keys()):
+        was, is_ = original.get(name), m.get(name)
+        if not same(was, is_):
+            yield f"{name}: {_json(was)} was sent, not {_json(is_)}"
+
+
+def _json(value: object) -> str:
+    return "nothing" if value is None else json.dumps(value)
+
+
+@dataclass(slots=True)
+class Explained:
+    """A file, read and followed once."""
+
+    path: Path
+    verdict: Verdict
+    log: Log | None = None
+    """Up to where it can be read; None if it has no header, or is not kept."""
+    whole: bool = False
+    """All of it can be read."""
+    timeline: Timeline | None = None
+    refused: BadInput | None = None
+    """Why it is no log at all."""
+
+
+def explained(
+    path: Path, late_ms: int | None = None, keep: bool = True, watchers: Sequence[Watcher] = ()
+) -> Explained:
+    """Read a file and follow it; ``keep`` its events and its timeline."""
+    try:
+        stream = LogStream(path)
+    except BadInput as error:
+        return Explained(path, Verdict(name_of(path), unreadable(error)), refused=error)
+    if not keep:
+        return Explained(path, explain(stream, late_ms, watchers))
+    recorder, events = Recorder(stream), list[tuple[int, Event]]()
+    verdict = explain(stream, late_ms, [recorder, *watchers], _kept(stream, events))
+    return Explained(path, verdict, stream.log(events), stream.whole, recorder.made)
+
+
+def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
+    for event in stream:
+        events.append(event)
+        yield event
+
+
+def explain_file(path: Path, late_ms: int | None = None) -> Verdict:
+    """The verdict on the log in a file, however long."""
+    return explained(path, late_ms, keep=False).verdict
+
+
+def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
+    """A verdict for each file; with several, messages are compared with what was sent."""
+    return verdicts([explained(path, late_ms, keep=len(paths) > 1) for path in paths])
+
+
+def verdicts(found: Sequence[Explained]) -> list[Verdict]:
+    """With several logs, those in which a message is forged before anything else is wrong too."""
+    return with_forged([one.verdict for one in found], _whole(found))
+
+
+def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdict]:
+    """The verdicts on logs by themselves, and on what they received of one another."""
+    foreign = forged(logs) if logs else {}
+    return [
+        Verdict(v.file, other, warnings=v.warnings, header=v.header)
+        if (other := foreign.get(v.file)) is not None
+        and (v.verdict == "allowed" or other.at.line <= v.finding.at.line)
+        else v
+        for v in verdicts
+    ]
+
+
+def together(found: Sequence[Explained]) -> SystemReport:
+    """What the logs of one run say together; one that cannot be read is left out."""
+    timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
+    return judge(_whole(found), timelines)
+
+
+def _whole(found: Sequence[Explained]) -> list[Log]:
+    return [one.log for one in found if one.log is not None and one.whole]
+
+
+EXIT: dict[Answer, int] = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
+
+
+def exit_code(verdicts: Sequence[Verdict]) -> int:
+    """Of several verdicts the one that weighs most: diverges, unreadable, cannot tell."""
+    codes = Counter(EXIT[v.verdict] for v in verdicts)
+    return next((code for code in (1, 3, 4) if codes[code]), 0)
+
+
+# -- a verdict for a person, the failing prefix, and how to replay it
+
+
+def text(verdict: Verdict) -> str:
+    """The verdict in lines of a terminal, with what the reader had to overlook."""
+    lines = [*_lines(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)]
+    return "\n".join(map(printable, lines))
+
+
+def _lines(verdict: Verdict) -> Iterator[str]:
+    found = verdict.finding
+    where = at_line(verdict.file, found.at.line)
+    match verdict.verdict:
+        case "allowed":
+            yield f"{verdict.file}: ALLOWED, {verdict.events} events"
+            yield from _allowed(verdict)
+        case "unreadable":
+            yield f"{where}: UNREADABLE: {found.observed}"
+        case "cannot_tell":
+            yield f"{where}: CANNOT TELL: {found.observed}"
+        case "diverges":
+            yield f"{where}: DIVERGES at {found.observed}"
+            yield from _diverges(verdict)
+
+
+def _allowed(verdict: Verdict) -> Iterator[str]:
+    if verdict.unobserved:
+        kinds, n = ", ".join(verdict.unobserved), verdict.possible_states
+        states = f"{n} state{'' if n == 1 else 's'} of the specification"
+        yield f"  not logged: {kinds}; at its end the log fits {states}"
+    suppositions = verdict.only_if[-SESSIONS:]
+    if len(verdict.only_if) > len(suppositions):
+        yield f"  allowed only if {len(verdict.only_if)} things happened unseen; the last of them:"
+    yield from (f"  allowed only if {supposition}" for supposition in suppositions)
+    shown = verdict.sessions[-SESSIONS:]
+    if verdict.number_of_sessions > len(shown):
+        yield f"  {verdict.number_of_sessions} sessions; the last of them:"
+    yield from (f"  {session}" for session in shown)
+
+
+def expected(these: Sequence[str]) -> list[str]:
+    """What was to come instead, in a line; no line for nothing."""
+    order = ", in any order" if len(these) > 1 else ""
+    return [f"expected{order}: {'; '.join(these)}"] if these else []
+
+
+def _diverges(verdict: Verdict) -> Iterator[str]:
+    yield from (f"  {line}" for line in expected(verdict.finding.expected))
+    why = verdict.finding.why
+    if why.guard:
+        by = "by" if why.of_last_input else "last input decided by"
+        yield f"  {by} {why.guard}"
+    yield from (f"  {line}" for line in why.lines())
+    n = verdict.possible_states
+    if n != 1 or verdict.unobserved:
+        yield f"  {n} state{'' if n == 1 else 's'} of the specification fitted before"
+    if verdict.sessions:
+        yield f"  in {verdict.sessions[-1]}"
+    if verdict.recent and verdict.header is not None:
+        station = verdict.header.station
+        rows = [Row(station, line, event) for line, event in verdict.recent]
+        yield from (f"  {line}" for line in columns(rows, [station], 78))
+
+
+def prefix(
+    verdict: Verdict, folder: Path, taken: Collection[Path] = (), log: Path | None = None
+) -> Path:
+    """Write what the log says up to the divergence as a log of its own; the verdict on it is the
+    same.  Its name is none of those ``taken``.  ``log`` is the file, if the verdict names another.
+
+    Raises OSError.
+    """
+    lines = max(verdict.seen, verdict.finding.at.line)
+    folder.mkdir(parents=True, exist_ok=True)
+    log = Path(verdict.file) if log is None else log
+    name = f"{log.stem}-{verdict.finding.at.line}"
+    path, n = folder / f"{name}.ndjson", 1
+    while path in taken:
+        n += 1
+        path = folder / f"{name}-{n}.ndjson"
+    with open(log, "rb") as stream:
+        kept = list(islice(stream, lines))
+    last: dict[str, object] = json.loads(kept[-1])
+    kept[-1] = kept[-1].removesuffix(b"\n") + b"\n"
+    end = {"rec": "end", "seq": last["seq"], "reason": "prefix", "lost_records": 0}
+    kept.append(json.dumps(end).encode() + b"\n")
+    files.write(path, b"".join(kept))
+    return path
+
+
+def replay(path: Path) -> str:
+    """The command that gives the inputs of a log to an implementation."""
+    return f"automcm trace replay {shlex.quote(str(path))} -- YOUR_ADAPTER"

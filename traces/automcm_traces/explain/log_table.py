@@ -1,0 +1,367 @@
+"""Logs as a table: a row for each event, a column for each station.
+
+The order is one that could have been: each log's own, and what is received after it was sent.
+Where that leaves a choice, the lower ``t_ms`` comes first, then the lower station; clocks of
+different stations need not agree, so between two stations only messages say what came first.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.support.bad_input import BadInput, name_of
+from automcm_traces.format.event_text import Kind, fitted, kind, safe, said, session_of
+from automcm_traces.format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
+from automcm_traces.format.number_sets import Numbers
+from automcm_traces.format.reader import Notice, records
+
+WIDTH = 80
+NARROWEST = 20
+"""Columns of a terminal that a station needs; with less, all share one column."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """An event, or something to say about a log, and where it stands."""
+
+    station: int
+    line: int
+    event: Event | None
+    text: str = ""
+    """What is said where there is no event."""
+    notes: tuple[str, ...] = ()
+    """What the logs together know of a message: ``x2002`` lost on the way to 2002, ``?2002`` not
+    yet there, ``2nd`` a second copy of one transmission, ``unsent`` sent by nobody, ``for 2002``
+    overheard."""
+    problem: bool = False
+    """The log cannot be read on from here."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """As in ``--json``."""
+        return {
+            "station": self.station,
+            "line": self.line,
+            "t_ms": None if self.event is None else self.event.t_ms,
+            "kind": self.kind,
+            "notes": list(self.notes),
+            "text": safe(self.text) if self.event is None else said(self.event),
+        }
+
+    @property
+    def kind(self) -> Kind:
+        """What kind of row it is."""
+        return "note" if self.event is None else kind(self.event)
+
+    @property
+    def words(self) -> str:
+        """The row in words, notes first, so that they are not what is cut."""
+        said_ = safe(self.text) if self.event is None else said(self.event)
+        return " ".join([*self.notes, said_])
+
+
+@dataclass(slots=True)
+class _Seen:
+    """What one log holds, as far as another has to know it."""
+
+    sent: Numbers = field(default_factory=Numbers)
+    received: dict[int, Numbers] = field(default_factory=dict)
+    """By sender."""
+    all_sent: bool = False
+    all_received: bool = False
+
+
+class Logs:
+    """Logs of one run, to be shown together.
+
+    Raises BadInput if one has no readable header, or two are of the same station.
+    """
+
+    def __init__(self, paths: Sequence[Path], cams: bool = False) -> None:
+        self._paths: dict[int, Path] = {}
+        self._cams = cams
+        runs: dict[str, Path] = {}
+        self.warnings: list[str] = []
+        for path in paths:
+            if path.is_fifo():
+                raise BadInput(
+                    path, 0, "", "is a pipe; it is read more than once, so save it first"
+                )
+            header = next(iter(records(path))).record
+            assert isinstance(header, Header), "records() gives the header first"
+            if header.station in self._paths:
+                other = self._paths[header.station]
+                problem = f"{header.station} is the station of {name_of(other)} too"
+                raise BadInput(path, 1, "station", problem)
+            self._paths[header.station] = path
+            runs.setdefault(header.run, path)
+        if len(runs) > 1:
+            names = " and ".join(repr(run) for run in list(runs)[:2])
+            self.warnings.append(safe(f"not one run: {names}"))
+        self.stations = tuple(sorted(self._paths))
+        self._seen: dict[int, _Seen] = {}
+        if len(self._paths) > 1:
+            self._seen = {s: self._look(path) for s, path in self._paths.items()}
+
+    def _look(self, path: Path) -> _Seen:
+        """The first of two readings: which transmissions left and which arrived."""
+        seen = _Seen()
+        whole = False
+        try:
+            for entry in records(path, gaps=True):
+                match entry.record:
+                    case Header(complete=complete):
+                        seen.all_sent, seen.all_received = "send" in complete, "receive" in complete
+                    case Send(tx=tx):
+                        seen.sent.add(int(tx.split(":")[1]))
+                    case Receive(tx=tx) if tx is not None:
+                        sender, number = (int(part) for part in tx.split(":"))
+                        seen.received.setdefault(sender, Numbers()).add(number)
+                    case Notice(kind="gap" | "unknown_event"):
+                        seen.all_sent = seen.all_received = False
+                    case End(lost_records=lost):
+                        whole = lost == 0
+        except BadInput:
+            whole = False
+        seen.all_sent = seen.all_sent and whole
+        seen.all_received = seen.all_received and whole
+        return seen
+
+    def rows(self) -> Iterator[Row]:
+        """Every row in an order that could have been, read as it is asked for."""
+        feeds = {station: self._feed(station) for station in self.stations}
+        heads = {station: row for station in feeds if (row := next(feeds[station], None))}
+        times = dict.fromkeys(self.stations, 0)
+        sent = {station: Numbers() for station in self.stations}
+        got: dict[tuple[int, int], Numbers] = {}
+        while heads:
+            for station, row in heads.items():
+                times[station] = times[station] if row.event is None else row.event.t_ms
+            free = [s for s, row in heads.items() if not self._waits(row, sent)]
+            station = min(free or heads, key=lambda s: (times[s], s))
+            row = heads.pop(station)
+            if isinstance(row.event, Send):
+                sent[station].add(int(row.event.tx.split(":")[1]))
+            yield self._noted(row, got) if len(feeds) > 1 else _noted_alone(row, got)
+            if (after := next(feeds[station], None)) is not None:
+                heads[station] = after
+
+    def _feed(self, station: int) -> Iterator[Row]:
+        try:
+            for entry in records(self._paths[station], gaps=True):
+                match entry.record:
+                    case Notice(problem=problem):
+                        yield Row(station, entry.line, None, f"-- {problem}")
+                    case Header():
+                        pass
+                    case End(reason=reason, lost_records=lost):
+                        more = f", {lost} records lost" if lost else ""
+                        yield Row(station, entry.line, None, f"-- end: {reason}{more}")
+                    case event:
+                        yield Row(station, entry.line, event)
+        except BadInput as error:
+            problem = f"{error.field}: {error.problem}" if error.field else error.problem
+            yield Row(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
+
+    def _waits(self, row: Row, sent: dict[int, Numbers]) -> bool:
+        """Whether it was received and is yet to be sent."""
+        if not isinstance(row.event, Receive) or row.event.tx is None:
+            return False
+        sender, number = (int(part) for part in row.event.tx.split(":"))
+        if sender not in sent or sender == row.station or number in sent[sender]:
+            return False
+        return number in self._seen[sender].sent
+
+    def _noted(self, row: Row, got: dict[tuple[int, int], Numbers]) -> Row:
+        row = _noted_alone(row, got)
+        match row.event:
+            case Receive(tx=tx) if tx is not None:
+                sender, number = (int(part) for part in tx.split(":"))
+                seen = self._seen.get(sender)
+                if seen is not None and seen.all_sent and number not in seen.sent:
+                    return replace(row, notes=("unsent", *row.notes))
+            case Send(tx=tx, message=m):
+                number = int(tx.split(":")[1])
+                dst = m.get("dst")
+                wanted = (dst,) if isinstance(dst, int) else self.stations
+                notes = (self._fate(row.station, number, s) for s in wanted if s != row.station)
+                return replace(row, notes=tuple(note for note in notes if note))
+        return row
+
+    def _fate(self, sender: int, number: int, station: int) -> str:
+        """Empty if a transmission arrived there; ``x`` if it was lost: a later one arrived."""
+        seen = self._seen.get(station)
+        if seen is None or not seen.all_received:
+            return ""
+        arrived = seen.received.get(sender)
+        if arrived is not None and number in arrived:
+            return ""
+        later = arrived is not None and arrived.top > number
+        return f"x{station}" if later else f"?{station}"
+
+
+def _noted_alone(row: Row, got: dict[tuple[int, int], Numbers]) -> Row:
+    """A second copy of one transmission; what was meant for another station."""
+    if not isinstance(row.event, Receive):
+        return row
+    notes = []
+    m, tx = row.event.message, row.event.tx
+    if tx is not None:
+        sender, number = (int(part) for part in tx.split(":"))
+        if not got.setdefault((row.station, sender), Numbers()).add(number):
+            notes.append("2nd")
+    if m is not None and type(m.get("dst")) is int and m["dst"] != row.station:
+        notes.append(f"for {m['dst']}")
+    return replace(row, notes=tuple(notes)) if notes else row
+
+
+@dataclass(slots=True)
+class Filter:
+    """Which rows to show.  What is empty lets everything pass."""
+
+    stations: frozenset[int] = frozenset()
+    session: tuple[int, int] | None = None
+    """An event that names no session belongs to that of the event before it at its station."""
+    types: frozenset[str] = frozenset()
+    """Messages of these types, sent and received, and nothing else."""
+    cams: bool = False
+    timers: bool = True
+    from_line: int = 0
+    hidden_cams: int = 0
+    """How many were left out so far."""
+    _at: dict[int, tuple[int, int] | None] = field(default_factory=dict)
+    _after_cam: set[int] = field(default_factory=set)
+
+    def passes(self, row: Row) -> bool:
+        """To be asked once for each row, in their order."""
+        event = row.event
+        session = self._at[row.station] = self._session(row)
+        if row.line < self.from_line or (self.stations and row.station not in self.stations):
+            return False
+        if event is None:
+            return not (self.types or self.session) or row.problem
+        m = event.message if isinstance(event, Send | Receive) else None
+        if not self.cams and self._of_cam(row, m is not None and m["type"] == "CAM"):
+            return False
+        if self.types and (m is None or m["type"] not in self.types):
+            return False
+        if not self.timers and isinstance(event, TimerArm | TimerEnd):
+            return False
+        if self.session is None:
+            return True
+        marks = m.get("marks") if m is not None else None
+        return session == self.session or (isinstance(marks, list) and list(self.session) in marks)
+
+    def _session(self, row: Row) -> tuple[int, int] | None:
+        event = row.event
+        if event is None:
+            return self._at.get(row.station)
+        named = session_of(event)
+        if named is not None:
+            return named
+        if event.ev in ("timer", "indication"):
+            return self._at.get(row.station)
+        if event.ev == "command" and self.session and self.session[0] == row.station:
+            return self.session  # a request, which has no session yet
+        return None
+
+    def _of_cam(self, row: Row, is_cam: bool) -> bool:
+        """A CAM, or the timer that it arms anew."""
+        event = row.event
+        if is_cam:
+            self.hidden_cams += 1
+            self._after_cam.add(row.station)
+            return True
+        watched = isinstance(event, TimerArm | TimerEnd) and event.timer.name == "cam"
+        if watched and row.station in self._after_cam and getattr(event, "op", "") != "expire":
+            return True
+        self._after_cam.discard(row.station)
+        return False
+
+
+class Table:
+    """Lays rows out in columns: ``lines`` of one row after the other."""
+
+    def __init__(self, stations: Sequence[int], width: int = WIDTH) -> None:
+        self._stations = sorted(set(stations))
+        self._gutter = 16
+        room = max(width, 40) - self._gutter
+        each = room // max(len(self._stations), 1)
+        self._apart = each > NARROWEST or len(self._stations) == 1
+        self._width = each - 1 if self._apart else room - 11
+        self._phase: dict[int, str] = {}
+
+    def head(self) -> list[str]:
+        """The names of the columns."""
+        if not self._apart:
+            return [f"{'t_ms':>8} {'line':>6} {'station':>10}"]
+        names = " ".join(fitted(str(s), self._width) for s in self._stations)
+        return [f"{'t_ms':>8} {'line':>6} {names}".rstrip()]
+
+    def lines(self, row: Row, phase_before: str = "") -> Iterator[tuple[Kind, str]]:
+        """The row, and a second one if it leaves its station in another phase than it was in.
+
+        ``phase_before`` tells the phase, where rows are left out before this one.
+        """
+        was = phase_before or self._phase.get(row.station, "")
+        t_ms = "" if row.event is None else str(row.event.t_ms)
+        yield row.kind, self._cell(f"{t_ms:>8} {row.line:>6} ", row.station, row.words)
+        phase = None if row.event is None else row.event.phase
+        if phase is not None and phase != (was or "STANDALONE"):
+            yield "phase", self._cell(" " * self._gutter, row.station, f"= {safe(phase)}")
+        if phase is not None:
+            self._phase[row.station] = phase
+
+    def _cell(self, gutter: str, station: int, words: str) -> str:
+        if not self._apart:
+            return f"{gutter}{station:>10} {fitted(words, self._width)}".rstrip()
+        before = self._stations.index(station) * (self._width + 1)
+        return (gutter + " " * before + fitted(words, self._width)).rstrip()
+
+
+def columns(rows: Iterable[Row], stations: Sequence[int], width: int = WIDTH) -> list[str]:
+    """Rows as lines of at most ``width`` columns of a terminal, names of the stations first."""
+    table = Table(stations, width)
+    return table.head() + [line for row in rows for _, line in table.lines(row)]
+
+
+def before(rows: Iterable[Row], station: int, line: int, most: int) -> list[Row]:
+    """The last ``most`` rows up to and with a line of a station's log."""
+    last: deque[Row] = deque(maxlen=most)
+    for row in rows:
+        last.append(row)
+        if (row.station, row.line) == (station, line):
+            break
+    return list(last)
+
+
+class Shown:
+    """The rows that pass a filter, in their order; with ``last``, only so many from the end."""
+
+    def __init__(self, logs: Logs, wanted: Filter, last: int = 0) -> None:
+        self.good = True
+        """Whether every log could be read to its end, as far as the rows have been given."""
+        self._logs, self._wanted, self._last = logs, wanted, last
+        self.phases: dict[int, str] = {}
+        """The phase of each station before the row that comes next."""
+
+    def __iter__(self) -> Iterator[Row]:
+        if not self._last:
+            yield from self._rows()
+            return
+        kept: deque[tuple[Row, dict[int, str]]] = deque(maxlen=self._last)
+        for row in self._rows():
+            kept.append((row, dict(self.phases)))
+        for row, self.phases in kept:
+            yield row
+
+    def _rows(self) -> Iterator[Row]:
+        for row in self._logs.rows():
+            self.good = self.good and not row.problem
+            if self._wanted.passes(row):
+                yield row
+            if row.event is not None and row.event.phase is not None:
+                self.phases[row.station] = row.event.phase

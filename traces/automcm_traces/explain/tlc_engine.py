@@ -1,0 +1,262 @@
+"""The second engine: TLC follows logs on ``TraceCheck.tla``, thousands in one run.
+
+It shares nothing with ``engine.py`` but the reader: Station.tla itself decides, with its limits
+(MEM-1) and its real stations, not a graph of one or two peers.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.model_checking import tlc
+from automcm_spec.support import scratch
+from automcm_spec.support.bad_input import BadInput, name_of
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.parameters import LIMITS, TIMERS
+from automcm_spec.vocabulary.rules import RULES
+from automcm_traces.checker.finding import At, Finding, Why, cannot_tell, unreadable
+from automcm_traces.checker.track import timer_name
+from automcm_traces.explain.explain import Verdict, with_forged
+from automcm_traces.explain.tlc_module import TooLarge, Translation, limits, module
+from automcm_traces.format.log import (
+    ApplicationCommand,
+    ApplicationIndication,
+    Event,
+    Receive,
+    Restart,
+    Send,
+    TimerArm,
+    TimerEnd,
+)
+from automcm_traces.format.reader import Log, LogStream
+
+Json = Any
+NEEDED = ("receive", "send")
+"""Kinds of event that a log must promise; what else is missing, TLC guesses."""
+BATCH = 100_000
+"""Events in one run of TLC, at most: they are all in memory."""
+_MODULES = ("Station.tla", "TraceCheck.tla")
+_CONSTANTS = {
+    "max_rounds": "MaxRounds",
+    "max_participants": "MaxParticipants",
+    "outbox_limit": "OutboxLimit",
+    "memory_limit": "MemoryLimit",
+}
+
+
+def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdict]:
+    """The verdict on each log; ``late_ms`` is as for ``Engine``, in milliseconds.
+
+    One run of TLC for each set of limits that the headers tell, and for every 100,000 events.
+    Raises automcm_spec.model_checking.tlc.TlcError if TLC is not there or gives up.
+    """
+    verdicts: dict[int, Verdict] = {}
+    groups: dict[tuple[int, ...], list[tuple[int, Translation]]] = {}
+    for n, log in enumerate(logs):
+        problem = _beyond(log)
+        try:
+            if not problem:
+                group = groups.setdefault(limits(log), [])
+                group.append((n, Translation(log, late_ms)))
+        except TooLarge as error:
+            problem = str(error)
+        if problem:
+            verdicts[n] = Verdict(log.file, cannot_tell(log.file, 0, problem), header=log.header)
+    for constants, group in groups.items():
+        for batch in _batches(group, logs):
+            answers = _run(constants, [translation for _, translation in batch])
+            for (n, translation), answer in zip(batch, answers, strict=True):
+                verdicts[n] = _verdict(logs[n], translation, answer)
+    return [verdicts[n] for n in range(len(logs))]
+
+
+def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
+    """As ``automcm_traces.explain.explain.explain_files``, with TLC in the place of the oracle."""
+    verdicts, logs = _each(paths, late_ms)
+    return with_forged(verdicts, logs if len(paths) > 1 else [])
+
+
+def explain_each(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
+    """A verdict for each file on its own: not all of one run, and not compared with another."""
+    return _each(paths, late_ms)[0]
+
+
+def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], list[Log]]:
+    """The verdicts, and the logs that could be read."""
+    found: dict[Path, Verdict] = {}
+    logs: dict[Path, Log] = {}
+    for path in paths:
+        try:
+            logs[path], problem = _whole(LogStream(path))
+        except BadInput as error:
+            problem = Verdict(name_of(path), unreadable(error))
+        if problem is not None:
+            found[path] = problem
+    for path, verdict in zip(logs, explain_batch(list(logs.values()), late_ms), strict=True):
+        if path not in found or verdict.verdict in ("diverges", "unreadable"):
+            found[path] = verdict
+        found[path] = replace(
+            found[path], warnings=tuple(logs[path].warnings), header=verdict.header
+        )
+    return [found[path] for path in paths], list(logs.values())
+
+
+def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
+    """What can be read of a log, and what can be said of the rest, if not all can be read."""
+    events: list[tuple[int, Event]] = []
+    problem: Verdict | None = None
+    try:
+        events.extend(stream)
+    except BadInput as error:
+        problem = Verdict(stream.file, unreadable(error))
+    if problem is None and stream.gap is not None:
+        line, what = stream.gap
+        text = f"records are missing before this line: {what}"
+        problem = Verdict(stream.file, cannot_tell(stream.file, line, text))
+    return stream.log(events), problem
+
+
+def _beyond(log: Log) -> str:
+    """Why the log is no matter for TLC; empty if it is."""
+    if log.end is not None and log.end.lost_records:
+        return f"the log lost {log.end.lost_records} records"
+    if not log.events:
+        return "the log holds no event"
+    missing = [kind for kind in NEEDED if kind not in log.header.complete]
+    return f"the log does not promise to hold all of: {', '.join(missing)}" if missing else ""
+
+
+def _batches(
+    group: Sequence[tuple[int, Translation]], logs: Sequence[Log]
+) -> Iterable[list[tuple[int, Translation]]]:
+    batch: list[tuple[int, Translation]] = []
+    size = 0
+    for n, translation in group:
+        size += len(logs[n].events)
+        if batch and size > BATCH:
+            yield batch
+            batch, size = [], len(logs[n].events)
+        batch.append((n, translation))
+    if batch:
+        yield batch
+
+
+def _run(constants: Sequence[int], translations: Sequence[Translation]) -> list[Json]:
+    """What TLC says of each log: ``[what, line, rule, wanted]``."""
+    best: dict[int, Json] = {}
+
+    def take(text: str) -> None:
+        what, log, line, rule, wanted = _untla(text)
+        before = best.get(log)
+        if before is None or what == "ALLOWED" or (before[0] != "ALLOWED" and line > before[1]):
+            best[log] = [what, line, rule, wanted]
+
+    with scratch.folder("traces") as folder:
+        for file in _MODULES:
+            shutil.copy(TLA / file, folder)
+        text = module("Batch", [t.text for t in translations])
+        (folder / "Batch.tla").write_text(text, encoding="utf-8")
+        cfg = folder / "Batch.cfg"
+        values = dict(zip(LIMITS, constants, strict=True))
+        lines = [f"{_CONSTANTS[name]} = {value}" for name, value in values.items()]
+        cfg.write_text(
+            "\n".join(["CONSTANTS", *lines, "Logs <- TheLogs", "INIT Init", "NEXT Next"])
+            + "\nCHECK_DEADLOCK FALSE\n",
+            encoding="utf-8",
+        )
+        tlc.run("Batch", cfg, tla_dir=folder, short=True, on_print=take)
+    return [best[n] for n in range(1, len(translations) + 1)]
+
+
+def _untla(line: str) -> Json:
+    """A line of PrintT(ToString(tuple)) as JSON: tuples and sets become lists."""
+    text = line[1:-1].replace('\\"', '"')
+    for old, new in (("<<", "["), (">>", "]"), ("{", "["), ("}", "]")):
+        text = text.replace(old, new)
+    return json.loads(text.replace("TRUE", "true").replace("FALSE", "false"))
+
+
+def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
+    what, line, rule, wanted = answer
+    about: dict[str, Any] = {
+        "header": log.header,
+        "unobserved": tuple(log.header.unobserved),
+        "events": len(log.events),
+    }
+    if what == "ALLOWED":
+        return Verdict(log.file, **about)
+    event = next(event for at, event in log.events if at == line)
+    expected = tuple(_expected(translation, rule, wanted))
+    if rule == "overdue":
+        rule = min(TIMERS[timer[0]].rule for timer in wanted[0])
+    if rule == "not armed" and isinstance(event, TimerEnd):
+        rule = TIMERS[event.timer.name].rule
+    guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
+    at = At(log.file, line)
+    found = Finding("unexpected", rule, "", at, expected, words(event), Why(guard))
+    return Verdict(log.file, found, **about)
+
+
+def _expected(t: Translation, rule: str, wanted: Json) -> list[str]:
+    """What was called for, in words."""
+    match len(wanted):
+        case 1 if rule == "ACT-5":
+            return [f"marks {', '.join(sorted(_session(t, s) for s in wanted[0])) or 'none'}"]
+        case 1:
+            return sorted(f"expire {_timer(t, timer)}" for timer in wanted[0])
+        case 2:
+            return [f"phase {wanted[0]}", f"role {wanted[1]}"]
+    out, arm, stop, told = wanted
+    said = sorted(f"send {_message(t, m)}" for m in out)
+    said += sorted(f"arm {_timer(t, timer)}" for timer in arm)
+    said += sorted(f"stop {_timer(t, timer)}" for timer in stop)
+    return said + ([f"indication {' '.join(told)}"] if told != ["nothing"] else [])
+
+
+def _message(t: Translation, m: Json) -> str:
+    type_, dst, session, _, proposal, accepted, reason = m
+    extra = [f"proposal={proposal}"] if proposal else []
+    if type_ == "Acceptance":
+        extra.append("accepted" if accepted else "refused")
+    extra += [reason] if reason not in ("none", "as_sent") else []
+    to = f" to {t.stations[dst]}" if dst else ""
+    inner = f" ({', '.join(extra)})" if extra else ""
+    return f"{type_}{to} session={_session(t, session)}{inner}"
+
+
+def _timer(t: Translation, timer: Json) -> str:
+    if len(timer) == 1:
+        return str(timer[0])
+    if timer[0] == "forget":
+        return f"forget({t.stations[timer[1]]})"
+    type_, to, session, _, _ = timer[1]
+    return f"{timer[0]}({type_} to {t.stations[to] or 'all'} session={_session(t, session)})"
+
+
+def _session(t: Translation, session: Json) -> str:
+    """A session with its real number; one that the log does not name is a next one."""
+    q, numbers = t.stations[session[0]], t.numbers.get(t.stations[session[0]], [])
+    return f"{q}/{numbers[session[1]] if session[1] < len(numbers) else 'next'}"
+
+
+def words(event: Event) -> str:
+    """An event of a log in a few words."""
+    match event:
+        case Receive(message=dict() as m):
+            return f"receive {m['type']} from {m.get('src')}"
+        case Send(message=m):
+            return f"send {m['type']} to {m.get('dst', 'all')}"
+        case TimerArm(op=op, timer=timer) | TimerEnd(op=op, timer=timer):
+            return f"{op} {timer_name(timer)}"
+        case ApplicationCommand(command=command):
+            return f"command {command.name}"
+        case ApplicationIndication(indication=indication):
+            return f"indication {indication.name}"
+        case Restart():
+            return "restart"
+    return "receive bytes that are no message"

@@ -1,0 +1,139 @@
+"""What the specification says of single steps: TLC works out ``Step`` for a list of questions.
+
+The steps of the must-fail models are those of an ablated station, so the oracle does not know
+them; TLC does, with the model's own cfg.  All questions of a model are asked in one run.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.model_checking import tla_values, tlc, tlc_simulation
+from automcm_spec.support import scratch
+from automcm_spec.support.paths import MODELS, TLA
+from automcm_spec.vocabulary.station import Entry, Input, Message, State
+from automcm_traces.export.behaviour_to_log import Effects
+
+MODULE = """---- MODULE Story ----
+EXTENDS {module}, TLC
+
+Answered(n, me, x, i, known, following) ==
+  LET r == Step(me, x, i)
+      y == IF known THEN following ELSE r.st
+      same == r.st = y
+  IN PrintT(ToString(<<n, y, IF same THEN r.out ELSE {{}}, r.told, r.rule,
+       IF same THEN r.arm ELSE Armed(me, y) \\ Armed(me, x),
+       IF same THEN r.stop ELSE (Armed(me, x) \\ Armed(me, y)) \\ Expired(i),
+       Marks(y)>>))
+
+AnyTarget(x, p) == TRUE
+
+{questions}
+
+NoState == FALSE /\\ st = <<>>
+NoStep == FALSE /\\ st' = st
+====
+"""
+"""``following`` is what the model itself says comes next; where Step says otherwise, the model's
+word counts, and nothing is sent (a mechanism is taken away, Effected in TimedSystem.tla).
+``AnyTarget`` stands for Retarget, which looks at the net: what the model did, it allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What does this station do in this state with this input?
+
+    ``after`` is the state that comes next as the model has it, or None: what Step says.
+    """
+
+    station: int
+    state: State
+    input: Input
+    after: State | None = None
+
+
+def ask(
+    module: str, cfg: str, questions: Iterable[Question], tla: Path = TLA
+) -> dict[Question, Effects]:
+    """The answers, as the model ``cfg`` (its text) has it.
+
+    Raises tlc.TlcError.
+    """
+    wanted = list(dict.fromkeys(questions))
+    if not wanted:
+        return {}
+    asked = "\n".join(f"ASSUME {_asked(n, q)}" for n, q in enumerate(wanted))
+    constants = re.sub(
+        r"^(INIT|NEXT|SPECIFICATION|VIEW|SYMMETRY|CHECK_DEADLOCK|INVARIANTS?|PROPERT(Y|IES)|"
+        r"(ACTION_)?CONSTRAINTS?)\b.*\n(^[ \t].*\n)*",
+        "",
+        re.sub(r"(?m)^\\\*.*\n", "", cfg),
+        flags=re.M,
+    )
+    constants = constants.replace("NextTarget <- Retarget", "NextTarget <- AnyTarget")
+    found: dict[Question, Effects] = {}
+
+    def read(line: str) -> None:
+        if line.startswith('"<<'):
+            text = tla_values.parse(line)
+            assert isinstance(text, str)
+            n, *answer = _tuple(tla_values.parse(text))
+            found[wanted[n]] = _effects(answer)
+
+    with scratch.folder("story") as place:
+        for path in tla.glob("*.tla"):
+            shutil.copy(path, place)
+        text = MODULE.format(module=module, questions=asked)
+        (place / "Story.tla").write_text(text, encoding="utf-8")
+        nothing = "INIT NoState\nNEXT NoStep\nCHECK_DEADLOCK FALSE\n"
+        (place / "Story.cfg").write_text(constants + nothing, encoding="utf-8")
+        tlc.run("Story", place / "Story.cfg", tla_dir=place, on_print=read, short=True)
+    return found
+
+
+def cfg_of(model: str, models: Path = MODELS) -> str:
+    """The text of a model's cfg."""
+    return (models / f"{model}.cfg").read_text(encoding="utf-8")
+
+
+def _tuple(value: Any) -> Any:
+    assert isinstance(value, tuple)
+    return value
+
+
+def _effects(answer: Any) -> Effects:
+    after, out, told, rule, arm, stop, marks = answer
+    return Effects(
+        tlc_simulation.state(after),
+        frozenset(Message(**m) for m in out),
+        told,
+        rule,
+        frozenset(map(tlc_simulation.timer_of, arm)),
+        frozenset(map(tlc_simulation.timer_of, stop)),
+        marks,
+    )
+
+
+def _asked(n: int, q: Question) -> str:
+    following = "FALSE, 0" if q.after is None else f"TRUE, {_tla(q.after)}"
+    return f"Answered({n}, {q.station}, {_tla(q.state)}, {_tla(q.input)}, {following})"
+
+
+def _tla(value: Any) -> str:
+    """A value of the specification as the text of TLA+."""
+    if isinstance(value, bool):
+        return "TRUE" if value else "FALSE"
+    if isinstance(value, frozenset):
+        return f"{{{', '.join(sorted(map(_tla, value)))}}}"
+    if not isinstance(value, tuple):
+        return f'"{value}"' if isinstance(value, str) else str(value)
+    items = map(_tla, value)
+    if isinstance(value, State | Message | Entry | Input):
+        both = zip(value._fields, items, strict=True)
+        return f"[{', '.join(f'{name} |-> {text}' for name, text in both)}]"
+    return f"<<{', '.join(items)}>>"

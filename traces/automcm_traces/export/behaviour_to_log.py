@@ -1,0 +1,408 @@
+"""Writes a behaviour of a closed model down as the logs its stations would have written.
+
+A behaviour knows small ids, messages without content and no time.  A log has real ids, content,
+counted seqs, transmissions and clocks.  What a station does is taken from the behaviour alone;
+only what the specification leaves open is made up here:
+
+* ids are the model's times 1001 (1001, 2002, …), numbers of sessions stay;
+* a message is received as its latest transmission;
+* a step takes ``STEP_MS``; the header tells no duration, so the deadline of a timer is when the
+  behaviour lets it expire, or far away.  The lease alone has a duration on the wire: where two
+  stations let it run for different times, the clock of one runs ahead (times of two stations are
+  not compared).  A timed model brings its own times and deadlines;
+* a CAM is sent whenever its marks change.  Nobody hears it, unless the model says so.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from automcm_spec.vocabulary.conditions import EMPTY
+from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.station import (
+    Cam,
+    Command,
+    Entry,
+    Expire,
+    Input,
+    Message,
+    Receive,
+    Restart,
+    Session,
+    State,
+    Timer,
+)
+from automcm_traces.checker.track import REASONS
+from automcm_traces.format.writer import LogWriter
+
+Json = Any
+COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
+START_MS, STEP_MS, FAR_MS, LEASE_MS = 100, 20, 60_000, 20_000
+LEASE: Timer = ("lease",)
+Proposal = tuple[Session, int]
+"""Its session, and its number."""
+PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
+
+
+class StoryError(Exception):
+    """A behaviour that no log can tell; the text says which step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effects:
+    """What a step puts out, with the model's ids.
+
+    ``marks`` is what the station's CAMs name after it.
+    """
+
+    after: State
+    messages: frozenset[Message]
+    told: tuple[str, ...]
+    rule: str
+    arm: frozenset[Timer]
+    stop: frozenset[Timer]
+    marks: frozenset[Session]
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """One step of a station: the state before it, the input and what followed.
+
+    ``at_ms`` and ``deadlines`` (on the same clock) are those of a timed model; ``behind_ms`` is how
+    far the clock of a station is behind.  ``cams`` are stations that send a CAM before the step.
+    """
+
+    station: int
+    before: State
+    input: Input | None
+    effects: Effects
+    at_ms: int | None = None
+    behind_ms: Mapping[int, int] = field(default_factory=dict)
+    deadlines: Mapping[Timer, int] | None = None
+    cams: tuple[int, ...] = ()
+
+
+def real_id(station: int) -> int:
+    """The id in the log of a station of a model."""
+    return station * 1001
+
+
+def logs(
+    run: str,
+    story: Sequence[Happening],
+    stations: Sequence[int],
+    parameters: Mapping[str, int],
+    lease_ms: int | None = None,
+) -> dict[int, bytes]:
+    """The log of each station, by its real id.
+
+    ``parameters`` goes into each header.  ``lease_ms`` is the lease of a timed model.  Raises
+    StoryError if a message is received that nobody has sent.
+    """
+    teller = _Teller(story, stations, lease_ms)
+    for n, happening in enumerate(story):
+        teller.tell(n, happening)
+    return {real_id(s): teller.written(s, run, parameters) for s in stations}
+
+
+@dataclass
+class _Lease:
+    """A lease that ran at a station: the steps at which it was armed and was over."""
+
+    armed: int
+    over: int
+    expired: bool = False
+
+
+@dataclass
+class _Station:
+    """What one station's log holds so far."""
+
+    events: list[tuple[str, int, dict[str, Json]]] = field(default_factory=list)
+    transmissions: int = 0
+    marks: frozenset[Session] = EMPTY
+    open: dict[Timer, int] = field(default_factory=dict)
+    """By timer: the place in ``events`` where it was armed."""
+
+
+Marked = tuple[str, int, frozenset[Session]]
+"""A CAM: ``cam``, its sender and its marks."""
+
+
+class _Teller:
+    """Turns steps into events."""
+
+    def __init__(
+        self, story: Sequence[Happening], stations: Sequence[int], lease_ms: int | None
+    ) -> None:
+        self._stations = {s: _Station() for s in stations}
+        self._seqs: dict[tuple[int, Session], int] = {}
+        self._sent: dict[tuple[int, str, int, Session, int], dict[str, Json]] = {}
+        self._air: dict[Message | Marked, tuple[str, dict[str, Json]]] = {}
+        self._lease, self._times = _times(story, stations, lease_ms)
+        self._last = max((t[-1] for t in self._times.values() if t), default=0)
+
+    # -- steps
+
+    def tell(self, n: int, h: Happening) -> None:
+        for sender in h.cams:
+            self._cam(sender, self._times[sender][n])
+        if not h.station:
+            return
+        me, now = self._stations[h.station], self._times[h.station][n]
+        more = {
+            "rule": h.effects.rule,
+            "phase": h.effects.after.phase,
+            "role": h.effects.after.role,
+        }
+        heard = self._input(n, h, now, more)
+        for m in sorted(h.effects.messages, key=_order):
+            self._send(h, m, now, heard)
+        for timer in sorted(h.effects.stop, key=canonical):
+            me.open.pop(timer, None)
+            named = self._timer(h.station, timer)
+            me.events.append(("timer", now, {"op": "stop", "timer": named}))
+        for timer in sorted(h.effects.arm, key=canonical):
+            self._arm(h, timer, now)
+        if h.effects.told != ("nothing",):
+            indication = self._indication(h, heard)
+            me.events.append(("indication", now, {"indication": indication}))
+        if h.effects.marks != me.marks:
+            me.marks = h.effects.marks
+            if h.at_ms is None:
+                self._cam(h.station, now)
+
+    def _input(self, n: int, h: Happening, now: int, more: dict[str, Json]) -> dict[str, Json]:
+        """Write the input; returns the message it brought, if it did."""
+        me = self._stations[h.station]
+        heard: dict[str, Json] = {}
+        match h.input:
+            case Receive() | Cam() as i:
+                key = plain(i.message) if isinstance(i, Receive) else ("cam", i.src, i.marks)
+                if key not in self._air:
+                    raise StoryError(f"step {n + 1}: received but never sent: {canonical(key)}")
+                tx, heard = self._air[key]
+                fields: dict[str, Json] = {"tx": tx, "message": heard}
+                if isinstance(i, Receive) and i.message.type == "Advertisement" and i.concerned:
+                    fields["planned"] = PLANNED
+                me.events.append(("receive", now, fields | more))
+            case Command() as command:
+                me.events.append(("command", now, {"command": self._command(command)} | more))
+            case Expire(timer=timer):
+                named = self._timer(h.station, timer)
+                armed = me.open.pop(timer, None)
+                if armed is not None and h.at_ms is None:
+                    me.events[armed][2]["deadline"] = now
+                me.events.append(("timer", now, {"op": "expire", "timer": named} | more))
+            case _:
+                me.events.append(("restart", now, more))
+        self._forget(h)
+        return heard
+
+    def _forget(self, h: Happening) -> None:
+        """Who forgets sessions forgets how far it has counted in them (ADV-8, END-8)."""
+        match h.input:
+            case Expire(timer=(_, int(p))):
+                gone = {p}
+            case Restart():
+                gone = {session[0] for _, session in self._seqs}
+            case _:
+                return
+        for station, session in list(self._seqs):
+            if station == h.station and session[0] in gone:
+                del self._seqs[station, session]
+
+    def _command(self, i: Command) -> dict[str, Json]:
+        if i.name == "request":
+            return {"name": i.name, "scenario": "lane_change", "details": {"lane": 2}}
+        command: dict[str, Json] = {"name": i.name, "session": _session(i.session)}
+        if i.name in ("prescribe", "accept", "refuse"):
+            command["proposal"] = i.proposal
+        trajectory = {"t0": 0, "points": [[0, 0, 0], [1000, 6333 - 500 * i.proposal, 0]]}
+        if i.name == "prescribe":
+            lease = self._lease.get((i.session, i.proposal), LEASE_MS)
+            command |= {"target": real_id(i.target), "prescribed": trajectory}
+            command |= {"hold_ms": 2000, "lease_ms": lease}
+        if i.name == "accept":
+            command["selected"] = trajectory
+        return command
+
+    # -- effects
+
+    def _send(self, h: Happening, m: Message, now: int, heard: dict[str, Json]) -> None:
+        key = m.src, m.type, m.dst, m.session, m.seq
+        entry = Entry(m.type, m.dst, m.session, m.seq, m.accepted)
+        again = m.type == "Advertisement" and isinstance(h.input, Expire)
+        if m.seq and key in self._sent and (again or entry in h.before.outbox):
+            message = self._sent[key]
+        else:
+            message = {"v": 1, "src": real_id(m.src), "dst": real_id(m.dst)}
+            if not m.dst:
+                del message["dst"]
+            seq = self._seq(m.src, m.session) if m.seq else 0
+            message |= {"session": _session(m.session), "seq": seq}
+            message |= {"type": m.type} | self._content(h, m, heard)
+            self._sent[key] = message
+        self._transmit(h.station, now, plain(m), message)
+
+    def _content(self, h: Happening, m: Message, heard: dict[str, Json]) -> dict[str, Json]:
+        given = self._command(h.input) if isinstance(h.input, Command) else {}
+        match m.type:
+            case "Advertisement":
+                return {"scenario": given["scenario"], "details": given["details"]}
+            case "Intention":
+                return {"planned": PLANNED}
+            case "Prescription":
+                names = ("prescribed", "hold_ms", "lease_ms")
+                return {"proposal": m.proposal} | {name: given[name] for name in names}
+            case "Acceptance":
+                more = {"selected": given["selected"]} if m.accepted else {"reason": m.reason}
+                return {"proposal": m.proposal, "accepted": m.accepted} | more
+            case "Cancel":
+                return {"reason": m.reason}
+            case "Ack":
+                return {"of": {"type": heard["type"], "seq": heard["seq"]}}
+        return {}
+
+    def _seq(self, station: int, session: Session) -> int:
+        key = station, session
+        self._seqs[key] = self._seqs.get(key, 0) + 1
+        return self._seqs[key]
+
+    def _cam(self, station: int, now: int) -> None:
+        marks = self._stations[station].marks
+        message = {"v": 1, "type": "CAM", "src": real_id(station), "generation_ms": now}
+        message |= {"x_mm": now * 8, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 8333}
+        message["marks"] = sorted(_session(s) for s in marks)
+        self._transmit(station, now, ("cam", station, marks), message)
+
+    def _transmit(
+        self, station: int, now: int, key: Message | Marked, message: dict[str, Json]
+    ) -> None:
+        me = self._stations[station]
+        me.transmissions += 1
+        tx = f"{real_id(station)}:{me.transmissions}"
+        self._air[key] = tx, message
+        me.events.append(("send", now, {"tx": tx, "message": message}))
+
+    def _arm(self, h: Happening, timer: Timer, now: int) -> None:
+        me = self._stations[h.station]
+        named = self._timer(h.station, timer)
+        deadline = self._last + FAR_MS
+        if h.deadlines is not None:
+            deadline = h.deadlines[timer]
+        elif timer == LEASE:
+            deadline = now + self._lease[h.effects.after.session, h.effects.after.proposal]
+        fields = {"op": "arm", "timer": named, "deadline": deadline}
+        if timer != LEASE:
+            me.open[timer] = len(me.events)
+        me.events.append(("timer", now, fields))
+
+    def _timer(self, station: int, timer: Timer) -> dict[str, Json]:
+        match timer:
+            case (name, int(p)):
+                return {"name": name, "station": real_id(p)}
+            case (name, Entry(type=type_, to=to, session=session, seq=k)):
+                about: dict[str, Json] = {"type": type_}
+                if to:
+                    about["to"] = real_id(to)
+                seq = self._sent[station, type_, to, session, k]["seq"]
+                return {"name": name, "message": about | {"session": _session(session), "seq": seq}}
+        return {"name": timer[0]}
+
+    def _indication(self, h: Happening, heard: dict[str, Json]) -> dict[str, Json]:
+        name, *about = h.effects.told
+        indication: dict[str, Json] = {"name": name, "rule": h.effects.rule}
+        after = h.effects.after
+        session = h.before.session if after.session == (0, 0) else after.session
+        if session != (0, 0):
+            indication["session"] = _session(session)
+        if name in ("verify", "accepted"):
+            indication["proposal"] = after.proposal
+        if name == "propose":
+            indication["proposal"] = after.proposal + 1
+        if about:
+            indication["reason"] = heard["reason"] if about[0] == "as_sent" else about[0]
+        return indication
+
+    # -- the end
+
+    def written(self, station: int, run: str, parameters: Mapping[str, int]) -> bytes:
+        """The log of a station."""
+        stream = io.BytesIO()
+        with LogWriter(
+            stream,
+            run=run,
+            station=real_id(station),
+            implementation="automcm.story",
+            version="1",
+            parameters=parameters,
+            complete=COMPLETE,
+        ) as log:
+            for ev, t_ms, fields in self._stations[station].events:
+                log.event(ev, t_ms, **fields)
+        return stream.getvalue()
+
+
+def _times(
+    story: Sequence[Happening], stations: Sequence[int], lease_ms: int | None
+) -> tuple[dict[Proposal, int], dict[int, list[int]]]:
+    """How long the lease of each proposal is, and at each station the time of each step."""
+    base = [START_MS + STEP_MS * n if h.at_ms is None else h.at_ms for n, h in enumerate(story)]
+    leases = {s: _leases(s, story) for s in stations}
+    lengths: dict[Proposal, int] = {}
+    for ran in leases.values():
+        for key, lease in ran:
+            natural = base[lease.over] - base[lease.armed]
+            lengths[key] = max(lengths.get(key, 0), natural)
+    for key in lengths:
+        if lease_ms is not None:
+            lengths[key] = lease_ms
+        elif not any(k == key and lease.expired for ran in leases.values() for k, lease in ran):
+            lengths[key] = LEASE_MS + lengths[key] // 1000 * 1000
+    times = {}
+    for s in stations:
+        ahead, own = 0, []
+        waits = {lease.over: (key, lease) for key, lease in leases[s] if lease.expired}
+        for n, t_ms in enumerate(base):
+            if n in waits and lease_ms is None:
+                key, lease = waits[n]
+                ahead += lengths[key] - (base[n] - base[lease.armed])
+            own.append(t_ms + ahead - story[n].behind_ms.get(s, 0))
+        times[s] = own
+    return lengths, times
+
+
+def _leases(station: int, story: Sequence[Happening]) -> list[tuple[Proposal, _Lease]]:
+    """The leases that ran at a station, each with its session and proposal."""
+    found: list[tuple[Proposal, _Lease]] = []
+    running: _Lease | None = None
+    for n, h in enumerate(story):
+        if h.station != station:
+            continue
+        expired = h.input == Expire("expire", LEASE)
+        if running and (expired or LEASE in h.effects.stop):
+            running.over, running.expired = n, expired
+            running = None
+        if LEASE in h.effects.arm:
+            running = _Lease(n, len(story) - 1)
+            found.append(((h.effects.after.session, h.effects.after.proposal), running))
+    return found
+
+
+def _session(session: Session) -> list[int]:
+    return [real_id(session[0]), session[1]]
+
+
+def plain(m: Message) -> Message:
+    """A message as the radio of the model holds it (Plain in Network.tla)."""
+    told = m.reason in REASONS
+    return m if told else m._replace(reason="as_sent")
+
+
+def _order(m: Message) -> tuple[bool, str]:
+    """The order in which one step's messages are sent: what is new before an Ack."""
+    return m.type == "Ack", canonical(m)

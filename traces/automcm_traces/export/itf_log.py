@@ -1,0 +1,232 @@
+"""Counterexamples in ITF as logs of their stations, and logs as ITF."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.model_checking import models, tlc_simulation
+from automcm_spec.support.paths import MODELS
+from automcm_spec.vocabulary.json_forms import input_of
+from automcm_spec.vocabulary.parameters import derived
+from automcm_spec.vocabulary.rules import handler, line
+from automcm_spec.vocabulary.station import Message, State, Timer
+from automcm_traces.checker.follow import Watcher, follow
+from automcm_traces.checker.track import CannotTell, Step, Track
+from automcm_traces.export import behaviour_to_log, itf, itf_validation
+from automcm_traces.export.behaviour_effects import ask, cfg_of
+from automcm_traces.export.behaviour_steps import Move, happenings
+from automcm_traces.format.reader import Log
+
+TICK_MS = 100
+"""A tick of a timed model."""
+TICKS = (["tick"], ["slow tick"])
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """A counterexample: the name of its model, and its steps."""
+
+    model: str
+    module: str
+    cfg: str
+    moves: list[Move]
+
+    @property
+    def timed(self) -> bool:
+        """Does the behaviour say when each step happens?"""
+        return any(move.at_ms is not None for move in self.moves)
+
+    @property
+    def reduced(self) -> bool:
+        """Is it of a model with the reductions of System?"""
+        return not self.timed and "Reduced = TRUE" in self.cfg
+
+    def constant(self, name: str) -> int:
+        """A number among the constants of the model."""
+        found = re.search(rf"^  {name} = (\d+)$", self.cfg, re.M)
+        if found is None:
+            raise itf.ItfError(f"{self.model}.cfg: no number {name}")
+        return int(found[1])
+
+    def logs(self) -> dict[int, bytes]:
+        """The log of each station, by its real id.
+
+        Raises automcm_spec.model_checking.tlc.TlcError, story.StoryError.
+        """
+        told = happenings(self.moves, partial(ask, self.module, self.cfg), self.reduced)
+        parameters = {"max_rounds": self.constant("MaxRounds")}
+        lease = None
+        if self.timed:
+            resend, sendings = self.constant("ResendTime"), self.constant("Sendings")
+            lease = self.constant("Lease") * TICK_MS
+            ticks = {"t_resend": resend, "t_timeout": (sendings - 1) * resend}
+            ticks |= {"t_decide": self.constant("Deciding"), "t_cam_loss": self.constant("CamLoss")}
+            ticks |= derived(ticks)
+            names = ["t_resend", "t_giveup", "t_decide", "t_cam_loss"]
+            if "AdvertiseTime <-" not in self.cfg:
+                names += ["t_advertise", "t_hold"]
+            parameters |= {name: ticks[name] * TICK_MS for name in names}
+        stations = sorted(self.moves[0].before)
+        return behaviour_to_log.logs(self.model, told, stations, parameters, lease)
+
+
+def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
+    """The counterexample in a file that ``automcm spec`` or ``make generate`` wrote.
+
+    Raises itf.ItfError naming the file and the state, OSError.
+    """
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise itf.ItfError(f"{path}: not JSON: {error}") from None
+    try:
+        return _behaviour(value, models_dir)
+    except itf.ItfError as error:
+        raise itf.ItfError(f"{path}: {error}") from None
+
+
+def _behaviour(value: object, models_dir: Path) -> Behaviour:
+    if not isinstance(value, dict):
+        raise itf.ItfError("not an object")
+    states = itf.from_itf(value)
+    meta = value.get("#meta")
+    source = meta.get("source") if isinstance(meta, dict) else None
+    found = re.fullmatch(r"spec/models/(\w+)\.cfg", source) if isinstance(source, str) else None
+    listed = {m.cfg: m for m in models.load(models_dir)}
+    if found is None or found[1] not in listed:
+        raise itf.ItfError("#meta: source: not a model of spec/models")
+    if not states:
+        raise itf.ItfError("'states' is empty")
+    model = listed[found[1]]
+    if model.unsent:
+        raise itf.ItfError(
+            f"{model.cfg} has no logs: in {model.module} a station receives what nobody has sent"
+        )
+    itf_validation.check(states)
+    moves, ticks = [], 0
+    for one, two in pairwise(states):
+        ticks += two.meta["input"] in TICKS
+        moves.append(_move(one, two, ticks))
+    return Behaviour(model.cfg, model.module, cfg_of(model.cfg, models_dir), moves)
+
+
+def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
+    before, after = _stations(one), _stations(two)
+    station: Any = two.meta.get("station", 0)
+    value: Any = two.meta["input"]
+    if "clock" not in two.values:
+        given = input_of(value) if station else None
+        return Move(station, given, before, after, _net(one), _net(two))
+    at_ms = ticks * TICK_MS
+    behind = {n: ticks * TICK_MS for n, ticks in _lost(two).items()}
+    if not station:
+        slow = {n for n, ticks in _lost(two).items() if ticks != _lost(one)[n]}
+        cams = tuple(s for s in _cams(one) if s not in slow) if value in TICKS else ()
+        return Move(0, None, before, after, at_ms=at_ms, cams=cams, behind_ms=behind)
+    left, was = _clock(two, station), _clock(one, station)
+    now = at_ms - behind.get(station, 0)
+    deadlines = {timer: now + ticks * TICK_MS for timer, ticks in left.items()}
+    anew = frozenset(t for t in left if t in was and left[t] > was[t])
+    return Move(
+        station,
+        input_of(value),
+        before,
+        after,
+        at_ms=at_ms,
+        behind_ms=behind,
+        deadlines=deadlines,
+        also_armed=anew,
+    )
+
+
+def _lost(at: itf.ItfState) -> dict[int, int]:
+    """By station: the ticks that its clock has lost (Drift.tla)."""
+    lost: Any = at.values.get("lost", ())
+    return dict(enumerate(lost, 1))
+
+
+def _clock(at: itf.ItfState, station: int) -> dict[Timer, int]:
+    """By timer: the ticks until it is due."""
+    clock: Any = at.values["clock"]
+    own = clock[station - 1]
+    items = own.items() if isinstance(own, Mapping) else ()
+    return {tlc_simulation.timer_of(t): left for t, left in items}
+
+
+def _stations(at: itf.ItfState) -> dict[int, State]:
+    stations: Any = at.values["st"]
+    return {n: tlc_simulation.state(value) for n, value in enumerate(stations, 1)}
+
+
+def _net(at: itf.ItfState) -> frozenset[Message]:
+    net: Any = at.values["net"]
+    return frozenset(behaviour_to_log.plain(Message(**m)) for m in net)
+
+
+def _cams(at: itf.ItfState) -> tuple[int, ...]:
+    """The stations that send a CAM with the tick that follows."""
+    due: Any = at.values["next"]
+    return tuple(s for s, left in enumerate(due, 1) if left == 1)
+
+
+def from_log(log: Log) -> str:
+    """A log as ITF: the station after each step, as the specification has it, with real ids.
+
+    The ``#meta`` of a state holds ``action`` (the operator of Station.tla), ``args`` (what the
+    event carries), ``rule``, ``t_ms``, the ``line`` of the log and the ``location`` in
+    Station.tla.  A log that diverges ends with the last step that is allowed, and the
+    description says so.  Raises automcm_traces.checker.track.CannotTell.
+    """
+    watcher = _Steps(log)
+    followed = follow(log, watchers=[watcher], one=True)
+    if not followed.followed:
+        raise CannotTell(followed.finding.observed)
+    ending = ""
+    if followed.diverges is not None:
+        found = followed.diverges.finding
+        ending = f" It diverges at line {found.at.line}: {found.observed}."
+    about = {
+        "description": f"Station {log.header.station} of run {log.header.run}.{ending}",
+        "source": Path(log.file).name,
+    }
+    return itf.dumps(itf.to_itf(watcher.states, about))
+
+
+class _Steps(Watcher):
+    """Keeps the state after each step."""
+
+    def __init__(self, log: Log) -> None:
+        self.states = [itf.ItfState(_values(Track(log.header.station)))]
+
+    def step(self, step: Step, track: Track) -> None:
+        event = {} if step.event is None else step.event.model_dump(exclude_none=True)
+        shown = ("message", "planned", "command", "timer", "raw")
+        meta: dict[str, object] = {
+            "action": handler(step.input),
+            "args": {name: _frozen(event[name]) for name in shown if name in event},
+            "rule": step.rule,
+            "t_ms": step.t_ms,
+            "line": step.at,
+            "location": {"module": "Station", "line": line(step.rule, step.input)},
+        }
+        self.states.append(itf.ItfState(_values(track), meta))
+
+
+def _values(t: Track) -> dict[str, object]:
+    """The variables of a station, named as in Station.tla."""
+    outbox = frozenset(itf.FrozenMap(dict(zip(e._fields, e, strict=True))) for e in t.state.outbox)
+    return {**t.state._asdict(), "outbox": outbox}
+
+
+def _frozen(value: object) -> object:
+    """Plain JSON as ITF holds it."""
+    if isinstance(value, dict):
+        return {key: _frozen(item) for key, item in value.items()}
+    return [_frozen(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,127 @@
+"""Logs as MCAP, for Foxglove and the like, and back: a channel of JSON for each station.
+
+Every line of a log is a message, the header and the end too, so that nothing is lost.  The log
+time is ``t_ms``; nothing else is known of when it was.  Needs the extra ``mcap``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.support.bad_input import name_of, one_line
+from automcm_traces.format.log import SCHEMA, End, Header
+from automcm_traces.format.reader import Notice, records
+
+TOPIC = "/automcm/"
+"""A channel is called by this and the id of its station."""
+LATEST_MS = 2**63 // 10**6
+"""MCAP counts nanoseconds in 64 bits."""
+_INTEGERS = ("seq", "t_ms", "deadline", "station", "lost_records")
+_TEXTS = ("rec", "ev", "tx", "op", "rule", "phase", "role", "reason", "run", "schema", "raw")
+_OBJECTS = ("message", "timer", "command", "indication", "planned", "parameters", "implementation")
+LINE = {
+    "title": SCHEMA,
+    "type": "object",
+    "properties": {
+        **{name: {"type": "integer"} for name in _INTEGERS},
+        **{name: {"type": "string"} for name in _TEXTS},
+        **{name: {"type": "object"} for name in _OBJECTS},
+        "complete": {"type": "array", "items": {"type": "string"}},
+    },
+}
+"""The schema of a line, as plain as a viewer wants it; ``schema.schema()`` is the whole one."""
+
+
+class McapError(Exception):
+    """The extra is not installed, or a file is no MCAP of ours; the text is one line."""
+
+
+def _module(name: str) -> Any:
+    try:
+        return importlib.import_module(f"mcap.{name}")
+    except ImportError:
+        raise McapError("needs the package mcap: pip install 'automcm[mcap]'") from None
+
+
+def written(paths: Sequence[Path]) -> bytes:
+    """These logs in one MCAP, the same bytes for the same logs.
+
+    Raises McapError, BadInput for a log that cannot be read to its end, OSError.
+    """
+    library = _module("writer")
+    stream = io.BytesIO()
+    writer = library.Writer(stream, compression=library.CompressionType.NONE)
+    writer.start(profile="", library="automcm")
+    schema = writer.register_schema(
+        name=SCHEMA, encoding="jsonschema", data=json.dumps(LINE).encode()
+    )
+    for path in paths:
+        lines = path.read_bytes().split(b"\n")
+        channel = t_ms = 0
+        for entry in records(path):
+            match entry.record:
+                case Notice():
+                    continue
+                case Header(station=station):
+                    channel = writer.register_channel(
+                        topic=f"{TOPIC}{station}",
+                        message_encoding="json",
+                        schema_id=schema,
+                        metadata={"file": Path(name_of(path)).name},
+                    )
+                case End():
+                    pass
+                case event:
+                    t_ms = event.t_ms
+            if t_ms > LATEST_MS:
+                raise McapError(
+                    f"{name_of(path)}:{entry.line}: t_ms: {t_ms} ms is too late for MCAP"
+                )
+            now = t_ms * 10**6
+            data = lines[entry.line - 1]
+            writer.add_message(channel, now, data, now, sequence=entry.line)
+    writer.finish()
+    return stream.getvalue()
+
+
+def logs(path: Path) -> dict[str, bytes]:
+    """The logs in an MCAP, by the names of their files.
+
+    Raises McapError if it holds none, and OSError.
+    """
+    reader = _module("reader")
+    found: dict[int, list[tuple[int, bytes]]] = {}
+    names: dict[int, str] = {}
+    with open(path, "rb") as stream:
+        try:
+            messages = list(reader.make_reader(stream).iter_messages(log_time_order=False))
+        except Exception as error:  # the library lets pass whatever a broken file causes
+            text = f"{type(error).__name__}: {error}"
+            raise McapError(one_line(f"{path}: is no MCAP that can be read: {text}")) from None
+    for _, channel, message in messages:
+        if channel.topic.startswith(TOPIC) and channel.message_encoding == "json":
+            names[channel.id] = _name(channel.topic, channel.metadata.get("file", ""))
+            found.setdefault(channel.id, []).append((message.sequence, bytes(message.data)))
+    if not found:
+        raise McapError(f"{path}: has no channel {TOPIC}STATION with JSON")
+    texts: dict[str, bytes] = {}
+    for id_, lines in found.items():
+        name = names[id_]
+        if name in texts:
+            name = f"{Path(name).stem}-{id_}.ndjson"
+        texts[name] = b"".join(line + b"\n" for _, line in sorted(lines))
+    return texts
+
+
+def _name(topic: str, file: str) -> str:
+    """A file name for a channel: that of the log it was, without any folder."""
+    name = Path(file.replace("\\", "/")).name
+    if not name.endswith(".ndjson") or not name.isprintable():
+        station = topic.removeprefix(TOPIC)
+        name = f"{station if station.isalnum() else 'log'}.ndjson"
+    return name

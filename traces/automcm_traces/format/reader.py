@@ -1,0 +1,330 @@
+"""Read a log, and say in one line what is wrong with one that cannot be read."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Literal
+
+from pydantic import ValidationError
+
+from automcm_spec.support.bad_input import BadInput, name_of, one_line
+from automcm_traces.format.log import (
+    End,
+    Event,
+    Header,
+    Record,
+    UnknownEvent,
+    first_problem,
+    record,
+    unknown_event,
+)
+
+LONGEST_LINE = 16 * 2**20
+"""Bytes; a longer line is refused rather than read into memory."""
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something odd in a log that does not keep one from reading it.
+
+    After a ``gap`` (records are missing) nothing can be told any more.
+    """
+
+    kind: Literal["gap", "no_end", "truncated", "unknown_event"]
+    problem: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A record, or a notice, and the number of its line (from 1)."""
+
+    line: int
+    record: Record | Notice
+
+
+@dataclass(frozen=True)
+class Log:
+    """A whole log."""
+
+    file: str
+    header: Header
+    events: list[tuple[int, Event]]
+    """Each with the number of its line."""
+    end: End | None
+    truncated: bool
+    """The last line was cut and is not in `events`."""
+    warnings: list[str]
+    """One line each: file, line and what is odd."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end is there; without it events may be missing at the end."""
+        return self.end is not None
+
+    def __iter__(self) -> Iterator[tuple[int, Event]]:
+        return iter(self.events)
+
+
+def read(path: str | Path) -> Log:
+    """Read the log at `path`; raises BadInput."""
+    header: Header | None = None
+    events: list[tuple[int, Event]] = []
+    end: End | None = None
+    truncated = False
+    warnings = []
+    for entry in records(path):
+        match entry.record:
+            case Notice(kind, problem):
+                truncated = truncated or kind == "truncated"
+                warnings.append(one_line(f"{name_of(path)}:{entry.line}: {problem}"))
+            case Header() as header:
+                pass
+            case End() as end:
+                pass
+            case event:
+                events.append((entry.line, event))
+    assert header is not None, "records() gives the header first"
+    return Log(name_of(path), header, events, end, truncated, warnings)
+
+
+def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
+    """Read the log at `path` line by line: header, events, end, and notices where they belong.
+
+    Raises BadInput where the log goes wrong, after what was good before. With `gaps`, missing
+    records (`seq` jumps ahead) are a notice before the record that follows them, not an error.
+    """
+    try:
+        with open(path, "rb") as stream:
+            yield from _Reader(path, gaps).entries(stream)
+    except FileNotFoundError:
+        raise BadInput(path, 0, "", "no such file") from None
+    except IsADirectoryError:
+        raise BadInput(path, 0, "", "is a directory, not a log") from None
+    except OSError as error:
+        raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
+
+
+def logs_below(paths: Iterable[Path]) -> list[Path]:
+    """The logs meant: a folder stands for every ``.ndjson`` below it, in the order of names.
+
+    Raises BadInput for a folder without any.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            found.append(path)
+            continue
+        below = sorted(p for p in path.rglob("*.ndjson") if p.is_file())
+        if not below:
+            raise BadInput(path, 0, "", "holds no log (*.ndjson)")
+        found += below
+    return found
+
+
+MOST_WARNINGS = 20
+"""A stream keeps no more; ``LogStream.overlooked`` counts all."""
+
+
+class LogStream:
+    """A log read as it is asked for, never whole in memory, however long.
+
+    The header is read at once (BadInput if it cannot be). Iterating, once, gives the events with
+    their lines, and raises BadInput where a line cannot be read: what came before is good. It
+    ends before a gap, unless `past_gaps`. The other attributes are up to date with the last event
+    given, and final at the end.
+    """
+
+    def __init__(self, path: str | Path, *, past_gaps: bool = False) -> None:
+        self.file = name_of(path)
+        self.end: End | None = None
+        self.truncated = False
+        """The last line was cut."""
+        self.gap: tuple[int, str] | None = None
+        """The line after the first gap, and what is missing: from here on one cannot tell."""
+        self.warnings: list[str] = []
+        """One line each: file, line and what is odd; the first MOST_WARNINGS."""
+        self.whole = False
+        """All of it was given."""
+        self.overlooked = 0
+        """How many warnings there were."""
+        self.events = 0
+        """How many events were given."""
+        self._past_gaps = past_gaps
+        self._entries = records(path, gaps=True)
+        first = next(self._entries).record
+        assert isinstance(first, Header), "records() gives the header first"
+        self.header: Header = first
+
+    @property
+    def ended(self) -> bool:
+        """Whether the end was read; without it events may be missing at the end."""
+        return self.end is not None
+
+    def __iter__(self) -> Iterator[tuple[int, Event]]:
+        for entry in self._entries:
+            match entry.record:
+                case Notice() as notice:
+                    self._notice(entry.line, notice)
+                    if notice.kind == "gap" and not self._past_gaps:
+                        return
+                case End() as end:
+                    self.end = end
+                case Header():
+                    pass
+                case event:
+                    self.events += 1
+                    yield entry.line, event
+        self.whole = self.gap is None
+
+    def log(self, events: Iterable[tuple[int, Event]]) -> Log:
+        """As a whole log, or a part of one: ``events`` are all that were given, or some."""
+        kept = list(events)
+        warnings = list(self.warnings)
+        return Log(self.file, self.header, kept, self.end, self.truncated, warnings)
+
+    def _notice(self, line: int, notice: Notice) -> None:
+        self.truncated = self.truncated or notice.kind == "truncated"
+        if notice.kind == "gap" and self.gap is None:
+            self.gap = line, notice.problem
+        self.overlooked += 1
+        if self.overlooked <= MOST_WARNINGS:
+            self.warnings.append(one_line(f"{self.file}:{line}: {notice.problem}"))
+
+
+def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
+    """One line of a log; ``first``: the file begins with it, and may be no log at all.
+
+    Raises NotJsonError or pydantic.ValidationError.
+    """
+    try:
+        line.decode()
+    except UnicodeDecodeError as error:
+        problem = f"not UTF-8 at byte {error.start + 1}{_known(line, first)}"
+        raise NotJsonError(problem, "text") from None
+    if not line.strip():
+        raise NotJsonError("empty line", "text")
+    try:
+        return record(line)
+    except ValidationError as error:
+        if not unknown_event(error):
+            raise _json_error(error, line, first) from None
+    try:
+        return UnknownEvent.model_validate_json(line)
+    except ValidationError as error:
+        raise _json_error(error, line, first) from None
+
+
+def _json_error(error: ValidationError, line: bytes, first: bool) -> Exception:
+    _, problem = first_problem(error)
+    known = _known(line, first)
+    return NotJsonError(problem + known, "json") if problem.startswith("not JSON") else error
+
+
+_FILES = {
+    b"\xef\xbb\xbf": "it begins with a byte order mark; write UTF-8 without one",
+    b"\xff\xfe": "this is UTF-16",
+    b"\xfe\xff": "this is UTF-16",
+    b"\x1f\x8b": "this is a gzip file; unpack it first",
+    b"\x28\xb5\x2f\xfd": "this is a zstd file; unpack it first",
+    b"PK\x03\x04": "this is a zip file; unpack it first",
+    b"\x89PNG": "this is a PNG image",
+}
+
+
+def _known(line: bytes, first: bool) -> str:
+    """What this is, for people who give us the wrong file: a kind of file is known by its first
+    bytes, and by no others."""
+    if line.strip() in (b"[", b"{"):
+        return " (a log has one JSON object a line)"
+    files = _FILES.items() if first else ()
+    return next((f" ({what})" for begin, what in files if line.startswith(begin)), "")
+
+
+def cut(line: bytes) -> bool:
+    """Whether a last line that is no JSON can be one that was being written: it lacks its end,
+    and begins as an object, or is the zero bytes that some file systems leave after a crash."""
+    return not line.endswith(b"\n") and (line.startswith(b"{") or not line.strip(b"\0"))
+
+
+class _Reader:
+    """What has been seen of a log so far, and the checks across lines."""
+
+    def __init__(self, path: str | Path, gaps: bool) -> None:
+        self._path = path
+        self._gaps = gaps
+        self._line = 0
+        self._header = False
+        self._end = False
+        self._seq = 0
+        self._t_ms = 0
+
+    def entries(self, stream: BinaryIO) -> Iterator[Entry]:
+        while line := stream.readline(LONGEST_LINE + 1):
+            self._line += 1
+            if len(line) > LONGEST_LINE:
+                raise self._error("", f"longer than {LONGEST_LINE} bytes", "text")
+            try:
+                record = parse(line, first=self._line == 1)
+            except NotJsonError as error:
+                if not self._header or self._end or not cut(line):
+                    raise self._error("", error.problem, error.rule) from None
+                yield Entry(self._line, Notice("truncated", "the last line is cut, ignored"))
+                break
+            except ValidationError as error:
+                field, problem = first_problem(error)
+                if not self._header and field == "rec":
+                    problem += ": the first line is no header of automcm.trace/1"
+                raise self._error(field, problem, "schema" if field else "json") from None
+            if missing := self._check(record):
+                yield Entry(self._line, Notice("gap", f"seq: {missing}"))
+            if isinstance(record, UnknownEvent):
+                notice = Notice("unknown_event", f"unknown event {record.ev!r}, ignored")
+                yield Entry(self._line, notice)
+            else:
+                yield Entry(self._line, record)
+        if self._line == 0:
+            raise BadInput(self._path, 0, "", "empty file", "order")
+        if not self._end:
+            yield Entry(self._line, Notice("no_end", "the log has no end record"))
+
+    def _check(self, record: Record | UnknownEvent) -> str:
+        """Refuse a record that does not fit what came before it; what is missing, if a gap is."""
+        if isinstance(record, Header) == self._header:
+            problem = "a second header" if self._header else "the first line is no header"
+            if isinstance(record, Header):
+                problem += ": one file holds one log"
+            raise self._error("rec", problem, "order")
+        if self._end:
+            raise self._error("rec", "a record after the end", "order")
+        if isinstance(record, Header):
+            self._header = True
+            return ""
+        if isinstance(record, End):
+            gap = self._gap(record.seq, self._seq, "but the last event has")
+            self._end = True
+            return gap
+        gap = self._gap(record.seq, self._seq + 1, f"after {self._seq}, expected")
+        if record.t_ms < self._t_ms:
+            raise self._error("t_ms", f"goes back from {self._t_ms} to {record.t_ms}", "t_ms")
+        self._seq, self._t_ms = record.seq, record.t_ms
+        return gap
+
+    def _gap(self, seq: int, wanted: int, but: str) -> str:
+        if seq == wanted:
+            return ""
+        problem = f"{seq}, {but} {wanted}" if but.startswith("but") else f"{seq} {but} {wanted}"
+        if seq < wanted or not self._gaps:
+            raise self._error("seq", problem, "seq")
+        return f"{problem}: {seq - wanted} missing"
+
+    def _error(self, field: str, problem: str, rule: str) -> BadInput:
+        return BadInput(self._path, self._line, field, problem, rule)
+
+
+class NotJsonError(Exception):
+    """A line that is not even JSON; the text says why, `rule` is ``text`` or ``json``."""
+
+    def __init__(self, problem: str, rule: str) -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.rule = rule

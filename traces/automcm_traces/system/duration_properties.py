@@ -1,0 +1,177 @@
+"""T-1, T-3, T-4 and T-5 on the logs of a run (docs/verification.md, section 2).
+
+A timer that expired late in a log lengthens what it ends, so the bound of T-1 grows by how late the
+timers of the session were.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Iterator
+
+from automcm_spec.vocabulary.messages import RELIABLE
+from automcm_spec.vocabulary.parameters import DEFAULTS, longest_session
+from automcm_traces.format.log import Event, Send, TimerArm, TimerEnd
+from automcm_traces.format.reader import Log
+from automcm_traces.system.timeline import Moment, Session, Spell, Timeline
+from automcm_traces.system.world import World
+
+Checked = tuple[bool | None, str]
+"""Whether it holds (None: cannot tell), and where or why not."""
+
+
+def durations(world: World) -> Iterator[Checked]:
+    """T-1: each session that begins in a log lasts at most its bound."""
+    for station, line in world.timelines.items():
+        p = {"max_rounds": DEFAULTS["max_rounds"]} | world.log(station).header.known
+        longest: dict[Session, int] = {}
+        for (session, _), lease in world.leases(station).items():
+            longest[session] = max(lease, longest.get(session, 0))
+        for spell in line.sessions():
+            end = line.last[2] if spell.end is None else spell.end.t_ms
+            lasted = end - spell.start.t_ms
+            lease, where = longest.get(spell.session or (0, 0), 0), line.where(spell.start)
+            try:
+                bound = longest_session(p, spell.start.role, lease)
+            except KeyError:
+                yield None, f"{where}: the header does not tell all durations"
+                continue
+            first = bisect_right(line.moments, spell.start.at, key=lambda m: m.at)
+            late = 0
+            for n in range(first, len(line.moments)):
+                if spell.end is not None and line.moments[n].at > spell.end.at:
+                    break
+                late += max(0, line.moments[n].late_ms)
+            text = f"{where}: bound for {lasted} ms, at most {bound}"
+            yield lasted <= bound + late, text + (f", and timers {late} ms late" if late else "")
+
+
+def sendings(log: Log) -> Iterator[Checked]:
+    """T-3: a reliable message is sent at most N times by its timer."""
+    giveup, resend = map(log.header.known.get, ("t_giveup", "t_resend"))
+    if giveup is None or not resend:
+        yield None, f"{log.file}: the header does not tell t_giveup and t_resend"
+        return
+    most, timed = giveup // resend, False
+    count: Counter[str] = Counter()
+    for line, e in log.events:
+        if not isinstance(e, Send):
+            timed = _timed(e, timed)
+            continue
+        m = e.message
+        if m["type"] not in RELIABLE or not m.get("seq"):
+            continue
+        key = f"{m['type']} seq={m['seq']} session={m.get('session')} to {m.get('dst')}"
+        if timed or key not in count:
+            count[key] += 1
+            yield count[key] <= most, f"{log.file}:{line}: {key}, sent {count[key]} times of {most}"
+
+
+def _timed(event: object, timed: bool) -> bool:
+    """Whether what follows an event was called for by a resend timer."""
+    if isinstance(event, TimerEnd) and event.op == "expire":
+        return event.timer.name == "resend"
+    return timed if isinstance(event, TimerArm | TimerEnd) else False
+
+
+def leases(world: World) -> Iterator[Checked]:
+    """T-4: the lease of a prescriber that acts does not outlive that of its target."""
+    for line in world.timelines.values():
+        for acts in line.spells("ACTUATING", "prescriber"):
+            target = acts.start.target
+            if target not in world.timelines:
+                yield None, f"{line.where(acts.start)}: no log of station {target}"
+                continue
+            for held in world.committed(target, acts.session, acts.start.proposal):
+                yield _lease(world, acts, held)
+
+
+def _lease(world: World, acts: Spell, held: Spell) -> Checked:
+    own, other = (_armed(world.log(s.station), s.start.at) for s in (acts, held))
+    where = world.timelines[acts.station].where(acts.start)
+    if own is None or other is None:
+        return None, f"{where}: no lease timer in the logs"
+    (at, armed_ms, deadline), (at_other, armed_other, deadline_other) = own, other
+    same = deadline - armed_ms <= deadline_other - armed_other
+    if same and world.before(acts.station, at, held.station, at_other):
+        return True, where
+    gap = world.elapsed(held.station, deadline_other, acts.station, deadline)
+    if gap is None or gap.low <= 0 < gap.high:
+        return None, f"{where}: the clocks do not tell whose lease ends first"
+    return gap.high <= 0, f"{where}: its lease outlives that of station {held.station} by {gap}"
+
+
+def _armed(log: Log, at: int) -> tuple[int, int, int] | None:
+    """The lease timer that runs after the step of an event: where and when it was armed, and its
+    deadline."""
+    last = at
+    while last + 1 < len(log.events) and _follows(log.events[last + 1][1]):
+        last += 1
+    for k in range(last, -1, -1):
+        e = log.events[k][1]
+        if isinstance(e, TimerArm) and e.timer.name == "lease":
+            return k, e.t_ms, e.deadline
+    return None
+
+
+def _follows(event: Event) -> bool:
+    """Whether an event belongs to the step of the input before it."""
+    expired = isinstance(event, TimerEnd) and event.op == "expire"
+    return isinstance(event, Send | TimerArm | TimerEnd) and not expired
+
+
+def orders(world: World) -> Iterator[Checked]:
+    """T-5: when a session is forgotten, or a quarantine ends, nobody advertises a session that the
+    station has been in, and nothing to its prescriber is left to be sent.
+
+    Copies of Advertisements that are still in the air are not looked at.
+    """
+    for line in world.timelines.values():
+        been: set[Session] = set()
+        for m in line.moments:
+            if m.session is not None:
+                been.add(m.session)
+            if m.cause not in ("expire forget", "expire quarantine"):
+                continue
+            whose = None if m.cause == "expire quarantine" else m.forgot
+            known = {s for s in been if whose in (None, s[0])}
+            if m.left:
+                text = f"something for a session of station {m.forgot} is still sent"
+                yield False, f"{line.where(m)}: {text}"
+            yield _forgets(world, line, m, known)
+
+
+def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Checked:
+    where = line.where(m)
+    for p in sorted({p for p, _ in known}):
+        if p == line.station:
+            continue
+        if p not in world.timelines:
+            return None, f"{where}: no log of station {p}"
+        for spell in world.timelines[p].spells("ADVERTISING", "prescriber"):
+            if spell.session not in known:
+                continue
+            begun = world.elapsed(p, spell.start.t_ms, line.station, m.t_ms)
+            last = world.timelines[p].last[2] if spell.end is None else spell.end.t_ms
+            over = world.elapsed(p, last, line.station, m.t_ms)
+            if begun is None or over is None:
+                return None, f"{where}: the clocks of {p} and {line.station} are not compared"
+            if begun.low > 0 and over.high < 0:
+                text = f"{where}: station {p} still advertises {spell.session}"
+                return False, text + _unequal(world, line.station, p)
+            if spell.end is None and over.high >= 0:
+                return None, f"{where}: station {p} advertises {spell.session} where its log ends"
+    return True, where
+
+
+def _unequal(world: World, station: int, prescriber: int) -> str:
+    """Why a session may be forgotten too early: the two count with other durations."""
+    heads = (world.log(s).header.known for s in (station, prescriber))
+    own, other = ((p.get("t_advertise"), p.get("t_life")) for p in heads)
+    if own == other:
+        return ""
+    return (
+        f" for t_advertise = {other[0]} ms, and station {station} forgets after"
+        f" {own[0]} + {own[1]} ms: the timers assume equal parameters"
+    )

@@ -1,0 +1,172 @@
+"""Several stations of one run as the system properties look at them."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+
+from automcm_spec.vocabulary.messages import Fields
+from automcm_traces.format.log import (
+    ApplicationIndication,
+    Event,
+    Receive,
+    Send,
+    TimerArm,
+    TimerEnd,
+)
+from automcm_traces.format.reader import Log
+from automcm_traces.system.clock_offsets import Clocks, Span
+from automcm_traces.system.delivery import Deliveries, Forged
+from automcm_traces.system.log_merge import Merged, merge
+from automcm_traces.system.timeline import (
+    Moment,
+    Session,
+    Spell,
+    Timeline,
+    key_of,
+    session_of,
+    timeline,
+)
+
+
+class World:
+    """The timelines of the stations, and what is known of order and time between them.
+
+    Raises MergeError if the logs are not those of one run.
+    """
+
+    def __init__(
+        self, logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None
+    ) -> None:
+        self.merged: Merged = merge(logs)
+        known = timelines or {}
+        self.clocks = Clocks(self.merged)
+        self.deliveries = Deliveries(self.merged, self.clocks)
+        self.timelines = {
+            log.header.station: known.get(log.file) or timeline(log) for log in self.merged.logs
+        }
+        self._forged = {found.at: found for found in self.deliveries.forged}
+        self._acceptances: dict[int, dict[tuple[int, Session, int], int]] = {}
+        self._leases: dict[int, dict[tuple[Session, int], int]] = {}
+        self._committed: dict[int, dict[Session | None, list[Spell]]] = {}
+
+    def log(self, station: int) -> Log:
+        """The log of a station that has one."""
+        place = self.merged.place(station)
+        assert place is not None, "only asked of stations with a log"
+        return self.merged.logs[place]
+
+    def forged(self, station: int, at: int) -> Forged | None:
+        """The forged message that an event of a station received, if it did."""
+        place = self.merged.place(station)
+        return None if place is None else self._forged.get((place, at))
+
+    def acceptances(self, station: int) -> dict[tuple[int, Session, int], int]:
+        """The Acceptances that accept in a station's log: by addressee, session and proposal the
+        event of the first."""
+        if station not in self._acceptances:
+            found = self._acceptances[station] = {}
+            for at, (_, e) in enumerate(self.log(station).events):
+                m: Fields = e.message if isinstance(e, Send) else {}
+                session, dst, proposal = session_of(m), m.get("dst"), m.get("proposal")
+                accepts = m.get("type") == "Acceptance" and m.get("accepted")
+                if accepts and session and isinstance(dst, int) and isinstance(proposal, int):
+                    found.setdefault((dst, session, proposal), at)
+        return self._acceptances[station]
+
+    def leases(self, station: int) -> dict[tuple[Session, int], int]:
+        """By session and proposal the lease that a station has sent or received, in ms."""
+        if station not in self._leases:
+            found = self._leases[station] = {}
+            for _, e in self.log(station).events:
+                m: Fields = (isinstance(e, Send | Receive) and e.message) or {}
+                session, proposal, lease = session_of(m), m.get("proposal"), m.get("lease_ms")
+                prescribes = m.get("type") == "Prescription"
+                if prescribes and session and isinstance(proposal, int) and isinstance(lease, int):
+                    found.setdefault((session, proposal), lease)
+        return self._leases[station]
+
+    def committed(self, station: int, session: Session | None, proposal: int) -> list[Spell]:
+        """The times in which a station is committed to a proposal of a session."""
+        if station not in self._committed:
+            found: dict[Session | None, list[Spell]] = {}
+            for spell in self.timelines[station].spells("ACTUATING", "receiver"):
+                found.setdefault(spell.session, []).append(spell)
+            self._committed[station] = found
+        spells = self._committed[station].get(session, [])
+        return [spell for spell in spells if spell.start.proposal == proposal]
+
+    def received(self) -> dict[tuple[int, int, str], int]:
+        """By receiver, sender and ``key_of``: the first event with which a message was received."""
+        got: dict[tuple[int, int, str], int] = {}
+        for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
+            for at, (_, e) in enumerate(log.events):
+                m: Fields = (isinstance(e, Receive) and e.message) or {}
+                src, whole = m.get("src"), {"type", "seq", "dst", "session"} <= m.keys()
+                if whole and isinstance(src, int):
+                    got.setdefault((station, src, key_of(m)), at)
+        return got
+
+    def elapsed(self, a: int, t_a: int, b: int, t_b: int) -> Span | None:
+        """How many ms after ``t_a`` on the clock of station ``a`` it is ``t_b`` on that of ``b``;
+        None if their clocks cannot be compared."""
+        i, j = self.merged.place(a), self.merged.place(b)
+        if i is None or j is None:
+            return None
+        return self.clocks.between(i, t_a, j, t_b)
+
+    def before(self, a: int, at_a: int, b: int, at_b: int) -> bool:
+        """Whether an event of station ``a`` certainly came before one of station ``b``."""
+        i, j = self.merged.place(a), self.merged.place(b)
+        return i is not None and j is not None and self.merged.before((i, at_a), (j, at_b))
+
+    def slowest(self, src: int, dst: int) -> int:
+        """How many ms some copy from ``src`` to ``dst`` was certainly under way at least."""
+        i, j = self.merged.place(src), self.merged.place(dst)
+        return 0 if i is None or j is None else self.clocks.slowest(i, j)
+
+    def apart(self, a: Spell, b: Spell) -> bool | None:
+        """Whether two spells of different stations have no instant in common; None: not known."""
+        answers = [self._over(a, b), self._over(b, a)]
+        if True in answers:
+            return True
+        return None if None in answers else False
+
+    def _over(self, a: Spell, b: Spell) -> bool | None:
+        """Whether ``a`` is over when ``b`` begins."""
+        if a.end is None:
+            return False
+        if self.before(a.station, a.end.at, b.station, b.start.at):
+            return True
+        if self.before(b.station, b.start.at, a.station, a.end.at - 1):
+            return False
+        gap = self.elapsed(a.station, a.end.t_ms, b.station, b.start.t_ms)
+        if gap is None or gap.low < 0 <= gap.high:
+            return None
+        return gap.low >= 0
+
+    def step(self, station: int, m: Moment) -> list[Event]:
+        """What followed an input: sendings, timers and indications, up to the next input."""
+        found: list[Event] = []
+        events = self.log(station).events
+        for k in range(m.at + 1, len(events)):
+            event = events[k][1]
+            stopped = isinstance(event, TimerEnd) and event.op == "stop"
+            sent = isinstance(event, Send) and event.message["type"] != "CAM"
+            if not (stopped or sent or isinstance(event, TimerArm | ApplicationIndication)):
+                break
+            found.append(event)
+        return found
+
+    def told(self, station: int, m: Moment) -> str:
+        """What the application was told at a moment, such as ``fallback(cam_loss)``."""
+        names = []
+        for event in self.step(station, m):
+            if isinstance(event, ApplicationIndication):
+                reason = (event.indication.model_extra or {}).get("reason")
+                names.append(event.indication.name + (f"({reason})" if reason else ""))
+        return ", ".join(names)
+
+    def place_at(self, station: int, t_ms: int) -> int:
+        """The place of the first event of a station at or after a time on its clock."""
+        return bisect_left(self.log(station).events, t_ms, key=lambda entry: entry[1].t_ms)

@@ -1,0 +1,114 @@
+"""Logs as one HTML file that shows everything and needs nothing else: no network, no other file.
+
+The page is ``viewer/page.html`` with its style and scripts put in.  Everything that comes from a
+log is in one block of JSON, or escaped in the table that is there without JavaScript.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from automcm_traces.edit.log_diff import text
+from automcm_traces.format.event_text import safe, said
+from automcm_traces.viewer.page_data import Page, as_dict
+from automcm_traces.viewer.page_pack import compact
+
+Json = Any
+VIEWER = Path(__file__).parent
+SCRIPTS = ("data.js", "draw.js", "road.js", "panel.js", "save.js", "main.js")
+"""In the order in which they stand in the page."""
+TABLE = 100_000
+"""Rows of the table that is there without JavaScript: so many around the divergence."""
+
+
+def html(page: Page) -> bytes:
+    """The page.  Equal logs give equal bytes."""
+    data = as_dict(page)
+    style = (VIEWER / "page.css").read_text(encoding="utf-8")
+    script = "\n".join((VIEWER / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    environment = Environment(
+        loader=FileSystemLoader(VIEWER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    first, last = _part(page, data)
+    page_text = environment.get_template("page.html").render(
+        title=safe(page.title),
+        style=style,
+        script=script,
+        policy=policy(script, style),
+        data=compact(data),
+        two=page.comparison is not None,
+        verdicts=list(_verdicts(data)),
+        difference=_difference(page),
+        rows=_table(page, first, last),
+        shown=last - first,
+        number=len(page.nodes),
+    )
+    return page_text.encode("utf-8", "backslashreplace")
+
+
+def policy(script: str, style: str) -> str:
+    """The Content Security Policy: only this script and this style, and nothing from elsewhere."""
+    return (
+        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _part(page: Page, data: dict[str, Json]) -> tuple[int, int]:
+    """Which rows the table without JavaScript has: those around the first divergence or difference,
+    or the first."""
+    marked = [log["diverges"] for log in data["logs"]]
+    marked += [one["row"] for one in (data["compared"] or {"stations": []})["stations"]]
+    at = min((row for row in marked if row >= 0), default=0)
+    first = max(0, min(at - TABLE // 2, len(page.nodes) - TABLE))
+    return first, min(len(page.nodes), first + TABLE)
+
+
+def _verdicts(data: dict[str, Json]) -> Iterator[str]:
+    """One line for each log."""
+    if data["note"]:
+        yield safe(data["note"])
+    for name, run in zip("AB", data["runs"], strict=False):
+        side = f"{name}: " if len(data["runs"]) > 1 else ""
+        for verdict in run["verdicts"]:
+            where = f"{verdict['file']}:{verdict['line']}" if verdict["line"] else verdict["file"]
+            word = verdict["verdict"].replace("_", " ").upper()
+            event = f": {verdict['event']}" if verdict["event"] else ""
+            yield safe(f"{side}{where}: {word}{event}")
+
+
+def _difference(page: Page) -> list[str]:
+    """What ``automcm trace diff`` says of two runs."""
+    if page.comparison is None:
+        return []
+    lines = list(text(page.comparison.diff, width=120))
+    for run in page.runs:
+        lines = run.shown(lines)
+    return [safe(line) for line in lines]
+
+
+def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, str, int, int, str]]:
+    """Step, station, line, t_ms and words."""
+    names = [page.name(i) for i in range(len(page.logs))]
+    step = 0
+    for row in range(last):
+        step += row not in page.beside
+        if row >= first:
+            i, k = page.nodes[row]
+            at, event = page.logs[i].events[k]
+            yield step, names[i], at, event.t_ms, said(event)

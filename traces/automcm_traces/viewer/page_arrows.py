@@ -1,0 +1,54 @@
+"""The messages of a run as a page draws them: from where, to where, and what became of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from automcm_traces.format.log import Receive, Send
+from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.log_merge import Node
+from automcm_traces.viewer.page_run import Run
+
+DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT, FORGED, OVERHEARD = range(8)
+KINDS = {"duplicated": DUPLICATE, "lost": LOST, "unobserved": UNOBSERVED, "in_flight": IN_FLIGHT}
+
+
+class Arrow(NamedTuple):
+    """A message, or a copy of it, on its way to one station."""
+
+    leaves: Node
+    """Of what nobody is seen to have sent, where it was received."""
+    kind: int
+    arrives: Node | None
+    source: int
+    to: int
+    """The stations; 0 if that is not known, or all are meant."""
+
+
+def arrows(run: Run) -> Iterator[Arrow]:
+    """Every message, in no order."""
+    merged, alone = run.merged, len(run.logs) == 1
+    deliveries = Deliveries(merged, Clocks(merged))
+    told: set[Node] = set()
+    for d in deliveries.all:
+        source = merged.stations[d.sent[0]]
+        if not d.received:
+            yield Arrow(d.sent, KINDS[d.outcome], None, source, d.to)
+        for n, node in enumerate(d.received):
+            told.add(node)
+            yield Arrow(d.sent, DUPLICATE if n else DELIVERED, node, source, d.to)
+    forged = {f.at for f in deliveries.forged}
+    for i, log in enumerate(run.logs):
+        me = log.header.station
+        for k, (_, event) in enumerate(log.events):
+            node, match = (i, k), merged.matches.get((i, k))
+            if alone and isinstance(event, Send) and not event.message.get("dst"):
+                yield Arrow(node, UNOBSERVED, None, me, 0)
+            elif isinstance(event, Receive) and match is None:
+                src = (event.message or {}).get("src")
+                source = src if type(src) is int else 0
+                yield Arrow(node, FORGED if node in forged else UNSENT, None, source, me)
+            elif match is not None and node not in told and match.sent[0] != i:
+                yield Arrow(match.sent, OVERHEARD, node, merged.stations[match.sent[0]], me)

@@ -1,0 +1,89 @@
+"""Two runs side by side on one page: which of their events share a row, and where they part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from automcm_traces.edit.canonical_log import Deed
+from automcm_traces.edit.log_diff import Compared, Diff, diff_logs
+from automcm_traces.format.reader import Log
+from automcm_traces.system.log_merge import Node
+from automcm_traces.viewer.page_run import PageError, Run
+
+
+@dataclass(slots=True)
+class Comparison:
+    """What ``diff`` says of two runs, by the places of their logs: first those of A, then B's."""
+
+    diff: Diff
+    ahead: list[int]
+    """By log, how many ms its clock is ahead of the first one's of A; those of B at the first
+    events that share a row."""
+    logs: list[tuple[int, int]] = field(default_factory=list)
+    """By station compared, the logs of A and of B."""
+    beside: dict[Node, Node] = field(default_factory=dict)
+    """Events of A, and those of B that are the same: they share a row."""
+    ends: list[tuple[Node | None, Node | None]] = field(default_factory=list)
+    """By station compared, the events that first differ; two without a node, if none do."""
+
+
+def compare(a: Run, b: Run, stations: Mapping[int, int] | None = None) -> Comparison:
+    """Compare two runs; ``stations`` is as for ``diff``.
+
+    Raises PageError if no station has a log in both.
+    """
+    found = diff_logs(a.logs, b.logs, stations)
+    if not found.stations:
+        of_a, of_b = (", ".join(map(str, run.merged.stations)) for run in (a, b))
+        raise PageError(f"no station to compare: A has {of_a}, B has {of_b}")
+    logs = [*a.logs, *b.logs]
+    places = {log.file: i for i, log in enumerate(a.logs)}
+    others = {log.file: len(a.logs) + i for i, log in enumerate(b.logs)}
+    made = Comparison(found, [*a.ahead(), *b.ahead()])
+    firsts: list[tuple[int, Node, Node]] = []
+    for one in found.stations:
+        i, j = places[one.file_a], others[one.file_b]
+        at = [{line: k for k, (line, _) in enumerate(logs[n].events)} for n in (i, j)]
+        pairs = [((i, at[0][x]), (j, at[1][y])) for x, y in one.pairs]
+        made.logs.append((i, j))
+        made.beside |= dict(pairs)
+        made.ends.append(_ends(one, (i, j), at))
+        firsts += [(_t_ms(logs, pairs[0][0]) - made.ahead[i], *pairs[0])] if pairs else []
+    _align(made, logs, len(a.logs), sorted(firsts))
+    return made
+
+
+def _ends(
+    one: Compared, logs: tuple[int, int], at: list[dict[int, int]]
+) -> tuple[Node | None, Node | None]:
+    d = one.difference
+
+    def node(side: int, deed: Deed | None) -> Node | None:
+        return None if deed is None else (logs[side], at[side][deed.line])
+
+    return (None, None) if d is None else (node(0, d.a), node(1, d.b))
+
+
+def _align(made: Comparison, logs: list[Log], n: int, firsts: list[tuple[int, Node, Node]]) -> None:
+    """Set the clocks of B to those of A: by the first events of a log that are the same; the
+    others by the first of all; if none are, so that both runs begin at once."""
+
+    def clock(node: Node) -> int:
+        return _t_ms(logs, node) - made.ahead[node[0]]
+
+    if firsts:
+        apart = clock(firsts[0][2]) - clock(firsts[0][1])
+    else:
+        begins = [
+            min((clock((i, 0)) for i in some if logs[i].events), default=0)
+            for some in (range(n), range(n, len(logs)))
+        ]
+        apart = begins[1] - begins[0]
+    own = {b[0]: clock(b) - clock(a) for _, a, b in firsts}
+    for i in range(n, len(logs)):
+        made.ahead[i] += own.get(i, apart)
+
+
+def _t_ms(logs: list[Log], node: Node) -> int:
+    return logs[node[0]].events[node[1]][1].t_ms

@@ -1,0 +1,332 @@
+"""What a page shows, as compact JSON: rows in one order, arrows, timer bars, states, verdicts.
+
+``viewer/data.js`` reads it and says in the same words what each part is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from automcm_spec.support.paths import TLA
+from automcm_spec.vocabulary.rules import RULES, operators
+from automcm_traces.format.event_text import said, session_of
+from automcm_traces.format.log import Event, Header, Receive, Send, TimerArm, TimerEnd
+from automcm_traces.format.reader import Log
+from automcm_traces.system.log_merge import Node
+from automcm_traces.viewer import page_run
+from automcm_traces.viewer.page_arrows import arrows
+from automcm_traces.viewer.page_compare import Comparison, compare
+from automcm_traces.viewer.page_follow import Followed
+from automcm_traces.viewer.page_order import order
+from automcm_traces.viewer.page_pack import Shapes, Table
+from automcm_traces.viewer.page_run import Part, Run
+
+Json = Any
+OF_CAM = 1
+"""A CAM, or the timer that it arms anew."""
+IS_CAM = 2
+BESIDE = 4
+"""It shares a row with the event before it, which is of the other run."""
+
+
+@dataclass(slots=True)
+class Page:
+    """What one page shows: a run, or two side by side."""
+
+    title: str
+    runs: list[Run]
+    nodes: list[Node]
+    """Its events in order: the place of a log among those of all runs, and of an event in it."""
+    ahead: list[int]
+    """By log, how many ms its clock is ahead of the first one's."""
+    beside: set[int] = field(default_factory=set)
+    """The places in ``nodes`` of what shares a row with the one before."""
+    comparison: Comparison | None = None
+    note: str = ""
+    """What else there is to say of the verdict, in a sentence."""
+    logs: list[Log] = field(init=False)
+    followed: list[Followed] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.logs = [log for run in self.runs for log in run.logs]
+        self.followed = [followed for run in self.runs for followed in run.followed]
+
+    def name(self, i: int) -> str:
+        """The station of a log, with its run if there are two."""
+        run = "" if len(self.runs) == 1 else "A · " if i < len(self.runs[0].logs) else "B · "
+        return f"{run}{self.logs[i].header.station}"
+
+
+def load(
+    paths: Sequence[Path], title: str = "", late_ms: int | None = None, part: Part | None = None
+) -> Page:
+    """A page of the logs of one run.  Raises what ``page_run.load`` does."""
+    return of_runs(page_run.load(paths, late_ms, part), title=title)
+
+
+def of_runs(
+    a: Run, b: Run | None = None, stations: Mapping[int, int] | None = None, title: str = ""
+) -> Page:
+    """A page of one run, or of two; ``stations`` is as for ``diff``.
+
+    Raises PageError if there is no station to compare.
+    """
+    note = " ".join(run.note for run in (a, b) if run is not None and run.note)
+    comparison = None if b is None else compare(a, b, stations)
+    runs = [a] if b is None else [a, b]
+    needs: dict[Node, Node] = {}
+    first = 0
+    for run in runs:
+        for (i, k), match in run.merged.matches.items():
+            needs[first + i, k] = (first + match.first[0], match.first[1])
+        first += len(run.logs)
+    ahead = a.ahead() if comparison is None else comparison.ahead
+    page = Page(title or " | ".join(run.title for run in runs), runs, [], ahead)
+    page.comparison = comparison
+    page.note = note
+    beside = {} if comparison is None else comparison.beside
+    for nodes in order(page.logs, needs, ahead, beside):
+        page.nodes += nodes
+        if len(nodes) == 2:
+            page.beside.add(len(page.nodes) - 1)
+    return page
+
+
+def as_dict(page: Page) -> dict[str, Json]:
+    """Everything, as ``viewer/data.js`` reads it."""
+    strings, shapes = Table(), Shapes()
+    rows = _rows(page, strings, shapes)
+    row_of = {node: row for row, node in enumerate(page.nodes)}
+    steps = [_steps(f, strings) for f in page.followed]
+    return {
+        "title": page.title,
+        "note": page.note,
+        "runs": [_run(run) for run in page.runs],
+        "compared": _compared(page, row_of),
+        "logs": _logs(page, row_of),
+        "rows": rows,
+        "arrows": _arrows(page, row_of),
+        "bars": _bars(page, row_of),
+        "steps": steps,
+        "operators": _used(page.followed),
+        "rules": {r: RULES.get(r, "") for r in sorted({r for f in page.followed for r in f.rules})},
+        "strings": strings.values,
+        "shapes": shapes.keys,
+    }
+
+
+def judged(page: Page) -> dict[str, Json]:
+    """The verdicts, in the order in which the logs were given, and the report on all together; of
+    two runs also those on B, and what ``diff`` says."""
+    found = page.runs[0].judged()
+    if page.comparison is not None:
+        found |= {"b": page.runs[1].judged(), "diff": _diff(page)}
+    return found
+
+
+def _diff(page: Page) -> Json:
+    assert page.comparison is not None
+    found: Json = page.comparison.diff.as_dict()
+    for run in page.runs:
+        found = run.shown(found)
+    return found
+
+
+def _run(run: Run) -> dict[str, Json]:
+    told = run.judged()
+    hazards = [hazard.text() for hazard in run.system.hazards] if run.system else []
+    return {
+        "verdicts": told["logs"],
+        "system": told["system"],
+        "hazards": run.shown(hazards),
+        "ghosts": run.ghosts,
+        "crowded": run.crowded,
+    }
+
+
+def _compared(page: Page, row_of: dict[Node, int]) -> Json:
+    """What ``diff`` says; of each station also its two logs, and the row where it first differs
+    (-1: nowhere).  ``first`` is the station whose row comes first (-1: none differs)."""
+    made = page.comparison
+    if made is None:
+        return None
+    found = _diff(page)
+    rows = [min((row_of[node] for node in end if node), default=-1) for end in made.ends]
+    for one, logs, row in zip(found["stations"], made.logs, rows, strict=True):
+        one |= {"logs": logs, "row": row}
+    differ = [n for n, row in enumerate(rows) if row >= 0]
+    found["first"] = min(differ, key=lambda n: rows[n], default=-1)
+    return found
+
+
+def _logs(page: Page, row_of: dict[Node, int]) -> list[Json]:
+    found: list[Json] = []
+    for n, run in enumerate(page.runs):
+        first = len(found)
+        for i in range(len(run.logs)):
+            found.append({"run": n, **run.shown(_log(page, run, i, first, row_of))})
+    return found
+
+
+def _log(page: Page, run: Run, i: int, first: int, row_of: dict[Node, int]) -> dict[str, Json]:
+    log = run.logs[i]
+    return {
+        "station": log.header.station,
+        "file": log.file,
+        "header": run.vendor[log.file].get(1) or _plain(log.header),
+        "end": _end(run, log),
+        "why_not": run.followed[i].why_not,
+        "diverges": _divergence(run, i, first, row_of),
+        "ahead": page.ahead[first + i],
+        "before": run.before[log.file],
+    }
+
+
+def _end(run: Run, log: Log) -> str:
+    if log.end is not None:
+        return log.end.reason
+    return "goes on" if run.note else "no end"
+
+
+def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:
+    """The row where a log diverges; -1 if nowhere.  ``first`` is the place of the run's first
+    log."""
+    log = run.logs[i]
+    verdict = next(v for v in run.verdicts if v.file == log.file)
+    if verdict.verdict != "diverges":
+        return -1
+    at = next((k for k, (line, _) in enumerate(log.events) if line == verdict.finding.at.line), -1)
+    return row_of.get((first + i, at), -1)
+
+
+def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
+    """The columns of the table of rows; ``viewer/data.js`` says what each is."""
+    texts, bodies = Table(), Table()
+    logs, n = page.logs, len(page.logs)
+    lines, times, sessions = [1] * n, 0, [""] * n
+    after_cam = [False] * n
+    vendor = [run.vendor[log.file] for run in page.runs for log in run.logs]
+    found: dict[str, list[int]] = {
+        name: [] for name in ("log", "line", "t", "text", "body", "session", "hint", "flags")
+    }
+    kinds = []
+    for row, (i, k) in enumerate(page.nodes):
+        at, event = logs[i].events[k]
+        m = event.message if isinstance(event, Send | Receive) else None
+        flags = OF_CAM | IS_CAM if m is not None and m["type"] == "CAM" else 0
+        if not flags and after_cam[i] and isinstance(event, TimerArm | TimerEnd):
+            flags = OF_CAM * (event.timer.name == "cam" and event.op != "expire")
+        after_cam[i] = bool(flags)
+        named = session_of(event)
+        if named is not None:
+            sessions[i] = f"{named[0]}/{named[1]}"
+        elif event.ev not in ("timer", "indication"):
+            sessions[i] = ""
+        hint = [event.rule or "", event.phase or "", event.role or ""]
+        found["log"].append(i)
+        found["line"].append(at - lines[i] - 1)
+        found["t"].append(event.t_ms - times)
+        found["text"].append(texts.back(said(event)))
+        body = shapes.pack(_body(event, vendor[i].get(at)))
+        found["body"].append(bodies.back(body, json.dumps(body)))
+        found["session"].append(strings.place(sessions[i]))
+        found["hint"].append(strings.place(hint))
+        found["flags"].append(flags | BESIDE * (row in page.beside))
+        kinds.append("x" if event.ev == "restart" else event.ev[0])
+        lines[i], times = at, event.t_ms
+    columns: dict[str, Json] = {name: _folded(column) for name, column in found.items()}
+    return columns | {"kinds": "".join(kinds), "texts": texts.values, "bodies": bodies.values}
+
+
+def _folded(column: list[int]) -> Json:
+    """A column of one value only as that value."""
+    return column[0] if column and len(set(column)) == 1 else column
+
+
+def _plain(record: Header | Event) -> dict[str, Json]:
+    return record.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:
+    """What only this kind of event has, as it was logged (with what a vendor added, if ``record``
+    is given); a deadline from ``t_ms`` on."""
+    common = {"rec", "seq", "t_ms", "ev", "rule", "phase", "role"}
+    record = record or _plain(event)
+    body = {name: value for name, value in record.items() if name not in common}
+    if isinstance(event, TimerArm):
+        body["deadline"] = event.deadline - event.t_ms
+    return body
+
+
+def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
+    """Five numbers each: how many rows below the one before it leaves, what became of it, how many
+    rows further down it arrives (0: nowhere), the column it leaves from and the one it goes to;
+    -1 is the column of all who have none.  Columns are the logs of all runs, then their ghosts."""
+    found = []
+    first, ghost = 0, len(page.logs)
+    for run in page.runs:
+        columns = {s: first + i for i, s in enumerate(run.merged.stations)}
+        columns |= {s: ghost + n for n, s in enumerate(run.ghosts)}
+        for (i, k), kind, end, source, to in arrows(run):
+            row = row_of[first + i, k]
+            arrives = row_of[first + end[0], end[1]] if end is not None else row
+            found.append(
+                (row, kind, max(0, arrives - row), columns.get(source, -1), columns.get(to, -1))
+            )
+        first, ghost = first + len(run.logs), ghost + len(run.ghosts)
+    found.sort()
+    numbers, last = [], 0
+    for row, *rest in found:
+        numbers += [row - last, *rest]
+        last = row
+    return numbers
+
+
+def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
+    """Five numbers each: how many rows below the one before the timer is armed, how many rows
+    further down it ends (0: never), how it ends, how many ms it was to run as logged, and how many
+    more as specified; if nobody says that, -1000000."""
+    found = []
+    for i, followed in enumerate(page.followed):
+        for bar in followed.bars:
+            row = row_of[i, bar.armed]
+            down = row_of[i, bar.ended] - row if bar.ended >= 0 else 0
+            more = bar.spec_ms - bar.logged_ms if bar.spec_ms >= 0 else -1_000_000
+            found.append((row, down, bar.how, bar.logged_ms, more))
+    found.sort()
+    numbers, last = [], 0
+    for row, *rest in found:
+        numbers += [row - last, *rest]
+        last = row
+    return numbers
+
+
+def _steps(followed: Followed, strings: Table) -> dict[str, Json]:
+    lines = [b - a for a, b in zip([0, *followed.steps], followed.steps, strict=False)]
+    where = [strings.place([rule, *place]) for rule, place in _decisions(followed)]
+    return {"lines": lines, "where": where, "states": _sparse(followed.states)}
+
+
+def _decisions(followed: Followed) -> list[tuple[str, tuple[str, int]]]:
+    return list(zip(followed.rules, followed.places, strict=True))
+
+
+def _sparse(states: list[Json]) -> list[Json]:
+    """States as ``place, change`` in turns, without those that change nothing."""
+    return [part for n, change in enumerate(states) if change for part in (n, change)]
+
+
+def _used(followed: Sequence[Followed]) -> dict[str, Json]:
+    """The operators of Station.tla that decided a step: the first line, and the text."""
+    known = operators(TLA)
+    wanted: set[str] = set()
+    for f in followed:
+        for name, line in set(f.places):
+            wanted.add(name)
+            around = [o for o, (first, _) in known.items() if first <= line]
+            wanted |= set(around[-1:]) if line else set()
+    return {name: [known[name][0], known[name][1].rstrip()] for name in sorted(wanted & set(known))}

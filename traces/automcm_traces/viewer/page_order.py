@@ -1,0 +1,94 @@
+"""The order of the rows of a page: one run, or two side by side."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Mapping, Sequence
+
+from automcm_traces.format.log import Event, Receive
+from automcm_traces.format.reader import Log
+from automcm_traces.system.log_merge import Node
+
+
+def order(
+    logs: Sequence[Log],
+    needs: Mapping[Node, Node],
+    ahead: Sequence[int],
+    beside: Mapping[Node, Node],
+) -> list[tuple[Node, ...]]:
+    """Every event, alone or with the one that stands beside it: each after what it depends on,
+    else the earlier first, then the lower log.
+
+    ``needs`` says of an event which other comes before it; ``ahead`` by how many ms a log's times
+    are too high.  ``beside`` are the events that share a row; after such a pair, the second log is
+    as far ahead as the two are apart.  From a pair on that the order of the other events tears
+    apart, the events of its two logs stand alone; before two runs differ, that is rare.
+    """
+    needs, ahead = dict(needs), list(ahead)
+    mates = {**beside, **{b: a for a, b in beside.items()}}
+    at = [0] * len(logs)
+    waiting: list[set[int]] = [set() for _ in logs]
+    heap: list[tuple[int, Node]] = []
+    found: list[tuple[Node, ...]] = []
+
+    def clock(node: Node) -> int:
+        return logs[node[0]].events[node[1]][1].t_ms - ahead[node[0]]
+
+    def together(node: Node) -> tuple[Node, ...]:
+        mate = mates.get(node)
+        return (node,) if mate is None else (min(node, mate), max(node, mate))
+
+    def offer(i: int) -> None:
+        """The next event of a log, if it can come now."""
+        if at[i] == len(logs[i].events):
+            return
+        nodes = together((i, at[i]))
+        for node in nodes:
+            sent = needs.get(node)
+            if at[node[0]] < node[1]:
+                waiting[node[0]].add(i)
+                return
+            if sent is not None and at[sent[0]] <= sent[1]:
+                waiting[sent[0]].add(i)
+                return
+        heapq.heappush(heap, (clock(nodes[0]), nodes[0]))
+
+    for i in range(len(at)):
+        offer(i)
+    while heap or any(waiting):
+        if not heap:
+            stuck = sorted(set().union(*waiting))
+            cams = [i for i in stuck if (i, at[i]) in needs and _is_cam(logs[i].events[at[i]][1])]
+            torn = [together((i, at[i])) for i in stuck if (i, at[i]) in mates]
+            if torn and cams:  # which no comparison looks at
+                del needs[cams[0], at[cams[0]]]
+            elif torn:
+                a, b = min(torn, key=lambda nodes: clock(nodes[0]))
+                mates = {n: m for n, m in mates.items() if n[0] not in (a[0], b[0])}
+            else:  # received before it was sent: the report says so
+                del needs[stuck[0], at[stuck[0]]]
+            for others in waiting:
+                others.clear()
+            for i in stuck:
+                offer(i)
+            continue
+        _, first = heapq.heappop(heap)
+        if at[first[0]] > first[1]:
+            continue  # offered by both logs of a pair
+        nodes = together(first)
+        if len(nodes) == 2:
+            ahead[nodes[1][0]] += clock(nodes[1]) - clock(first)
+        found.append(nodes)
+        woken = {i for i, _ in nodes}
+        for i, _ in nodes:
+            at[i] += 1
+            woken |= waiting[i]
+            waiting[i] = set()
+        for i in sorted(woken):
+            offer(i)
+    return found
+
+
+def _is_cam(event: Event) -> bool:
+    m = event.message if isinstance(event, Receive) else None
+    return m is not None and m["type"] == "CAM"
