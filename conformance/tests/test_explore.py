@@ -17,7 +17,15 @@ from automcm_conformance.exchange.play import play
 from automcm_conformance.exchange.results import EXPLORED, Exploration
 from automcm_conformance.explore import explore
 from automcm_conformance.explore.walk_shrinking import Short, Shrinker
-from automcm_conformance.explore.walks import JUDGED, PLANNED, Act, Faults, Ground, Setting, Walker
+from automcm_conformance.explore.walks import (
+    JUDGED,
+    PLANNED,
+    Act,
+    Coverage,
+    Faults,
+    Setting,
+    Walker,
+)
 from automcm_conformance.suite.graph_cases import Runner
 from automcm_conformance.suite.scripts import (
     ABORT,
@@ -340,22 +348,22 @@ def test_walks_go_where_none_has_been() -> None:
     from random import Random
 
     oracle = load(ONE_PEER.path)
-    ground = Ground("one-peer", oracle, [True] * len(oracle.inputs), False)
+    coverage = Coverage("one-peer", oracle, [True] * len(oracle.inputs), False)
     (first,) = itertools.islice(oracle.moves(0), 1)
-    assert ground.news(0)
+    assert coverage.news(0)
     for i in oracle.moves(0):
-        ground.mark((0, i), PLANNED)
-    assert not ground.news(0)
-    way = ground.way(0, expiries=None)
+        coverage.mark((0, i), PLANNED)
+    assert not coverage.news(0)
+    way = coverage.way(0, expiries=None)
     state = 0
     for i in way:
         state = oracle.moves(state)[i]
-    assert way and ground.news(state)
-    ground.mark((0, first), JUDGED)
-    assert ground.coverage()["transitions"] == [1, oracle.transitions]
-    ground.avoided.update((0, i) for i in oracle.moves(0))
-    assert ground.way(0, expiries=None) == []
-    walker = Walker(ground, Random(1), Faults())
+    assert way and coverage.news(state)
+    coverage.mark((0, first), JUDGED)
+    assert coverage.counts()["transitions"] == [1, oracle.transitions]
+    coverage.avoided.update((0, i) for i in oracle.moves(0))
+    assert coverage.way(0, expiries=None) == []
+    walker = Walker(coverage, Random(1), Faults())
     assert walker.timed(10) == []
 
 
@@ -392,8 +400,8 @@ def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
 
 def test_a_case_says_what_it_was_played_with() -> None:
     oracle = load(ONE_PEER.path)
-    ground = Ground("one-peer", oracle, [True] * len(oracle.inputs), False)
-    walk = explore.Walk(12, ground, Faults(5, 0, 40, 20), Setting(False), [Act(0, 1)])
+    coverage = Coverage("one-peer", oracle, [True] * len(oracle.inputs), False)
+    walk = explore.Walk(12, coverage, Faults(5, 0, 40, 20), Setting(False), [Act(0, 1)])
     assert walk.id(7) == "EXPLORE/7/12/one-peer/natural/again5-late0-odd40-silent20"
 
 

@@ -20,7 +20,7 @@ from websockets.sync.server import serve as listening
 from automcm.adapters.adapter_lines import Kit, answered
 from automcm_cli.main import app
 from automcm_conformance.adapter import websocket
-from automcm_conformance.adapter.connect import opened
+from automcm_conformance.adapter.connect import connect
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.websocket import AHEAD, WebSocket
 
@@ -237,31 +237,31 @@ def test_where_nobody_is() -> None:
     with mute() as address:
         pass
     with pytest.raises(AdapterError, match=f"^{address} cannot be connected to: ") as caught:
-        opened([address], 1)
+        connect([address], 1)
     assert caught.value.kind == "start"
 
 
 @pytest.mark.parametrize("address", ["ws://", "ws://127.0.0.1:port", "ws://127.0.0.1:99999"])
 def test_what_is_no_address(address: str) -> None:
     with pytest.raises(AdapterError, match="cannot be connected to"):
-        opened([address], 1)
+        connect([address], 1)
 
 
 def test_an_address_has_no_arguments() -> None:
     with pytest.raises(AdapterError, match="nothing may stand behind it"):
-        opened(["ws://127.0.0.1:1", "more"], 1)
+        connect(["ws://127.0.0.1:1", "more"], 1)
 
 
 def test_a_server_that_does_not_answer_the_handshake() -> None:
     with mute() as address, pytest.raises(AdapterError, match=r"no answer within 0\.3 s") as caught:
-        opened([address], LIMIT)
+        connect([address], LIMIT)
     assert caught.value.kind == "start"
 
 
 def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "websockets.sync.client", None)
     with pytest.raises(AdapterError, match=r"pip install 'automcm\[ws\]'"):
-        opened(["ws://127.0.0.1:1"], 1)
+        connect(["ws://127.0.0.1:1"], 1)
 
 
 # -- the commands

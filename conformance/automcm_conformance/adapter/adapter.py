@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
-from automcm_conformance.adapter.connect import Opened, opened
+from automcm_conformance.adapter.connect import Connection, connect
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import PROTOCOL, HelloAnswer, ProtocolError, read_hello
 
@@ -25,7 +25,7 @@ class Adapter:
         """Of those how often by a hang."""
         self.problems: list[str] = []
         self.limit_s = limit_s
-        self._process: Opened | None = None
+        self._process: Connection | None = None
         self._sent: Sequence[bytes] = ()
         self._failed: AdapterError | None = None
         self._used = False
@@ -116,7 +116,7 @@ class Adapter:
             self._process = None
 
     def _start(self) -> HelloAnswer:
-        self._process = opened(self.command, self.limit_s)
+        self._process = connect(self.command, self.limit_s)
         try:
             line = b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL
             return read_hello(self._process.exchange([line])[0])

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Literal
 
-from automcm_conformance.adapter.connect import Opened, opened
+from automcm_conformance.adapter.connect import Connection, connect
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import (
     DEFAULTS,
@@ -106,8 +106,8 @@ class _Check:
                 self._refuses(what, line)
         return self._findings
 
-    def _process(self) -> Opened:
-        return opened(self._command, self._limit_s)
+    def _process(self) -> Connection:
+        return connect(self._command, self._limit_s)
 
     @contextmanager
     def _part(self, what: str) -> Iterator[None]:
@@ -130,13 +130,13 @@ class _Check:
         if all(known.finding != found for known in self._findings):
             self._findings.append(Checked(level, found, _shown(sent), _shown(answered)))
 
-    def _exchange(self, process: Opened, line: bytes) -> bytes:
+    def _exchange(self, process: Connection, line: bytes) -> bytes:
         self._sent.append(line)
         [answered] = process.exchange([line])
         self._answered.append(answered)
         return answered
 
-    def _ask(self, process: Opened, value: Object, hint: str = "") -> Answer | None:
+    def _ask(self, process: Connection, value: Object, hint: str = "") -> Answer | None:
         """Send a command and look at the answer; None if it is not understood."""
         line = _line(value)
         answered = self._exchange(process, line)
@@ -167,7 +167,7 @@ class _Check:
         if answer.cams and "cam" not in self._features:
             yield "warning", "there are 'cams', but hello does not tell the feature cam"
 
-    def _hello(self, process: Opened) -> None:
+    def _hello(self, process: Connection) -> None:
         line = _line(HELLO)
         answered = self._exchange(process, line)
         try:
@@ -182,7 +182,7 @@ class _Check:
             what = "neither prescriber nor receiver is among the features: nearly all is skipped"
             self._add("warning", what, line, answered)
 
-    def _script(self, process: Opened) -> None:
+    def _script(self, process: Connection) -> None:
         """A bit of everything.  Each command is kept, so that it can be sent again."""
         self._sent, self._answered = [], []
         self._ask(process, self._reset(START))
@@ -210,17 +210,17 @@ class _Check:
         reset = {"cmd": "reset", "now": now, "station": STATION, "seed": 1}
         return {**reset, "parameters": parameters}
 
-    def _request(self, process: Opened) -> Answer | None:
+    def _request(self, process: Connection) -> Answer | None:
         command = {"name": "request", "scenario": self._scenario, "details": {}}
         return self._ask(process, {"cmd": "command", "now": self._now, "command": command})
 
     def _receive(
-        self, process: Opened, message: Object, planned: Object | None = None, hint: str = ""
+        self, process: Connection, message: Object, planned: Object | None = None, hint: str = ""
     ) -> Answer | None:
         value = {"cmd": "receive", "now": self._now, "message": message}
         return self._ask(process, value | ({"planned": planned} if planned else {}), hint)
 
-    def _advance(self, process: Opened, answer: Answer | None, times: int) -> None:
+    def _advance(self, process: Connection, answer: Answer | None, times: int) -> None:
         """From deadline to deadline, as the kit does."""
         for _ in range(times):
             if answer is None or answer.deadline is None or answer.deadline <= self._now:
@@ -242,7 +242,7 @@ class _Check:
         if self._features:
             yield {"name": "abort", "session": _NEVER}
 
-    def _join(self, process: Opened) -> None:
+    def _join(self, process: Connection) -> None:
         """A session of a receiver from the Advertisement to the Fin."""
         answer = self._receive(process, _advertisement(), PLANNED)
         if answer and not _sends(answer, "Intention"):
@@ -256,7 +256,7 @@ class _Check:
         self._ask(process, {"cmd": "command", "now": self._now, "command": accept})
         self._receive(process, _addressed("Fin", 3))
 
-    def _durations(self, process: Opened) -> None:
+    def _durations(self, process: Connection) -> None:
         """Timers last as long as told.  The reset that follows must end this."""
         self._ask(process, self._reset(START))
         self._ask(process, {"cmd": "durations", "durations": DURATIONS})

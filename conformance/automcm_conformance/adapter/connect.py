@@ -10,7 +10,7 @@ from automcm_conformance.adapter.protocol import PROTOCOL, HelloAnswer, read_hel
 from automcm_conformance.adapter.websocket import SCHEMES, WebSocket
 
 
-class Opened(Protocol):
+class Connection(Protocol):
     """What ``Process`` and ``WebSocket`` have in common; ``with`` ends it."""
 
     def __enter__(self) -> Self: ...
@@ -36,7 +36,7 @@ class Opened(Protocol):
         """End it at once.  May be called again."""
 
 
-def hello(process: Opened) -> HelloAnswer:
+def hello(process: Connection) -> HelloAnswer:
     """Say hello.  Raises AdapterError and ProtocolError."""
     return read_hello(process.exchange([b'{"cmd":"hello","protocol":%d}\n' % PROTOCOL])[0])
 
@@ -46,7 +46,7 @@ def is_address(command: Sequence[str]) -> bool:
     return bool(command) and command[0].lower().startswith(SCHEMES)
 
 
-def opened(command: Sequence[str], limit_s: float) -> Opened:
+def connect(command: Sequence[str], limit_s: float) -> Connection:
     """One station: a process of this command, or a connection to this address.
 
     ``limit_s`` is the real time in seconds that an answer may take.  Raises AdapterError (start).

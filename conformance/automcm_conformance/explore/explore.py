@@ -37,7 +37,7 @@ from automcm_conformance.explore.walk_shrinking import (
     pair_of,
     rule_of,
 )
-from automcm_conformance.explore.walks import JUDGED, Act, Faults, Ground, Setting, Walker, walk
+from automcm_conformance.explore.walks import JUDGED, Act, Coverage, Faults, Setting, Walker, walk
 from automcm_conformance.suite.graph_cases import PARAMETERS as USUAL
 from automcm_conformance.suite.graph_cases import Runner, Say
 from automcm_conformance.suite.suite_run import uncollected
@@ -70,7 +70,7 @@ class Walk:
     """One of them; ``x`` is its exchange, if it waits to be judged."""
 
     number: int
-    ground: Ground
+    coverage: Coverage
     faults: Faults
     setting: Setting
     acts: list[Act]
@@ -79,7 +79,7 @@ class Walk:
     def id(self, seed: int) -> str:
         """The case: seed and number make the walk, the rest says what it is."""
         times = "durations" if self.setting.timed else "natural"
-        return f"EXPLORE/{seed}/{self.number}/{self.ground.name}/{times}/{self.faults}"
+        return f"EXPLORE/{seed}/{self.number}/{self.coverage.name}/{times}/{self.faults}"
 
 
 class Explorer:
@@ -95,8 +95,10 @@ class Explorer:
         self.seed = seed
         self._folder = folder
         self._enough = enough
-        self.grounds = [
-            Ground(name, o, [not runner.left_out(i) for i in o.inputs], bool(runner.limited_by(o)))
+        self.coverages = [
+            Coverage(
+                name, o, [not runner.left_out(i) for i in o.inputs], bool(runner.limited_by(o))
+            )
             for name, o in oracles.items()
             if not runner.unfit(o)
         ]
@@ -121,7 +123,7 @@ class Explorer:
                 waiting, lines = [], 0
                 self.runner.say(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
         self._land(waiting)
-        if not self.grounds:
+        if not self.coverages:
             self.found.problems.append("no graph has the limits that are fixed")
         elif self.runner.cut_short:
             self.found.problems.append(self.runner.cut_short)
@@ -129,7 +131,7 @@ class Explorer:
     @property
     def _goes_on(self) -> bool:
         return (
-            bool(self.grounds)
+            bool(self.coverages)
             and not self.runner.cut_short
             and (len(self.found.cases) < self._enough)
         )
@@ -139,8 +141,8 @@ class Explorer:
     def _walk(self, number: int) -> Walk | None:
         """Another one.  None if it has been judged already, because it could not wait."""
         random = Random(f"{self.seed}/{number}")
-        weights = [WEIGHTS[ground.name] for ground in self.grounds]
-        ground = random.choices(self.grounds, weights)[0]
+        weights = [WEIGHTS[coverage.name] for coverage in self.coverages]
+        coverage = random.choices(self.coverages, weights)[0]
         faults = Faults(
             random.choice((0, 5, 20)),
             random.choice((0, 5, 20)),
@@ -156,9 +158,9 @@ class Explorer:
             LONG_MS if timed else random.choice(LEASES_MS),
             random.choice(tuple(LONG)) if timed else "",
         )
-        walker, length = Walker(ground, random, faults), random.choice(LENGTHS)
-        new = Walk(number, ground, faults, setting, [])
-        x = new.x = self._exchange(new.ground, setting)
+        walker, length = Walker(coverage, random, faults), random.choice(LENGTHS)
+        new = Walk(number, coverage, faults, setting, [])
+        x = new.x = self._exchange(new.coverage, setting)
         try:
             if timed:
                 new.acts = walker.timed(length)
@@ -177,13 +179,13 @@ class Explorer:
 
     def _exchange(
         self,
-        ground: Ground,
+        coverage: Coverage,
         setting: Setting,
         predict: bool | None = None,
         link: Link | None = None,
     ) -> Exchange:
         return self.runner.exchange(
-            ground.oracle,
+            coverage.oracle,
             {**USUAL, **dict(setting.parameters)},
             rich=setting.rich,
             values=setting.values,
@@ -211,7 +213,7 @@ class Explorer:
                 each.x = None
 
     def _land_one(self, each: Walk) -> None:
-        x = self._exchange(each.ground, each.setting)
+        x = self._exchange(each.coverage, each.setting)
         try:
             walk(x, each.acts, each.setting)
             x.flush()
@@ -221,7 +223,7 @@ class Explorer:
             self._landed(each, x, None)
 
     def _played(self, each: Walk) -> Exchange:
-        x = self._exchange(each.ground, each.setting)
+        x = self._exchange(each.coverage, each.setting)
         walk(x, each.acts, each.setting)
         return x
 
@@ -249,7 +251,7 @@ class Explorer:
         self.found.lines += len(steps)
         for step in x.done:
             for pair in step.pairs:
-                each.ground.mark(pair, JUDGED)
+                each.coverage.mark(pair, JUDGED)
         if isinstance(error, Unpredicted):
             self.runner.predict = False
         elif error is not None:
@@ -257,11 +259,11 @@ class Explorer:
 
     def _wrong(self, each: Walk, error: Wrong) -> None:
         """Shorten it, unless it is known."""
-        ground, runner, adapter = each.ground, self.runner, self.runner.adapter
+        coverage, runner, adapter = each.coverage, self.runner, self.runner.adapter
         refused = isinstance(error, Broken) and isinstance(error.error, Refused)
         if not refused:  # else a line more or less may have put it out of step
             adapter.renew()
-        mark = _mark(ground.oracle, error)
+        mark = _mark(coverage.oracle, error)
         if mark in self._known:
             self.found.again += 1
             return
@@ -272,10 +274,10 @@ class Explorer:
         if again is None:
             self._flaky(each, error, None)
             return
-        self._known.add(_mark(ground.oracle, again))
-        rule = rule_of(ground.oracle, again)
+        self._known.add(_mark(coverage.oracle, again))
+        rule = rule_of(coverage.oracle, again)
         shrinker = Shrinker(
-            ground,
+            coverage,
             lambda setting, acts: self._attempt(each, setting, acts, rule),
             lambda setting, walks: self._first(each, setting, walks, rule),
             runner.timed,
@@ -291,10 +293,10 @@ class Explorer:
         if sure is None:
             self._flaky(each, short.error, short)
             return
-        self._known.add(_mark(ground.oracle, sure))
+        self._known.add(_mark(coverage.oracle, sure))
         pair = pair_of(sure)
         if pair is not None:
-            ground.avoided.add(pair)
+            coverage.avoided.add(pair)
         self._report(each, sure, short.sent)
 
     @property
@@ -323,14 +325,14 @@ class Explorer:
     ) -> Wrong | None:
         """Play a walk alone; what went wrong, if it breaks this rule (or any, if it is None)."""
         link = Singly(self.runner.adapter) if singly else None
-        x = self._exchange(each.ground, setting, predict=False, link=link)
+        x = self._exchange(each.coverage, setting, predict=False, link=link)
         try:
             walk(x, acts, setting)
             x.flush()
         except (Mismatch, Broken) as error:
             self._last = error.steps
             self.runner.in_step(error)
-            return error if rule in (None, rule_of(each.ground.oracle, error)) else None
+            return error if rule in (None, rule_of(each.coverage.oracle, error)) else None
         self._last = x.done
         return None
 
@@ -340,7 +342,7 @@ class Explorer:
         """The first of some walks that breaks this rule, as far as they can be played together."""
         at, most = 0, self._broken + STARTS
         while at < len(walks) and self._broken < most:
-            exchanges = self._unwritten(each.ground, setting, walks[at:])
+            exchanges = self._unwritten(each.coverage, setting, walks[at:])
             if not exchanges:
                 if self._attempt(each, setting, walks[at], rule) is not None:
                     return at
@@ -352,18 +354,18 @@ class Explorer:
                 self.runner.predict = False
             elif error is not None:
                 self.runner.in_step(error)
-                if rule_of(each.ground.oracle, error) == rule:
+                if rule_of(each.coverage.oracle, error) == rule:
                     return at
                 at += 1
         return None
 
     def _unwritten(
-        self, ground: Ground, setting: Setting, walks: Sequence[Sequence[Act]]
+        self, coverage: Coverage, setting: Setting, walks: Sequence[Sequence[Act]]
     ) -> list[Exchange]:
         """Of these walks the first ones, as many as need no answer on the way."""
         exchanges: list[Exchange] = []
         for acts in walks if self.runner.predict else ():
-            x = self._exchange(ground, setting)
+            x = self._exchange(coverage, setting)
             try:
                 walk(x, acts, setting)
             except (Mismatch, Broken, Unpredicted):
@@ -397,15 +399,17 @@ class Explorer:
     def _report(self, each: Walk, error: Wrong, acts: int, *, again: bool = True) -> CaseResult:
         self.runner.adapter.renew()  # the last attempt may have left lines behind
         pair = pair_of(error)
-        oracle = each.ground.oracle
+        oracle = each.coverage.oracle
         rule, value = rule_of(oracle, error), None if pair is None else oracle.inputs[pair[1]]
         fault = Fault(finding(error, rule, again=again), value, error)
         case = each.id(self.seed)
-        told = failure(self.runner, case, 1, fault, self._folder)
+        described = failure(self.runner, case, 1, fault, self._folder)
         rules = [rule] if rule else []
-        given = f"a walk over {each.ground.name} with {each.faults}"
-        result = CaseResult(case, fault.verdict, rules, "MUST", given, "", "", "", "", told.what)
-        result.failures = [told]
+        given = f"a walk over {each.coverage.name} with {each.faults}"
+        result = CaseResult(
+            case, fault.verdict, rules, "MUST", given, "", "", "", "", described.what
+        )
+        result.failures = [described]
         self.found.cases.append(result)
         self.found.acts[case] = acts
         return result
@@ -466,5 +470,5 @@ def explore(
         gc.unfreeze()
         adapter.stop()
     found.problems += adapter.problems
-    found.coverage = {g.name: g.coverage() for g in explorer.grounds}
+    found.coverage = {g.name: g.counts() for g in explorer.coverages}
     return found

@@ -9,7 +9,7 @@ from itertools import islice
 from automcm_conformance.exchange.exchange import Broken
 from automcm_conformance.exchange.play import Wrong, offered
 from automcm_conformance.exchange.tours import Pair
-from automcm_conformance.explore.walks import Act, Ground, Setting
+from automcm_conformance.explore.walks import Act, Coverage, Setting
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import State
 
@@ -71,7 +71,7 @@ def rule_of(oracle: Oracle, error: Wrong) -> str:
 class Shrinker:
     """Shortens walks over a ground.  ``timed``: the station has ``durations``."""
 
-    ground: Ground
+    coverage: Coverage
     attempt: Attempt
     first: First
     timed: bool
@@ -110,7 +110,7 @@ class Shrinker:
             return None
         self.runs -= 1
         if setting.timed:
-            acts = [Act(0, i) for i in offered(self.ground.oracle, [act.input for act in acts])]
+            acts = [Act(0, i) for i in offered(self.coverage.oracle, [act.input for act in acts])]
         error = self.attempt(setting, acts)
         if error is None:
             return None
@@ -138,7 +138,7 @@ class Shrinker:
         pair = pair_of(found.error)
         assert pair is not None
         state, i = pair
-        oracle = self.ground.oracle
+        oracle = self.coverage.oracle
         alike, any_ = _kind(oracle.states[state]), range(len(oracle.inputs))
         kinds: list[tuple[Sequence[int], Kind | None]] = [([i], alike), ([i], None), (any_, None)]
         timer = found.error.steps[-1].next_timer
@@ -167,7 +167,7 @@ class Shrinker:
     ) -> Iterator[list[Act]]:
         """Shortest walks to each pair of these inputs, and of this kind of state if it is given,
         with the rule of this pair; shortest first."""
-        oracle = self.ground.oracle
+        oracle = self.coverage.oracle
         broken = oracle.given(*pair)
         depth = [0] * len(oracle.states)
         for state in range(1, len(oracle.states)):
@@ -178,7 +178,7 @@ class Shrinker:
             if kind is not None and _kind(oracle.states[state]) != kind:
                 continue
             for i in inputs:
-                if not self.ground.offered[i]:
+                if not self.coverage.offered[i]:
                     continue
                 answer = oracle.answer(state, i)
                 if answer is not None and answer.effect.rule == broken.effect.rule:
@@ -188,7 +188,7 @@ class Shrinker:
         """The last few acts after the shortest way to where they begin."""
         if not found.setting.timed:
             return found
-        oracle = self.ground.oracle
+        oracle = self.coverage.oracle
         states = oracle.way(act.input for act in found.acts[: found.sent])
         length = 1
         while length < found.sent:

@@ -43,17 +43,17 @@ class Act(NamedTuple):
 class Faults:
     """The script of a walk's radio and application, in percent of its inputs.
 
-    ``again``: the last message once more.  ``late``: one of those before.  ``odd``: anything, it
-    must change nothing.  ``silent``: nothing comes until a timer expires.
+    ``again``: the last message once more.  ``late``: one of those before.  ``no_op``: an input
+    that must change nothing.  ``silent``: nothing comes until a timer expires.
     """
 
     again: int = 0
     late: int = 0
-    odd: int = 0
+    no_op: int = 0
     silent: int = 0
 
     def __str__(self) -> str:
-        parts = (("again", self.again), ("late", self.late), ("odd", self.odd))
+        parts = (("again", self.again), ("late", self.late), ("odd", self.no_op))
         return "-".join(f"{name}{n}" for name, n in (*parts, ("silent", self.silent)))
 
 
@@ -73,7 +73,7 @@ class Setting:
 
 
 @dataclass(slots=True)
-class Ground:
+class Coverage:
     """A graph, which of its pairs may be walked, and which have been."""
 
     name: str
@@ -116,7 +116,7 @@ class Ground:
             if isinstance(value, Expire):
                 self._fired[value.timer[0]] += 1
 
-    def coverage(self) -> dict[str, list[int]]:
+    def counts(self) -> dict[str, list[int]]:
         """Transitions and refusals that have been judged, of those there are."""
         oracle, n = self.oracle, len(self.oracle.inputs)
         moves = sum(
@@ -159,7 +159,7 @@ class Ground:
                     near.append(after)
         return []
 
-    def quiet(self, state: int, random: Random) -> int | None:
+    def no_op(self, state: int, random: Random) -> int | None:
         """An input that must change nothing here; one not given here before, if that is found."""
         found = None
         for _ in range(TRIES):
@@ -192,9 +192,9 @@ class Ground:
 
 @dataclass(slots=True)
 class Walker:
-    """Makes walks over a ground.  The same ``random`` makes the same walks."""
+    """Makes walks over a graph.  The same ``random`` makes the same walks."""
 
-    ground: Ground
+    coverage: Coverage
     random: Random
     faults: Faults
     _heard: list[int] = field(default_factory=list)
@@ -204,14 +204,14 @@ class Walker:
 
     def timed(self, length: int) -> list[Act]:
         """To a state that is seldom visited, and on from there."""
-        oracle, tour, state = self.ground.oracle, list[int](), 0
-        for i in oracle.path(self.ground.rare_state(self.random)):
-            if not self.ground.may(state, i):
+        oracle, tour, state = self.coverage.oracle, list[int](), 0
+        for i in oracle.path(self.coverage.rare_state(self.random)):
+            if not self.coverage.may(state, i):
                 break
-            if self.random.randrange(100) < self.faults.odd:
-                quiet = self.ground.quiet(state, self.random)
-                if quiet is not None:
-                    self._note(tour, state, quiet)
+            if self.random.randrange(100) < self.faults.no_op:
+                no_op = self.coverage.no_op(state, self.random)
+                if no_op is not None:
+                    self._note(tour, state, no_op)
             state = self._note(tour, state, i)
         while len(tour) < length:
             chosen = self._choose(state, None)
@@ -244,48 +244,48 @@ class Walker:
             perform(x, act, setting)
             for step in x.queued[before:]:
                 for pair in step.pairs:
-                    self.ground.mark(pair, PLANNED)
+                    self.coverage.mark(pair, PLANNED)
 
     def _choose(self, state: int, expiries: bool | None) -> int | None:
         """The next input, by the script; None if there is none."""
         faults, random, die = self.faults, self.random, self.random.randrange(100)
         if self._heard and die < faults.again + faults.late:
             old = self._heard[-1] if die < faults.again else random.choice(self._heard)
-            if self.ground.may(state, old):
+            if self.coverage.may(state, old):
                 return old
         die = random.randrange(100)
-        if die < faults.odd:
-            quiet = self.ground.quiet(state, random)
-            if quiet is not None:
-                return quiet
+        if die < faults.no_op:
+            no_op = self.coverage.no_op(state, random)
+            if no_op is not None:
+                return no_op
         if expiries is None and die >= 100 - faults.silent:
-            expiry = self.ground.move(state, random, expiries=True)
+            expiry = self.coverage.move(state, random, expiries=True)
             if expiry is not None:
                 return expiry
         return self._on(state, expiries)
 
     def _on(self, state: int, expiries: bool | None) -> int | None:
         """A transition: one that is new, or on the way to one, more often than not."""
-        ground = self.ground
-        if not ground.news(state) and not self._way and self.random.randrange(4):
+        coverage = self.coverage
+        if not coverage.news(state) and not self._way and self.random.randrange(4):
             at = state
-            for i in ground.way(state, expiries=expiries):
+            for i in coverage.way(state, expiries=expiries):
                 self._way.append((at, i))
-                at = ground.oracle.moves(at)[i]
+                at = coverage.oracle.moves(at)[i]
         if self._way:
             if self._way[0][0] == state:
                 return self._way.popleft()[1]
             self._way.clear()  # something else has happened
-        return ground.move(state, self.random, expiries=expiries)
+        return coverage.move(state, self.random, expiries=expiries)
 
     def _note(self, tour: list[int], state: int, i: int) -> int:
         tour.append(i)
         self._hear(i)
-        self.ground.mark((state, i), PLANNED)
-        return self.ground.oracle.given(state, i).next
+        self.coverage.mark((state, i), PLANNED)
+        return self.coverage.oracle.given(state, i).next
 
     def _hear(self, i: int) -> None:
-        if isinstance(self.ground.oracle.inputs[i], Receive | Cam):
+        if isinstance(self.coverage.oracle.inputs[i], Receive | Cam):
             self._heard.append(i)
 
 

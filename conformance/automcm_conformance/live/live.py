@@ -102,17 +102,17 @@ class Live:
         x, period = self._x, self._x.parameters["t_resend"]
         self._others = ()
         self._cancel(x.wire.session(THEIRS))
-        begin = quiet = self._air.now()
+        begin = quiet_since = self._air.now()
         while (now := self._air.now()) < begin + limit_ms:
             came = self._next(now + period)
             if came is not None:
-                quiet = came[0]
+                quiet_since = came[0]
                 self._acknowledge(came[1])
             elif self._marks:
                 for session in self._marks:
                     self._cancel(session)
-                quiet, self._marks = self._air.now(), None
-            elif self._marks == [] and self._air.now() >= quiet + quiet_ms:
+                quiet_since, self._marks = self._air.now(), None
+            elif self._marks == [] and self._air.now() >= quiet_since + quiet_ms:
                 return True
         return False
 

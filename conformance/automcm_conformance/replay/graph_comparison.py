@@ -103,11 +103,11 @@ def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Any]:
 def _apply(adapter: Adapter, value: Input) -> dict[str, Any]:
     """The implementation's answer; an exception is an answer too, a wrong one."""
     try:
-        messages, told, arm, stop = adapter.apply(value)
+        messages, indications, arm, stop = adapter.apply(value)
         return {
             "state": adapter.state(),
             "messages": _ordered(messages),
-            "told": told,
+            "told": indications,
             "arm": _ordered(arm),
             "stop": _ordered(stop),
         }

@@ -171,13 +171,13 @@ class Compared:
         if self.first is None and value.get("type") != "CAM":
             self._log.append(_Done(line, t_ms, kind, value))
 
-    def done(self, line: int, t_ms: int, messages: list[Object], told: list[Object]) -> None:
+    def done(self, line: int, t_ms: int, messages: list[Object], indications: list[Object]) -> None:
         """The station did this, after the input of this line of the log."""
         if self.first is not None:
             return
         several = sum(bool(m.get("seq")) for m in messages) > 1
         self._own += [_Done(line, t_ms, "send", m, several) for m in messages]
-        self._own += [_Done(line, t_ms, "tell", i) for i in told]
+        self._own += [_Done(line, t_ms, "tell", i) for i in indications]
 
     def settle(self, now: int, *, ends: bool = False) -> None:
         """Match what can be matched; what is older than ``late_ms`` then is a difference.

@@ -41,7 +41,7 @@ class Survey:
     inputs: int = 0
     whole: bool = True
     """It holds all that was sent, so that what another station sends can be compared."""
-    told: bool = True
+    indications: bool = True
     """It holds all indications."""
     numbers: list[int] = field(default_factory=list)
     """Of its own sessions, ascending; empty if ``whole``, since what was sent says it then."""
@@ -60,8 +60,8 @@ class Survey:
         The header goes first, then timers, then the defaults; what is ``fixed`` stays, and
         ``clock_drift`` needs the feature.  Raises CannotTell if a station cannot be given them.
         """
-        told = self.header.known
-        found = {n: told.get(n, self.armed.get(n, ms)) for n, ms in DEFAULTS.items()}
+        known = self.header.known
+        found = {n: known.get(n, self.armed.get(n, ms)) for n, ms in DEFAULTS.items()}
         if self.backoffs:
             found["backoff_min"] = min(found["backoff_min"], *self.backoffs)
             found["backoff_max"] = max(found["backoff_max"], *self.backoffs)
@@ -69,13 +69,13 @@ class Survey:
         for name, value in out.items():
             if not (0 if name == "t_timeout" else 1) <= value <= LIMIT:
                 raise CannotTell(f"header: {name} {value}: no station can be given that")
-        others = self.armed | told
+        others = self.armed | known
         notes = [
             f"{n} is {others[n]} in the log and fixed at {out[n]} in the station"
             for n in others
             if n in out and others[n] != out[n]
         ]
-        drift = told.get("clock_drift", 0)
+        drift = known.get("clock_drift", 0)
         if drift and "clock_drift" in features:
             out["clock_drift"] = drift
         elif drift:
@@ -106,7 +106,7 @@ def survey(path: Path) -> Survey:
         if isinstance(other, Header):
             found = Survey(path, other)
             found.whole = "send" in other.complete
-            found.told = "indication" in other.complete
+            found.indications = "indication" in other.complete
             continue
         assert found is not None, "the header comes first"
         if event is None:
@@ -114,7 +114,7 @@ def survey(path: Path) -> Survey:
                 found.warnings.append(other)
             elif isinstance(other, End) and other.lost_records:
                 found.warnings.append(f"{path}: the log lost {other.lost_records} records")
-                found.whole = found.told = False
+                found.whole = found.indications = False
             continue
         if event.seq == 1:
             found.first_ms = found.last_ms = event.t_ms

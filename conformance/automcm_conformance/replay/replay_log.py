@@ -18,14 +18,14 @@ from typing import Literal
 from pydantic import ValidationError
 from pydantic_core import to_json
 
-from automcm_conformance.adapter.connect import Opened, hello, opened
+from automcm_conformance.adapter.connect import Connection, connect, hello
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import COMMAND, HelloAnswer, Object, ProtocolError
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.replay.log_compare import Compared, Difference, Names
 from automcm_conformance.replay.log_survey import Survey, events, possible, survey
-from automcm_conformance.scenarios.monitor import Followed
+from automcm_conformance.scenarios.monitor import Monitor
 from automcm_spec.vocabulary.parameters import longest_delay
 from automcm_traces.checker.finding import Diverges
 from automcm_traces.checker.track import CannotTell
@@ -118,7 +118,7 @@ def replay(
     run: _Run | None = None
     try:
         possible(found)
-        with opened(command, limit_s) as process:
+        with connect(command, limit_s) as process:
             run = _Run(found, process, hello(process), result)
             run.start(out, seed)
             run.all()
@@ -149,7 +149,7 @@ class _Run:
     def __init__(
         self,
         found: Survey,
-        process: Opened,
+        process: Connection,
         hello: HelloAnswer,
         result: Replayed,
     ) -> None:
@@ -165,7 +165,7 @@ class _Run:
         self._expired_ms = -1
         """When a timer of the log last expired."""
         self._backoffs = found.backoffs if "durations" in hello.features else []
-        self._followed: Followed | None = None
+        self._monitor: Monitor | None = None
         self._skipped = 0
 
     def start(self, out: Path, seed: int) -> None:
@@ -174,7 +174,7 @@ class _Run:
         out.mkdir(parents=True, exist_ok=True)
         new = out / f"{self._found.path.stem}-replayed.ndjson"
         self._result.log = str(new)
-        self._followed = Followed(
+        self._monitor = Monitor(
             header.station,
             self._process,
             new,
@@ -203,8 +203,8 @@ class _Run:
 
     def end(self, reason: str) -> None:
         """Close the new log, and say how it went until then."""
-        if self._followed is not None:
-            self._followed.end(reason)
+        if self._monitor is not None:
+            self._monitor.end(reason)
         if self._compared is not None and self._result.same is None and self._compared.first:
             self._result.same, self._result.difference = False, self._compared.first
 
@@ -216,9 +216,9 @@ class _Run:
                 self._names.logged(m)
                 if self._compared is not None:
                     self._compared.logged(line, now, "send", m)
-            case ApplicationIndication(indication=told, t_ms=now):
-                if self._compared is not None and self._found.told:
-                    value = {"name": told.name, **(told.model_extra or {})}
+            case ApplicationIndication(indication=indication, t_ms=now):
+                if self._compared is not None and self._found.indications:
+                    value = {"name": indication.name, **(indication.model_extra or {})}
                     self._compared.logged(line, now, "tell", value)
             case TimerEnd(op="expire", t_ms=now):
                 self._expired_ms = now
@@ -291,9 +291,9 @@ class _Run:
 
     def _advance(self, to: int) -> None:
         """Let time pass up to ``to``, deadline by deadline; what is due then expires."""
-        assert self._followed is not None
+        assert self._monitor is not None
         while True:
-            due = self._followed.deadline
+            due = self._monitor.deadline
             beat = self._now + BEAT_MS
             at = beat if due is None else min(due, beat)
             if at > to:
@@ -303,26 +303,26 @@ class _Run:
     def _give(
         self, now: int, command: Object, tx: str | None = None, raw: str | None = None
     ) -> None:
-        followed, kept = self._followed, self._result.exchange
-        assert followed is not None
+        monitor, kept = self._monitor, self._result.exchange
+        assert monitor is not None
         self._now = now
-        followed.give(now, command, tx, raw)
+        monitor.give(now, command, tx, raw)
         del kept[:-SHOWN]
-        for _, m in followed.sent:
+        for _, m in monitor.sent:
             self._names.sent(m)
         if self._compared is not None:
-            sent = [m for _, m in followed.sent if m["type"] != "CAM"]
-            told = followed.told if self._found.told else []
-            self._compared.done(self._result.line, now, sent, told)
+            sent = [m for _, m in monitor.sent if m["type"] != "CAM"]
+            indications = monitor.indications if self._found.indications else []
+            self._compared.done(self._result.line, now, sent, indications)
         self._set_backoff()
 
     def _set_backoff(self) -> None:
         """The next back-off is to last as long as it did in the log."""
-        assert self._followed is not None
-        if self._followed.backoffs < len(self._backoffs):
-            ms = self._backoffs[self._followed.backoffs]
-            if ms != self._followed.backoff:
-                self._followed.set_backoff(ms)
+        assert self._monitor is not None
+        if self._monitor.backoffs < len(self._backoffs):
+            ms = self._backoffs[self._monitor.backoffs]
+            if ms != self._monitor.backoff:
+                self._monitor.set_backoff(ms)
 
 
 def _object(raw: str) -> Object | None:

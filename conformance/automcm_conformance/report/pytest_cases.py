@@ -232,7 +232,7 @@ class Case(pytest.Item):
         case = self._cases.verdict(self)
         why = report.why(case)
         if not case.expected:
-            pytest.fail(f"{why}\n{report.told(case)}", pytrace=False)
+            pytest.fail(f"{why}\n{report.as_text(case)}", pytrace=False)
         if case.verdict == "SKIP":
             pytest.skip(why)
         if case.verdict != "PASS":

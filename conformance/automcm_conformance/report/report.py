@@ -296,7 +296,7 @@ def _junit_result(case: CaseResult) -> Skipped | Failed | Error | None:
     if case.expected:
         return None if case.verdict == "PASS" else Skipped(why(case), case.verdict)
     result = (Error if case.verdict in ("INCONC", "ERROR") else Failed)(why(case), case.verdict)
-    result.text = told(case)
+    result.text = as_text(case)
     return result
 
 
@@ -312,15 +312,15 @@ def why(case: CaseResult) -> str:
     return reason
 
 
-def told(case: CaseResult) -> str:
+def as_text(case: CaseResult) -> str:
     """What a case is about, and each of its failures with the exchange that leads to it."""
     texts = [f"given {case.given}", f"when {case.when}", f"then {case.then}"]
     texts += [f"reason: {case.reason}", f"because: {case.because}"]
     about = "\n".join(visible(text) for text in texts if not text.endswith(": "))
-    return "\n\n".join([about, *(_told(failure) for failure in case.failures)])
+    return "\n\n".join([about, *(_failure_text(failure) for failure in case.failures)])
 
 
-def _told(failure: Failure) -> str:
+def _failure_text(failure: Failure) -> str:
     place = f" (Station.tla line {failure.line}, {failure.operator})" if failure.operator else ""
     lines = [f"{failure.rule}{place}: {failure.rule_text}", failure.what]
     lines += ["The specification allows one of", *(f"  {text}" for text in failure.allowed)]

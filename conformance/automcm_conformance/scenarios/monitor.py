@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from automcm_conformance.adapter.connect import Opened
+from automcm_conformance.adapter.connect import Connection
 from automcm_conformance.adapter.protocol import Answer, HelloAnswer, read_answer
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.armed_timers import Clock, Running
@@ -41,7 +41,7 @@ SILENT_MS = 1_000
 """The longest legal interval of CAMs (protocol.md, section 3, t_cam_loss)."""
 
 
-class Followed:
+class Monitor:
     """One station from ``reset`` on.  Its log is written to ``path``; ``lines`` gets what is said.
 
     ``parameters`` are those of ``reset``, ``now`` is the virtual time in ms.  What the
@@ -51,7 +51,7 @@ class Followed:
     def __init__(
         self,
         station: int,
-        process: Opened,
+        process: Connection,
         path: Path,
         lines: list[Line],
         hello: HelloAnswer,
@@ -70,7 +70,7 @@ class Followed:
         """The step of the specification that is looked at."""
         self.sent: list[tuple[str, dict[str, Json]]] = []
         """What the last answer held, CAMs too, each with the id of its transmission."""
-        self.told: list[dict[str, Json]] = []
+        self.indications: list[dict[str, Json]] = []
         """The indications of the last answer."""
         self.backoffs = 0
         """How often a back-off was armed."""
@@ -125,14 +125,18 @@ class Followed:
         said = self._process.exchange([line])[0]
         self._lines.append(Line(now, "station", f"{self.id}: {transcript.answered(said)}"))
         answer = self._answer = read_answer(said)
-        answer.indications = [bare(told) for told in answer.indications]
-        self.sent, self.told = [], list(answer.indications)
+        answer.indications = [bare(indication) for indication in answer.indications]
+        self.sent, self.indications = [], list(answer.indications)
         self.deadline = answer.deadline
         session = self.track.session
         self._follow(now, command, tx, raw)
         if self.track.state.role == "receiver" and self.track.session not in (None, session):
             self._joined_at[self.track.peer] = now
-        if _quiet(command) and not self.told and all(m["type"] == "CAM" for _, m in self.sent):
+        if (
+            _is_no_op(command)
+            and not self.indications
+            and all(m["type"] == "CAM" for _, m in self.sent)
+        ):
             del self._lines[-2:]
 
     def set_backoff(self, ms: int) -> None:
@@ -197,9 +201,9 @@ class Followed:
             self._event(now, "timer", op="stop", timer=timer)
         for armed, duration in arm:
             self._arm(now, armed, duration)
-        for told in [i for i in self._answer.indications if i["name"] in step.told]:
-            self._answer.indications.remove(told)
-            self._event(now, "indication", indication=told)
+        for indication in [i for i in self._answer.indications if i["name"] in step.told]:
+            self._answer.indications.remove(indication)
+            self._event(now, "indication", indication=indication)
 
     def _malformed(self, now: int, tx: str | None, raw: str) -> None:
         """What is no message has no effect (END-5): all that is answered is too much."""
@@ -217,8 +221,8 @@ class Followed:
         """What was answered and nothing called for."""
         for m in self._answer.messages:
             self._send(now, m)
-        for told in self._answer.indications:
-            self._event(now, "indication", indication=told)
+        for indication in self._answer.indications:
+            self._event(now, "indication", indication=indication)
 
     def _arm(self, now: int, timer: Timer, duration: int | None) -> None:
         deadline = now + duration if duration is not None else self._unsettled(now, timer)
@@ -261,8 +265,8 @@ class Followed:
     def _send(self, now: int, m: dict[str, Json]) -> None:
         self._transmissions += 1
         tx = f"{self.id}:{self._transmissions}"
-        if odd := not_plain(m):  # the log cannot hold it
-            text = f"send {m['type']}: {': '.join(odd)}"
+        if invalid := not_plain(m):  # the log cannot hold it
+            text = f"send {m['type']}: {': '.join(invalid)}"
             raise self._diverges(text, ["a message as section 2 has it"])
         self._event(now, "send", tx=tx, message=m)
         self.sent.append((tx, m))
@@ -314,7 +318,7 @@ class Followed:
         return Diverges(self._at, what, rule or (step.rule if step else ""), wanted, guard)
 
 
-def _quiet(command: dict[str, Json]) -> bool:
+def _is_no_op(command: dict[str, Json]) -> bool:
     """Time passes, or a CAM arrives."""
     kind: str = command.get("message", {}).get("type", command["cmd"])
     return kind in ("CAM", "advance")

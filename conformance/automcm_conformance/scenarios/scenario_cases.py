@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from automcm_conformance.adapter.connect import connect
 from automcm_conformance.adapter.connect import hello as say_hello
-from automcm_conformance.adapter.connect import opened
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import MESSAGE_TYPES, HelloAnswer, ProtocolError
 from automcm_conformance.scenarios.scenario_runner import (
@@ -208,7 +208,7 @@ def run(
     with ExitStack() as stack:
         try:
             processes = {
-                station: stack.enter_context(opened(command, limit_s)) for station in stations
+                station: stack.enter_context(connect(command, limit_s)) for station in stations
             }
             for process in processes.values():
                 say_hello(process)

@@ -14,12 +14,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from automcm_conformance.adapter.connect import Opened
+from automcm_conformance.adapter.connect import Connection
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import DEFAULTS, HelloAnswer, Object, ProtocolError
 from automcm_conformance.exchange.results import Line, Verdict
 from automcm_conformance.exchange.wire import HOLD_MS
-from automcm_conformance.scenarios.monitor import Followed
+from automcm_conformance.scenarios.monitor import Monitor
 from automcm_conformance.scenarios.scripted_radio import Radio, Rule
 from automcm_spec.vocabulary.parameters import derived, durations
 from automcm_spec.vocabulary.station import Input
@@ -145,7 +145,7 @@ class Stage:
     def __init__(
         self,
         play: Play,
-        processes: Mapping[int, Opened],
+        processes: Mapping[int, Connection],
         hello: HelloAnswer,
         folder: Path,
         seed: int,
@@ -154,7 +154,7 @@ class Stage:
         self._processes = processes
         self._logs = {station: folder / f"{station}.ndjson" for station in play.stations}
         self._lines: list[Line] = []
-        self._stations: dict[int, Followed] = {}
+        self._stations: dict[int, Monitor] = {}
         self._parameters = DEFAULTS | {str(name): ms for name, ms in hello.fixed.items()}
         self._radio = Radio(play.radio, self._parameters, seed)
         self._queue: list[tuple[int, int, bool, Callable[[], None]]] = []
@@ -164,7 +164,7 @@ class Stage:
         self._calm = 0
         self._now = START_MS
         self._done: dict[tuple[int, int], int] = {}
-        self._told: dict[int, list[str]] = {station: [] for station in play.stations}
+        self._indications: dict[int, list[str]] = {station: [] for station in play.stations}
         self._at = 0
         """The station that is spoken to."""
 
@@ -187,12 +187,14 @@ class Stage:
             came = list(getattr(error, "stderr", ()))
             return self._out(folder, Outcome("ERROR", f"{self._at}: {error}", came=came))
         finally:
-            for followed in self._stations.values():
-                followed.end(end)
+            for monitor in self._stations.values():
+                monitor.end(end)
         for station, story in self._play.story.items():
-            told = self._told[station]
-            if len(told) != len(story) or not all(map(_tells, story, told)):
-                text = f"every step is allowed, but {station} was told {', '.join(told)}: this"
+            indication = self._indications[station]
+            if len(indication) != len(story) or not all(map(_tells, story, indication)):
+                text = (
+                    f"every step is allowed, but {station} was told {', '.join(indication)}: this"
+                )
                 return self._elsewhere(folder, f"{text} scenario leads to {', '.join(story)}")
         return self._out(folder, Outcome("PASS"))
 
@@ -225,7 +227,7 @@ class Stage:
     def _run(self) -> None:
         for station in self._play.stations:
             self._at = station
-            self._stations[station] = Followed(
+            self._stations[station] = Monitor(
                 station,
                 self._processes[station],
                 self._logs[station],
@@ -246,8 +248,8 @@ class Stage:
             self._now = max(self._now, min([self._queue[0][0], *due]))
             if self._now > end:
                 self._check_ends()
-            for station, followed in self._stations.items():
-                if followed.deadline is not None and followed.deadline <= self._now:
+            for station, monitor in self._stations.items():
+                if monitor.deadline is not None and monitor.deadline <= self._now:
                     self._give(station, {"cmd": "advance"})
             while self._queue[0][0] <= self._now:
                 _, _, counts, action = heapq.heappop(self._queue)
@@ -265,23 +267,23 @@ class Stage:
         for station in self._stations:
             self._give(station, {"cmd": "advance"})
         resting = all(
-            followed.track.state.phase == "STANDALONE" and not followed.track.outbox
-            for followed in self._stations.values()
+            monitor.track.state.phase == "STANDALONE" and not monitor.track.outbox
+            for monitor in self._stations.values()
         )
         self._calm = self._calm + 1 if resting and not self._pending else 0
         self._after(self._parameters["t_cam"], self._beat, counts=False)
 
     def _check_hazards(self) -> None:
-        tracks = {station: followed.track for station, followed in self._stations.items()}
-        excused = {station: followed.excused for station, followed in self._stations.items()}
+        tracks = {station: monitor.track for station, monitor in self._stations.items()}
+        excused = {station: monitor.excused for station, monitor in self._stations.items()}
         found = hazard(tracks, excused)
         if found is not None:
             raise _Unsafe(found)
 
     def _check_ends(self) -> None:
         """The play has lasted longer than its sessions may."""
-        for station, followed in self._stations.items():
-            t = followed.track
+        for station, monitor in self._stations.items():
+            t = monitor.track
             if t.state.phase != "STANDALONE":
                 text = f"{station} is still in {t.state.phase} at {self._now} ms"
                 raise _Unsafe(_broken("L-1", text))
@@ -292,21 +294,24 @@ class Stage:
     def _give(self, station: int, command: Object, tx: str | None = None) -> None:
         """Say it to a station; what it sends goes on the air, what it tells to its application."""
         self._at = station
-        followed = self._stations[station]
-        phase = followed.track.state.phase
-        followed.give(self._now, command, tx)
-        for own, m in followed.sent:
+        monitor = self._stations[station]
+        phase = monitor.track.state.phase
+        monitor.give(self._now, command, tx)
+        for own, m in monitor.sent:
             self._send(station, own, m)
-        now = followed.track.state.phase
+        now = monitor.track.state.phase
         if now != phase:
-            if now == "ACTUATING" and followed.track.state.role == "prescriber":
+            if now == "ACTUATING" and monitor.track.state.role == "prescriber":
                 self._radio.acting_at = self._radio.acting_at or self._now
             self._happened(station, now)
-        for told in followed.told:
-            name, more = told["name"], [told["reason"]] if told["name"] == "fallback" else []
-            self._told[station].append(" ".join([name, *more]))
+        for indication in monitor.indications:
+            name, more = (
+                indication["name"],
+                [indication["reason"]] if indication["name"] == "fallback" else [],
+            )
+            self._indications[station].append(" ".join([name, *more]))
             self._happened(station, name)
-            self._asked(station, told)
+            self._asked(station, indication)
 
     def _send(self, station: int, tx: str, m: Object) -> None:
         for other, application in self._play.stations.items():
@@ -319,21 +324,21 @@ class Stage:
                 arrives = partial(self._give, other, command, tx)
                 self._after(at - self._now, arrives, counts=m["type"] != "CAM")
 
-    def _asked(self, station: int, told: Object) -> None:
+    def _asked(self, station: int, indication: Object) -> None:
         """The application of a station answers a question, after thinking."""
-        application, name = self._play.stations[station], told["name"]
+        application, name = self._play.stations[station], indication["name"]
         if name not in ("choose", "verify", "propose"):
             return
-        session, k = told["session"], told.get("proposal", 1)
+        session, k = indication["session"], indication.get("proposal", 1)
         command: Object = {"name": "prescribe", "session": session, "proposal": k}
         if name == "verify" and k <= application.refuses:
             command["name"] = "refuse"
         elif name == "verify":
-            command |= {"name": "accept", "selected": told["prescribed"]}
+            command |= {"name": "accept", "selected": indication["prescribed"]}
         else:
             target = self._stations[station].track.state.target
             if name == "choose":
-                target = application.target or min(told["stations"], default=0) or station
+                target = application.target or min(indication["stations"], default=0) or station
             command |= {"target": target, "prescribed": _trajectory(session[1], k)}
             command |= {"hold_ms": HOLD_MS, "lease_ms": application.lease_ms}
         thinks = min(application.thinks_ms, self._parameters["t_decide"] // 2)
@@ -383,5 +388,5 @@ def _trajectory(a: int, b: int) -> Object:
     return {"t0": 0, "points": [[0, 0, 0], [1000, 8000 + b, a]]}
 
 
-def _tells(wanted: str, told: str) -> bool:
-    return told == wanted or told.split()[0] == wanted
+def _tells(wanted: str, indication: str) -> bool:
+    return indication == wanted or indication.split()[0] == wanted

@@ -271,7 +271,7 @@ def places(a: Trajectory, b: Trajectory, when: Fraction) -> Json:
 
 def inside(zone: list[Place], point: Place) -> bool:
     """Is it in the polygon, or on its boundary?"""
-    odd = False
+    inside = False
     for a, b in zip(zone, zone[1:] + zone[:1], strict=True):
         along, to = minus(b, a), minus(point, a)
         if a == b:
@@ -280,8 +280,8 @@ def inside(zone: list[Place], point: Place) -> bool:
             return True
         if (a[1] > point[1]) != (b[1] > point[1]):
             crossing = a[0] + (point[1] - a[1]) * along[0] / along[1]
-            odd ^= point[0] < crossing
-    return odd
+            inside ^= point[0] < crossing
+    return inside
 
 
 def discover(given: Json) -> Json:
