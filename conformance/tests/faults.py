@@ -80,8 +80,8 @@ class Why(NamedTuple):
     """The session ends so in whatever phase the fault begins."""
 
 
-GOES_ON = "What is lost is counted; the session goes on."
-STOPS = "The session is left by END-1 with a Cancel; then the process ends."
+GOES_ON = "Lost records are counted; the session continues."
+STOPS = "The station leaves with a Cancel (END-1) and exits."
 LOG = (0, 3)
 OURS = (1, 70)
 FIN, CAMS, ABORT = ("Fin",), ("end of CAMs",), ("Cancel(abort)",)
@@ -103,65 +103,67 @@ def stops(text: str = STOPS, codes: tuple[int, ...] = (0,)) -> Why:
 
 
 WHY: dict[str, Why] = {
-    "nothing": unharmed("Control."),
-    "send refused": Why("Messages and CAMs are lost: the peer leaves by its timers.", CAMS),
-    "send refused now and then": unharmed("Lost messages are sent again."),
+    "nothing": unharmed("No fault."),
+    "send refused": Why("Messages and CAMs are lost; the peer leaves by its timers.", CAMS),
+    "send refused now and then": unharmed("Lost messages are resent."),
     "receive fails": Why(
-        "The station receives nothing: its timers end the session, with a Cancel.",
+        "The station receives nothing. Its timers end the session with a Cancel.",
         ("Cancel(cam_loss)",),
     ),
-    "select fails": Why("The event loop ends at once, and so do the CAMs.", CAMS, (3,)),
-    "names cannot be looked up": unharmed("Nothing: addresses are numbers."),
-    "log: no space": unharmed(GOES_ON + "  The exit code says that records are lost.", LOG),
+    "select fails": Why("The event loop and the CAMs stop at once.", CAMS, (3,)),
+    "names cannot be looked up": unharmed("None: addresses are numeric."),
+    "log: no space": unharmed(GOES_ON + " Exit code 3 reports lost log records.", LOG),
     "log: input/output error": unharmed("As without space.", LOG),
-    "log: space for half a line": unharmed("As without space; the half line is removed.", LOG),
-    "log: write blocks": unharmed("As without space: a thread waits, the station does not.", LOG),
+    "log: space for half a line": unharmed("As without space. The half line is removed.", LOG),
+    "log: write blocks": unharmed("As without space: only the writer thread waits.", LOG),
     "standard output: no space": unharmed(GOES_ON),
     "standard output: closed": unharmed(GOES_ON),
     "standard output: blocks": unharmed(GOES_ON),
-    "every write blocks": unharmed("Log and reports are lost; the session goes on.", LOG),
+    "every write blocks": unharmed("Log and reports are lost; the session continues.", LOG),
     "number file: no space": only_new(
-        "Only a new session needs the file: its messages are not sent (END-8), which the log "
-        "shows, and the process ends."
+        "Only a new session needs the file. Its messages are not sent (END-8), the log diverges, "
+        "and the process exits."
     ),
     "number file: rename fails": only_new("As without space."),
     "no file can be opened": only_new("As for the number file."),
-    "no descriptor is free": only_new("As for the number file: nothing else needs one."),
+    "no descriptor is free": only_new("As for the number file; nothing else needs a descriptor."),
     "memory limit": Why(
-        "What Python has in reserve lasts a session.  If not: " + STOPS,
+        "Python's reserve usually lasts for a session. Otherwise as without memory.",
         FIN + ABORT,
         (0, *OURS),
         ends=True,
     ),
     "no memory now and then": stops(codes=OURS),
     "time jumps ahead": Why(
-        "All timers are due: the station leaves, by ACT-2 if it acts.",
+        "All timers are due. The station leaves, by ACT-2 if it acts.",
         ("Cancel(cam_loss)",),
         diverges=True,
     ),
-    "time goes back": Why("Nothing is due until time has caught up: no CAMs.", CAMS, diverges=True),
-    "time stands still": Why("Nothing is ever due: no CAMs.", CAMS, diverges=True),
+    "time goes back": Why(
+        "No timer is due and no CAM is sent until time has caught up.", CAMS, diverges=True
+    ),
+    "time stands still": Why("No timer is ever due; no CAMs are sent.", CAMS, diverges=True),
     "the host sleeps": Why(
-        "As if time jumped ahead, because its peers were awake.",
+        "As if time jumped ahead, because the peer was awake.",
         ("Cancel(cam_loss)",),
         diverges=True,
     ),
     "the position raises": stops(codes=OURS),
     "the application raises": stops(
-        STOPS + "  If the application is not called again, the session goes on.", (0, *OURS)
+        STOPS + " If the application is not called again, the session continues.", (0, *OURS)
     ),
     "SIGTERM": stops(),
     "SIGTERM twice": stops(
-        "The second signal ends it at once: the Cancel is sent once.", (0, -signal.SIGTERM)
+        "The second signal ends the process at once; the Cancel is sent once.", (0, -signal.SIGTERM)
     ),
     "SIGINT": stops(),
     "SIGHUP": stops(),
-    "SIGPIPE": unharmed("Ignored."),
-    "SIGUSR1": Why("The system ends the process: the end of CAMs.", CAMS, (-signal.SIGUSR1,)),
-    "SIGKILL": Why("The end of CAMs.", CAMS, (-signal.SIGKILL,)),
+    "SIGPIPE": unharmed("The signal is ignored."),
+    "SIGUSR1": Why("The system kills the process; the CAMs stop.", CAMS, (-signal.SIGUSR1,)),
+    "SIGKILL": Why("The CAMs stop.", CAMS, (-signal.SIGKILL,)),
     "SIGSTOP": Why(
-        "Stopped until its peer is alone: the end of CAMs.  Then the timers that are due end the "
-        "session; the log tells late_ms.",
+        "The process is stopped until its peer has left; the CAMs stop. Then due timers end the "
+        "session, and the log has late_ms.",
         CAMS,
         diverges=True,
     ),
@@ -385,8 +387,7 @@ async def matrix(faults: Sequence[str], jobs: int, folder: Path) -> list[Cell]:
 def page(cells: Sequence[Cell]) -> str:
     """The matrix in Markdown."""
     heads = [f"{phase} ({part})" for _, phase, part in PHASES]
-    lines = [PAGE, "| fault | exit code | log | " + " | ".join(heads) + " |"]
-    lines.append("|---" * (len(heads) + 3) + "|")
+    wide, narrow = [], []
     for fault in FAULTS:
         row = [cell for cell in cells if cell.fault == fault]
         if not row:
@@ -394,21 +395,46 @@ def page(cells: Sequence[Cell]) -> str:
         codes = ", ".join(str(code) for code in sorted({c.code for c in row if c.code is not None}))
         verdicts = ", ".join(sorted({cell.verdict.replace("_", " ") for cell in row}))
         outcomes = [cell.outcome + ("" if not cell.problems else " **(!)**") for cell in row]
-        lines.append("| " + " | ".join([fault, codes, verdicts, *outcomes]) + " |")
-    lines += ["", "## Why", "", "| fault | what follows |", "|---|---|"]
-    lines += [f"| {fault} | {WHY[fault].text} |" for fault in FAULTS]
+        if any(outcome != "Fin" for outcome in outcomes):
+            wide.append([fault, *outcomes])
+        narrow.append([fault, codes, verdicts, WHY[fault].text])
+    wide, narrow = _alike(wide), _alike(narrow)
+    lines = [PAGE, *_table(["fault", *heads], wide), "", "## Why", ""]
+    lines += _table(["fault", "exit code", "log", "effect"], narrow)
     problems = [f"{c.fault}, {c.phase} ({c.part}): {text}" for c in cells for text in c.problems]
     again = sum(cell.tries > 1 for cell in cells)
-    lines += ["", f"{len(cells)} cells, {again} of them tried again; unexplained: {len(problems)}."]
+    lines += ["", f"{len(cells)} cells, {again} of them repeated; unexpected: {len(problems)}."]
     lines += problems
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _alike(rows: list[list[str]]) -> list[list[str]]:
+    """Rows that differ only in their fault as one row."""
+    faults: dict[tuple[str, ...], list[str]] = {}
+    for fault, *rest in rows:
+        faults.setdefault(tuple(rest), []).append(fault)
+    return [["; ".join(names), *rest] for rest, names in faults.items()]
+
+
+def _table(heads: list[str], rows: list[list[str]]) -> list[str]:
+    """A table in Markdown, line by line."""
+    rule = "|---" * len(heads) + "|"
+    return [f"| {' | '.join(heads)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)]
 
 
 PAGE = f"""# Faults of a station
 
 `make test-faults` starts a station and a peer on UDP. When the station enters a phase, the test
-injects a fault, such as a failing system call, and observes the peer. A cell says how the session
-ended for the peer:
+injects a fault, such as a failing system call, and observes the peer. Every fault has an expected
+outcome. The test also checks that:
+
+- the peer does not act longer than D + `t_cam_loss` after the station left or last sent a CAM that
+  names the session (T-2);
+- no CAM names a session that the station has left (ACT-5);
+- the station stops on request, and its log can be read.
+
+The first table shows how the session ended for the peer, by the phase in which the fault began. It
+omits faults after which every session ended with a Fin.
 
 - *Fin*: as if nothing had failed;
 - *Cancel(reason)*: by a Cancel of the station;
@@ -416,11 +442,8 @@ ended for the peer:
 - *timer (rule)*: by another timer of the peer, before it acted;
 - *no session*: the station never answered or never asked.
 
-Each fault has an expected outcome. In every cell the test also checks that the peer does not act
-longer than D + `t_cam_loss` after the station left or last sent a CAM that names the session (T-2),
-that no CAM names a session the station has left (ACT-5), that the station stops on request, and
-that its log can be read. *Time jumps* and *the host sleeps* are
-{JUMP_S} s. A log diverges where the fault delayed a timer or lost a step.
+*Time jumps* and *the host sleeps* last {JUMP_S} s. A log diverges where the fault delayed
+a timer or lost a step.
 """
 
 

@@ -7,7 +7,9 @@ from pathlib import Path
 
 from automcm_conformance.adapter.new_adapter import create
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "first-hour.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "first-hour.md").read_text(encoding="utf-8")
+CPP = (DOCS / "first-hour" / "station.hpp").read_text(encoding="utf-8")
 CASES = ("AMCM/RCV/ADV/BV", "AMCM/RCV/NEG")
 
 
@@ -16,13 +18,13 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 
-def _assemble(folder: Path, language: str, old_class: str, station: str) -> Path:
+def _assemble(folder: Path, language: str, old_class: str, station: str, code: str) -> Path:
     """Write the template and do what the page says to it; the command of the adapter.
 
     Raises ValueError if the page or the template is not what this expects.
     """
     *_, run = create("python" if language == "python" else "cpp", folder)
-    instead, features, *parts = blocks(language)
+    instead, features = blocks(language)[:2]
     adapter = folder / ("adapter.py" if language == "python" else "adapter.cpp")
     text, classes = re.subn(
         old_class, lambda _: instead, adapter.read_text(), count=1, flags=re.DOTALL
@@ -33,15 +35,18 @@ def _assemble(folder: Path, language: str, old_class: str, station: str) -> Path
             f"{adapter.name}: {classes} classes and {lines} lines replaced, not 1 and 1"
         )
     adapter.write_text(text)
-    (folder / station).write_text("\n".join(parts))
+    (folder / station).write_text(code)
     return run
 
 
 def python_station(folder: Path) -> Path:
     """The station in Python; the command of its adapter."""
-    return _assemble(folder, "python", r"class Station:.*?(?=\n\nclass Adapter)", "station.py")
+    code = "\n".join(blocks("python")[2:])
+    return _assemble(
+        folder, "python", r"class Station:.*?(?=\n\nclass Adapter)", "station.py", code
+    )
 
 
 def cpp_station(folder: Path) -> Path:
     """The station in C++, not built; the command of its adapter."""
-    return _assemble(folder, "cpp", r"class Station \{.*?\n\};\n", "station.hpp")
+    return _assemble(folder, "cpp", r"class Station \{.*?\n\};\n", "station.hpp", CPP)

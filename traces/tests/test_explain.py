@@ -208,7 +208,7 @@ def test_a_message_received_that_nobody_sent_is_forged(logs: list[Path], tmp_pat
 
 def test_the_small_logs_of_the_page_are_what_it_says(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs/trace-format.md").read_text()
-    blocks = page.split("## A log of your own")[1].split("## Was it")[0].split("```\n")[1::2]
+    blocks = page.split("## A log of your own")[1].split("## Judge")[0].split("```\n")[1::2]
     found = []
     wrong = blocks[1].replace('"proposal":1,"accepted"', '"proposal":2,"accepted"')
     for content in (*blocks, wrong):

@@ -40,20 +40,20 @@ from automcm_traces.format.reader import LONGEST_LINE, NotJsonError, cut, parse
 Level = Literal["error", "warning"]
 
 CHECKS: Final[dict[str, tuple[Level, str]]] = {
-    "text": ("error", "a line is UTF-8, at most 16 MiB, not empty, and ends with LF alone"),
+    "text": ("error", "a line is UTF-8, has 1 byte to 16 MiB, and ends with LF only"),
     "json": ("error", "a line is one JSON object"),
     "schema": ("error", "a record has the fields of its kind, of the right type, and no others"),
-    "key": ("error", "no object has a key twice"),
-    "message": ("warning", "a message has the form that the protocol gives its type (END-5)"),
-    "order": ("error", "one header first, then events, then one end, and nothing after it"),
-    "seq": ("error", "seq counts from 1, without a gap and without repetition"),
-    "t_ms": ("error", "t_ms never goes back"),
-    "tx": ("error", "what is sent has a transmission id of this station, new each time"),
-    "deadline": ("error", "a timer is not armed for a time that is past"),
-    "cut": ("warning", "the last line was being written when the log broke off"),
-    "end": ("warning", "the log has an end, and it says that nothing was lost"),
-    "unknown": ("warning", "kinds of event, and the hints rule, phase and role, are known here"),
-    "complete": ("warning", "what `complete` promises is there, as far as one can see"),
+    "key": ("error", "no object has a duplicate key"),
+    "message": ("warning", "a message is well formed (END-5)"),
+    "order": ("error", "one header, then events, then one end, then nothing"),
+    "seq": ("error", "seq counts from 1 without gaps or repetitions"),
+    "t_ms": ("error", "t_ms never decreases"),
+    "tx": ("error", "each transmission has a new id of this station"),
+    "deadline": ("error", "a deadline is not in the past"),
+    "cut": ("warning", "the last line is complete"),
+    "end": ("warning", "the log has an end and no lost records"),
+    "unknown": ("warning", "the event kind, rule, phase and role are known"),
+    "complete": ("warning", "the kinds in `complete` are present, as far as this can be checked"),
 }
 """By name: what breaks the format and what is merely odd, and what each check wants."""
 
