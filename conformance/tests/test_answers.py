@@ -10,6 +10,7 @@ import pytest
 
 from automcm_conformance.adapter.protocol import ProtocolError
 from automcm_conformance.exchange import answers, records
+from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.wire import Expected
 from automcm_spec.support.bad_input import BadInput
 
@@ -41,6 +42,24 @@ def test_a_message_holds_no_float(number: str) -> None:
     assert not answers.differences(Expected(), text.encode())
     with pytest.raises(ProtocolError, match="float"):
         answers.differences(Expected(), text.replace('"x_mm": 0', f'"x_mm": {number}').encode())
+
+
+@pytest.mark.parametrize("name", NOTHING)
+@pytest.mark.parametrize("sent", [[], [FIN]])
+def test_each_field_is_needed(name: str, sent: list[Any]) -> None:
+    expected = Expected(messages=sent, deadline=UNKNOWN)
+    right = json.loads(line(messages=sent))
+    assert not answers.differences(expected, json.dumps(right).encode())
+    del right[name]
+    with pytest.raises(ProtocolError, match=f"'{name}' is missing|\"{name}\" is missing"):
+        answers.differences(expected, json.dumps(right).encode())
+
+
+@pytest.mark.parametrize("deadline", [True, 1.0])
+def test_a_deadline_is_an_integer(deadline: object) -> None:
+    assert not answers.differences(Expected(deadline=1), line(deadline=1))
+    with pytest.raises(ProtocolError):
+        answers.differences(Expected(deadline=1), line(deadline=deadline))
 
 
 def test_a_fault_of_the_kit_is_no_wrong_answer(monkeypatch: pytest.MonkeyPatch) -> None:

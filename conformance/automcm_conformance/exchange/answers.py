@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from operator import eq
 from typing import Any
 
@@ -15,6 +16,7 @@ from automcm_spec.vocabulary.messages import same
 
 Json = Any
 _FIELDS = Answer.model_fields.keys()
+_NEEDED = {name for name, field in Answer.model_fields.items() if field.is_required()}
 _TRUTHS = ("Acceptance", "Advertisement")
 """Messages in which there may be a truth value."""
 Problem = tuple[str, str]
@@ -52,27 +54,31 @@ def _as_expected(expected: Expected, line: bytes) -> bool:
         found = from_json(line)
     except ValueError:
         return False
-    if type(found) is not dict or not found.keys() <= _FIELDS or has_float(line):
+    if type(found) is not dict or not found.keys() <= _FIELDS:
+        return False
+    deadline = found.get("deadline", UNKNOWN)
+    if type(deadline) is not type(expected.deadline) or deadline != expected.deadline:
+        return False
+    if found.get("phase", expected.phase) != expected.phase:
+        return False
+    messages, told, cams = (found.get(name, []) for name in ("messages", "indications", "cams"))
+    if messages == told == cams == []:
+        return not expected.messages and not expected.indications and found.keys() >= _NEEDED
+    if has_float(line) or type(told) is not list or type(cams) is not list:
         return False
     truths = b"true" in line or b"false" in line
     truths = truths or any(m["type"] in _TRUTHS for m in expected.messages)
     alike = same if truths else eq
-    told, cams = found.get("indications"), found.get("cams", [])
     return (
-        alike(expected.messages, found.get("messages"))
-        and type(told) is list
+        alike(expected.messages, messages)
         and len(told) == len(expected.indications)
-        and all(
-            _holds(one, other, alike) for one, other in zip(told, expected.indications, strict=True)
-        )
-        and alike(expected.deadline, found.get("deadline", UNKNOWN))
-        and found.get("phase", expected.phase) == expected.phase
-        and type(cams) is list
+        and all(map(partial(_holds, alike), told, expected.indications))
         and all(_is_cam(cam) and _marked(expected, cam) for cam in cams)
+        and found.keys() >= _NEEDED
     )
 
 
-def _holds(found: Json, wanted: dict[str, Json], alike: Callable[[Json, Json], bool]) -> bool:
+def _holds(alike: Callable[[Json, Json], bool], found: Json, wanted: dict[str, Json]) -> bool:
     """Whether an indication is the one that is wanted, whatever else it holds."""
     if type(found) is not dict:
         return False

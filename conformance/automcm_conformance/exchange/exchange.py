@@ -154,6 +154,9 @@ class Exchange:
         self.clock: Clock[Timer] = Clock()
         self._joined_at: dict[int, int] = {}
         self._waiting: list[Step] = []
+        self._refusals: dict[tuple[str, tuple[str, ...], int, int | None], Expected] = {}
+        self._right: dict[int, bytes] = {}
+        """The last right answer by the id of its ``Expected``, which ``done`` keeps alive."""
         self._lease_ms = LONG_MS
         self._known = {**parameters, **derived(parameters)}
         self._lasts = durations(self._known)
@@ -348,39 +351,52 @@ class Exchange:
     def _take(self, command: dict[str, Json], then: int | None) -> list[int]:
         """Queue a line: timers that are due fire, unless power fails (END-8), and then comes input
         ``then``."""
-        step = Step(self.now, {**command, "now": self.now}, Expected())
-        step.before = self.state
+        command["now"] = self.now
+        due = self.clock.due(self.now)
+        answer = None if then is None else self.oracle.answer(self.state, then)
+        if due is None and answer and not answer.changes and not answer.effect.messages:
+            self._refuse(command, answer)
+            return []
+        step = Step(self.now, command, Expected(), before=self.state)
         fired, given = [], self.wire.given
         self.wire.given = None
-        lost = then is not None and isinstance(
-            self.oracle.inputs[then], Restart
-        )  # what is due as well
-        while not lost and (due := self.clock.due(self.now)) is not None:
-            expiry = self._expiry(due)
-            if self.oracle.answer(self.state, expiry) is None:
+        if then is not None and isinstance(self.oracle.inputs[then], Restart):
+            due = None  # is lost as well
+        while due is not None:
+            expiry = self.oracle.answer(self.state, self._expiry(due))
+            if expiry is None:
                 raise Infeasible  # what is to be given up before lasts too long (ADV-8)
-            fired.append(expiry)
+            fired.append(expiry.input)
             self._follow(step, expiry)
+            due = self.clock.due(self.now)
         self.wire.given = given
         if then is not None:
-            self._follow(step, then)
+            self._follow(step, self.oracle.given(self.state, then))
         self._expect(step)
         opens = any(m["session"][1] is None for m in step.expected.messages)
         if len(step.expected.fresh) > 1 or (opens and not self.predict):
             self.flush()  # what comes next depends on what the station chose
         return fired
 
-    def _follow(self, step: Step, i: int) -> None:
+    def _refuse(self, command: dict[str, Json], answer: Answer) -> None:
+        """Queue a line at which nothing changes and nothing is sent, and no timer is due.  Lines
+        at which the same is expected share one ``Expected``, so that an answer that was right once
+        need not be looked at again (``_judge``)."""
+        rule, told, first = answer.effect.rule, answer.effect.told, self.clock.first
+        key = rule, told, self.state, None if first is None else first.deadline
+        expected = self._refusals.get(key)
+        if expected is None:
+            indications = [] if told == NOTHING_TOLD else [{"name": told[0]}]
+            expected = self._refusals[key] = Expected(rule, indications=indications)
+        step = Step(self.now, command, expected, before=self.state)
+        step.pairs.append((answer.state, answer.input))
+        if self.logged:
+            step.deeds.append(Deed(None, 0, len(expected.indications), [], []))
+        self._expect(step)
+
+    def _follow(self, step: Step, answer: Answer) -> None:
         """One step of the specification: what it expects is added to ``step``."""
-        answer = self.oracle.answer(self.state, i)
-        value = self.oracle.inputs[i]
-        assert answer is not None, f"not offered: {value}"
-        if not answer.changes and not answer.effect.messages and answer.effect.told == NOTHING_TOLD:
-            step.pairs.append((answer.state, i))
-            step.expected.rule = step.expected.rule or answer.effect.rule
-            if self.logged:
-                step.deeds.append(Deed(None, 0, 0, [], []))
-            return
+        value = self.oracle.inputs[answer.input]
         if answer.changes and self.wire.given is not None:
             self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
         deed = Deed(None, 0, 0, [], []) if self.logged else None
@@ -395,7 +411,7 @@ class Exchange:
             self.oracle.states[answer.next],
             (lease or self.now) - self.now,
         )
-        step.pairs.append((answer.state, i))
+        step.pairs.append((answer.state, answer.input))
         step.expected.rule = step.expected.rule or answer.effect.rule
         step.expected.messages += messages
         step.expected.indications += indications
@@ -419,7 +435,7 @@ class Exchange:
         """What an answer says of the state after it; the step waits to be written."""
         first = self.clock.first
         step.place = self.place
-        step.after, step.next_timer = self.state, self.first_timer
+        step.after, step.next_timer = self.state, None if first is None else first.timer
         step.expected.phase = self.oracle.states[self.state].phase
         step.expected.deadline = None if first is None else first.deadline
         if not self.clock.sure:
@@ -428,6 +444,9 @@ class Exchange:
 
     def _judge(self, step: Step, line: bytes) -> None:
         step.answer = line
+        if self._right.get(id(step.expected)) == line:
+            self.done.append(step)
+            return
         if self.judges_marks and b'"cams"' in line:
             states = [step.before, *(state for state, _ in step.pairs[1:]), step.after]
             step.expected.marks = [self._marks(state) for state in states]
@@ -441,6 +460,7 @@ class Exchange:
                 if self.predict and m["session"][1] != self.wire.last_number + 1:
                     raise Unpredicted
                 self.wire.opened(self.oracle.states[step.after].number, m["session"][1])
+        self._right[id(step.expected)] = line
         self.done.append(step)
 
     def _marks(self, state: int) -> Json:
