@@ -61,18 +61,20 @@ def _as_expected(expected: Expected, line: bytes) -> bool:
         return False
     if found.get("phase", expected.phase) != expected.phase:
         return False
-    messages, told, cams = (found.get(name, []) for name in ("messages", "indications", "cams"))
-    if messages == told == cams == []:
+    messages, indications, cams = (
+        found.get(name, []) for name in ("messages", "indications", "cams")
+    )
+    if messages == indications == cams == []:
         return not expected.messages and not expected.indications and found.keys() >= _NEEDED
-    if has_float(line) or type(told) is not list or type(cams) is not list:
+    if has_float(line) or type(indications) is not list or type(cams) is not list:
         return False
     truths = b"true" in line or b"false" in line
     truths = truths or any(m["type"] in _TRUTHS for m in expected.messages)
     alike = same if truths else eq
     return (
         alike(expected.messages, messages)
-        and len(told) == len(expected.indications)
-        and all(map(partial(_holds, alike), told, expected.indications))
+        and len(indications) == len(expected.indications)
+        and all(map(partial(_holds, alike), indications, expected.indications))
         and all(_is_cam(cam) and _marked(expected, cam) for cam in cams)
         and found.keys() >= _NEEDED
     )

@@ -33,13 +33,13 @@ class Link(Protocol):
 
 
 @dataclass(slots=True)
-class Deed:
+class Effects:
     """What one step of the specification did, for a log: the timer that expired, how much was
     sent and told, the timers stopped and armed."""
 
     expired: Json
     messages: int
-    told: int
+    indications: int
     stopped: list[Json]
     armed: list[tuple[Json, int]]
 
@@ -64,7 +64,7 @@ class Step:
     next_timer: Timer | None = None
     """The timer whose deadline is expected."""
     answer: bytes = b""
-    deeds: list[Deed] = field(default_factory=list)
+    effects: list[Effects] = field(default_factory=list)
     """For each of ``pairs``, if the exchange is logged."""
 
     def __post_init__(self) -> None:
@@ -382,16 +382,16 @@ class Exchange:
         """Queue a line at which nothing changes and nothing is sent, and no timer is due.  Lines
         at which the same is expected share one ``Expected``, so that an answer that was right once
         need not be looked at again (``_judge``)."""
-        rule, told, first = answer.effect.rule, answer.effect.told, self.clock.first
-        key = rule, told, self.state, None if first is None else first.deadline
+        rule, indication, first = answer.effect.rule, answer.effect.told, self.clock.first
+        key = rule, indication, self.state, None if first is None else first.deadline
         expected = self._refusals.get(key)
         if expected is None:
-            indications = [] if told == NOTHING_TOLD else [{"name": told[0]}]
+            indications = [] if indication == NOTHING_TOLD else [{"name": indication[0]}]
             expected = self._refusals[key] = Expected(rule, indications=indications)
         step = Step(self.now, command, expected, before=self.state)
         step.pairs.append((answer.state, answer.input))
         if self.logged:
-            step.deeds.append(Deed(None, 0, len(expected.indications), [], []))
+            step.effects.append(Effects(None, 0, len(expected.indications), [], []))
         self._expect(step)
 
     def _follow(self, step: Step, answer: Answer) -> None:
@@ -399,10 +399,10 @@ class Exchange:
         value = self.oracle.inputs[answer.input]
         if answer.changes and self.wire.given is not None:
             self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
-        deed = Deed(None, 0, 0, [], []) if self.logged else None
-        if deed is not None:
-            deed.expired = self.wire.timer(value.timer) if isinstance(value, Expire) else None
-            deed.stopped = [self.wire.timer(t) for t in answer.effect.stop]
+        effects = Effects(None, 0, 0, [], []) if self.logged else None
+        if effects is not None:
+            effects.expired = self.wire.timer(value.timer) if isinstance(value, Expire) else None
+            effects.stopped = [self.wire.timer(t) for t in answer.effect.stop]
         lease = self.clock.deadline(("lease",)) if answer.changes else None
         messages, indications = self.wire.expect(
             self.oracle.states[answer.state],
@@ -418,11 +418,11 @@ class Exchange:
         if answer.changes:
             step.expected.fresh, self.wire.fresh = self.wire.fresh, []
             self._settle(answer)
-        if deed is not None:
-            deed.messages, deed.told = len(messages), len(indications)
+        if effects is not None:
+            effects.messages, effects.indications = len(messages), len(indications)
             arm = answer.effect.arm
-            deed.armed = [(self.wire.timer(t), self.clock.deadline(t) or 0) for t in arm]
-            step.deeds.append(deed)
+            effects.armed = [(self.wire.timer(t), self.clock.deadline(t) or 0) for t in arm]
+            step.effects.append(effects)
 
     def _queue(self, command: dict[str, Json], expected: Expected | None = None) -> None:
         """A line at which the station stays what it is."""

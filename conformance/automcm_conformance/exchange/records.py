@@ -90,7 +90,7 @@ def write_log(
 ) -> None:
     """The exchange as a log of the station: what it answered, and the timers as the
     specification has them.  Raises ValueError if it cannot be told in a log."""
-    if any(step.pairs and not step.deeds for step in steps):
+    if any(step.pairs and not step.effects for step in steps):
         raise ValueError("timers were not kept")
     reset = steps[0].command
     known = {n: ms for n, ms in reset["parameters"].items() if n in (*LIMITS, "clock_drift")}
@@ -105,27 +105,27 @@ def write_log(
                 continue
             command, answer = step.command, read_answer(step.answer)
             more = {} if answer.phase is None else {"phase": answer.phase}
-            messages, told = iter(answer.messages), map(bare, answer.indications)
+            messages, indications = iter(answer.messages), map(bare, answer.indications)
             cams, marks = answer.cams, step.expected.marks
             before = [c for c in cams if not marks or are_marks(marks[0], c.get("marks"))]
             send = partial(_send, log, reset["station"], count, step.now)
             send(before)
-            for deed in step.deeds:
-                if deed.expired is not None:
-                    expired = _timer(deed.expired)
+            for effects in step.effects:
+                if effects.expired is not None:
+                    expired = _timer(effects.expired)
                     log.event("timer", step.now, op="expire", timer=expired, **more)
                 else:
                     _input(log, step.now, command, more)
-                send(islice(messages, deed.messages))
-                for timer in deed.stopped:
+                send(islice(messages, effects.messages))
+                for timer in effects.stopped:
                     log.event("timer", step.now, op="stop", timer=_timer(timer))
-                for timer, deadline in deed.armed:
+                for timer, deadline in effects.armed:
                     armed = _timer(timer)
                     log.event("timer", step.now, op="arm", timer=armed, deadline=deadline)
-                for indication in islice(told, deed.told):
+                for indication in islice(indications, effects.indications):
                     log.event("indication", step.now, indication=indication)
             send(messages)
-            for indication in told:
+            for indication in indications:
                 log.event("indication", step.now, indication=indication)
             send(c for c in cams if c not in before)
 
@@ -143,9 +143,9 @@ def log_of(folder: Path, name: str, case: str, steps: Sequence[Step], hello: Hel
     return str(path.relative_to(folder))
 
 
-def bare(told: Object) -> Object:
+def bare(indication: Object) -> Object:
     """An indication without what may stand there besides; a log need not be able to hold that."""
-    return {name: told[name] for name in ("name", *INDICATIONS[told["name"]])}
+    return {name: indication[name] for name in ("name", *INDICATIONS[indication["name"]])}
 
 
 def _send(

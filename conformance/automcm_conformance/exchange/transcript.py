@@ -113,7 +113,7 @@ def exchange(steps: list[Step]) -> list[Line]:
     lines = []
     for step in steps:
         lines.append(Line(step.now, "kit", said(step.command)))
-        quiet = step.command["cmd"] in ("durations", "reset") and step is not steps[-1]
-        if step.answer and not quiet:
+        silent = step.command["cmd"] in ("durations", "reset") and step is not steps[-1]
+        if step.answer and not silent:
             lines.append(Line(step.now, "station", answered(step.answer)))
     return lines

@@ -377,9 +377,9 @@ class Wire:
             self.heard_ms = None
 
     def _indications(
-        self, told: tuple[str, ...], before: State, after: State, lease_left: int
+        self, indication: tuple[str, ...], before: State, after: State, lease_left: int
     ) -> list[dict[str, Json]]:
-        name = told[0]
+        name = indication[0]
         if name == "nothing":
             return []
         if name in ("refused", "discarded"):
@@ -399,7 +399,7 @@ class Wire:
             case "propose":
                 out |= {"proposal": before.proposal + 1, "reason": given["reason"]}
             case "fallback":
-                out["reason"] = given["reason"] if told[1] == "as_sent" else told[1]
+                out["reason"] = given["reason"] if indication[1] == "as_sent" else indication[1]
         return [out]
 
     def timer(self, t: Timer) -> dict[str, Json]:

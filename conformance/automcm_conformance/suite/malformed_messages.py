@@ -33,7 +33,7 @@ def nested(depth: int) -> Json:
     return value
 
 
-def bent(message: Message) -> Iterator[tuple[str, Message]]:
+def invalid(message: Message) -> Iterator[tuple[str, Message]]:
     """What is wrong, and the message with just that wrong, in every way that is tried."""
     type_ = message["type"]
     changes: list[Message] = [{"unknown": 1}, {"type": "Proposal"}, {"type": type_.lower()}]
@@ -148,13 +148,13 @@ def _wrong_trajectories() -> Iterator[Json]:
         yield {"t0": t0, "points": [_POINT]}
     for points in (list[int](), {"0": _POINT}, 5, [5], _POINT):
         yield {"t0": 0, "points": points}
-    odd = ([0, 0], [0, 0, 0, 0], [0, 0, 0.5], [1.0, 0, 0], [0, "0", 0], [0, 0, True])
-    for point in (*odd, [LARGE + 1, 0, 0], [0, 0, -LARGE - 1], [], {"dt_ms": 0}):
+    wrong = ([0, 0], [0, 0, 0, 0], [0, 0, 0.5], [1.0, 0, 0], [0, "0", 0], [0, 0, True])
+    for point in (*wrong, [LARGE + 1, 0, 0], [0, 0, -LARGE - 1], [], {"dt_ms": 0}):
         yield {"t0": 0, "points": [point]}
         yield {"t0": 0, "points": [_POINT, point, _POINT]}
 
 
-def odd(message: Message) -> Iterator[tuple[str, Message]]:
+def edge_cases(message: Message) -> Iterator[tuple[str, Message]]:
     """What is odd, and fields with which the message is well formed all the same."""
     for name, value in message.items():
         for other in _odd(name, value, message):

@@ -16,7 +16,7 @@ from automcm_conformance.adapter.protocol import read_answer
 from automcm_conformance.exchange.exchange import Broken, Mismatch
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite import scripts, session_cases
-from automcm_conformance.suite.malformed_messages import bent, odd
+from automcm_conformance.suite.malformed_messages import edge_cases, invalid
 from automcm_conformance.suite.scripted import Fresh, Played, inputs, number, play, played
 from automcm_conformance.suite.scripts import (
     REQUEST,
@@ -103,7 +103,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     x = fresh(USUAL)
     play(x, script)
     names: dict[bytes, str] = {}
-    for what, message in bent(x.wire.command(good)["message"]):
+    for what, message in invalid(x.wire.command(good)["message"]):
         x.malformed(message)
         names[x.waiting[-1]] = f"{type_} with {what}"
     try:
@@ -119,7 +119,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
 def bounds(fresh: Fresh, type_: str) -> Played:
     """``bounds TYPE``: the odd values that a message may have; each counts like any other."""
     script, good, after = scripts.RECEIVED[type_]
-    for what, fields in odd(fresh(USUAL).wire.command(good)["message"]):
+    for what, fields in edge_cases(fresh(USUAL).wire.command(good)["message"]):
         try:
             yield played(fresh(USUAL), [*script, With(fields, good), *after])
         except (Mismatch, Broken) as error:

@@ -36,8 +36,8 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
             case With(fields, value):
                 x.give(number(x, value), lease_ms=lease_ms, fields=fields)
             case Older(ms, value):
-                heard = max(0, (x.wire.heard_ms or 0) - ms)
-                x.give(number(x, value), fields={"generation_ms": heard})
+                generation_ms = max(0, (x.wire.heard_ms or 0) - ms)
+                x.give(number(x, value), fields={"generation_ms": generation_ms})
             case Expire(timer=timer):
                 if n >= len(script) - 2:
                     _before(x, timer)
