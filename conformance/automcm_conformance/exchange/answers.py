@@ -1,4 +1,4 @@
-"""Is this the answer that the specification calls for?  If not: what of it is wrong."""
+"""Compares an answer with the expected one, and says what is wrong with it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Json = Any
 _FIELDS = Answer.model_fields.keys()
 _NEEDED = {name for name, field in Answer.model_fields.items() if field.is_required()}
 _TRUTHS = ("Acceptance", "Advertisement")
-"""Messages in which there may be a truth value."""
+"""Messages that may hold a truth value."""
 Problem = tuple[str, str]
-"""The part of an answer that is wrong (``messages``, ``indications``, ``deadline``, ``phase``,
-``cams``), and a sentence."""
+"""The wrong part of an answer (``messages``, ``indications``, ``deadline``, ``phase``, ``cams``),
+and a sentence about it."""
 
 
 def differences(expected: Expected, line: bytes) -> list[Problem]:
-    """What is wrong with an answer, as (part, sentence); nothing if it is as expected.
+    """The differences from the expected answer, as (part, sentence); empty if there are none.
 
-    Raises ProtocolError for a line that is no answer at all.
+    Raises ProtocolError for a line that is not an answer.
     """
     if _as_expected(expected, line):
         return []
@@ -48,8 +48,8 @@ def differences(expected: Expected, line: bytes) -> list[Problem]:
 
 
 def _as_expected(expected: Expected, line: bytes) -> bool:
-    """Whether it is, as nearly all are: without a look at its form, which is then right as well.
-    Python takes true for 1 and 1.0 for 1: what holds a truth value is compared closely."""
+    """Whether the answer is exactly as expected. Nearly all are, and their form is then right as
+    well. Python's 1 equals true and 1.0, so answers with truth values are compared by type too."""
     try:
         found = from_json(line)
     except ValueError:
@@ -81,7 +81,7 @@ def _as_expected(expected: Expected, line: bytes) -> bool:
 
 
 def _holds(alike: Callable[[Json, Json], bool], found: Json, wanted: dict[str, Json]) -> bool:
-    """Whether an indication is the one that is wanted, whatever else it holds."""
+    """Whether an indication has the wanted fields; it may have others."""
     if type(found) is not dict:
         return False
     return all(name in found and alike(value, found[name]) for name, value in wanted.items())
@@ -140,8 +140,8 @@ def _own(wanted: Json, found: Json) -> bool:
 
 
 def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected) -> list[Problem]:
-    """What the station was free to choose is now known; was it free to choose that?  What it was
-    not is not taken over: a replay expects what was expected here."""
+    """Takes over a value that the station was free to choose, and checks that it was. Other values
+    are not taken over: a replay expects the values expected here."""
     problems = []
     if wanted["session"][1] is None:
         number = found["session"][1]
@@ -161,7 +161,7 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected)
 
 
 def first_difference(wanted: dict[str, Json], found: Json) -> str:
-    """What is wrong with this message, in one line, if another was wanted."""
+    """The first difference between two messages, in one line."""
     if type(found) is not dict:
         return f"a message is an object, not {found!r}"
     if wanted["type"] != found.get("type"):
@@ -200,7 +200,7 @@ def _marks(expected: Expected, cam: dict[str, Json]) -> list[Problem]:
 
 
 def are_marks(wanted: list[Json], found: Json) -> bool:
-    """Whether a CAM has these marks, in any order (ACT-5)."""
+    """Whether these are the marks of a CAM, in any order (ACT-5)."""
     return (
         type(found) is list and len(found) == len(wanted) and all(mark in found for mark in wanted)
     )

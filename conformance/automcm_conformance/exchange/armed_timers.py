@@ -1,4 +1,4 @@
-"""The armed timers of a station as the kit keeps them: which fires next, and when."""
+"""The kit's clock of a station's armed timers: which timer expires next, and when."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Generic, TypeVar
 from automcm_spec.vocabulary.parameters import rank
 
 UNKNOWN = -1
-"""A time that only the station knows."""
+"""A deadline that only the station knows."""
 T = TypeVar("T", bound=Hashable)
 _TURN = attrgetter("deadline", "rank", "age")
-"""Timers fire in the order of this (protocol.md, section 3)."""
+"""The order in which timers fire (protocol.md, section 3)."""
 
 
 @dataclass(slots=True)
 class Running(Generic[T]):
-    """An armed timer.  ``age`` orders those of one rank: an older message comes first."""
+    """An armed timer. ``age`` orders timers of one rank: that of the older message comes first."""
 
     timer: T
     deadline: int
@@ -27,7 +27,7 @@ class Running(Generic[T]):
 
 
 class Clock(Generic[T]):
-    """The armed timers, in whatever values they are named; ``deadline`` in ms, or UNKNOWN."""
+    """The armed timers by their names; a deadline is in ms, or UNKNOWN."""
 
     def __init__(self) -> None:
         self.running: dict[T, Running[T]] = {}
@@ -36,8 +36,8 @@ class Clock(Generic[T]):
         self._sure = self._looked = True
 
     def arm(self, timer: T, deadline: int, message: Hashable = None, type_: str = "") -> None:
-        """Arm it, or arm it anew.  ``message`` is what a timer of a message belongs to, of this
-        type."""
+        """Arm a timer, or arm it again. ``message``: the message it belongs to, of type
+        ``type``."""
         name = getattr(timer, "name", None) or timer[0]  # type: ignore[index]
         age = 0 if message is None else self._ages.setdefault(message, len(self._ages))
         self.running.pop(timer, None)
@@ -46,36 +46,36 @@ class Clock(Generic[T]):
         self._looked = False
 
     def stop(self, timer: T) -> None:
-        """It is stopped, or has expired."""
+        """Remove a timer that is stopped or has expired."""
         del self.running[timer]
         self._looked = False
 
     def learn(self, timer: T, deadline: int) -> None:
-        """The deadline of a timer that only the station knew."""
+        """Set a deadline that only the station knew."""
         self.running[timer].deadline = deadline
         self._looked = False
 
     def deadline(self, timer: T) -> int | None:
-        """When this timer expires; None if it does not run."""
+        """The deadline of a timer; None if it is not armed."""
         running = self.running.get(timer)
         return None if running is None else running.deadline
 
     @property
     def first(self) -> Running[T] | None:
-        """Of the timers whose deadline is known, the one that expires next."""
+        """The timer that expires next, of those whose deadline is known."""
         if not self._looked:
             self._look()
         return self._first
 
     @property
     def sure(self) -> bool:
-        """The deadlines of all timers are known."""
+        """Whether all deadlines are known."""
         if not self._looked:
             self._look()
         return self._sure
 
     def due(self, now: int) -> T | None:
-        """The timer to fire next of those that are due."""
+        """The due timer that fires next; None if no timer is due."""
         first = self.first
         return first.timer if first is not None and first.deadline <= now else None
 

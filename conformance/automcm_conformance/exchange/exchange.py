@@ -1,8 +1,8 @@
-"""One exchange with a station: the kit moves time, keeps the clock of the armed timers, and holds
-every answer against the oracle.
+"""One exchange with a station: the kit sets the time, keeps the clock of the armed timers, and
+compares every answer with the oracle.
 
-Lines are written in bulk and judged when they are read (``flush``); the first that is wrong raises
-``Mismatch``.
+Lines are written in bulk and judged when their answers are read (``flush``); the first wrong answer
+raises ``Mismatch``.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ class Link(Protocol):
     """What an exchange needs of a process."""
 
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
-        """As that of an adapter."""
+        """As ``Adapter.exchange``."""
 
 
 @dataclass(slots=True)
 class Effects:
-    """What one step of the specification did, for a log: the timer that expired, how much was
-    sent and told, the timers stopped and armed."""
+    """The effects of one step of the specification, for a log: the expired timer, the numbers of
+    messages and indications, the timers stopped and armed."""
 
     expired: Json
     messages: int
@@ -46,33 +46,33 @@ class Effects:
 
 @dataclass(slots=True)
 class Step:
-    """One line, what it stands for in the oracle, and what must be answered.
+    """One line to the station, the steps of the oracle it stands for, and the expected answer.
 
     ``pairs``: (state, input) of each step of the specification.
     """
 
     now: int
     command: dict[str, Json]
-    """What the line says."""
+    """The content of the line."""
     expected: Expected
     line: bytes = field(init=False)
     place: int = 0
-    """Which input of the tour it is, or belongs to."""
+    """The index of the tour's input that the line belongs to."""
     pairs: list[tuple[int, int]] = field(default_factory=list)
     before: int = 0
     after: int = 0
     next_timer: Timer | None = None
-    """The timer whose deadline is expected."""
+    """The timer whose deadline is expected in the answer."""
     answer: bytes = b""
     effects: list[Effects] = field(default_factory=list)
-    """For each of ``pairs``, if the exchange is logged."""
+    """The effects of each of ``pairs``, if the exchange is logged."""
 
     def __post_init__(self) -> None:
         self.line = encode(self.command)
 
 
 class Mismatch(Exception):
-    """An answer that the specification does not allow; the last of ``steps`` got it."""
+    """An answer that the specification does not allow: the answer to the last of ``steps``."""
 
     def __init__(self, steps: list[Step], problems: list[Problem]) -> None:
         super().__init__("; ".join(text for _, text in problems))
@@ -83,12 +83,12 @@ class Mismatch(Exception):
 
     @property
     def found_deadline(self) -> int | None:
-        """What the last answer gave as the deadline."""
+        """The deadline in the last answer."""
         return read_answer(self.steps[-1].answer).deadline
 
 
 class Broken(Exception):
-    """The station gave no answer to the last of ``steps``, or one of no known form."""
+    """The station did not answer the last of ``steps``, or its answer is invalid."""
 
     def __init__(self, steps: list[Step], error: Exception) -> None:
         super().__init__(str(error))
@@ -97,26 +97,25 @@ class Broken(Exception):
 
     @property
     def kind(self) -> str:
-        """Of AdapterError; empty for a line of no known form."""
+        """The kind of the AdapterError; empty for an invalid line."""
         return self.error.kind if isinstance(self.error, AdapterError) else ""
 
     @property
     def stderr(self) -> list[str]:
-        """What the process said last, if it is gone."""
+        """The last lines of standard error, if the process has ended."""
         return self.error.stderr if isinstance(self.error, AdapterError) else []
 
 
 class Unpredicted(Exception):
-    """The station has chosen another number than the next for its session."""
+    """The number that the station chose for its session is not the next one."""
 
 
 class Infeasible(Exception):
-    """Time does not let this timer expire here: another one is due before it, maybe one that the
-    graph does not let expire yet."""
+    """This timer cannot expire here: another one is due before it."""
 
 
 class Exchange:
-    """With one station, from ``reset`` on; ``parameters`` are those of ``reset``."""
+    """An exchange with one station, from ``reset`` on; ``parameters`` are those of ``reset``."""
 
     def __init__(
         self,
@@ -138,17 +137,17 @@ class Exchange:
         self.now = values.start_ms
         self.wire = Wire(scenario=scenario, rich=rich, values=values)
         self.done: list[Step] = []
-        """Answered as expected."""
+        """Steps that were answered as expected."""
         self.place = 0
         self.predict = predict
-        """The number of a new session is taken to be the next one, until it turns out otherwise:
-        then Unpredicted is raised, and nothing is judged."""
+        """Whether the number of a new session is assumed to be the next one. If it is not,
+        Unpredicted is raised and nothing is judged."""
         self.judges_marks = judges_marks
-        """Also the marks of CAMs are looked at."""
+        """Whether the marks of CAMs are judged."""
         self.logged = logged
-        """Steps keep what a log says of timers."""
+        """Whether steps keep their effects, for a log."""
         self.begun = False
-        """Lines have been written."""
+        """Whether lines have been written."""
         self.overrides: dict[str, int] = {}
         self._link = link
         self.clock: Clock[Timer] = Clock()
@@ -156,7 +155,7 @@ class Exchange:
         self._waiting: list[Step] = []
         self._refusals: dict[tuple[str, tuple[str, ...], int, int | None], Expected] = {}
         self._right: dict[int, bytes] = {}
-        """The last right answer by the id of its ``Expected``, which ``done`` keeps alive."""
+        """The last correct answer, by the id of its ``Expected``, which ``done`` keeps alive."""
         self._lease_ms = LONG_MS
         self._known = {**parameters, **derived(parameters)}
         self._lasts = durations(self._known)
@@ -167,7 +166,7 @@ class Exchange:
     # -- what the kit does
 
     def durations(self, durations: Mapping[str, int]) -> None:
-        """From now on timers of these names last so long (feature ``durations``)."""
+        """Set the durations of these timers from now on (feature ``durations``)."""
         self.overrides.update(durations)
         self._queue({"cmd": "durations", "durations": dict(durations)})
 
@@ -179,9 +178,10 @@ class Exchange:
         lease_ms: int | None = None,
         fields: Mapping[str, Json] | None = None,
     ) -> None:
-        """An input that is no expiry.  Timers due by then fire first, but for a restart.
+        """Give an input that is not an expiry. Timers due by then fire first, except before a
+        restart.
 
-        ``fields`` of the message or command have these values, not those that the kit chooses.
+        ``fields`` replace fields of the message or command.
         """
         if at is not None:
             self.now = at
@@ -192,30 +192,31 @@ class Exchange:
         self._take(said, i)
 
     def advance(self, to: int) -> list[int]:
-        """Let time pass; timers due by then fire.  Returns their inputs."""
+        """Advance the time; due timers fire. Returns the inputs of their expiries."""
         self.now = to
         return self._take({"cmd": "advance"}, None)
 
     def wait(self, until: int) -> None:
-        """Let time pass to ``until``, deadline by deadline."""
+        """Advance the time to ``until``, deadline by deadline."""
         while (due := self.next_due) is not None and due <= until:
             self.advance(due)
         if self.now < until:
             self.advance(until)
 
     def seal(self) -> None:
-        """The end: a line more, so that what the station does after its last answer shows here."""
+        """End the exchange with one more line, which shows what the station does after its last
+        answer."""
         self.state, self.clock = 0, Clock()
         self._queue(self._reset)
 
     def malformed(self, message: Json) -> None:
-        """A message that breaks its form: discarded, whatever the phase (END-5)."""
+        """Send a malformed message: the station discards it in every phase (END-5)."""
         expected = Expected("END-5", indications=[{"name": "discarded"}])
         self._queue({"cmd": "receive", "message": message}, expected)
 
     def expire(self, i: int) -> None:
-        """Advance to the deadline of this timer.  Resends may fire on the way.  Raises Infeasible
-        if something else would, or if a deadline is not known."""
+        """Advance to the deadline of this timer. Resends may fire on the way. Raises Infeasible if
+        another timer would, or if a deadline is not known."""
         wanted = self.expires(i)
         fired: list[int] = []
         while i not in fired:
@@ -228,12 +229,12 @@ class Exchange:
 
     @property
     def next_due(self) -> int | None:
-        """The next deadline in ms; None if no timer runs, or not all deadlines are known."""
+        """The next deadline in ms; None if no timer is armed, or not all deadlines are known."""
         first = self.clock.first
         return first.deadline if first is not None and self.clock.sure else None
 
     def offers(self, i: int, at: int) -> bool:
-        """This input can be given at this time, with no more than one timer before it."""
+        """Whether this input can be given at this time, with at most one expiry before it."""
         due = [each for each in self.clock.running.values() if each.deadline <= at]
         match self.oracle.inputs[i]:
             case Restart():
@@ -251,7 +252,7 @@ class Exchange:
 
     @property
     def first_timer(self) -> Timer | None:
-        """The timer that expires next; None if none runs."""
+        """The timer that expires next; None if no timer is armed."""
         return None if self.clock.first is None else self.clock.first.timer
 
     @property
@@ -261,16 +262,16 @@ class Exchange:
 
     @property
     def queued(self) -> Sequence[Step]:
-        """What has not been written yet."""
+        """The steps whose lines have not been written yet."""
         return self._waiting
 
     @property
     def unwritten(self) -> int:
-        """How many lines have not been written yet."""
+        """The number of lines that have not been written yet."""
         return len(self._waiting)
 
     def flush(self) -> None:
-        """Write what is waiting, read the answers and judge them.  Raises Mismatch or Broken."""
+        """Write the waiting lines, read the answers and judge them. Raises Mismatch or Broken."""
         self.begun = True
         try:
             answers = self._link.exchange(self.waiting) if self._waiting else []
@@ -279,7 +280,7 @@ class Exchange:
         self.answered(answers)
 
     def answered(self, answers: Sequence[bytes], error: AdapterError | None = None) -> None:
-        """Judge the answers to what was waiting; with ``error`` there is one too few.
+        """Judge the answers to the waiting lines; with ``error`` the last answer is missing.
 
         Raises Mismatch or Broken.
         """
@@ -304,7 +305,7 @@ class Exchange:
         return self.oracle.input_index[Expire("expire", timer)]
 
     def expires(self, i: int) -> Timer:
-        """The timer whose expiry this input is."""
+        """The timer that expires by this input."""
         value = self.oracle.inputs[i]
         assert isinstance(value, Expire), value
         return value.timer
@@ -349,8 +350,8 @@ class Exchange:
     # -- lines and answers
 
     def _take(self, command: dict[str, Json], then: int | None) -> list[int]:
-        """Queue a line: timers that are due fire, unless power fails (END-8), and then comes input
-        ``then``."""
+        """Queue a line: due timers fire, except if power fails (END-8); then input ``then`` is
+        given."""
         command["now"] = self.now
         due = self.clock.due(self.now)
         answer = None if then is None else self.oracle.answer(self.state, then)
@@ -379,9 +380,8 @@ class Exchange:
         return fired
 
     def _refuse(self, command: dict[str, Json], answer: Answer) -> None:
-        """Queue a line at which nothing changes and nothing is sent, and no timer is due.  Lines
-        at which the same is expected share one ``Expected``, so that an answer that was right once
-        need not be looked at again (``_judge``)."""
+        """Queue a line that changes nothing and sends nothing while no timer is due. Such lines
+        share one ``Expected``, so that an equal answer is not parsed again (``_judge``)."""
         rule, indication, first = answer.effect.rule, answer.effect.told, self.clock.first
         key = rule, indication, self.state, None if first is None else first.deadline
         expected = self._refusals.get(key)
@@ -395,7 +395,7 @@ class Exchange:
         self._expect(step)
 
     def _follow(self, step: Step, answer: Answer) -> None:
-        """One step of the specification: what it expects is added to ``step``."""
+        """Add the expected effects of one step of the specification to ``step``."""
         value = self.oracle.inputs[answer.input]
         if answer.changes and self.wire.given is not None:
             self._lease_ms = self.wire.given.get("lease_ms", self._lease_ms)
@@ -425,14 +425,14 @@ class Exchange:
             step.effects.append(effects)
 
     def _queue(self, command: dict[str, Json], expected: Expected | None = None) -> None:
-        """A line at which the station stays what it is."""
+        """Queue a line that does not change the station."""
         timed = {} if command["cmd"] == "durations" else {"now": self.now}
         step = Step(self.now, command | timed, expected or Expected())
         step.before = self.state
         self._expect(step)
 
     def _expect(self, step: Step) -> None:
-        """What an answer says of the state after it; the step waits to be written."""
+        """Set the expected state after the step, and queue the step."""
         first = self.clock.first
         step.place = self.place
         step.after, step.next_timer = self.state, None if first is None else first.timer

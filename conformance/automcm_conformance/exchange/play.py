@@ -11,7 +11,7 @@ from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Expire
 
 LEASES = (LONG_MS, 1_000)
-"""Without ``durations``: a lease that no other timer outlives, or one that ends before."""
+"""Leases without ``durations``: one that outlasts every other timer, and one that expires first."""
 RUNS = 120
 """Exchanges tried in order to shorten one."""
 Wrong = Mismatch | Broken
@@ -20,10 +20,10 @@ Wrong = Mismatch | Broken
 def play(
     x: Exchange, tour: Sequence[int], timed: bool, lease_ms: int = LONG_MS, soonest: str = ""
 ) -> Pair | None:
-    """Give the inputs of a tour, up to the first that time forbids; that pair is returned.
+    """Give the inputs of a tour, up to the first that time does not allow; returns that pair.
 
-    ``timed``: the station has ``durations``, so time forbids nothing; ``soonest``: the timer that
-    would expire first of those that need not.  Raises Mismatch, Broken.
+    ``timed``: the station has ``durations``, so time allows every input. ``soonest``: of the timers
+    that need not expire, the one with the earliest deadline. Raises Mismatch, Broken.
     """
     off = _timed(x, tour, soonest) if timed else _natural(x, tour, lease_ms)
     x.seal()
@@ -47,8 +47,8 @@ def _natural(x: Exchange, tour: Sequence[int], lease_ms: int) -> Pair | None:
 
 
 def _timed(x: Exchange, tour: Sequence[int], soonest: str) -> Pair | None:
-    """Two timers of one name that are armed at once last equally long: time forbids that they
-    expire one after the other."""
+    """Two timers of one name that are armed at once have the same duration, so they cannot expire
+    one after the other."""
     lasting = long(soonest)
     x.durations({name: ms for name, ms in lasting.items() if name != "lease"})
     for place, slot in enumerate(timetable(x.oracle, tour, x.now, lasting)):
@@ -88,11 +88,10 @@ def shortened(
     attempt: Callable[[list[int]], Wrong | None],
     runs: int = RUNS,
 ) -> tuple[list[int], Wrong] | None:
-    """A short part of ``inputs`` after which the last answer is still wrong; None if not even
-    all of them lead there again.
+    """A short part of ``inputs`` after which the last answer is still wrong; None if even all of
+    them do not lead to a wrong answer again.
 
-    ``ways[k]`` leads to the state before input k; ``attempt`` plays inputs and returns what went
-    wrong.
+    ``ways[k]`` leads to the state before input k; ``attempt`` plays inputs and returns the error.
     """
     best: tuple[list[int], Wrong] | None = None
     length = 1

@@ -1,4 +1,4 @@
-"""What a run leaves behind: logs in the trace format, and files that replay an exchange."""
+"""The files of a run: logs in the trace format, and files that replay an exchange."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class _Replay(BaseModel, extra="forbid"):
 
 
 def replay_text(case: str, rule: str, what: str, steps: Sequence[Step]) -> str:
-    """An exchange, line by line, with what is expected."""
+    """An exchange as a replay file: each line with the expected answer."""
     lines = [{"now": s.now, "line": s.command, "expected": asdict(s.expected)} for s in steps]
     about = {"format": FORMAT, "case": case, "rule": rule, "what": what}
     return json.dumps(about | {"steps": lines}, indent=1) + "\n"
 
 
 def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
-    """What a replay file is about (``case``, ``rule``, ``what``) and its steps.
+    """The metadata (``case``, ``rule``, ``what``) and the steps of a replay file.
 
     Raises BadInput and OSError.
     """
@@ -63,8 +63,8 @@ def read_replay(path: Path) -> tuple[dict[str, str], list[Step]]:
 
 
 def replayed(steps: Sequence[Step], link: Link) -> list[Step]:
-    """Send the lines again, one by one.  Raises Mismatch at the first answer that is wrong, and
-    what the link and the reading of an answer raise."""
+    """Send the lines again, one by one. Raises Mismatch at the first wrong answer, and the errors
+    of the link and of ``read_answer``."""
     done: list[Step] = []
     for step in steps:
         try:
@@ -88,8 +88,8 @@ def write_log(
     name: str,
     version: str,
 ) -> None:
-    """The exchange as a log of the station: what it answered, and the timers as the
-    specification has them.  Raises ValueError if it cannot be told in a log."""
+    """Write the exchange as a log of the station: its answers, with the timers of the
+    specification. Raises ValueError if a log cannot hold it."""
     if any(step.pairs and not step.effects for step in steps):
         raise ValueError("timers were not kept")
     reset = steps[0].command
@@ -131,8 +131,8 @@ def write_log(
 
 
 def log_of(folder: Path, name: str, case: str, steps: Sequence[Step], hello: HelloAnswer) -> str:
-    """Write the log of an exchange among the ``logs`` of a folder; its path there, or nothing if
-    an answer of it cannot be told in a log."""
+    """Write the log of an exchange into the ``logs`` of a folder. Returns its relative path, or an
+    empty text if a log cannot hold an answer."""
     path = folder / "logs" / f"{name}.ndjson"
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -144,7 +144,7 @@ def log_of(folder: Path, name: str, case: str, steps: Sequence[Step], hello: Hel
 
 
 def bare(indication: Object) -> Object:
-    """An indication without what may stand there besides; a log need not be able to hold that."""
+    """An indication with only the fields of the protocol; a log may be unable to hold others."""
     return {name: indication[name] for name in ("name", *INDICATIONS[indication["name"]])}
 
 
@@ -167,7 +167,7 @@ def _input(log: LogWriter, now: int, command: Object, more: Object) -> None:
 
 
 def _timer(timer: Object) -> Object:
-    """A timer as a log names it."""
+    """The name of a timer in a log."""
     if "message" not in timer:
         return timer
     m = timer["message"]

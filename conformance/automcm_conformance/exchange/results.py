@@ -1,4 +1,4 @@
-"""What a run of the suite says: verdicts, failures, coverage.  Plain data, JSON and back."""
+"""The results of a run of the suite: verdicts, failures, coverage. Plain data, JSON and back."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pydantic import AfterValidator
 from pydantic_core import PydanticCustomError
 
 Verdict = Literal["PASS", "FAIL", "INCONC", "SKIP", "ERROR"]
-"""INCONC: what leads to the test went wrong.  ERROR: the kit or the adapter broke."""
+"""INCONC: the steps before the test failed. ERROR: the kit or the adapter broke."""
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 BROKE = "the kit broke"
-"""How a problem begins that is a fault of the kit."""
+"""The beginning of a problem that is a fault of the kit."""
 Level = Literal["MUST", "SHOULD", "MAY"]
 
 
@@ -29,7 +29,7 @@ Share = Annotated[list[int], AfterValidator(_share)]
 
 @dataclass(slots=True)
 class Line:
-    """One line of an exchange: who said it, when (virtual ms), and what, in words."""
+    """One line of an exchange: the sender, the time (virtual ms), and the content in words."""
 
     now: int
     who: Literal["kit", "station"]
@@ -43,18 +43,18 @@ class Failure:
     rule: str
     rule_text: str
     operator: str
-    """Of Station.tla; empty where the failure is not about a rule of it."""
+    """The operator of Station.tla; empty if the failure is not about one of its rules."""
     line: int
     what: str
-    """What is wrong, in one line."""
+    """The difference, in one line."""
     allowed: list[str]
-    """What the specification allows at that point: one of these."""
+    """The answers that the specification allows at that point."""
     came: list[str]
     exchange: list[Line]
     replay: str = ""
     """File for ``automcm conform replay``, relative to the report."""
     command: str = ""
-    """The command that replays exactly this."""
+    """The command that replays this exchange."""
 
 
 @dataclass(slots=True)
@@ -71,28 +71,28 @@ class CaseResult:
     bug: str
     cost: str
     reason: str = ""
-    """Why it is not PASS, or what was left out, in one line."""
+    """The reason why it is not PASS, or the parts left out, in one line."""
     wanted: Verdict = "PASS"
-    """What the expectations file says; ``because`` is its comment."""
+    """The verdict in the expectations file; ``because`` is its comment."""
     because: str = ""
     reached: int = 0
     total: int = 0
-    """Pairs of state and input driven, of those that belong to the case."""
+    """The number of pairs of state and input driven, of ``total`` that belong to the case."""
     failures: list[Failure] = field(default_factory=list)
     log: str = ""
-    """Log of one exchange of this case, relative to the report."""
+    """The log of one exchange of this case, relative to the report."""
     page: str = ""
-    """The same as a page; only of a case that is no PASS."""
+    """The log as a page, if the verdict is not PASS."""
 
     @property
     def expected(self) -> bool:
-        """Only what is not expected counts.  What is skipped counts neither way."""
+        """Only unexpected verdicts count. A skipped case never counts."""
         return self.verdict == self.wanted or (self.verdict == "SKIP" and self.wanted == "PASS")
 
 
 @dataclass(slots=True)
 class Implementation:
-    """What ``hello`` told, and how it was started."""
+    """The implementation's answer to ``hello``, and its command."""
 
     name: str
     version: str
@@ -105,39 +105,39 @@ class Implementation:
 
 @dataclass(slots=True)
 class Report:
-    """A run.  ``seconds`` and ``started`` are the only things two equal runs differ in."""
+    """A run. Two equal runs differ only in ``seconds`` and ``started``."""
 
     implementation: Implementation
     cases: list[CaseResult]
     coverage: dict[str, Share]
     """``transitions``, ``refusals``, ``rules``."""
     graphs: dict[str, dict[str, Share]]
-    """The same for each graph: transitions, refusals and what time forbids."""
+    """The same for each graph: transitions, refusals, and pairs that time does not allow."""
     spec_hash: str
     seed: int
     selectors: list[str]
     problems: list[str] = field(default_factory=list)
-    """What is not about one case: a process that ignored ``stop``, a run that was cut short."""
+    """Problems that are not about one case: a process that ignored ``stop``, an interrupted run."""
     started: str = ""
     seconds: float = 0.0
     broke: bool = False
-    """The run was cut short by a fault of ours."""
+    """The run was cut short by a fault of automcm."""
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many cases of each verdict."""
+        """The number of cases of each verdict."""
         found = Counter(case.verdict for case in self.cases)
         return {verdict: found[verdict] for verdict in VERDICTS}
 
     @property
     def unexpected(self) -> list[CaseResult]:
-        """Cases that did not end as expected."""
+        """The cases whose verdict is not the expected one."""
         return [case for case in self.cases if not case.expected]
 
     @property
     def exit_code(self) -> int:
-        """0 as expected; 70 if the kit broke; 1 if a FAIL, or an expected deviation that did not
-        come, is unexpected; else 3 if an ERROR is; else 4: only INCONC."""
+        """0: as expected; 70: the kit broke; 1: an unexpected FAIL, or an expected deviation that
+        did not occur; else 3: an ERROR; else 4: only INCONC."""
         if self.broke:
             return 70
         verdicts = {case.verdict for case in self.unexpected}
@@ -168,17 +168,17 @@ EXPLORED = "automcm.exploration/1"
 
 @dataclass(slots=True)
 class Exploration:
-    """What was found.  ``seconds`` and ``started`` are times; ``walks``, ``lines`` and
-    ``coverage`` follow from them, unless the number of walks was given."""
+    """The results of an exploration. ``seconds`` and ``started`` are times; ``walks``, ``lines``
+    and ``coverage`` depend on them, unless the number of walks was given."""
 
     implementation: Implementation
     seed: int
     spec_hash: str
     cases: list[CaseResult] = field(default_factory=list)
     acts: dict[str, int] = field(default_factory=dict)
-    """How many acts the shortened walk of a case has."""
+    """The number of acts in the shortened walk of a case."""
     again: int = 0
-    """Walks that went wrong as one did before."""
+    """The number of walks that failed in the same way as an earlier one."""
     problems: list[str] = field(default_factory=list)
     walks: int = 0
     lines: int = 0
@@ -186,11 +186,11 @@ class Exploration:
     started: str = ""
     seconds: float = 0.0
     broke: bool = False
-    """It was cut short by a fault of ours."""
+    """The exploration was cut short by a fault of automcm."""
 
     @property
     def exit_code(self) -> int:
-        """0 if nothing is wrong; 70 if the kit broke; 1 if a rule is broken; else 3."""
+        """0: nothing is wrong; 70: the kit broke; 1: a rule is broken; else 3."""
         if self.broke:
             return 70
         verdicts = {case.verdict for case in self.cases}

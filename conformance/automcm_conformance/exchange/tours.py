@@ -17,29 +17,29 @@ Pair = tuple[int, int]
 Allowed = Callable[[int, int], bool]
 LATER_MS = 30
 TRIES = 4
-"""Inputs tried in search of one that changes nothing."""
+"""The number of inputs tried in the search for one that changes nothing."""
 LONGEST = 600
-"""Inputs in a tour, about: one wrong answer must not hide too much."""
+"""The approximate length of a tour in inputs: one wrong answer must not hide too much."""
 
 
 @dataclass(slots=True)
 class Tours:
-    """Which pairs are still to be driven, and by which tour next.
+    """The pairs that are still to be driven, and the next tour.
 
-    ``allowed(state, input)``: may a tour use this transition?  ``disturbs``: may it be given on
-    the way, if it must change nothing?  A pair that was answered wrongly is
-    ``avoid``ed; what can only be reached through it stays in ``left``.
+    ``allowed(state, input)``: a tour may use this transition. ``disturbs``: the input, which must
+    change nothing, may be given on the way. A pair that was answered wrongly is ``avoid``ed; pairs
+    that can only be reached through it stay in ``left``.
     """
 
     oracle: Oracle
     left: dict[int, dict[int, str]]
-    """For each state the inputs to drive, and the case that each belongs to."""
+    """For each state the inputs to drive, each with its case."""
     allowed: Allowed
     disturbs: Allowed
     planned: set[Pair] = field(default_factory=set)
-    """Pairs of tours that are under way."""
+    """The pairs of unfinished tours."""
     _sent: set[Pair] = field(default_factory=set)
-    """Those of them whose tours the station is answering."""
+    """The pairs of the tours that the station is answering."""
     avoided: set[Pair] = field(default_factory=set)
     _moves: dict[int, list[Answer]] = field(default_factory=dict)
     _parents: dict[int, Pair] | None = None
@@ -55,19 +55,19 @@ class Tours:
         disturbs: Allowed | None = None,
         seed: int = 1,
     ) -> Tours:
-        """Tours that drive these pairs, each for the case named.  ``seed`` chooses what else."""
+        """Tours that drive these pairs, each for its case. ``seed`` chooses the other inputs."""
         left: dict[int, dict[int, str]] = {}
         for answer, case in targets:
             left.setdefault(answer.state, {})[answer.input] = case
         return cls(oracle, left, allowed, disturbs or allowed, _random=random.Random(seed))
 
     def next(self) -> list[int] | None:
-        """The inputs of another tour, from the initial state; None if no more pair is in reach
-        that is not ``planned`` already.
+        """The inputs of the next tour, from the initial state; None if no reachable pair is
+        unplanned.
 
-        At each state first everything that stays there, then on by a transition not yet driven,
-        as long as there is one.  On the way to the first of these states, at each one something
-        that must change nothing: what it secretly changes may show later.
+        At each state, first all inputs that stay there, then a transition that has not been driven,
+        as long as there is one. On the way to the first of these states, each step is preceded by
+        an input that must change nothing: a hidden change may show later.
         """
         parents, planned = self._tree(), self.planned
         # From far away ways lead back to states where there is still much to do.
@@ -91,7 +91,7 @@ class Tours:
         return tour
 
     def _disturbed(self, way: list[int]) -> list[int]:
-        """A way, with an input before each step that must change nothing."""
+        """A way, with an input that must change nothing before each step."""
         tour, state = [], 0
         for i in way:
             for _ in range(TRIES):
@@ -104,8 +104,8 @@ class Tours:
         return tour
 
     def _disturbs(self, pair: Pair) -> bool:
-        """It must change nothing, and may be given; known from tour to tour, since ways share
-        their beginning."""
+        """Whether the input must change nothing and may be given; cached, since ways share their
+        beginning."""
         known = self._disturbing.get(pair)
         if known is None:
             answer = self.oracle.answer(*pair)
@@ -117,7 +117,7 @@ class Tours:
         return any((state, i) not in self.planned for i in self.left[state])
 
     def done(self, pair: Pair) -> str | None:
-        """This one has been driven.  Returns the case if it was still to be driven."""
+        """Mark this pair as driven. Returns its case if it was still to be driven."""
         here = self.left.get(pair[0])
         if here is None:
             return None
@@ -127,36 +127,36 @@ class Tours:
         return case
 
     def avoid(self, pair: Pair) -> str | None:
-        """Use this pair no more.  Returns as ``done``."""
+        """Do not use this pair any more. Returns the same as ``done``."""
         self.avoided.add(pair)
         self._moves.pop(pair[0], None)
         self._parents = None
         return self.done(pair)
 
     def under_way(self) -> None:
-        """The tours that were answered are over; what was planned since is being answered."""
+        """The answered tours are finished; those planned since are being answered."""
         self._sent, self.planned = self.planned - self._sent, self.planned - self._sent
 
     def forget_plans(self) -> None:
-        """No tour is under way."""
+        """Finish all tours."""
         self.planned.clear()
         self._sent.clear()
 
     def usable(self, pairs: Iterable[Pair]) -> None:
-        """These are avoided no more."""
+        """Use these pairs again."""
         self.avoided.difference_update(pairs)
         self._moves.clear()
         self._parents = None
 
     def drop(self, case: str) -> None:
-        """Nothing more is to be driven for this case."""
+        """Drive nothing more for this case."""
         pairs = [(s, i) for s, here in self.left.items() for i, c in here.items() if c == case]
         self.avoided.update(pair for pair in pairs if not self.oracle.is_move(*pair))
         for pair in pairs:
             self.done(pair)
 
     def path(self, state: int) -> list[int] | None:
-        """A shortest way to a state; None if there is none any more."""
+        """A shortest way to a state; None if there is none left."""
         parents, inputs = self._tree(), []
         if state not in parents:
             return None
@@ -189,8 +189,8 @@ class Tours:
 
 @dataclass(slots=True)
 class Slot:
-    """When an input of a tour is given, what timers that it arms must last, and the lease that a
-    Prescription carries (None: nothing new)."""
+    """The time of an input of a tour, the durations of the timers that it arms, and the lease of a
+    Prescription (None: no new one)."""
 
     answer: Answer
     at: int
@@ -203,8 +203,9 @@ def timetable(
 ) -> list[Slot]:
     """A time for each input of a tour such that each timer that expires in it expires in turn.
 
-    Each transition takes STEP_MS; a timer that does not expire in the tour lasts ``long``.  What
-    must change nothing comes LATER_MS after a transition, so that a timer armed anew by it shows.
+    Each transition takes STEP_MS; a timer that does not expire in the tour lasts ``long``. An input
+    that must change nothing comes LATER_MS after a transition, so that a timer that it wrongly arms
+    again shows.
     """
     slots: list[Slot] = []
     running: dict[Timer, int] = {}
@@ -241,7 +242,7 @@ def timetable(
 
 
 def _prescribed(value: Input) -> int | None:
-    """The proposal of a Prescription, received or commanded."""
+    """The proposal of a Prescription that is received or commanded."""
     match value:
         case Receive(message=Message(type="Prescription", proposal=proposal)):
             return proposal

@@ -1,4 +1,4 @@
-"""Lines of an exchange in words."""
+"""The lines of an exchange in words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from automcm_traces.checker.finding import Finding
 
 
 def finding(found: Finding) -> str:
-    """What is wrong, in one line; empty for nothing."""
+    """A finding in one line; empty for none."""
     about = found.property or found.at.file
     return f"{about}: {found.observed}" if about else found.observed
 
@@ -49,7 +49,7 @@ def _session(s: object) -> str:
 
 
 def said(c: Object) -> str:
-    """What the kit says with a command."""
+    """A command of the kit in words."""
     match c["cmd"]:
         case "receive":
             m = c["message"]
@@ -73,7 +73,7 @@ def said(c: Object) -> str:
 
 
 def answered(line: bytes) -> str:
-    """What the station answers."""
+    """An answer of the station in words."""
     try:
         a = read_answer(line)
     except ProtocolError:
@@ -92,7 +92,7 @@ def _indication(i: Object) -> str:
 
 
 def allowed(expected: Expected) -> list[str]:
-    """What the specification allows as an answer."""
+    """The answers that the specification allows, in words."""
     parts = [message(m) for m in expected.messages] or ["nothing is sent"]
     if expected.messages and len(expected.messages) > 1:
         parts = [f"{' and '.join(parts)} (in any order)"]
@@ -104,12 +104,12 @@ def allowed(expected: Expected) -> list[str]:
 
 
 def answerable(found: Finding) -> list[str]:
-    """What was expected that an answer can hold: no adapter tells its timers."""
+    """The expected effects that an answer can hold: an adapter does not report its timers."""
     return [w for w in found.expected if not w.startswith(("arm ", "stop "))]
 
 
 def exchange(steps: list[Step]) -> list[Line]:
-    """Both sides, line by line; what only sets durations is left out where it says nothing."""
+    """Both sides, line by line, without lines that only set durations or reset the station."""
     lines = []
     for step in steps:
         lines.append(Line(step.now, "kit", said(step.command)))

@@ -1,8 +1,8 @@
-"""Between the oracle's values and the lines of an adapter: one station, one exchange.
+"""Maps the oracle's values to the lines of an adapter: one station, one exchange.
 
-The oracle knows no content, no counter behind seq and no ids but 1, 2, 3 and 9.  ``Wire`` chooses
-them, remembers what was said, and turns each input into a line and each answer of the oracle into
-the very answer that is expected (docs/adapter.md).
+The oracle knows no content, no counter behind seq, and no ids but 1, 2, 3 and 9. ``Wire`` chooses
+them, remembers the messages, and turns each input into a line and each answer of the oracle into
+the exact expected answer (docs/adapter.md).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Json = Any
 ME, STRANGER = 1, 9
 HOLD_MS = 2_000
 LONG_MS = 5_000_000
-"""A lease that no exchange outlives."""
+"""A lease that outlasts every exchange."""
 LONG = {
     "cam": 1_000_000,
     "hold": 2_000_000,
@@ -47,33 +47,33 @@ LONG = {
     "backoff": 4_200_000,
     "lease": LONG_MS,
 }
-"""Durations of timers that need not expire.  The earliest deadline is announced: one that is armed
-anew for no reason should be that."""
+"""Durations of timers that need not expire. An answer reports the earliest deadline, so a timer
+that is wrongly armed again should have it."""
 SOON_MS = 900_000
 
 
 def long(soonest: str = "") -> dict[str, int]:
-    """LONG, but timers of this name would expire before all others."""
+    """LONG, with this timer expiring before all others."""
     return {**LONG, soonest: SOON_MS} if soonest else LONG
 
 
 ODD_SEQ = 77
 BEFORE_MS = 500
-"""The first CAM is so much older than the exchange."""
+"""The age of the first CAM at the start of the exchange."""
 STEP_MS = 100
 COPY_REASONS = tuple(r for r in get_args(RefusalReason) if r not in ANSWER_REASONS)
 
 
 Key = tuple[str, int, Session, int]
-"""What identifies an entry of the outbox: type, addressee, session, seq; in the oracle's values."""
+"""The key of an outbox entry: type, addressee, session, seq, in the oracle's values."""
 
 
 @dataclass(frozen=True, slots=True)
 class Values:
-    """What stands for the oracle's values on the wire.
+    """The real values of the oracle's values.
 
-    ``ids``: of each station.  ``numbers``: session numbers of the others, by the oracle's number.
-    ``start_ms``: when the exchange begins.
+    ``ids``: the id of each station. ``numbers``: session numbers of the other stations, by the
+    oracle's number. ``start_ms``: the time at which the exchange begins.
     """
 
     ids: Mapping[int, int]
@@ -89,31 +89,32 @@ ALIKE = Values(
     {0: 0, ME: 10, 2: 9, 3: 100, STRANGER: 1},
     {2: (0, 1, 2), 3: (0, 1, 2), STRANGER: (0, 1)},
 )
-"""Numbers that stations share, also with the station under test; ids that texts sort otherwise."""
+"""Numbers that stations share, also with the station under test; ids whose order as texts differs
+from their order as numbers."""
 WIDE = Values(
     {0: 0, ME: 2**32 - 1, 2: 2**16 + 9, 3: 2**32 - 2**16 - 1, STRANGER: 2**31 + 9},
     {2: (0, 5, 2**32 + 5), 3: (0, 2**49 + 1, 2**49 + 2), STRANGER: (0, 2**32 + 5)},
     start_ms=2**41,
 )
-"""Values that 16 or 32 bits, or a float of single precision, do not hold or tell apart."""
+"""Values that 16 or 32 bits, or single-precision floats, cannot hold or distinguish."""
 VALUES = (PLAIN, ALIKE, WIDE)
 RICH_DETAILS = {
     "lane": 2,
     "text": 'quotes " and \\ and / and \u00e4\u4e2d\U0001f698 and \n',
     "deep": {"list": [1, [2, {"x": []}], True, False, ""], "large": [LIMIT, -LIMIT, 0]},
 }
-"""Content that a station must carry without touching it."""
+"""Content that a station must carry unchanged."""
 
 
 @dataclass(slots=True)
 class Expected:
-    """The answer that the specification calls for.
+    """The answer that the specification requires.
 
-    ``messages`` may come in any order.  What the station is free to choose is None until it is
-    known: ``seq`` where several new messages share the numbers in ``fresh``, and the number of a
-    session that it opens, which must be ``above`` the last.  ``deadline`` may be UNKNOWN.
-    ``marks`` are those of the states before, between and after: CAMs due meanwhile have one of
-    them; empty if they are not looked at.
+    ``messages`` may come in any order. A value that the station chooses is None until it is known:
+    ``seq``, if several new messages share the numbers in ``fresh``, and the number of a session
+    that it opens, which must be ``above`` the last. ``deadline`` may be UNKNOWN. ``marks`` are
+    those of the states before, between and after: a CAM has those of one of them; empty if CAMs are
+    not judged.
     """
 
     rule: str = ""
@@ -128,15 +129,15 @@ class Expected:
 
 @dataclass(slots=True)
 class Wire:
-    """What an exchange has said so far, in real values.
+    """The messages and commands of an exchange so far, in real values.
 
-    Give it each input and answer of the oracle in turn: ``line`` before, ``expect`` then, and
-    ``opened`` with the number of a session that the station opened.
+    Call ``command`` before each input, ``expect`` with each answer of the oracle, and ``opened``
+    with the number of a session that the station opened.
     """
 
     scenario: str = "lane_change"
     rich: bool = False
-    """Long and odd content."""
+    """Long and unusual content."""
     values: Values = PLAIN
     last_number: int = 0
     own: dict[int, int] = field(default_factory=dict)
@@ -145,11 +146,11 @@ class Wire:
     seq: int = 0
     heard_ms: int | None = None
     given: dict[str, Json] | None = None
-    """The message or command that the last line carried."""
+    """The message or command in the last line."""
     fresh: list[int] = field(default_factory=list)
     """The numbers that several new messages of the last step share."""
     _cache: dict[Message, dict[str, Json]] = field(default_factory=dict)
-    """Messages received."""
+    """The number of messages received."""
 
     # -- content and ids
 
@@ -161,14 +162,14 @@ class Wire:
         return {"t0": 10 * session[1] + k, "points": points}
 
     def session(self, s: Session) -> list[int]:
-        """A session in real ids.  One of its own that is not open yet has some later number."""
+        """A session in real ids. An own session that is not open yet has a later number."""
         if s[0] == ME:
             later = self.last_number + s[1] - len(self.own)
             return [self.values.ids[ME], self.own.get(s[1], later)]
         return [self.values.ids[s[0]], self.values.numbers[s[0]][s[1]]]
 
     def opened(self, place: int, number: int) -> None:
-        """The station has opened its session ``place`` under this number."""
+        """Record the number under which the station opened its session ``place``."""
         if self.session((ME, place)) != [self.values.ids[ME], number]:
             self._cache.clear()
         self.own[place] = self.last_number = number
@@ -176,9 +177,9 @@ class Wire:
     # -- inputs
 
     def command(self, value: Input, lease_ms: int | None = None) -> dict[str, Json]:
-        """The command of the adapter protocol for an input, without ``now``.
+        """The adapter command for an input, without ``now``.
 
-        ``lease_ms`` is for a Prescription with new content; else it is the one sent before.
+        ``lease_ms`` is for a Prescription with new content; a copy repeats its lease.
         """
         self.given = None
         match value:
@@ -235,7 +236,8 @@ class Wire:
         return out
 
     def _ack(self, m: Message) -> dict[str, Json]:
-        """An Ack.  One that names nothing in the outbox names a seq that tries the check."""
+        """An Ack. One that acknowledges no outbox entry names a seq that tests the check of
+        END-6."""
         src, session, (type_, k) = m.src, m.session, m.of
         seq = 0
         if k:
@@ -252,8 +254,8 @@ class Wire:
         return out | {"session": self.session(session), "seq": 0, "of": {"type": type_, "seq": seq}}
 
     def _near_miss(self, src: int, session: list[int], type_: str) -> int:
-        """A seq that an Ack of ``src`` for a message of this type must not end anything with: of an
-        entry to somebody else that is just so, of one to ``src`` of another type, or of none."""
+        """A seq that an Ack of ``src`` for this type must not acknowledge: that of an entry to
+        another station, of an entry of another type to ``src``, or of no entry."""
         mine = [e for e in self.outbox.values() if e["session"] == session]
         foreign = (e["seq"] for e in mine if e["dst"] != src and e["type"] == type_)
         other = (e["seq"] for e in mine if e["dst"] == src and e["type"] != type_)
@@ -298,7 +300,7 @@ class Wire:
     def expect(
         self, before: State, value: Input, answer: Answer, after: State, lease_left: int
     ) -> tuple[list[dict[str, Json]], list[dict[str, Json]]]:
-        """Messages and indications that must follow; what is sent reliably is remembered.
+        """The expected messages and indications; reliable messages are remembered.
 
         Several new messages of one step have ``seq`` None; the numbers are in ``fresh``.
         """
@@ -403,8 +405,7 @@ class Wire:
         return [out]
 
     def timer(self, t: Timer) -> dict[str, Json]:
-        """A timer as a log names it, but with all of the message it belongs to: its seq may not
-        be known yet."""
+        """A timer as in a log, but with its whole message, whose seq may not be known yet."""
         match t:
             case (name, Entry() as e):
                 message = self.outbox.get(e[:4])

@@ -1,4 +1,4 @@
-"""Runs the suite: tours over the graphs, then the cases that no graph carries; verdicts."""
+"""Runs the cases that graphs carry: plans tours, plays them, and blames wrong answers on cases."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from automcm_traces.checker.finding import Finding
 
 Say = Callable[[str], None]
 PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
-"""What the graphs are driven with; the limits are those of the graph."""
+"""The parameters for the graphs; the limits are those of the graph."""
 LIMITS = {
     "max_rounds": "MaxRounds",
     "max_participants": "MaxParticipants",
@@ -34,15 +34,15 @@ LIMITS = {
     "memory_limit": "MemoryLimit",
 }
 BULK = 1_000
-"""Lines that are written before their answers are read, about."""
+"""The approximate number of lines that are written before their answers are read."""
 STARTS = 20
 """Exchanges tried in order to shorten one that ends in a crash: each needs a new process."""
 ATTEMPTS = 3
-"""Tours that may fail to reach a pair because time forbids it."""
+"""Tours that may fail to reach a pair because time does not allow it."""
 
 
 def fitting(chosen: Mapping[str, int], fixed: Mapping[str, int]) -> dict[str, int]:
-    """The chosen parameters but for those that are fixed, changed where they do not fit these."""
+    """The chosen parameters, with the fixed ones adapted."""
     p = {**chosen, **fixed}
     if p["backoff_min"] > p["backoff_max"]:
         bound = p["backoff_min"] if "backoff_min" in fixed else p["backoff_max"]
@@ -63,28 +63,28 @@ class Runner:
         self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
         chosen = (tally.purpose.select for tally in self.tallies.values())
         self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
-        """What decides a pair of a case that graphs carry is one of these."""
+        """The rules that decide the pairs of the chosen cases."""
         self.elsewhere: Finding | None = None
-        """The first wrong answer of a case that is not run."""
+        """The first wrong answer of a case that is not part of the run."""
         marks = (t for t in self.tallies.values() if t.purpose.case == "cam marks")
         self._cam_marks = next(marks, None)
-        """The case that wrong marks belong to, wherever they are seen."""
+        """The case that is blamed for wrong marks, wherever they occur."""
         self.parts: list[Part] = []
         self.ended = ""
         """Why the run was ended from outside, or by a fault of the kit."""
         self.broke = False
         self.enough = 0
-        """So many cases that did not pass end the run; 0: none do."""
+        """The number of failed cases that ends the run; 0: none."""
         self.runs, self.starts = RUNS, STARTS
         """Exchanges tried in order to shorten one, and one that ends in a crash."""
         self.predict = True
-        """The station numbers its sessions one by one, as far as is known."""
+        """The station is assumed to number its sessions one by one."""
         self.features = frozenset[str](adapter.hello.features)
         self.fixed: dict[str, int] = {str(k): v for k, v in adapter.hello.fixed.items()}
 
     @property
     def timed(self) -> bool:
-        """The kit says how long timers last."""
+        """Whether the kit sets the durations of timers."""
         return "durations" in self.features
 
     @property
@@ -98,7 +98,7 @@ class Runner:
 
     @property
     def failed(self) -> list[str]:
-        """The cases that are known to be FAIL or ERROR, in their order."""
+        """The cases that are already FAIL or ERROR, in their order."""
         return [name for name, tally in self.tallies.items() if tally.failed]
 
     def exchange(
@@ -114,8 +114,8 @@ class Runner:
         limits: Mapping[str, int] | None = None,
         link: Link | None = None,
     ) -> Exchange:
-        """A fresh station, with the limits of the graph if none are given, over the adapter or
-        another ``link``.  What it has no feature for is left out of ``parameters``."""
+        """An exchange with a fresh station over the adapter or another ``link``, by default with
+        the limits of the graph. Parameters that need a missing feature are omitted."""
         if "clock_drift" not in self.features:
             parameters = {name: n for name, n in parameters.items() if name != "clock_drift"}
         limits = limits or {n: oracle.constants[constant] for n, constant in LIMITS.items()}
@@ -136,7 +136,7 @@ class Runner:
 
     @property
     def _marks_decided(self) -> bool:
-        """Enough CAMs have had wrong marks."""
+        """Whether enough CAMs have had wrong marks."""
         tally = self._cam_marks
         return tally is not None and tally.decided
 
@@ -147,7 +147,7 @@ class Runner:
         self.tour(self.plan(part, answers, owners))
 
     def plan(self, part: Part, answers: Iterable[Answer], owners: Owners) -> Drive:
-        """Which of these pairs are to be driven; the others are counted as skipped."""
+        """The pairs that are to be driven; the others are counted as skipped."""
         self.parts.append(part)
         oracle = part.oracle
         unfit = self.unfit(oracle)
@@ -185,7 +185,7 @@ class Runner:
         return Drive(part, owners, tours, len(targets))
 
     def tour(self, drive: Drive) -> None:
-        """Drive what is planned, as far as it goes."""
+        """Drive the planned pairs, as far as possible."""
         part, tours = drive.part, drive.tours
         while not self.cut_short:
             tour = tours.next()
@@ -205,7 +205,7 @@ class Runner:
                 self._forbidden(part, tours.done((state, i)))
 
     def _tally(self, part: Part, owners: Owners, answer: Answer) -> Tally | None:
-        """The case that a pair belongs to, if it is run."""
+        """The case of a pair, if it is part of the run."""
         state, i = part.oracle.states[answer.state], part.oracle.inputs[answer.input]
         owner = owners.owner(state, i, answer.effect, answer.changes, part.third)
         return None if owner is None else self.tallies.get(owner.id)
@@ -226,7 +226,7 @@ class Runner:
         return ""
 
     def left_out(self, value: Input) -> str:
-        """The feature that an input needs and the implementation does not have."""
+        """The missing feature that an input needs; empty if there is none."""
         match value:
             case Restart():
                 needed = "restart"
@@ -243,14 +243,14 @@ class Runner:
         return "" if needed in self.features else needed
 
     def _limited(self, oracle: Oracle, answer: Answer) -> str:
-        """MEM-1 can be seen only with the limits of the graph."""
+        """Whether MEM-1 can be observed: only with the limits of the graph."""
         if answer.effect.rule != "MEM-1":
             return ""
         other = self.limited_by(oracle)
         return f"{other[0]} is fixed" if other else ""
 
     def limited_by(self, oracle: Oracle) -> list[str]:
-        """Limits that are fixed at another value than the graph's."""
+        """The limits that are fixed at another value than that of the graph."""
         return [
             n for n, c in LIMITS.items() if self.fixed.get(n, 0) not in (0, oracle.constants[c])
         ]
@@ -258,7 +258,8 @@ class Runner:
     # -- driving them
 
     def _start(self, drive: Drive, tour: list[int]) -> None:
-        """Another tour.  Its lines are written with those of others, if they need no answer."""
+        """Play another tour. Its lines are written together with those of other tours, if
+        possible."""
         lease = LEASES[drive.attempts.total() % len(LEASES)]
         values = VALUES[drive.started % len(VALUES)]
         soonest = tuple(LONG)[drive.started % len(LONG)]
@@ -305,8 +306,7 @@ class Runner:
     def _landed(
         self, drive: Drive, flight: Flight, error: Wrong | Unpredicted | None = None
     ) -> None:
-        """A tour has been judged.  What is answered wrongly is confirmed, blamed on a case, and
-        avoided."""
+        """Finish a tour. A wrong answer is confirmed, blamed on a case, and its pair avoided."""
         tours, x = drive.tours, flight.x
         self._credit(drive.part, tours, x.done)
         if error is not None:
@@ -321,7 +321,7 @@ class Runner:
                 self._forbidden(drive.part, tours.avoid(flight.off))
 
     def _forbidden(self, part: Part, case: str | None) -> None:
-        """Time does not allow a pair of this case."""
+        """Count a pair that time does not allow."""
         if case is not None:
             part.forbidden += 1
             self.tallies[case].forbidden += 1
@@ -343,7 +343,7 @@ class Runner:
     # -- wrong answers
 
     def _wrong(self, drive: Drive, flight: Flight, error: Wrong) -> None:
-        """Find the shortest exchange that goes wrong so, and the case that it belongs to."""
+        """Find the shortest exchange that fails in the same way, and the case it belongs to."""
         part, tours, tour = drive.part, drive.tours, flight.tour
         self.in_step(error)
         before = self.adapter.broken
@@ -398,7 +398,7 @@ class Runner:
         self._blame(drive, culprit, error, why)
 
     def in_step(self, error: Wrong) -> None:
-        """After a line too many, the next exchange has a fresh process."""
+        """After a line too many, use a fresh process for the next exchange."""
         cause = error.error if isinstance(error, Broken) else None
         sealed = len(error.steps) > 1 and error.steps[-1].command["cmd"] == "reset"
         sealed = sealed or (isinstance(error, Mismatch) and not error.in_step)
@@ -408,8 +408,8 @@ class Runner:
     def _culprit(
         self, part: Part, inputs: list[int], error: Wrong, least: bool
     ) -> tuple[Pair, str]:
-        """The pair to blame for a wrong exchange, and why if it is not the last one.  ``least``:
-        nothing of it can be left out."""
+        """The pair to blame for a wrong exchange, and the reason if it is not the last one.
+        ``least``: nothing can be left out of the exchange."""
         oracle, step = part.oracle, error.steps[-1]
         states = oracle.way(inputs[:-1])
         last = states[-1], inputs[-1]
@@ -459,7 +459,7 @@ class Runner:
         *,
         again: bool = True,
     ) -> Fault:
-        """A fault.  Its rule is the one that decides the last pair; of a named case, the case's
+        """A fault. Its rule is the one that decides the last pair; for a named case, the case's
         own, unless a message or an indication is wrong."""
         rule = purpose.rules[0] if purpose else ""
         named = bool(purpose and purpose.case)

@@ -1,7 +1,7 @@
-"""Messages with one thing wrong with them (END-5), and those that are odd, and right all the same.
+"""Messages with exactly one error (END-5), and valid messages with unusual values.
 
-The bounds are written here from docs/messages.md, not taken from automcm_spec.vocabulary.messages,
-so that a wrong one there is found.
+The bounds are copied from docs/messages.md on purpose, instead of being imported from
+automcm_spec.vocabulary.messages, so that a wrong bound there is found.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TRAJECTORY = {"t0": 0, "points": [_POINT]}
 
 
 def nested(depth: int) -> Json:
-    """``details`` that nest so deep, themselves included; lists and objects in turn."""
+    """``details`` of this nesting depth, with lists and objects in turn."""
     value: Json = {}
     if depth % 2 == 0:
         value = []
@@ -34,7 +34,7 @@ def nested(depth: int) -> Json:
 
 
 def invalid(message: Message) -> Iterator[tuple[str, Message]]:
-    """What is wrong, and the message with just that wrong, in every way that is tried."""
+    """Each kind of error, with a message that has only this error."""
     type_ = message["type"]
     changes: list[Message] = [{"unknown": 1}, {"type": "Proposal"}, {"type": type_.lower()}]
     changes.append({"type": 7})
@@ -83,7 +83,7 @@ _UNFIT: dict[str, list[Message]] = {
     "Ack": [{"seq": 1}],
     "CAM": [{"dst": 4711}, {"seq": 0}, {"session": [1702, 5]}],
 }
-"""Fields that do not fit together."""
+"""Fields that contradict each other."""
 
 
 def _wrong(name: str, value: Json) -> Iterable[Json]:
@@ -155,7 +155,7 @@ def _wrong_trajectories() -> Iterator[Json]:
 
 
 def edge_cases(message: Message) -> Iterator[tuple[str, Message]]:
-    """What is odd, and fields with which the message is well formed all the same."""
+    """Each unusual value, with fields that make the message valid with it."""
     for name, value in message.items():
         for other in _odd(name, value, message):
             yield f"{name} {_told(other)}", {name: other}
@@ -196,5 +196,5 @@ def _odd_trajectories() -> Iterator[Json]:
 
 
 def named_by_acks() -> Iterator[Json]:
-    """What an Ack may name although no such message is ever acknowledged (END-6)."""
+    """Messages that an Ack may name although they are never acknowledged (END-6)."""
     yield from ({"type": type_, "seq": seq} for type_ in MESSAGE_TYPES for seq in (0, LARGE))

@@ -1,5 +1,5 @@
-"""Cases that have a name, and one exchange of each case of a graph: for its log, and because the
-same lines must bring the same answers."""
+"""Runs the cases that have a name, and repeats one exchange of each case of a graph: for its log,
+and because equal lines must get equal answers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
 
 
 def scenario(runner: Runner, purpose: Purpose, folder: Path) -> None:
-    """Run a scenario: several stations, each behind a process of its own."""
+    """Run a scenario: several stations, each behind its own process."""
     tally = runner.tallies[purpose.id]
     tally.total = 1
     if runner.cut_short:
@@ -64,8 +64,8 @@ def scenario(runner: Runner, purpose: Purpose, folder: Path) -> None:
 
 
 def samples(runner: Runner, folder: Path) -> None:
-    """One exchange of each case of a graph, twice: for its log, and because the same lines
-    must bring the same answers."""
+    """Play one exchange of each case of a graph twice: for its log, and because equal lines must
+    get equal answers."""
     for name, tally in runner.tallies.items():
         if tally.faults:
             tally.log = _log(runner, folder, name, tally.faults[0].error.steps)
@@ -103,7 +103,7 @@ def _sample(runner: Runner, tally: Tally, part: Part, pair: Pair, folder: Path) 
 
 
 def _log(runner: Runner, folder: Path, case: str, steps: list[Step]) -> str:
-    """Write the log of an exchange; returns its path in the folder, or nothing if there
-    is none, or an answer of it cannot be told in a log."""
+    """Write the log of an exchange. Returns its relative path, or an empty text if there is none,
+    or if a log cannot hold an answer."""
     name = case.replace("/", "-")
     return records.log_of(folder, name, case, steps, runner.adapter.hello) if steps else ""

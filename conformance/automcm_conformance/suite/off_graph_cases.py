@@ -1,9 +1,9 @@
-"""Cases that no graph carries: how long timers last, what happens at the same instant, malformed
-messages and bounds, contents, CAMs, the back-off, a session after another.  Each is a list of
-exchanges in natural time.
+"""Cases that no graph carries: durations of timers, simultaneous events, malformed messages and
+bounds, contents, CAMs, the back-off, one session after another. Each is a list of exchanges in
+natural time.
 
-What must be answered comes from the oracle as in a tour; a script (scripts.py) only says how to
-get where the case begins.
+The expected answers come from the oracle, as in a tour; a script (scripts.py) leads to the
+beginning of the case.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ SETS: tuple[dict[str, int], ...] = (
     {"t_timeout": 0, "t_cam_loss": 1001},
     {"t_timeout": 250, "t_resend": 60, "t_decide": 2500, "t_cam_loss": 3000},
 )
-"""Parameters that the timing cases run with, besides the defaults."""
+"""Parameters of the timing cases, besides the defaults."""
 DRIFTS: tuple[dict[str, int], ...] = ({"clock_drift": 1}, {"clock_drift": 7, "t_resend": 60})
-"""The same for those of the lease, at a station that has the feature (ACT-4)."""
+"""Parameters of the lease cases, for a station with the feature ``clock_drift`` (ACT-4)."""
 LIMITS = {"max_rounds": 3, "max_participants": 5, "outbox_limit": 7, "memory_limit": 4}
-"""With these a session needs an outbox of at most one entry, as in the graphs (MEM-1)."""
+"""With these, a session needs an outbox of one entry, as in the graphs (MEM-1)."""
 SEEDS = 8
 LEASE_MS = 900
 
 
 def timer(fresh: Fresh, name: str) -> Played:
-    """``timer NAME``: nothing a millisecond before, everything at the deadline, with several sets
-    of parameters."""
+    """``timer NAME``: nothing happens a millisecond before the deadline, everything at it, with
+    several sets of parameters."""
     ends = name.startswith("lease")
     for changed in (*SETS, *DRIFTS) if ends else SETS:
         for script in scripts.TIMERS[name]:
@@ -61,7 +61,7 @@ def timer(fresh: Fresh, name: str) -> Played:
 
 
 def sendings(fresh: Fresh, t_timeout: str) -> Played:
-    """``sendings N``: every message is sent as often as section 3 says, and no more."""
+    """``sendings N``: every message is sent exactly as often as section 3 requires."""
     for name in RELIABLE:
         for script in scripts.TIMERS[f"giveup {name}"]:
             x = fresh(USUAL | {"t_timeout": int(t_timeout)})
@@ -77,20 +77,20 @@ def same_instant(fresh: Fresh) -> Played:
 
 
 def content(fresh: Fresh, type_: str) -> Played:
-    """``content TYPE``: what the application gave arrives untouched, in every copy."""
+    """``content TYPE``: the application's content arrives unchanged, in every copy."""
     for rich in (False, True):
         for script in scripts.CONTENT[type_]:
             yield played(fresh(USUAL, rich=rich), script)
 
 
 def plain(fresh: Fresh, case: str) -> Played:
-    """A case that is nothing but scripts."""
+    """A case that consists only of scripts."""
     for script in scripts.PLAIN[case]:
         yield played(fresh(USUAL), script, _lease(script))
 
 
 def _lease(script: Script) -> int:
-    """A short one where its end is what the script is about."""
+    """The same, for scripts whose end matters."""
     return LEASE_MS if any(isinstance(v, At) and v.timer == ("lease",) for v in script) else LONG_MS
 
 
@@ -98,7 +98,7 @@ def _lease(script: Script) -> int:
 
 
 def malformed(fresh: Fresh, type_: str) -> Played:
-    """``malformed TYPE``: each is discarded and changes nothing; then the good one counts."""
+    """``malformed TYPE``: each message is discarded and changes nothing; the valid one counts."""
     script, good, _ = scripts.RECEIVED[type_]
     x = fresh(USUAL)
     play(x, script)
@@ -117,7 +117,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
 
 
 def bounds(fresh: Fresh, type_: str) -> Played:
-    """``bounds TYPE``: the odd values that a message may have; each counts like any other."""
+    """``bounds TYPE``: a message with an unusual valid value counts like any other."""
     script, good, after = scripts.RECEIVED[type_]
     for what, fields in edge_cases(fresh(USUAL).wire.command(good)["message"]):
         try:
@@ -133,7 +133,7 @@ def _received(type_: str) -> list[Script]:
 
 
 def room(fresh: Fresh) -> Played:
-    """``room``: what is kept free of the outbox follows from the larger of the two limits."""
+    """``room``: the free space in the outbox follows from the larger of the two limits."""
     for script in scripts.ROOM:
         x = fresh(USUAL, limits=LIMITS)
         fits = all(x.parameters[name] == limit for name, limit in LIMITS.items())
@@ -153,7 +153,7 @@ def cam_marks(fresh: Fresh) -> Played:
 
 
 def cam_rate(fresh: Fresh) -> Played:
-    """``cam rate``: one every ``t_cam`` (half as much more or less), whatever the phase."""
+    """``cam rate``: one CAM every ``t_cam`` (50 % tolerance), in every phase."""
     for t_cam in (100, 400):
         for script in ([], WAITING):
             x = fresh(USUAL | {"t_cam": t_cam})
@@ -172,7 +172,7 @@ def cam_rate(fresh: Fresh) -> Played:
 
 
 def back_off(fresh: Fresh) -> Played:
-    """``back-off``: within its bounds, the same for the same seed, not always the same."""
+    """``back-off``: within its bounds, equal for equal seeds, not always equal."""
     parameters = USUAL | {"backoff_min": 500, "backoff_max": 2000}
     found: dict[int, int] = {}
     for seed in [*range(1, SEEDS + 1), *range(1, SEEDS + 1)]:
@@ -202,8 +202,7 @@ def back_off(fresh: Fresh) -> Played:
 
 
 def exchanges(case: str, fresh: Fresh) -> Played:
-    """The exchanges of a case.  Raises Mismatch, Broken, and KeyError for a case that is not
-    known."""
+    """The exchanges of a case. Raises Mismatch, Broken, and KeyError for an unknown case."""
     if case in scripts.PLAIN:
         return plain(fresh, case)
     if case in _ALONE:
@@ -213,7 +212,7 @@ def exchanges(case: str, fresh: Fresh) -> Played:
 
 
 TWO = ("sessions ", "two ")
-"""How the cases begin that need a second peer."""
+"""The first words of the cases that need a second peer."""
 _ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable[Script]]]] = {
     "timer": (timer, scripts.TIMERS.__getitem__),
     "sendings": (sendings, lambda _: (scripts.ACTING, scripts.COMMITTED)),
@@ -222,7 +221,7 @@ _ABOUT: dict[str, tuple[Callable[[Fresh, str], Played], Callable[[str], Iterable
     "content": (content, scripts.CONTENT.__getitem__),
     "sessions": (session_cases.pairs, session_cases.scripts),
 }
-"""By the first word of a case how it is played, and what it is made of."""
+"""The function and the scripts of a case, by its first word."""
 _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
     "same instant": (same_instant, scripts.SAME_INSTANT),
     "cam rate": (cam_rate, [WAITING]),
@@ -233,7 +232,7 @@ _ALONE: dict[str, tuple[Callable[[Fresh], Played], Sequence[Script]]] = {
 
 
 def graph(case: str, one: Oracle) -> Oracle:
-    """The graph that a case is judged by: ``one``, or that of two peers."""
+    """The graph that judges a case: ``one``, or that of two peers."""
     return _two_peers(one.spec_hash) if case.startswith(TWO) else one
 
 
@@ -243,7 +242,7 @@ def _two_peers(spec_hash: str) -> Oracle:
 
 
 def needs(case: str) -> set[str]:
-    """The features without which a case says nothing."""
+    """The features that a case needs."""
     values = [value for script in _scripts(case) for value in inputs(script)]
     found = {"cam"} if case in ("cam rate", "cam marks") else set()
     if REQUEST in values:
@@ -256,7 +255,7 @@ def needs(case: str) -> set[str]:
 
 
 def _scripts(case: str) -> Iterable[Script]:
-    """What a case is made of.  Raises KeyError for a case that is not known."""
+    """The scripts of a case. Raises KeyError for an unknown case."""
     if case in scripts.PLAIN:
         return scripts.PLAIN[case]
     if case in _ALONE:

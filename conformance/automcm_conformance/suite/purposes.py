@@ -100,9 +100,9 @@ WHY = {
     "END-2": ("recorded", "not recorded"),
     "MEM-1": ("outbox", "memory", "participants"),
 }
-"""Values of ``why``, by rule.  END-6 and ACT-5: what keeps an Ack or a CAM from counting."""
+"""Values of ``why``, by rule. For END-6 and ACT-5: why an Ack or a CAM does not count."""
 ROOM = 1
-"""In every graph a session needs an outbox of at most so many entries (MEM-1)."""
+"""In every graph a session needs at most this many outbox entries (MEM-1)."""
 
 _NAMES: dict[str, Iterable[str]] = {
     "rule": RULES,
@@ -114,7 +114,7 @@ _NAMES: dict[str, Iterable[str]] = {
     "told": ("nothing", *INDICATIONS),
     "why": {name for names in WHY.values() for name in names},
 }
-"""Fields that take a name or a list of names, with the names there are."""
+"""Fields that take a name or a list of names, with the allowed names."""
 _FLAGS = ("changes", "own", "accepted", "answer", "deciding", "third")
 _SENDS = re.compile(r"nothing|[A-Z][a-z]+(\([a-z_]+\))?( \+ [A-Z][a-z]+(\([a-z_]+\))?)*")
 FEATURES = (
@@ -126,7 +126,7 @@ _TEXTS = ("given", "when", "then", "bug", "cost")
 
 @dataclass(frozen=True)
 class Purpose:
-    """One test purpose.  ``rules[0]`` decides; either ``select`` or ``case`` is there."""
+    """One test purpose. ``rules[0]`` decides; it has either ``select`` or ``case``."""
 
     id: str
     rules: tuple[str, ...]
@@ -137,7 +137,7 @@ class Purpose:
     bug: str
     cost: str
     select: dict[str, frozenset[Any]] | None
-    """For each field the values that match."""
+    """The matching values of each field."""
     case: str
     """The name of a case that no pair of the graph carries; empty with ``select``."""
 
@@ -147,7 +147,8 @@ class Purpose:
         return self.id.split("/")[3][:2]
 
     def matches(self, features: Features) -> bool:
-        """Whether the pair with these features (in the order of ``FEATURES``) is of this case."""
+        """Whether a pair with these features (in the order of ``FEATURES``) belongs to this
+        case."""
         return self.select is not None and all(
             features[FEATURES.index(name)] in values for name, values in self.select.items()
         )
@@ -155,7 +156,7 @@ class Purpose:
 
 @cache
 def load(path: Path = PATH) -> tuple[Purpose, ...]:
-    """The purposes of a file, which is read once.  Raises ValueError naming file, id and field."""
+    """The purposes of a file, which is read once. Raises ValueError with file, id and field."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -181,7 +182,7 @@ def load(path: Path = PATH) -> tuple[Purpose, ...]:
 
 
 def _purpose(row: object) -> Purpose:
-    """Raises ValueError naming the field."""
+    """Raises ValueError with the field."""
     if not isinstance(row, dict):
         raise ValueError("not a table")
     needed = ("id", "rules", "level", *_TEXTS)
@@ -221,7 +222,7 @@ def _purpose(row: object) -> Purpose:
 
 
 def _selector(value: object) -> dict[str, frozenset[Any]]:
-    """Raises ValueError naming the field."""
+    """Raises ValueError with the field."""
     if not isinstance(value, dict) or not value:
         raise ValueError("select: a table with at least one field is needed")
     out: dict[str, frozenset[Any]] = {}
@@ -250,7 +251,7 @@ def _known(name: str, value: str) -> bool:
 
 
 def input_kind(i: Input) -> str:
-    """What kind of input it is: one of ``INPUTS``.  The timers of a message carry its type."""
+    """The kind of an input: one of ``INPUTS``. The timers of a message carry its type."""
     match i:
         case Receive(message=message):
             return f"receive {message.type}"
@@ -264,7 +265,7 @@ def input_kind(i: Input) -> str:
 
 
 def features(state: State, i: Input, effect: Effect, changes: bool, third: bool) -> Features:
-    """All that selectors look at, in the order of ``FEATURES``; None where there is no such."""
+    """The values that selectors examine, in the order of ``FEATURES``; None if there is none."""
     own = accepted = answer = reason = of = why = None
     if isinstance(i, Receive):
         message = i.message
@@ -286,7 +287,7 @@ def features(state: State, i: Input, effect: Effect, changes: bool, third: bool)
 
 
 def _sent(messages: Sequence[Message]) -> str:
-    """The types sent, each with its reason if it is an answer that has one."""
+    """The types sent; an answer with a reason is given with it."""
     names = [
         f"{m.type}({m.reason})" if m.seq == 0 and m.reason != "none" else m.type for m in messages
     ]
@@ -294,7 +295,7 @@ def _sent(messages: Sequence[Message]) -> str:
 
 
 def _fault(state: State, i: Input, changes: bool) -> str:
-    """END-5: the first thing that is wrong with the message."""
+    """END-5: the first error of the message."""
     assert isinstance(i, Receive)
     m = i.message
     if m.src == 1:
@@ -313,7 +314,7 @@ def _fault(state: State, i: Input, changes: bool) -> str:
 
 
 def _ack(state: State, i: Input, changes: bool) -> str | None:
-    """END-6: what of an Ack is wrong, held against the entry that it comes nearest to."""
+    """END-6: the mismatch of an Ack with the outbox entry it comes closest to."""
     if changes:
         return None
     assert isinstance(i, Receive)
@@ -349,7 +350,7 @@ def _cam(state: State, i: Input, changes: bool) -> str | None:
 
 
 def _stale(state: State, i: Input, changes: bool) -> str | None:
-    """PRE-5: what the command names wrongly."""
+    """PRE-5: the wrong part of the command."""
     if not isinstance(i, Command):
         return None
     return "session" if i.session != state.session else "proposal"
@@ -379,7 +380,7 @@ def _withdraws(state: State, i: Input, changes: bool) -> str | None:
 
 
 def _full(state: State, i: Input, changes: bool) -> str:
-    """MEM-1: what is full."""
+    """MEM-1: the list that is full."""
     if isinstance(i, Receive) and i.message.type == "Intention":
         return "participants"
     return "outbox" if len(state.outbox) > ROOM else "memory"
@@ -398,7 +399,7 @@ _WHY: dict[str, Callable[[State, Input, bool], str | None]] = {
 
 
 class Owners:
-    """Which purpose a pair of state and input belongs to."""
+    """The purpose of each pair of state and input."""
 
     def __init__(self, purposes: Iterable[Purpose]) -> None:
         self.purposes = [purpose for purpose in purposes if purpose.select is not None]
@@ -418,10 +419,10 @@ class Owners:
 
 
 def select(purposes: Iterable[Purpose], selectors: Iterable[str]) -> list[Purpose]:
-    """Those that one of the selectors names; all without a selector.
+    """The purposes that one of the selectors names; all without a selector.
 
     A selector is an id or its beginning (``AMCM/RCV``), a rule (``NEG-4``) or a level (``MUST``).
-    Raises ValueError for one that names nothing, and suggests near ones.
+    Raises ValueError for a selector that names nothing, with similar ones.
     """
     everything, wanted = list(purposes), [each.strip().rstrip("/").upper() for each in selectors]
     if not wanted:

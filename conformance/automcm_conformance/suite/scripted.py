@@ -12,13 +12,13 @@ from automcm_conformance.suite.scripts import REFUSED, REQUEST, At, Older, Scrip
 from automcm_spec.vocabulary.station import Expire, Input, Receive, Timer
 
 Fresh = Callable[..., Exchange]
-"""A fresh exchange: ``fresh(parameters)``, ``fresh(parameters, rich=True)``."""
+"""Makes a new exchange: ``fresh(parameters)``, ``fresh(parameters, rich=True)``."""
 Played = Iterator[Exchange | None]
-"""The exchanges of a case, each played to its end; None for one that time forbids."""
+"""The exchanges of a case, each played to its end; None for one that time does not allow."""
 
 
 def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
-    """A script; the last expiry is approached to the millisecond.
+    """Play a script; the last expiry is approached to the millisecond.
 
     Raises Infeasible, Mismatch and Broken.
     """
@@ -48,7 +48,7 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
 
 
 def played(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> Exchange | None:
-    """The exchange with the script behind it; None if time forbids that."""
+    """The exchange after the script; None if time does not allow it."""
     try:
         play(x, script, lease_ms)
     except Infeasible:
@@ -57,12 +57,12 @@ def played(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> Exchange | N
 
 
 def number(x: Exchange, value: Input) -> int:
-    """Which input of the oracle it is.  Raises KeyError."""
+    """The oracle's number of an input. Raises KeyError."""
     return x.oracle.input_index[value]
 
 
 def room(x: Exchange) -> int:
-    """How many entries the outbox may have when a session begins (MEM-1)."""
+    """The most outbox entries that may exist when a session begins (MEM-1)."""
     p = x.parameters
     return p["outbox_limit"] - 1 - max(p["max_participants"], p["max_rounds"])
 
@@ -73,7 +73,7 @@ def _begins(value: Input) -> bool:
 
 
 def inputs(script: Script) -> list[Input]:
-    """The inputs of a script, without what is about time and fields."""
+    """The inputs of a script, without its steps of time and fields."""
     return [
         item.input if isinstance(item, At | With | Older) else item
         for item in script
@@ -82,8 +82,8 @@ def inputs(script: Script) -> list[Input]:
 
 
 def _before(x: Exchange, timer: Timer) -> None:
-    """One millisecond before a timer expires, and nothing happens.  Raises Infeasible if another
-    one than a resend ends before it, or at the same time and first."""
+    """Advance to one millisecond before a timer expires; nothing must happen. Raises Infeasible if
+    another timer than a resend expires before it, or at the same time and first."""
     deadline = x.clock.deadline(timer)
     if deadline is None or deadline == UNKNOWN:
         raise Infeasible

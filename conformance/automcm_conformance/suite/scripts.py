@@ -1,4 +1,4 @@
-"""What leads to where a case begins: scripts of inputs, and of what only the kit can say."""
+"""Scripts: inputs that lead to the beginning of a case, with steps that only the kit can make."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from automcm_spec.vocabulary.station import (
 
 
 class Wait(NamedTuple):
-    """Time passes."""
+    """Let time pass."""
 
     ms: int
 
@@ -46,7 +46,7 @@ class With(NamedTuple):
 
 
 class Older(NamedTuple):
-    """A CAM that was generated so long before the last one that counted."""
+    """A CAM with a generation time this long before the last one that counted."""
 
     ms: int
     input: Cam
@@ -129,7 +129,7 @@ AGAIN: Script = [
     Wait(400),
     cam(Y, NEXT),
 ]
-"""Another session of the same prescriber, in which a CAM has been heard."""
+"""Another session of the same prescriber, with one CAM received."""
 
 WAITING: list[Input] = [ADVERTISED, INTENTION_ACKED]
 VERIFYING: list[Input] = [*WAITING, INSTRUCTED]
@@ -189,7 +189,7 @@ TIMERS: dict[str, list[Script]] = {
     ],
     "backoff": [[REQUEST, WINDOW, expire("backoff"), REQUEST]],
 }
-"""What leads to the arming of each timer; it ends with its expiry."""
+"""Scripts that arm each timer; each ends with its expiry."""
 
 _INTENTION, _PRESCRIPTION = (entry("Intention", Y, THEIRS), entry("Prescription", Y, MINE))
 _DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
@@ -214,7 +214,7 @@ _DUE: list[tuple[Script, Timer, Sequence[Input]]] = [
     ([*ACTING, COMPLETE], ("giveup", entry("Fin", Y, MINE)), [INTENDED, REQUEST, RESTART]),
     ([*ACTING, ABORT], ("resend", entry("Cancel", Y, MINE)), [INTENDED, REQUEST, RESTART]),
 ]
-"""A timer that runs, and inputs at the very time at which it expires."""
+"""An armed timer, and inputs at the very time of its expiry."""
 
 SAME_INSTANT: list[Script] = [
     [ADVERTISED, At(("giveup", entry("Intention", Y, THEIRS)), INTENTION_ACKED)],
@@ -235,7 +235,7 @@ SAME_INSTANT: list[Script] = [
         if value != RESTART
     ),
 ]
-"""An input at the very time at which a timer expires: the timer comes first."""
+"""An input at the very time of an expiry: the timer comes first."""
 
 TIES: list[tuple[Script, int]] = [
     ([*COMMITTED, ACCEPTANCE_ACKED, Wait(2000)], USUAL["t_cam_loss"]),
@@ -243,7 +243,7 @@ TIES: list[tuple[Script, int]] = [
     ([*PRESCRIBING, Wait(2500)], GIVEUP_MS),
 ]
 """Two timers at the same instant, with the lease that makes it so: cam, answer and giveup beside
-lease.  They fire in the order of section 3."""
+lease. They fire in the order of section 3."""
 
 CONTENT: dict[str, list[Script]] = {
     "Advertisement": [[REQUEST, Wait(200)]],
@@ -269,21 +269,22 @@ RECEIVED: dict[str, tuple[Script, Input, Script]] = {
     "Ack": ([ADVERTISED], INTENTION_ACKED, [INSTRUCTED]),
     "CAM": ([*COMMITTED, ACCEPTANCE_ACKED, PAUSE], HEARD_THEM, [Wait(700)]),
 }
-"""Where a message of the type would have an effect, that message, and what may follow."""
+"""Scripts to a state in which a message of the type has an effect, that message, and its
+followers."""
 
 MARKED: list[Script] = [
     [*COMMITTED, ACCEPTANCE_ACKED, FINISHED],
     [*ACTING, COMPLETE, received("Ack", MINE, of=("Fin", 1))],
     [*ACTING, ABORT],
 ]
-"""Sessions whose marks are looked at."""
+"""Sessions whose marks are judged."""
 
 HEARD_TWICE = Wait(400), HEARD_THEM, Wait(300), HEARD_THEM, Wait(300)
 TARGET_HEARD_TWICE = Wait(400), HEARD_TARGET, Wait(300), HEARD_TARGET, Wait(300)
 
 
 def _older(cam: Cam) -> Sequence[Script]:
-    """CAMs that do not count, from the last one back to the beginning of time."""
+    """CAMs that do not count, from the last one back to time 0."""
     again = cam._replace(newer=False)
     steps: Script = [Older(ms, again) for ms in (0, 1, 50, 100, 101, 10**9)]
     return [[step] for step in steps] + [steps[::-1]]
@@ -304,7 +305,7 @@ ROOM: list[Script] = [
     [ADVERTISED, LEAVE, received("Advertisement", NEXT), PAUSE],
     [*_TWO_LEFT, received("Ack", NEXT, of=("Cancel", 1)), REQUEST, PAUSE],
 ]
-"""Sessions with one or two entries in the outbox when they should begin."""
+"""Sessions that begin with one or two entries in the outbox."""
 
 _CANCELS = tuple(reason for reason in get_args(CancelReason) if reason not in ANSWER_REASONS)
 
@@ -370,4 +371,4 @@ PLAIN: dict[str, Sequence[Script]] = {
         [*ACTING, *TARGET_HEARD_TWICE, *older, expire("cam")] for older in _older(HEARD_TARGET)
     ],
 }
-"""Cases that are scripts and nothing else."""
+"""Cases that consist only of scripts."""

@@ -1,9 +1,9 @@
-"""Cases ``sessions FIRST SECOND``: a session is not touched by what a station remembers of another.
+"""Cases ``sessions FIRST SECOND``: what a station remembers of a session must not affect another.
 
-The graph of one station knows no memory but its state, so a tour never plays one session after
-another just to see whether the first one shows.  Here each session is ended wherever and however
-it can end, and then a second one is played in full.  In each state of the second everything comes
-that must change nothing: messages and commands of either session.
+The graph of one station has no hidden memory, so tours do not play one session after another to
+look for it. Here each session is ended in every state and in every way, and then a second one is
+played in full. In each state of the second, inputs of either session that must change nothing are
+given.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ ROLES = ("prescriber", "receiver")
 
 
 def as_prescriber(session: Session, peer: int, refused: bool) -> list[Input]:
-    """A session of the station's own, up to the Ack of the Fin; first refused once, if so."""
+    """An own session, up to the Ack of the Fin; ``refused``: the first proposal is refused."""
     k = 2 if refused else 1
     rounds: list[Input] = [
         received("Acceptance", session, 1, source=peer),
@@ -67,7 +67,7 @@ def as_prescriber(session: Session, peer: int, refused: bool) -> list[Input]:
 
 
 def as_receiver(session: Session, refuses: bool) -> list[Input]:
-    """A session of another, up to its Fin; it refuses first, if so."""
+    """A session of another station, up to its Fin; ``refuses``: the first proposal is refused."""
     peer, k = session[0], 2 if refuses else 1
     rounds: list[Input] = [
         command("refuse", session, 1),
@@ -87,7 +87,7 @@ def as_receiver(session: Session, refuses: bool) -> list[Input]:
 
 
 def scripts(about: str) -> Iterator[Script]:
-    """What the sessions of two roles are made of."""
+    """The scripts of the two roles' sessions."""
     roles = about.split()
     if "restart" in roles:
         yield [RESTART]
@@ -98,7 +98,7 @@ def scripts(about: str) -> Iterator[Script]:
 
 
 def pairs(fresh: Fresh, about: str) -> Played:
-    """``sessions FIRST SECOND``: two roles.  ``sessions restart``: either, and power fails."""
+    """``sessions FIRST SECOND``: two roles. ``sessions restart``: either, and power fails."""
     restarts = about == "restart"
     firsts, seconds = (ROLES, ROLES) if restarts else ([role] for role in about.split())
     x = fresh(USUAL)
@@ -140,7 +140,7 @@ def _begins(role: str, rounds: int) -> list[list[Input]]:
 
 
 def _ends(oracle: Oracle, begin: Sequence[Input], restarts: bool) -> list[Input]:
-    """The inputs that end the session; nothing if the way there ends it."""
+    """The inputs that end the session; none if the way to this state ends it."""
     state = oracle.way(oracle.input_index[value] for value in begin)[-1]
     if oracle.states[state].phase == "STANDALONE" or restarts:
         return [RESTART] if restarts else []
@@ -150,7 +150,8 @@ def _ends(oracle: Oracle, begin: Sequence[Input], restarts: bool) -> list[Input]
 
 
 def _take(x: Exchange, value: Input, lease_ms: int) -> None:
-    """An input, and a pause.  Before an expiry whatever else is due comes.  Raises Infeasible."""
+    """Give an input after a pause. Other timers due before an expiry fire first. Raises
+    Infeasible."""
     i = number(x, value)
     if isinstance(value, Expire):
         fired: list[int] = []
@@ -169,7 +170,7 @@ def _take(x: Exchange, value: Input, lease_ms: int) -> None:
 def _follow(
     x: Exchange, role: str, peer: int, refused: bool, lease_ms: int, roles: set[str], n: int
 ) -> None:
-    """The second session, as far as limits allow it.  Raises Infeasible, Mismatch, Broken."""
+    """Play the second session, as far as limits allow it. Raises Infeasible, Mismatch, Broken."""
     st = x.oracle.states[x.state]
     newest = max([n for p, n in st.joined if p == peer], default=0)
     session = (ME, st.number + 1) if role == "prescriber" else (peer, newest + 1)
@@ -193,7 +194,7 @@ def _follow(
 
 
 def _try(x: Exchange, sessions: list[Session], roles: set[str], n: int) -> None:
-    """What must change nothing here: each exchange tries another share of it."""
+    """The inputs that must change nothing here; each exchange tries another part of them."""
     commands = {name for role in roles for name in COMMANDS[role]}
     for i in range(n % SHARES, len(x.oracle.inputs), SHARES):
         answer = x.oracle.answer(x.state, i)

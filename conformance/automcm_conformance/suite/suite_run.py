@@ -1,4 +1,4 @@
-"""The whole suite against one implementation."""
+"""Runs the whole suite against one implementation."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def conform(
 ) -> Report:
     """Run these purposes; replays and logs are written into ``folder``.
 
-    Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
+    Raises AdapterError or ProtocolError if the adapter does not answer ``hello``, and OracleError.
     """
     spec = present_hash()
     graphs = Graphs.load(spec)
@@ -62,8 +62,8 @@ def conform(
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Without the collector of cycles: it would look at the graphs, millions of values that stay,
-    again and again, and take a third of the time."""
+    """Without the cyclic garbage collector: it would visit the millions of permanent values of the
+    graphs again and again, and take a third of the time."""
     was = gc.isenabled()
     gc.disable()
     try:
@@ -74,8 +74,8 @@ def uncollected() -> Iterator[None]:
 
 
 class Graphs:
-    """What is driven, read once and only if it is needed: ``one``, and what the other graphs have
-    beyond it.  Runs may share it.  Raises OracleError, here or later."""
+    """The graphs and their parts, read once and only if needed: ``one``, and the additional pairs
+    of the others. Runs may share them. Raises OracleError, here or later."""
 
     def __init__(self, one: Oracle) -> None:
         self.one = one
@@ -84,7 +84,7 @@ class Graphs:
 
     @classmethod
     def load(cls, spec_hash: str) -> Graphs:
-        """Those that were made from this specification."""
+        """The hash of the specification that the graphs were made from."""
         with uncollected():
             return cls(load(ONE_PEER.path, spec_hash))
 
@@ -116,7 +116,7 @@ class Graphs:
 
 
 def tours(runner: Runner, graphs: Graphs) -> None:
-    """Drive what the graphs hold."""
+    """Drive the pairs of the graphs."""
     owners, rules = graphs.owners, runner.rules
     third = [answer for answer in graphs.third if answer.effect.rule in rules]
     limits = graphs.limits if "MEM-1" in rules else []
@@ -126,7 +126,7 @@ def tours(runner: Runner, graphs: Graphs) -> None:
 
 
 def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder: Path) -> None:
-    """Run those cases that have a name."""
+    """Run the named cases."""
     part = Part("special", graphs.one)
     for purpose in purposes:
         if not purpose.case:

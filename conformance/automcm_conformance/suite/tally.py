@@ -1,4 +1,4 @@
-"""What a run finds out: the tours over each graph, which pairs were driven, what was wrong."""
+"""The state of a run: the tours over each graph, the pairs driven, the faults found."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from automcm_traces.checker.finding import Finding, Kind
 
 DIFFERENTLY = "nondeterministic: answered differently when the same was sent again"
 ENOUGH = 3
-"""Wrong answers after which a case is decided, and driven no further."""
+"""The number of wrong answers after which a case is decided and driven no further."""
 
 
 @dataclass(slots=True)
@@ -38,7 +38,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A finding, and the exchange that shows it: its last answer is wrong, or does not come."""
+    """A finding, and the exchange that shows it: its last answer is wrong, or missing."""
 
     finding: Finding
     input: Input | None
@@ -47,13 +47,13 @@ class Fault:
 
     @property
     def verdict(self) -> Verdict:
-        """ERROR if the adapter broke, or does not answer twice as it did."""
+        """ERROR if the adapter broke, or did not answer twice in the same way."""
         return "ERROR" if self.finding.kind in ("unreadable", "cannot_tell") else "FAIL"
 
 
 def finding(error: Wrong, rule: str, more: str = "", *, again: bool = True) -> Finding:
-    """What is wrong with an exchange, and ``more`` about it.  Not ``again``: when the same was sent
-    again, the answer was another one."""
+    """The finding of a wrong exchange, with the text ``more``. Not ``again``: the same lines got
+    another answer when they were sent again."""
     if not again:
         return Finding("cannot_tell", rule, observed=f"{DIFFERENTLY}: {error}{more}")
     kind: Kind = "unreadable"
@@ -64,31 +64,31 @@ def finding(error: Wrong, rule: str, more: str = "", *, again: bool = True) -> F
 
 @dataclass(slots=True)
 class Tally:
-    """What is known of one case."""
+    """The state of one case."""
 
     purpose: Purpose
     total: int = 0
     reached: int = 0
     forbidden: int = 0
     hits: int = 0
-    """Wrong answers at its pairs, whatever was to blame."""
+    """Wrong answers at its pairs, whichever case is to blame."""
     skipped: Counter[str] = field(default_factory=Counter)
-    """Why pairs were left out."""
+    """The numbers of omitted pairs, by reason."""
     faults: list[Fault] = field(default_factory=list)
     sample: tuple[Part, Pair] | None = None
     """A pair that was driven."""
     log: str = ""
     outcome: Outcome | None = None
-    """Of a scenario."""
+    """The outcome of a scenario."""
 
     @property
     def decided(self) -> bool:
-        """Nothing more is found out, whatever is to blame for what goes wrong at its pairs."""
+        """Whether further driving adds nothing to the verdict."""
         return len(self.faults) >= ENOUGH or self.hits > 2 * ENOUGH
 
     @property
     def failed(self) -> bool:
-        """FAIL or ERROR."""
+        """Whether the case is FAIL or ERROR."""
         bad = self.outcome is not None and self.outcome.verdict in ("FAIL", "ERROR")
         return bad or bool(self.faults)
 
@@ -103,12 +103,12 @@ class Flight:
     values: Values
     soonest: str
     off: Pair | None = None
-    """What time forbids; the tour ends there."""
+    """The pair that time does not allow; the tour ends there."""
 
 
 @dataclass(slots=True)
 class Drive:
-    """Tours over one part."""
+    """The tours over one part."""
 
     part: Part
     owners: Owners
@@ -116,12 +116,12 @@ class Drive:
     planned: int
     started: int = 0
     flights: list[Flight] = field(default_factory=list)
-    """Played, with lines that wait to be sent."""
+    """Tours whose lines wait to be sent."""
     sent: list[Flight] = field(default_factory=list)
-    """Those whose lines the station is answering."""
+    """Tours whose lines the station is answering."""
     attempts: Counter[Pair] = field(default_factory=Counter)
 
     @property
     def lines(self) -> int:
-        """How many are waiting."""
+        """The number of lines that wait."""
         return sum(flight.x.unwritten for flight in self.flights)

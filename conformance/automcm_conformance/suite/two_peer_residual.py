@@ -1,9 +1,10 @@
-"""What the graph of two peers says beyond that of one.
+"""The part of the two-peer graph that the one-peer graph does not cover.
 
 A pair of state and input of ``two-peers`` has an *image* in ``one-peer`` if one of the peers can be
-taken away (with its session, if the station is bound to it) and the answer is the same in what is
-left.  The rest is the remainder: what needs a third station.  Of pairs that differ only in parts of
-the state that the input cannot touch (END-4), or in which peer is which, it holds one.
+removed (with its session, if the station is bound to it) and the answer is the same in the rest.
+The remainder consists of the pairs without an image: they need a third station. Of pairs that
+differ only in parts of the state that the input cannot affect (END-4), or in the order of the
+peers, it holds one.
 """
 
 from __future__ import annotations
@@ -55,9 +56,9 @@ def remainder(two: Oracle, one: Oracle) -> Iterator[Answer]:
 
 
 View = tuple[int, Session | None, bool]
-"""Who an input is about, in which session, and whether what is remembered of it matters."""
+"""The peer and the session of an input, and whether remembered sessions matter."""
 Seen = tuple[Any, ...]
-"""What of a state such an input can touch."""
+"""The part of a state that such an input can affect."""
 
 
 def _touches(i: Input) -> View:
@@ -81,7 +82,7 @@ def _swap_view(view: View) -> View:
 
 
 def _view(st: State, view: View) -> Seen:
-    """The part of a state that an input can touch."""
+    """The part of a state that an input can affect."""
     y, session, remembered = view
     bound = st.session
     joined = frozenset(j for j in st.joined if (j[0] == y and remembered) or j == bound)
@@ -103,7 +104,7 @@ def _has_image(two: Oracle, one: Oracle, answer: Answer) -> bool:
 
 
 def _image(two: Oracle, one: Oracle, answer: Answer, state: State, i: Input, away: int) -> bool:
-    """Whether the answer is the same without this peer.  A session of it is a stranger's then."""
+    """Whether the answer is the same without this peer. Its session becomes a stranger's."""
     speaker, about = _speaker(i), _peers(i)
     if away in about and (away in speaker or not isinstance(i, Receive | Cam)):
         return False
@@ -132,7 +133,7 @@ def _image(two: Oracle, one: Oracle, answer: Answer, state: State, i: Input, awa
 
 
 def _speaker(i: Input) -> set[int]:
-    """Whom a message or CAM comes from and goes to."""
+    """The sender and the addressee of a message or CAM."""
     match i:
         case Receive(message=m):
             return {m.src, m.dst}
@@ -167,7 +168,7 @@ def _sessions(i: Input) -> Collection[Session]:
 
 
 def _goes(state: State, away: int, session: Session) -> bool:
-    """Whether all that the station has to do with this session goes with that peer."""
+    """Whether the station's part in this session ends with that peer."""
     if state.session == session and _without(state, away).phase == "STANDALONE":
         return True
     return any(e.to == away and e.session == session for e in state.outbox)
@@ -178,7 +179,7 @@ def _bound(state: State) -> set[int]:
 
 
 def _without(state: State, away: int) -> State:
-    """A state without a peer; the station is in no session if it was in one with it."""
+    """The state without a peer; the station leaves its session if the peer is in it."""
     out = state._replace(
         recorded=state.recorded - {away},
         withdrawn=state.withdrawn - {away},
@@ -216,7 +217,7 @@ def text(two: Oracle, one: Oracle) -> str:
 
 
 def spec_hash(path: Path = PATH) -> str:
-    """Of the specification that the file was made from; empty if there is no such file."""
+    """The hash of the specification that the file was made from; empty without a file."""
     try:
         data = json.loads(path.read_bytes())
     except (OSError, ValueError):
@@ -225,7 +226,7 @@ def spec_hash(path: Path = PATH) -> str:
 
 
 def read(two: Oracle, path: Path = PATH) -> list[Answer]:
-    """The remainder from its file.  Raises OracleError if it is missing, or of another version."""
+    """The remainder from its file. Raises OracleError if it is missing, or of another version."""
     try:
         data = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:

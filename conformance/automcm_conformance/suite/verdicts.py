@@ -1,4 +1,4 @@
-"""From what a run found to verdicts: one result for each case, and the report."""
+"""Makes verdicts and the report from the results of a run."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from automcm_spec.vocabulary.station import Input
 from automcm_traces.checker.finding import Finding
 
 Expectations = Mapping[str, tuple[Verdict, str]]
-"""For a case the verdict that is known to come, and why."""
+"""The expected verdict of a case with a known deviation, and the reason."""
 SHOWN = 60
-"""Lines of an exchange in a report; the replay has all."""
+"""The number of lines of an exchange in a report; the replay has all."""
 
 
 class ExpectError(ValueError):
-    """An expectations file that cannot be used; the text names the file and the entry."""
+    """An invalid expectations file; the text names the file and the entry."""
 
 
 def expectations(path: Path, purposes: Sequence[Purpose]) -> dict[str, tuple[Verdict, str]]:
@@ -64,7 +64,7 @@ def expectations(path: Path, purposes: Sequence[Purpose]) -> dict[str, tuple[Ver
 
 
 def implementation(runner: Runner) -> Implementation:
-    """What the implementation said about itself."""
+    """The implementation's data from ``hello``."""
     hello = runner.adapter.hello
     return Implementation(
         hello.name,
@@ -172,14 +172,14 @@ def _verdict(runner: Runner, tally: Tally) -> tuple[Verdict, str]:
 
 
 def _behind(runner: Runner) -> str:
-    """What stands at the end of a command that asks the same station again."""
+    """The end of a command that runs the same station again."""
     adapter = runner.adapter
     limit = "" if adapter.limit_s == LIMIT_S else f"--limit {adapter.limit_s:g} "
     return f"{limit}-- {shlex.join(adapter.command)}"
 
 
 def failure(runner: Runner, case: str, n: int, fault: Fault, folder: Path) -> Failure:
-    """A fault in the words of a report; its replay is written."""
+    """The report's text of a fault; its replay is written."""
     name = re.sub(r"[^A-Za-z0-9]+", "-", case)
     replay = folder / "replay" / f"{name}-{n}.json"
     replay.parent.mkdir(parents=True, exist_ok=True)
