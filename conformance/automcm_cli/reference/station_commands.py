@@ -148,7 +148,7 @@ def station(
     asked.  Unless a --number-file or --first says that it never ran before, it starts as after a
     restart: its session number comes from the clock, and for some seconds it joins no session.
     """
-    from automcm.encoding.codec import CodecError
+    from automcm.encoding.codec import CodecError, CodecMissing
     from automcm.encoding.codec import codec as by_name
     from automcm.links.link import LinkError
     from automcm.links.udp_link import UdpLink, address
@@ -157,7 +157,7 @@ def station(
 
     if not 0 <= zero <= time.monotonic():
         raise typer.BadParameter(f"--zero: {zero} is not a time that has been")
-    with usage(LinkError, CodecError):
+    with usage(LinkError, CodecError), code_3("station", CodecMissing):
         to, relay = address(broadcast), address(via) if via else None
         coded = by_name(codec)
     straight = Straight(
@@ -257,15 +257,12 @@ def adapter(
     allow_remote: Remote = False,
 ) -> None:
     """The reference as an adapter, on standard input and output.  See docs/adapter.md."""
-    from automcm.adapters.adapter_lines import serve
+    from automcm.adapters.adapter_lines import main
 
     if websocket is not None:
         carry_out("adapter", lambda lines: _served(lines, websocket, allow_remote))
         return
-    out = sys.stdout.buffer
-    for answer in serve(sys.stdin.buffer):
-        out.write(answer)
-        out.flush()
+    main()
 
 
 async def _served(lines: Lines, where: str, allow_remote: bool) -> None:

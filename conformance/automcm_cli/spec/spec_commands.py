@@ -61,12 +61,15 @@ def spec_check(
     and every model comes out as recorded, no property covers the change, and that is said.
     """
     from automcm_cli.spec import model_output as spec_
+    from automcm_spec.model_checking import tlc
 
     if not names and profile is None and property_ is None:
         raise typer.BadParameter("name a model, or give --profile or --property")
     asked = _chosen(names or [], profile, property_)
     if distributed:
         _check_distributed(asked, host, json_)
+    with code_3("check", tlc.TlcError):
+        tlc.tools()  # once, not for each model
     verdicts = []
     changed = spec_.specification_changed()
     try:

@@ -33,6 +33,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Adds the cases if an adapter is named."""
     if config.getoption("automcm_adapter") or config.getini("automcm_adapter"):
+        import pytest
+
+        from automcm_spec.support.extras import kit_missing
+
+        if missing := kit_missing():
+            raise pytest.UsageError(f"--automcm-adapter {missing}")
         from automcm_conformance.report.pytest_cases import Cases
 
         config.pluginmanager.register(Cases(config), "automcm-cases")

