@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 from wrong_station import station
 
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import Straight
-from automcm_cli.main import app
 from automcm_traces.explain.explain import explain_files
 from automcm_traces.format.writer import LogWriter
 
 Json = Any
-AUTOMCM = [sys.executable, "-m", "automcm_cli", "adapter"]
 REFERENCE = station()
 """The same, which starts faster."""
-cli = CliRunner()
 STATIONS = (1001, 1002, 2002, 3003)
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 
@@ -46,7 +42,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def replay(log: Path, command: list[str], tmp_path: Path, *more: str) -> tuple[int, Json]:
     """Exit code and report."""
     args = ["trace", "replay", str(log), "--out", str(tmp_path / "out"), "--json", "-", *more]
-    done = cli.invoke(app, [*args, "--", *command])
+    done = automcm(*args, "--", *command)
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
     return done.exit_code, json.loads(done.stdout)
 

@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -14,8 +13,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-COMMAND = [sys.executable, "-m", "automcm_cli"]
-LIMIT_S = 60
+from cli_stage import AUTOMCM, LIMIT_S
+
 PRESCRIBER, RECEIVER = 1, 2
 QUICK = ("--set", "t_timeout=400", "--listen", "0", "--first")
 """A session that begins within a second."""
@@ -34,7 +33,7 @@ class Running:
             os.set_blocking(writing, True)
         ignored = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # if the tests run under nohup
         self.process = subprocess.Popen(
-            [*COMMAND, *args], stdout=writing, stderr=subprocess.PIPE, text=True
+            [*AUTOMCM, *args], stdout=writing, stderr=subprocess.PIPE, text=True
         )
         signal.signal(signal.SIGHUP, ignored)
         os.close(writing)

@@ -14,13 +14,7 @@ from automcm_conformance.adapter import connect
 from automcm_conformance.adapter.process import Process
 from automcm_conformance.exchange.results import CaseResult, Report
 from automcm_conformance.exchange.wire import PLAIN
-from automcm_conformance.suite import (
-    graph_cases,
-    purposes,
-    suite_run,
-    two_peer_residual,
-    verdicts,
-)
+from automcm_conformance.suite import graph_cases, purposes, suite_run, two_peer_residual, verdicts
 from automcm_conformance.suite.tally import Part
 from automcm_spec.graph.oracle import Oracle, content
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 from typing import Any, get_args
 
 import jsonschema
 import pytest
+from cli_stage import REFERENCE
 from pydantic import ValidationError
 
+from automcm.adapters import adapter_lines
 from automcm_conformance.adapter import adapter_schema
+from automcm_conformance.adapter.process import Process
 from automcm_conformance.adapter.protocol import (
     COMMAND,
     DEFAULTS,
@@ -291,3 +295,26 @@ def test_the_schema_takes_and_refuses_the_same() -> None:
     refused = [*NO_COMMANDS, *(value for value, _ in [*NO_ANSWERS, *NO_HELLOS])]
     assert [value for value in taken if not validator.is_valid(value)] == []
     assert [value for value in refused if validator.is_valid(value)] == []
+
+
+# -- the adapter of the reference
+
+
+def test_the_adapter_answers_hello_and_stops() -> None:
+    lines = b'{"cmd": "hello", "protocol": 1}\n{"cmd": "stop"}\n{"cmd": "hello", "protocol": 1}\n'
+    done = subprocess.run(REFERENCE, input=lines, capture_output=True)
+    assert done.returncode == 0 and done.stderr == b""
+    (answer,) = done.stdout.splitlines()
+    assert json.loads(answer) == adapter_lines.HELLO
+
+
+def test_the_adapter_answers_before_it_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
+    with Process(REFERENCE) as adapter:
+        (answer,) = adapter.exchange([b'{"cmd": "hello", "protocol": 1}\n'])
+        assert json.loads(answer) == adapter_lines.HELLO and adapter.stop() is None
+
+
+def test_the_adapter_ends_with_its_input() -> None:
+    done = subprocess.run(REFERENCE, input=b"{}\n", capture_output=True)
+    assert done.returncode == 0 and set(json.loads(done.stdout)) == {"error"}

@@ -11,9 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 
-from automcm_cli.main import app
 from automcm_maintenance.code_mutation import (
     certificate,
     certificate_page,
@@ -240,8 +239,8 @@ def test_the_page_is_made_of_the_certificate() -> None:
 def test_usage(made: Generated, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(source_mutants, "generate", lambda: made)
     for bad in (["--class", "odd"], ["--mutant", "no/such/one-1"], ["--station", "moon"]):
-        assert CliRunner().invoke(app, ["conform", "certify", *bad]).exit_code == 2
-    listed = CliRunner().invoke(app, ["conform", "certify", "--list", "--class", "form"])
+        assert automcm("conform", "certify", *bad).exit_code == 2
+    listed = automcm("conform", "certify", "--list", "--class", "form")
     assert listed.exit_code == 0 and "messages/" in listed.output
     assert "state/" not in listed.output
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
-from typer.testing import CliRunner
+from cli_stage import automcm, shown
 
-from automcm_cli.main import app
 from automcm_cli.spec import model_output
 from automcm_conformance.replay.graph_comparison import Comparison, Coverage, Divergence
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify import verify_screen
 from automcm_spec.compilation import compiler
 from automcm_spec.compilation.sany import Refused
 from automcm_spec.graph import oracle, oracle_generation
@@ -28,13 +24,12 @@ from automcm_spec.model_checking.tlc import ErrorKind, Progress, Result, TlcErro
 from automcm_spec.vocabulary.station import Restart
 
 ROOT = generated_files.ROOT
-run = CliRunner()
 NOT_COVERED = "No property covers what you changed"
 
 
 def test_usage_errors_are_2() -> None:
-    assert run.invoke(app, ["verify", "--profile", "huge"]).exit_code == 2
-    assert run.invoke(app, ["nonsense"]).exit_code == 2
+    assert automcm("verify", "--profile", "huge").exit_code == 2
+    assert automcm("nonsense").exit_code == 2
 
 
 @pytest.mark.parametrize(
@@ -49,19 +44,19 @@ def test_usage_errors_are_2() -> None:
     ],
 )
 def test_an_unknown_name_gets_the_nearest_ones(arguments: list[str], near: str) -> None:
-    answer = run.invoke(app, arguments)
+    answer = automcm(*arguments)
     said = answer.output.replace("\n", " ").replace(repr(arguments[-1]), "")
     assert answer.exit_code == 2 and near in said
 
 
 def test_check_needs_something_to_check() -> None:
-    assert run.invoke(app, ["spec", "check"]).exit_code == 2
+    assert automcm("spec", "check").exit_code == 2
     nothing = ["spec", "list", "--profile", "quick", "--property"]
-    assert run.invoke(app, [*nothing, "L-1"]).exit_code == 0
+    assert automcm(*nothing, "L-1").exit_code == 0
 
 
 def test_check_shows_and_writes_a_counterexample(tmp_path: Path) -> None:
-    answer = run.invoke(app, ["spec", "check", "bare_ack", "--traces", str(tmp_path)])
+    answer = automcm("spec", "check", "bare_ack", "--traces", tmp_path)
     assert answer.exit_code == 0, answer.output
     assert "S-6 is violated" in answer.output and "as expected" in answer.output
     assert "[ADV-1: OnRequest, Station.tla:" in answer.output
@@ -86,7 +81,7 @@ def test_a_run_that_does_not_end_is_incomplete(
         raise error
 
     monkeypatch.setattr(tlc, "run", broken)
-    answer = run.invoke(app, ["spec", "check", "unreduced", "--json", "-"])
+    answer = automcm("spec", "check", "unreduced", "--json", "-")
     assert answer.exit_code == code, answer.output
     (found_,) = json.loads(answer.output)
     assert found_["outcome"] == ("incomplete" if partial else "error")
@@ -130,12 +125,6 @@ def good_report() -> verify_.Report:
     )
 
 
-def shown(report: verify_.Report) -> str:
-    console = Console(file=io.StringIO(), record=True, width=100)
-    verify_screen.show(report, console)
-    return console.export_text()
-
-
 def test_the_report_of_verify() -> None:
     report = good_report()
     assert report.ok and report.exit_code == 0
@@ -148,11 +137,7 @@ def test_the_report_of_verify() -> None:
         "rules_covered",
         "rules_uncovered",
     }
-    assert value["compiled"] == {
-        "states_compared": 1,
-        "inputs_compared": 6,
-        "differences": [],
-    }
+    assert value["compiled"] == {"states_compared": 1, "inputs_compared": 6, "differences": []}
     assert set(value["oracle"]) == {"states", "transitions", "refusals", "spec_hash"}
 
 
@@ -181,7 +166,7 @@ def test_verify_without_models_asks_for_none(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(verify_, "_oracle", lambda report, graph, say: b"fresh")
     monkeypatch.setattr(verify_, "_compare", compared)
     monkeypatch.setattr(verify_, "_drift", drift)
-    answer = run.invoke(app, ["verify", "--no-models", "--json", "-"])
+    answer = automcm("verify", "--no-models", "--json", "-")
     assert answer.exit_code == 1, answer.output  # no rule was taken away
     found = json.loads(answer.output)
     assert found["reference"]["inputs_compared"] == 5 and found["drift"] == ["spec/oracle: stale"]
@@ -232,7 +217,7 @@ def test_a_tool_that_fails_is_3_and_the_report_is_kept(monkeypatch: pytest.Monke
     monkeypatch.setattr(models, "check_all", broken)
     report = verify_.run()
     assert report.exit_code == 3 and "no Java" in report.as_dict()["errors"][0]
-    answer = run.invoke(app, ["generate"])
+    answer = automcm("generate")
     assert answer.exit_code == 3 and "no Java" in answer.output
 
 
@@ -290,21 +275,21 @@ def test_counterexamples_are_those_that_tlc_finds() -> None:
 
 
 def test_spec_list_names_every_model() -> None:
-    answer = run.invoke(app, ["spec", "list"])
+    answer = automcm("spec", "list")
     assert answer.exit_code == 0
     assert all(model.cfg in answer.output for model in models.load())
-    listed = json.loads(run.invoke(app, ["spec", "list", "--json", "-"]).output)
+    listed = json.loads(automcm("spec", "list", "--json", "-").output)
     assert {"cfg", "expect", "why"} <= set(listed[0])
 
 
 @pytest.mark.slow
 def test_spec_check_says_when_no_model_tells_a_change(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(oracle_generation, "recorded_hash", lambda: "another")
-    answer = run.invoke(app, ["spec", "check", "bare_ack"])
+    answer = automcm("spec", "check", "bare_ack")
     assert answer.exit_code == 0 and "as recorded before your change" in answer.output
     assert "as expected" not in answer.output
     assert f"{NOT_COVERED}: the specification is not the one recorded" in answer.output
-    answer = run.invoke(app, ["spec", "check", "bare_ack", "--json", "-"])
+    answer = automcm("spec", "check", "bare_ack", "--json", "-")
     assert json.loads(answer.stdout) and NOT_COVERED in answer.stderr
 
 
@@ -350,5 +335,5 @@ def test_verify_says_when_no_model_noticed(noticed: bool, monkeypatch: pytest.Mo
 
 def test_spec_check_that_cannot_run_is_3(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AUTOMCM_TLA2TOOLS", "/nowhere.jar")
-    answer = run.invoke(app, ["spec", "check", "one_by_two"])
+    answer = automcm("spec", "check", "one_by_two")
     assert answer.exit_code == 3 and "/nowhere.jar" in answer.output

@@ -11,20 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cli_stage import REFERENCE, automcm, automcm_process
 from junitparser import JUnitXml
-from typer.testing import CliRunner
 
 from automcm.adapters.adapter_lines import HELLO
-from automcm_cli.main import app
-from automcm_conformance.adapter.process import Process
 from automcm_conformance.exchange.results import CaseResult, Implementation, Report, Verdict
 from automcm_conformance.report import report
 from automcm_conformance.suite import suite_run
 
 Json = Any
-run = CliRunner()
-AUTOMCM = [sys.executable, "-m", "automcm_cli"]
-REFERENCE = [*AUTOMCM, "adapter"]
 CASE = "AMCM/STA/END/BI-19"
 OTHER = "AMCM/RCV/ADV/TI-03"
 CARELESS = [
@@ -57,7 +52,7 @@ class Done:
 
 
 def conform(folder: Path, *arguments: str, command: list[str] = REFERENCE) -> Done:
-    answer = run.invoke(app, ["conform", "run", *arguments, "--out", str(folder), "--", *command])
+    answer = automcm("conform", "run", *arguments, "--out", folder, "--", *command)
     return Done(answer.exit_code, answer.output, folder)
 
 
@@ -116,15 +111,14 @@ def test_the_log_of_a_failure_is_also_a_page_that_the_report_links_to(bad: Done)
 def test_logs_are_told_by_trace_explain(good: Done) -> None:
     logs = [str(good.folder / case["log"]) for case in good.report["cases"]]
     for log in logs:
-        answer = run.invoke(app, ["trace", "explain", log])
+        answer = automcm("trace", "explain", log)
         assert answer.exit_code == 0, answer.output
 
 
 def piped(folder: Path, target: str | Path, command: list[str]) -> subprocess.CompletedProcess[str]:
     """A run as a process, with its report as JSON into ``target`` too."""
     options = ["--json", target, "--out", folder / "r"]
-    words = [*AUTOMCM, "conform", "run", CASE, *options, "--", *command]
-    return subprocess.run(words, capture_output=True, text=True)
+    return automcm_process("conform", "run", CASE, *options, "--", *command)
 
 
 def test_json_on_standard_output_is_all_there_is(tmp_path: Path) -> None:
@@ -151,7 +145,7 @@ def test_json_that_cannot_be_written_is_3_and_the_report_is_there(tmp_path: Path
 
 def test_a_folder_of_its_own_in_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    answer = run.invoke(app, ["conform", "run", CASE, "--", *REFERENCE])
+    answer = automcm("conform", "run", CASE, "--", *REFERENCE)
     assert answer.exit_code == 0
     (folder,) = (tmp_path / "runs").iterdir()
     assert (folder / "report.html").exists() and folder.name in answer.output
@@ -185,7 +179,7 @@ def test_the_folder_cannot_be_used(tmp_path: Path) -> None:
     ids=" ".join,
 )
 def test_usage_errors_are_2(arguments: list[str], says: str) -> None:
-    answer = run.invoke(app, ["conform", *arguments])
+    answer = automcm("conform", *arguments)
     assert answer.exit_code == 2, answer.output
     assert says in " ".join(answer.output.split())
 
@@ -264,19 +258,19 @@ def test_the_exit_code_is_that_of_the_report(
 
 
 def test_list_names_the_cases() -> None:
-    listed = json.loads(run.invoke(app, ["conform", "list", "--json", "-"]).output)
+    listed = json.loads(automcm("conform", "list", "--json", "-").output)
     assert len(listed) > 200
     assert set(listed[0]) == {"id", "level", "rules", "given", "when", "then", "bug", "cost"}
-    some = run.invoke(app, ["conform", "list", "NEG-4"])
+    some = automcm("conform", "list", "NEG-4")
     assert some.exit_code == 0 and "AMCM/RCV/NEG/BI-04" in some.output
     assert CASE not in some.output and "\x1b" not in some.output
 
 
 def test_explain_says_all_of_one_case() -> None:
-    answer = run.invoke(app, ["conform", "list", "--explain", "AMCM/RCV/NEG/BI-04"])
+    answer = automcm("conform", "list", "--explain", "AMCM/RCV/NEG/BI-04")
     assert answer.exit_code == 0
     words = ["conform", "list", "--explain", "AMCM/RCV/NEG/BI-04", "--json", "-"]
-    (case,) = json.loads(run.invoke(app, words).output)
+    (case,) = json.loads(automcm(*words).output)
     for name in ("given", "when", "then", "bug", "cost"):
         assert f"{name:>6}  " in answer.output
         assert case[name].split()[-1] in answer.output
@@ -288,11 +282,11 @@ def test_explain_says_all_of_one_case() -> None:
 
 def test_a_replay_fails_again_and_passes_on_the_reference(bad: Done) -> None:
     (file,) = (bad.folder / "replay").iterdir()
-    again = run.invoke(app, ["conform", "replay", str(file), "--", *CARELESS])
+    again = automcm("conform", "replay", file, "--", *CARELESS)
     assert again.exit_code == 1 and f"FAIL {CASE}" in again.output
     odd = "Intention with unknown 1: "
     assert odd in bad.out and f"END-5: {odd}" in again.output, "what is wrong with the message"
-    right = run.invoke(app, ["conform", "replay", str(file), "--json", "-", "--", *REFERENCE])
+    right = automcm("conform", "replay", file, "--json", "-", "--", *REFERENCE)
     assert right.exit_code == 0
     assert json.loads(right.output) == {"case": CASE, "verdict": "PASS", "what": ""}
 
@@ -312,13 +306,13 @@ def test_a_replay_that_breaks_shows_what_led_to_it(
     (file,) = (bad.folder / "replay").iterdir()
     odd = f"if 'unknown' in line: {does}"
     broken = [*CARELESS[:2], CARELESS[2].replace("command.get(", f"{odd}\n    command.get(")]
-    answer = run.invoke(app, ["conform", "replay", str(file), "--", *broken])
+    answer = automcm("conform", "replay", file, "--", *broken)
     assert answer.exit_code == 3
     lines = answer.output.split(f"ERROR {CASE}  END-5: ")[0].splitlines()
     assert "reset: a new station" in lines[0] and "kit      receive" in "".join(lines[-2:])
     said = " ".join(answer.output.split())
     assert what in said and stderr in said
-    data = run.invoke(app, ["conform", "replay", str(file), "--json", "-", "--", *broken])
+    data = automcm("conform", "replay", file, "--json", "-", "--", *broken)
     assert data.exit_code == 3 and json.loads(data.stdout)["verdict"] == "ERROR"
 
 
@@ -336,54 +330,26 @@ STEP = {"now": 1, "line": {"cmd": "stop"}, "expected": {}}
         (json.dumps(REPLAY | {"steps": [{"now": 1}]}), "line: missing"),
         (json.dumps({k: v for k, v in REPLAY.items() if k != "rule"}), "rule: missing"),
         (json.dumps(REPLAY | {"steps": 7}), "steps: "),
-        (
-            json.dumps(REPLAY | {"steps": [STEP | {"expected": {"other": 1}}]}),
-            "expected.other",
-        ),
+        (json.dumps(REPLAY | {"steps": [STEP | {"expected": {"other": 1}}]}), "expected.other"),
     ],
 )
 def test_a_file_that_is_no_replay_is_3(tmp_path: Path, text: str | None, says: str) -> None:
     file = tmp_path / "replay.json"
     if text is not None:
         file.write_text(text)
-    answer = run.invoke(app, ["conform", "replay", str(file), "--", *REFERENCE])
+    answer = automcm("conform", "replay", file, "--", *REFERENCE)
     assert answer.exit_code == 3, answer.output
     assert says in answer.output
-
-
-# -- adapter
-
-
-def test_the_adapter_answers_hello_and_stops() -> None:
-    lines = b'{"cmd": "hello", "protocol": 1}\n{"cmd": "stop"}\n{"cmd": "hello", "protocol": 1}\n'
-    done = subprocess.run(REFERENCE, input=lines, capture_output=True)
-    assert done.returncode == 0 and done.stderr == b""
-    (answer,) = done.stdout.splitlines()
-    assert json.loads(answer) == HELLO
-
-
-def test_the_adapter_answers_before_it_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
-    with Process(REFERENCE) as adapter:
-        (answer,) = adapter.exchange([b'{"cmd": "hello", "protocol": 1}\n'])
-        assert json.loads(answer) == HELLO and adapter.stop() is None
-
-
-def test_the_adapter_ends_with_its_input() -> None:
-    done = subprocess.run(REFERENCE, input=b"{}\n", capture_output=True)
-    assert done.returncode == 0 and set(json.loads(done.stdout)) == {"error"}
 
 
 # -- check-adapter, new, report
 
 
 def test_check_adapter() -> None:
-    answer = run.invoke(app, ["conform", "check-adapter", "--", *REFERENCE])
+    answer = automcm("conform", "check-adapter", "--", *REFERENCE)
     assert answer.exit_code == 0, answer.output
     wrong = [sys.executable, "-c", "input(); print('{}', flush=True); input()"]
-    answer = run.invoke(
-        app, ["conform", "check-adapter", "--limit", "5", "--json", "-", "--", *wrong]
-    )
+    answer = automcm("conform", "check-adapter", "--limit", "5", "--json", "-", "--", *wrong)
     assert answer.exit_code == 1
     assert "error" in {finding["level"] for finding in json.loads(answer.output)}
 
@@ -391,24 +357,24 @@ def test_check_adapter() -> None:
 @pytest.mark.slow
 def test_a_new_adapter_speaks_the_protocol_but_is_no_station(tmp_path: Path) -> None:
     folder = tmp_path / "mine"
-    answer = run.invoke(app, ["conform", "new", "--language", "python", str(folder)])
+    answer = automcm("conform", "new", "--language", "python", folder)
     assert answer.exit_code == 0 and str(folder / "run") in answer.output
     assert f"automcm conform run -- {folder / 'run'}" in answer.output
-    assert run.invoke(app, ["conform", "check-adapter", "--", str(folder / "run")]).exit_code == 0
+    assert automcm("conform", "check-adapter", "--", folder / "run").exit_code == 0
     done = conform(tmp_path / "r", CASE, command=[str(folder / "run")])
     assert done.code != 0 and done.report["counts"]["PASS"] == 0
-    again = run.invoke(app, ["conform", "new", str(folder)])
+    again = automcm("conform", "new", folder)
     assert again.exit_code == 2 and "not an empty folder" in " ".join(again.output.split())
     for language, code in (("ada", 2), ("cpp", 0)):
         new = ["conform", "new", "--language", language, str(tmp_path / language)]
-        assert run.invoke(app, new).exit_code == code
+        assert automcm(*new).exit_code == code
     assert (tmp_path / "cpp" / "CMakeLists.txt").exists()
 
 
 def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
     page = tmp_path / "both.html"
     files = [str(done.folder / "report.json") for done in (good, bad)]
-    answer = run.invoke(app, ["conform", "report", *files, "--html", str(page)])
+    answer = automcm("conform", "report", *files, "--html", page)
     assert answer.exit_code == 0 and str(page) in answer.output.replace("\n", "")
     assert page.read_text().count("automcm reference") >= 2
     (tmp_path / "x.json").write_text("{}")
@@ -417,12 +383,12 @@ def test_reports_side_by_side(tmp_path: Path, good: Done, bad: Done) -> None:
         [str(tmp_path / "x.json"), "--html", str(page)],
         [*files, "--html", str(tmp_path / "no" / "where.html")],
     ):
-        answer = run.invoke(app, ["conform", "report", *arguments])
+        answer = automcm("conform", "report", *arguments)
         assert answer.exit_code == 3 and "report: " in answer.output
-    assert run.invoke(app, ["conform", "report"]).exit_code == 2
+    assert automcm("conform", "report").exit_code == 2
 
 
 @pytest.mark.parametrize("command", ["run", "list", "replay", "check-adapter", "new", "report"])
 def test_usage_says_where_the_adapter_goes(command: str) -> None:
-    answer = run.invoke(app, ["conform", command, "--help"])
+    answer = automcm("conform", command, "--help")
     assert ("COMMAND..." in answer.output) == (command in ("run", "replay", "check-adapter"))

@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,29 +15,22 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import AUTOMCM, LIMIT_S, automcm, automcm_process
 
 from automcm.links.udp_link import bind
-from automcm_cli.main import app
 from automcm_cli.reference.demo_processes import Demo, Vehicle
 from automcm_traces.format.reader import read
 
-COMMAND = [sys.executable, "-m", "automcm_cli"]
-LIMIT_S = 60
 LATE_MS = 50
 """An alarm that rings so late (half of ``t_resend``) is a pause of the machine, not of the station;
 the same is then tried again."""
 ATTEMPTS = 4
 
 
-def automcm(*args: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*COMMAND, *args], capture_output=True, text=True, timeout=LIMIT_S)
-
-
 @contextmanager
 def running(*args: str) -> Iterator[subprocess.Popen[str]]:
     """A process that is stopped by SIGTERM at the end; its end is left to the caller to read."""
-    with subprocess.Popen([*COMMAND, *args], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen([*AUTOMCM, *args], stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:
@@ -75,7 +67,9 @@ def test_the_demonstration_ends_as_described(
 ) -> None:
     for n in range(ATTEMPTS):
         logs = tmp_path / str(n)
-        done = automcm("demo", "--logs", str(logs), "--listen", "0", "--json", "-", *options)
+        done = automcm_process(
+            "demo", "--logs", str(logs), "--listen", "0", "--json", "-", *options
+        )
         found = json.loads(done.stdout)
         if max(vehicle["latest_ms"] for vehicle in found["vehicles"]) < LATE_MS:
             break
@@ -162,7 +156,7 @@ def test_a_process_that_hangs_or_leaves_early_is_a_problem(
 @pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.7, 2.5])
 def test_a_demonstration_told_to_stop_leaves_no_process(after_s: float, tmp_path: Path) -> None:
-    with subprocess.Popen([*COMMAND, "demo", "--logs", str(tmp_path)], stderr=subprocess.PIPE) as p:
+    with subprocess.Popen([*AUTOMCM, "demo", "--logs", str(tmp_path)], stderr=subprocess.PIPE) as p:
         time.sleep(after_s)  # somewhere in the start, or in the session
         p.send_signal(signal.SIGTERM)
         assert p.wait(timeout=LIMIT_S) in (1, 130, -signal.SIGTERM, -signal.SIGINT)
@@ -206,19 +200,19 @@ REST: dict[str, Any] = {"session": None, "sending": 0}
     ],
 )
 def test_wrong_usage_is_exit_code_2_and_names_it(args: list[str], error: str) -> None:
-    done = CliRunner().invoke(app, args)
+    done = automcm(*args)
     assert done.exit_code == 2 and error in done.output
 
 
 def test_a_port_in_use_is_exit_code_3_and_names_it() -> None:
     with bind("127.0.0.1", 0) as taken:
         port = taken.getsockname()[1]
-        done = automcm("link", "relay", "--port", str(port))
+        done = automcm_process("link", "relay", "--port", port)
     assert done.returncode == 3 and f"UDP 127.0.0.1:{port}" in done.stderr
 
 
 def test_an_address_beyond_loopback_is_exit_code_3() -> None:
-    done = automcm("station", "--id", "1", "--broadcast", "192.0.2.255:47100")
+    done = automcm_process("station", "--id", "1", "--broadcast", "192.0.2.255:47100")
     assert done.returncode == 3 and "192.0.2.255: not a loopback address" in done.stderr
 
 
@@ -227,7 +221,7 @@ def test_a_station_id_that_is_on_the_air_is_refused() -> None:
         via = ["--via", f"127.0.0.1:{report(relay)['port']}", "--id", "7"]
         with running("station", "--listen", "0", "--first", *via) as first:
             report(first)
-            done = automcm("station", "--for", "1", *via)
+            done = automcm_process("station", "--for", "1", *via)
     assert done.returncode == 3 and "station_id: 7 is on the air already" in done.stderr
 
 
@@ -238,7 +232,9 @@ def test_end_8_the_number_file_makes_the_next_start_a_restart(tmp_path: Path) ->
         args += ["--via", f"127.0.0.1:{report(relay)['port']}"]
 
         def started(number: Path, log: str, *more: str) -> Any:
-            return automcm(*args, "--number-file", str(number), "--log", str(tmp_path / log), *more)
+            return automcm_process(
+                *args, "--number-file", str(number), "--log", str(tmp_path / log), *more
+            )
 
         assert started(idle, "idle log").returncode == 0
         assert idle.read_text() == "0\n", "it has run, whatever it did"
@@ -256,7 +252,9 @@ def restarts(log: Path) -> bool:
 def test_end_8_without_a_number_file_a_station_may_have_run_before(tmp_path: Path) -> None:
     for n, first in enumerate(([], ["--first"])):
         log = tmp_path / str(n)
-        automcm("station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log), *first)
+        automcm_process(
+            "station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log), *first
+        )
         assert restarts(log) == (not first)
 
 
@@ -265,7 +263,7 @@ def test_end_8_without_a_number_file_a_station_may_have_run_before(tmp_path: Pat
 def test_end_8_a_number_file_with_no_number_is_exit_code_3(text: str, tmp_path: Path) -> None:
     kept = tmp_path / "number"
     kept.write_text(text)
-    broken = automcm("station", "--id", "9", "--listen", "0", "--number-file", str(kept))
+    broken = automcm_process("station", "--id", "9", "--listen", "0", "--number-file", kept)
     assert broken.returncode == 3 and "holds no session number" in broken.stderr
     assert len(broken.stderr.splitlines()) == 1
 
@@ -275,7 +273,7 @@ def test_end_8_a_number_that_cannot_be_kept_does_not_go_on_the_air(tmp_path: Pat
     args = ["--number-file", str(folder), "--request-after", "1", "--log", str(tmp_path / "log")]
     with bind("127.0.0.1", 0) as listener:
         via = f"127.0.0.1:{listener.getsockname()[1]}"
-        done = automcm("station", "--id", "9", "--listen", "0", "--via", via, *args)
+        done = automcm_process("station", "--id", "9", "--listen", "0", "--via", via, *args)
         listener.setblocking(False)
         heard = []
         with pytest.raises(BlockingIOError):
@@ -286,13 +284,15 @@ def test_end_8_a_number_that_cannot_be_kept_does_not_go_on_the_air(tmp_path: Pat
 
 
 def test_a_log_that_cannot_be_written_is_exit_code_3(tmp_path: Path) -> None:
-    done = automcm("station", "--id", "1", "--listen", "0", "--log", str(tmp_path / "no" / "log"))
+    done = automcm_process(
+        "station", "--id", "1", "--listen", "0", "--log", str(tmp_path / "no" / "log")
+    )
     assert done.returncode == 3 and "no/log" in done.stderr
 
 
 @pytest.mark.slow
 def test_told_to_stop_while_it_listens_a_station_ends_well() -> None:
-    with subprocess.Popen([*COMMAND, "station", "--id", "1", "--listen", "30000"]) as process:
+    with subprocess.Popen([*AUTOMCM, "station", "--id", "1", "--listen", "30000"]) as process:
         time.sleep(3)
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=LIMIT_S) == 0
@@ -326,7 +326,7 @@ def test_a_bridge_that_cannot_be_reached_or_opened_is_exit_code_3() -> None:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        busy = automcm("station", "--id", "1", "--listen", "0", "--bridge", str(port))
+        busy = automcm_process("station", "--id", "1", "--listen", "0", "--bridge", port)
     assert busy.returncode == 3 and str(port) in busy.stderr
-    gone = automcm("drive", "--uri", f"ws://127.0.0.1:{port}", "--attempts", "1")
+    gone = automcm_process("drive", "--uri", f"ws://127.0.0.1:{port}", "--attempts", "1")
     assert gone.returncode == 3 and f"ws://127.0.0.1:{port}" in gone.stderr

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cli_stage import automcm
 from first_hour import python_station
 from typer.main import get_command
-from typer.testing import CliRunner
 
 from automcm_cli.main import app
 from automcm_evaluation.runs.catalogue import NAMES
@@ -66,13 +66,13 @@ HOUR = By(f"{HERE}first_hour.py::test_the_cases_of_the_page_pass")
 MISTAKE = By(f"{HERE}first_hour.py::test_the_mistake_of_the_page_is_found")
 WEBSOCKET = By(f"{HERE}websocket.py::test_the_reference_passes_over_a_websocket")
 CHECK = By(f"{HERE}cli.py::test_check_shows_and_writes_a_counterexample")
-KERNELS = By(f"{HERE}simulate.py::test_bench_kernels_prints_ratios")
-MEASURED = By(f"{HERE}simulate.py::test_bench_station_has_every_figure_beside_a_baseline")
-DRAWN = By(f"{HERE}simulate.py::test_the_lane_change_is_told_and_drawn")
+KERNELS = By(f"{HERE}simulate_command.py::test_bench_kernels_prints_ratios")
+MEASURED = By(f"{HERE}simulate_command.py::test_bench_station_has_every_figure_beside_a_baseline")
+DRAWN = By(f"{HERE}simulate_command.py::test_the_lane_change_is_told_and_drawn")
 PAGE = By(f"{HERE}model_pages.py::test_a_page_shows_its_counterexample")
 MUTANTS = By("spec/tests/test_mutants.py::test_the_command_reports")
 ENCODINGS = By("spec/tests/test_bench.py::test_the_encodings_are_measured_on_the_same_model")
-WORKERS = By("spec/tests/test_distributed.py::test_two_workers_find_the_states_of_one")
+WORKERS = By("spec/tests/test_distributed_tlc.py::test_two_workers_find_the_states_of_one")
 GUIDE = By(f"{HERE}adding_a_rule.py::test_the_page_command_by_command")
 FRESH = By(f"{HERE}cli.py::test_generated_files_are_not_stale")
 LONG = Parsed("a minute or more")
@@ -291,5 +291,5 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_it_runs(command: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent), prepend=":")
-    answer = CliRunner().invoke(app, shlex.split(command))
+    answer = automcm(*shlex.split(command))
     assert answer.exit_code == RUN[command], answer.output

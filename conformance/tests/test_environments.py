@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from cli_stage import AUTOMCM
 
 from automcm_maintenance.documents.import_graph import PACKAGES
 
@@ -58,7 +59,7 @@ def test_a_model_is_checked(changes: dict[str, str | None], copied: Path, tmp_pa
     where = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True)
     assert where.stdout.decode().startswith(str(copied))
     done = subprocess.run(
-        [sys.executable, "-m", "automcm_cli", "spec", "check", "bare_ack", "--json", "ö.json"],
+        [*AUTOMCM, "spec", "check", "bare_ack", "--json", "ö.json"],
         cwd=here,
         env=environment,
         capture_output=True,

@@ -7,15 +7,13 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import AUTOMCM, automcm
 
-from automcm_cli.main import app
 from automcm_cli.reference import experiment_commands
 from automcm_evaluation.framework import figures
 from automcm_evaluation.runs import report
@@ -23,7 +21,6 @@ from automcm_evaluation.runs.catalogue import NAMES
 from automcm_maintenance.documents import generated_files
 
 Json = Any
-RUN = CliRunner()
 SMALL = [
     *("experiment", "bandwidth", "--set", "trials=1", "--set", "maneuvers=1"),
     *("--set", "vehicles=[2]"),
@@ -38,7 +35,7 @@ def results(folder: Path) -> bytes:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("small")
-    done = RUN.invoke(app, [*SMALL, "--out", str(out), "--workers", "1"])
+    done = automcm(*SMALL, "--out", out, "--workers", "1")
     assert done.exit_code == 0, done.output
     return out
 
@@ -49,7 +46,7 @@ def test_there_is_a_command_for_each_experiment() -> None:
 
 @pytest.mark.slow
 def test_two_workers_write_the_same_bytes(small: Path, tmp_path: Path) -> None:
-    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path), "--workers", "2", "--json", "-"])
+    done = automcm(*SMALL, "--out", tmp_path, "--workers", "2", "--json", "-")
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)[0]["experiment"] == "bandwidth"
     for path in sorted((small / "bandwidth").iterdir()):
@@ -59,7 +56,7 @@ def test_two_workers_write_the_same_bytes(small: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_another_seed_is_another_sweep(small: Path) -> None:
-    done = RUN.invoke(app, [*SMALL, "--out", str(small), "--seed", "2"])
+    done = automcm(*SMALL, "--out", small, "--seed", "2")
     assert done.exit_code == 3 and "another sweep (seed differ)" in done.stderr
 
 
@@ -67,7 +64,7 @@ def test_a_killed_sweep_goes_on(
     small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "available", lambda: False)
-    command = [sys.executable, "-m", "automcm_cli", *SMALL, "--out", str(tmp_path)]
+    command = [*AUTOMCM, *SMALL, "--out", str(tmp_path)]
     kept = tmp_path / "bandwidth" / "cells.ndjson"
     child = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL)
     try:
@@ -79,7 +76,7 @@ def test_a_killed_sweep_goes_on(
         os.killpg(child.pid, signal.SIGKILL)
         child.wait()
     before = kept.read_bytes()
-    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path), "--workers", "1"])
+    done = automcm(*SMALL, "--out", tmp_path, "--workers", "1")
     assert done.exit_code == 0, done.output
     assert kept.read_bytes().startswith(before[: before.rindex(b"\n") + 1])
     assert results(tmp_path) == results(small)
@@ -96,14 +93,14 @@ def test_a_killed_sweep_goes_on(
     ],
 )
 def test_impossible_parameters_are_named(changes: list[str], text: str, tmp_path: Path) -> None:
-    done = RUN.invoke(app, [*SMALL, *changes, "--out", str(tmp_path)])
+    done = automcm(*SMALL, *changes, "--out", tmp_path)
     assert done.exit_code == 2 and text in " ".join(done.stderr.split())
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_told_first(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path / "file")])
+    done = automcm(*SMALL, "--out", tmp_path / "file")
     assert done.exit_code == 3 and "file" in done.stderr and done.stderr.count("\n") == 1
 
 
@@ -119,7 +116,7 @@ def test_something_broken_is_exit_code_1(
     monkeypatch.setattr(report, "assemble", broken)
     monkeypatch.setattr(figures, "available", lambda: False)
     shutil.copytree(small, tmp_path, dirs_exist_ok=True)
-    done = RUN.invoke(app, [*SMALL, "--out", str(tmp_path)])
+    done = automcm(*SMALL, "--out", tmp_path)
     assert done.exit_code == 1 and "BROKEN: a hazard of 9 s" in done.stderr
 
 
@@ -128,11 +125,11 @@ def test_a_report_is_rendered_again(small: Path) -> None:
     before = results(small)
     for path in (small / "bandwidth").glob("bandwidth.*"):
         path.unlink()
-    done = RUN.invoke(app, ["experiment", "render", str(small)])
+    done = automcm("experiment", "render", small)
     assert done.exit_code == 0, done.output
     assert results(small) == before and (small / "bandwidth" / "bandwidth.csv").exists()
 
 
 def test_nothing_to_render_is_told(tmp_path: Path) -> None:
-    done = RUN.invoke(app, ["experiment", "render", str(tmp_path)])
+    done = automcm("experiment", "render", tmp_path)
     assert done.exit_code == 3 and "no folder in it has a results.json" in done.stderr

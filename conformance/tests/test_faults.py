@@ -6,7 +6,9 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from faults import PHASES, WHY, Cell, matrix, page
+from fault_cell import Cell
+from fault_reasons import WHY
+from faults import PHASES, matrix, page
 from faulty_station import FAULTS
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"

@@ -8,10 +8,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from cli_stage import automcm
 from first_hour import CASES, PAGE, blocks, cpp_station, python_station
-from typer.testing import CliRunner
-
-from automcm_cli.main import app
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +18,7 @@ def mine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def conform(*arguments: str) -> tuple[int, str]:
-    answer = CliRunner().invoke(app, ["conform", *arguments])
+    answer = automcm("conform", *arguments)
     return answer.exit_code, answer.output
 
 

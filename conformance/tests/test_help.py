@@ -8,8 +8,8 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+from cli_stage import automcm
 from typer.main import get_command
-from typer.testing import CliRunner
 
 from automcm_cli.main import app
 
@@ -38,7 +38,7 @@ COMMANDS = dict(commands(get_command(app)))
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
 def test_each_command_has_help_with_an_example_and_its_exit_codes(path: tuple[str, ...]) -> None:
-    shown = CliRunner().invoke(app, [*path, "--help"])
+    shown = automcm(*path, "--help")
     text = " ".join(shown.output.split())
     assert shown.exit_code == 0 and "Exit codes:" in text
     assert COMMANDS[path] or re.search(f"Example: .*automcm {' '.join(path)}", text)
@@ -46,7 +46,7 @@ def test_each_command_has_help_with_an_example_and_its_exit_codes(path: tuple[st
 
 def test_a_group_lists_its_commands_in_whole_sentences() -> None:
     for path in (path for path, group in COMMANDS.items() if group):
-        shown = CliRunner().invoke(app, [*path, "--help"]).output
+        shown = automcm(*path, "--help").output
         listed = re.findall(r"^  [a-z]\S+ {2,}(.*)", shown.partition("Commands:")[2], re.MULTILINE)
         assert len(listed) == sum(other[:-1] == path and bool(other) for other in COMMANDS)
         cut = [text for text in listed if text.endswith(("...", "Fig.")) or text[-1] not in ".?"]

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from cli_stage import AUTOMCM
 
-AUTOMCM = [sys.executable, "-m", "automcm_cli"]
 MARK = "AUTOMCM_TEST_MARK"
 """In the environment of a command, and so in that of all that it starts."""
 LIMIT_S = 30

@@ -9,129 +9,23 @@ import json
 import random
 import socket
 import subprocess
-import sys
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from broken_stations import broken
+from cli_stage import AUTOMCM, REFERENCE, automcm
+from live_stage import BY_NAME, JITTER, STATION, Json, Radio, World, fair, judge, only, session
+from live_stage import oracle as oracle
 
-from automcm.links.clock import VirtualClock
-from automcm.links.link import Receiver
 from automcm.scenarios.straight_lane import Straight
-from automcm.service.service import McService
 from automcm_cli.conform import conform_live
-from automcm_cli.main import app
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, Case, Judged, Session, Twin, twin
+from automcm_conformance.live.live_cases import CASES, Case, twin
 from automcm_conformance.suite.scripts import expire
-from automcm_spec.graph.oracle import Oracle, load
-from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
-from automcm_spec.vocabulary.parameters import Parameters
-
-Json = Any
-run = CliRunner()
-AUTOMCM = [sys.executable, "-m", "automcm_cli"]
-STATION = 7
-JITTER = 40
-BY_NAME = {case.name: case for case in CASES}
-Sent = list[tuple[int, Json]]
-"""What becomes of a message: copies, each with its delay."""
-Radio = Callable[[Json], Sent]
-DOUBLE = """
-import sys
-from automcm.adapters import adapter_lines as kit
-class Slow(kit.Kit):
-    def _reset(self, command):
-        answer = super()._reset(command)
-        self._station.durations = {"resend": 200}
-        return answer
-kit.Kit = Slow
-for answer in kit.serve(sys.stdin.buffer):
-    sys.stdout.buffer.write(answer)
-    sys.stdout.buffer.flush()
-"""
-"""An adapter whose station sends again after twice t_resend."""
-
-
-@pytest.fixture(scope="module")
-def oracle() -> Oracle:
-    return load(ONE_PEER.path, spec_hash())
-
-
-class World:
-    """The station and the air around it, in virtual time: the link of the one, and the other."""
-
-    def __init__(
-        self, radio: Radio, application: Straight | None = None, parameters: Json = None
-    ) -> None:
-        self.clock = VirtualClock()
-        self.radio = radio
-        self.service = McService(
-            STATION,
-            application or Straight(),
-            _Link(self),
-            self.clock,
-            parameters=Parameters(**(parameters or {})),
-        )
-        self.clock.run(1_000)
-        self.hears: Receiver = lambda data, tx: None
-        self.coming: deque[tuple[int, bytes]] = deque()
-        self.service.start()
-
-    def arrives(self, data: bytes) -> None:
-        self.coming.append((self.clock.now(), data))
-
-    def now(self) -> int:
-        return self.clock.now()
-
-    def send(self, data: bytes) -> None:
-        self.clock.at(self.now() + 2, lambda: self.hears(data, None) and None)
-
-    def receive(self, until: int) -> tuple[int, bytes] | None:
-        while not self.coming and self.now() < until:
-            self.clock.run(self.now() + 1)
-        if not self.coming:
-            return None
-        return max(self.now(), self.coming[0][0]), self.coming.popleft()[1]
-
-
-class _Link:
-    def __init__(self, world: World) -> None:
-        self._world = world
-
-    def open(self, receive: Receiver) -> None:
-        self._world.hears = receive
-
-    def send(self, data: bytes, to: int, tx: str) -> None:
-        world = self._world
-        for delay, message in world.radio(json.loads(data)):
-            data = json.dumps(message).encode()
-            world.clock.at(world.now() + delay, lambda data=data: world.arrives(data))
-
-    def close(self) -> None:
-        pass
-
-
-def fair(message: Json) -> Sent:
-    return [(3, message)]
-
-
-def only(type_: str, change: Radio) -> Radio:
-    """A radio that is fair but for messages of a type."""
-    return lambda m: change(m) if m["type"] == type_ else fair(m)
-
-
-def session(oracle: Oracle, world: World, twin: Twin | None = None) -> Session:
-    return Session(oracle, world, STATION, DEFAULTS, JITTER, number=5, twin=twin)
-
-
-def judge(oracle: Oracle, name: str, radio: Radio, twin: Twin | None = None) -> Judged:
-    return session(oracle, World(radio), twin).judge(BY_NAME[name])
+from automcm_spec.graph.oracle import Oracle
 
 
 def test_every_case_passes_and_leaves_nothing_behind(oracle: Oracle) -> None:
@@ -342,14 +236,14 @@ def adapter(*command: str) -> Iterator[Adapter]:
 
 
 def test_the_twin_is_the_same_case_in_virtual_time(oracle: Oracle) -> None:
-    with adapter(*AUTOMCM, "adapter") as reference:
+    with adapter(*REFERENCE) as reference:
         judged = twin(oracle, reference, DEFAULTS)
         assert [judged(case) for case in CASES] == [""] * len(CASES)
         assert judged(Case("too long", (), "", [expire("lease")])) is None
 
 
 def test_the_twin_of_a_slow_station_fails(oracle: Oracle) -> None:
-    with adapter(sys.executable, "-c", DOUBLE) as slow:
+    with adapter(*broken("sends_again_after_200_ms")) as slow:
         world = World(fair, parameters={"t_resend": 200})
         live = session(oracle, world, twin(oracle, slow, DEFAULTS))
         judged = live.judge(BY_NAME["intention"])
@@ -382,11 +276,10 @@ def test_a_station_of_the_reference_over_sockets(tmp_path: Path) -> None:
     """How late it is says how busy this machine is: so a timing miss is no failure here."""
     options = ["--set", "t_resend=600", "--set", "t_timeout=600"]
     out = tmp_path / "live.json"
-    arguments = ["--jitter", "300", "--json", str(out), *options, "--", *AUTOMCM, "adapter"]
+    arguments = ["--jitter", "300", "--json", out, *options, "--", *REFERENCE]
     with station(*options) as where:
-        done = run.invoke(
-            app,
-            ["conform", "live", "7", "NEG-4", "unknown session", "--broadcast", where, *arguments],
+        done = automcm(
+            "conform", "live", "7", "NEG-4", "unknown session", "--broadcast", where, *arguments
         )
     assert done.exit_code in (0, 4), done.output
     report = json.loads(out.read_text())
@@ -399,7 +292,7 @@ def test_a_station_of_the_reference_over_sockets(tmp_path: Path) -> None:
 
 def test_a_station_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conform_live, "HEARD_MS", 50)
-    done = run.invoke(app, ["conform", "live", "7", "--broadcast", "127.255.255.255:47398"])
+    done = automcm("conform", "live", "7", "--broadcast", "127.255.255.255:47398")
     assert done.exit_code == 3
     assert done.stderr == "live: no CAM of station 7 on 127.255.255.255:47398\n"
 
@@ -415,12 +308,12 @@ def test_a_station_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 def test_usage(arguments: list[str]) -> None:
-    assert run.invoke(app, ["conform", "live", "7", *arguments]).exit_code == 2
+    assert automcm("conform", "live", "7", *arguments).exit_code == 2
 
 
 def test_an_adapter_that_does_not_start() -> None:
-    done = run.invoke(
-        app, ["conform", "live", "7", "--broadcast", "127.255.255.255:47397", "--", "./nothing"]
+    done = automcm(
+        "conform", "live", "7", "--broadcast", "127.255.255.255:47397", "--", "./nothing"
     )
     assert done.exit_code == 3
     assert "cannot be started" in done.stderr

@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 
-from automcm_cli.main import app
 from automcm_maintenance.documents import counterexample_pages, generated_files
 from automcm_spec.model_checking import models
 
@@ -45,7 +44,7 @@ def test_a_counterexample_that_is_not_there_is_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(counterexample_pages, "COUNTEREXAMPLES", tmp_path)
-    done = CliRunner().invoke(app, ["spec", "pages", "--out", str(tmp_path / "new")])
+    done = automcm("spec", "pages", "--out", tmp_path / "new")
     assert done.exit_code == 3 and f"{MUST_FAIL[0].cfg}.itf.json" in done.output
 
 

@@ -7,9 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-from automcm_cli.main import app
+from cli_stage import automcm
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -46,7 +44,7 @@ def test_the_scenario_of_the_page_runs(
     assert [capsys.readouterr().out] == [text for language, text in parts if not language]
 
     logs = [str(path) for path in sorted(Path("runs/narrow").iterdir())]
-    answer = CliRunner().invoke(app, ["trace", "explain", *logs])
+    answer = automcm("trace", "explain", *logs)
     assert answer.exit_code == 0, answer.output
 
 
@@ -62,16 +60,14 @@ def test_the_code_of_the_reference_s_page_prints_what_stands_below_it(
         assert capsys.readouterr().out == printed
     logs = [str(path) for path in sorted(Path("runs/two").iterdir())]
     assert len(logs) == 2
-    assert CliRunner().invoke(app, ["trace", "explain", *logs]).exit_code == 0
+    assert automcm("trace", "explain", *logs).exit_code == 0
 
 
 @pytest.mark.slow
 def test_the_counterexample_of_the_page_is_what_is_printed(tmp_path: Path) -> None:
     rule, printed = (text for _, text in blocks("reading-the-spec.md"))
     assert rule in (ROOT / "spec" / "tla" / "Station.tla").read_text()
-    answer = CliRunner().invoke(
-        app, ["spec", "check", "no_busy_refusal", "--traces", str(tmp_path)]
-    )
+    answer = automcm("spec", "check", "no_busy_refusal", "--traces", tmp_path)
     assert answer.exit_code == 0 and printed in answer.output
 
 

@@ -10,11 +10,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from cli_stage import REFERENCE
 
 import automcm_conformance.report.pytest_cases  # noqa: F401  else pytester would import it in each run
 
 pytest_plugins = "pytester"
-GOOD = shlex.join([sys.executable, "-m", "automcm_cli", "adapter"])
+GOOD = shlex.join(REFERENCE)
 CASE = "AMCM/STA/END/BI-19"
 OTHER = "AMCM/RCV/ADV/TI-03"
 SKIPPED = "AMCM/STA/ACT/TI-02"

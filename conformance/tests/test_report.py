@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections import Counter
 from copy import deepcopy
@@ -13,75 +12,11 @@ from typing import Any
 
 import pytest
 from junitparser import JUnitXml
-from rich.console import Console
+from report_stage import case, failure, run
+from report_stage import hostile as hostile
 
-from automcm_conformance.exchange.results import (
-    CaseResult,
-    Failure,
-    Implementation,
-    Level,
-    Line,
-    Report,
-    Verdict,
-)
-from automcm_conformance.report import report, terminal_report
-
-HOSTILE = [
-    "<script>alert(1)</script><img src=x onerror=alert(2)>",
-    "\"'><b onclick='x'>&amp;&lt;",
-    "]]><!-- --> <![CDATA[",
-    "{{ 7 * 7 }} {% raw %} [bold red]not markup[/] [/nothing] :smile:",
-    "\x00\x07\x1b[2J\x1b]0;title\x07\x7f\x9b31m\r\n\tConforms: 9 of 9 MUST cases pass",
-    "\u202egnol\u202c \u200b\ufeff\u2028\u2066 \ud800 \ufffe",
-    "y" * 1_000_000,
-]
-ALL = " | ".join(HOSTILE[:-1])
-
-
-def case(
-    name: str = "AMCM/RCV/NEG/BV-01",
-    verdict: Verdict = "PASS",
-    level: Level = "MUST",
-    text: str = "text",
-    **more: Any,
-) -> CaseResult:
-    return CaseResult(
-        name, verdict, ["NEG-4"], level, text, text, text, f"bug {text}", f"cost {text}", **more
-    )
-
-
-def failure(text: str = "text") -> Failure:
-    return Failure(
-        rule="NEG-4",
-        rule_text=f"rule {text}",
-        operator="OnForeignPrescription",
-        line=321,
-        what=f"what {text}",
-        allowed=[f"allowed {text}", "or that"],
-        came=[f"came {text}"],
-        exchange=[Line(1000, "kit", f"said {text}"), Line(1000, "station", f"answered {text}")],
-        replay="replay/1.json",
-        command=f"automcm conform replay {text}",
-    )
-
-
-def run(*cases: CaseResult, text: str = "text", **more: Any) -> Report:
-    who = Implementation(
-        text, "1.0", text, ["receiver", text], ["lane_change"], {text: 1}, ["run", text]
-    )
-    coverage = {"transitions": [1999, 2000], "refusals": [5, 5], "rules": [0, 0]}
-    graphs = {text: {"transitions": [1, 2]}, "one_peer": {"transitions": [1, 2]}}
-    given: dict[str, Any] = {"started": "2026-01-02T03:04:05Z", "seconds": 1.5, **more}
-    return Report(who, list(cases), coverage, graphs, "ab" * 32, 1, [], **given)
-
-
-@pytest.fixture(params=[*HOSTILE, ALL], ids=range(len(HOSTILE) + 1))
-def hostile(request: pytest.FixtureRequest) -> Report:
-    text = request.param
-    bad = [case(f"AMCM/RCV/{text[:40]}/BI-01", "FAIL", text=text, failures=[failure(text)])]
-    bad += [case(f"AMCM/STA/END/BI-{n}", v, reason=text) for n, v in enumerate(("ERROR", "SKIP"))]
-    bad += [case("AMCM/SYS/REL/TI-01", "FAIL", wanted="FAIL", because=text)]
-    return run(case(), *bad, text=text, problems=[text])
+from automcm_conformance.exchange.results import Report
+from automcm_conformance.report import report
 
 
 class Tags(HTMLParser):
@@ -112,15 +47,6 @@ class Tags(HTMLParser):
 
 def same(found: Report, wanted: Report) -> bool:
     return found.as_dict() == wanted.as_dict()
-
-
-def printed(render: Any, **options: Any) -> str:
-    """What ``render`` prints into a pipe."""
-    console = Console(file=io.StringIO(), **options)
-    render(console)
-    out = console.file
-    assert isinstance(out, io.StringIO)
-    return out.getvalue()
 
 
 def test_a_report_comes_back(hostile: Report, tmp_path: Path) -> None:
@@ -340,69 +266,3 @@ def test_an_expected_failure_does_not_conform() -> None:
     known = run(case(verdict="FAIL", wanted="FAIL", because="known"))
     assert known.exit_code == 0
     assert report.conformance(known)[0] is False
-
-
-def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
-    cases = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason=f"why {n}") for n in range(20)]
-    out = printed(
-        lambda console: terminal_report.summary(run(case(), *cases), console, tmp_path), width=40
-    )
-    lines = out.splitlines()
-    assert "\x1b" not in out
-    assert len(lines) < 40 and max(len(line) for line in lines[:-1]) <= 100
-    assert lines[1] == "Does not conform: 20 MUST cases fail"
-    assert "Not as expected: 20 of 21 cases" in lines and "and 10 more" in lines
-    assert any(line.split() == ["ACT", "actuating", ".", "20", ".", ".", "."] for line in lines)
-    assert lines[-1] == f"Report: {tmp_path / 'report.html'}"
-
-
-@pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 80}])
-def test_a_long_reason_hides_no_verdict(options: Any) -> None:
-    bad = [case(f"AMCM/PRE/ACT/BI-{n:02}", "FAIL", reason="why " * 100) for n in range(5)]
-    out = printed(
-        lambda console: terminal_report.summary(run(*bad), console), no_color=True, **options
-    )
-    table = [line for line in out.splitlines() if "AMCM/PRE" in line]
-    assert len(table) == 5
-    for line, each in zip(table, bad, strict=True):
-        assert line.startswith(f"FAIL  {each.id}  why why") and line.endswith("…"), line
-
-
-@pytest.mark.parametrize("reason", ["", "left out of 9: 1 needs cam"])
-def test_what_was_expected_stands_before_the_reason(reason: str) -> None:
-    gone = case(wanted="FAIL", because="ticket 12", reason=reason)
-    out = printed(lambda console: terminal_report.summary(run(gone), console))
-    wanted = f"PASS  {gone.id}  FAIL was expected{'; ' if reason else ''}{reason}"
-    assert wanted in [line.rstrip() for line in out.splitlines()]
-
-
-def test_a_good_summary_is_short() -> None:
-    out = printed(lambda console: terminal_report.summary(run(case()), console))
-    assert out.endswith("Every verdict is as expected.\n")
-
-
-def test_a_failure_in_a_pipe() -> None:
-    bad = case(verdict="FAIL", failures=[failure()])
-    out = printed(lambda console: terminal_report.failure(bad, bad.failures[0], console))
-    lines = out.splitlines()
-    assert "Station.tla, line 321: OnForeignPrescription" in lines
-    assert lines[-1] == "automcm conform replay text"
-    kit, station = (next(line for line in lines if word in line) for word in ("said", "answered"))
-    assert kit.index("said") < station.index("answered")
-    assert "allowed text" in out and "came text" in out
-
-
-@pytest.mark.parametrize("options", [{}, {"force_terminal": True, "width": 100}])
-def test_nothing_of_the_station_is_obeyed(hostile: Report, options: Any) -> None:
-    bad = hostile.cases[1]
-    outs = [
-        printed(lambda console: terminal_report.summary(hostile, console, Path("out")), **options),
-        printed(lambda console: terminal_report.failure(bad, bad.failures[0], console), **options),
-    ]
-    for out in outs:
-        own = out.replace("\x1b[", "") if options else out
-        assert all(char.isprintable() or char == "\n" for char in own)
-        assert "\x1b[2J" not in out and len(out) < 40_000
-        assert not any(line.startswith("Conforms") for line in out.splitlines())
-    if "[bold red]" in hostile.implementation.name:
-        assert all("[bold red]not markup[/] [/nothing] :smile:" in out for out in outs)

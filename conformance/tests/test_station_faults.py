@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from station_stage import COMMAND, LIMIT_S, PRESCRIBER, RECEIVER, Road, Running, road
+from cli_stage import AUTOMCM, LIMIT_S
+from station_stage import PRESCRIBER, RECEIVER, Road, Running, road
 
 from automcm.service.station_process import STOP_MS
 from automcm_spec.vocabulary.rules import RULES
@@ -109,7 +110,7 @@ def test_a_station_goes_on_when_its_reports_have_no_room(victim: int, tmp_path: 
         peer = on.station(RECEIVER) if victim == PRESCRIBER else None
         with open("/dev/full", "wb") as full:
             done = subprocess.Popen(
-                [*COMMAND, "station", *args], stdout=full, stderr=subprocess.PIPE, text=True
+                [*AUTOMCM, "station", *args], stdout=full, stderr=subprocess.PIPE, text=True
             )
         while not on.log(victim).exists() and done.poll() is None:
             pass
@@ -189,7 +190,7 @@ def test_a_station_that_is_told_to_stop_waits_for_its_ack_and_no_longer_when_tol
 def test_under_nohup_a_station_goes_on_when_the_terminal_is_gone(tmp_path: Path) -> None:
     log = tmp_path / "log"
     args = ["station", "--id", "9", "--listen", "0", "--for", "600", "--log", str(log)]
-    process = subprocess.Popen(["nohup", *COMMAND, *args], stdout=subprocess.PIPE)
+    process = subprocess.Popen(["nohup", *AUTOMCM, *args], stdout=subprocess.PIPE)
     assert process.stdout is not None
     with process:
         process.stdout.readline()
@@ -201,7 +202,7 @@ def test_under_nohup_a_station_goes_on_when_the_terminal_is_gone(tmp_path: Path)
 @pytest.mark.slow
 def test_a_restart_leaves_the_log_of_the_life_before(tmp_path: Path) -> None:
     log = tmp_path / "log.ndjson"
-    args = [*COMMAND, "station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log)]
+    args = [*AUTOMCM, "station", "--id", "9", "--listen", "0", "--for", "1", "--log", str(log)]
     starts = []
     for _ in range(3):
         done = subprocess.run(args, capture_output=True, text=True, check=True)
@@ -233,7 +234,7 @@ def test_a_start_that_fails_leaves_no_log(tmp_path: Path) -> None:
         bridge = ["--bridge", str(taken.getsockname()[1])]
         log = ["--log", str(tmp_path / "log")]
         args = ["station", "--id", "1", "--listen", "0", *bridge, *log]
-        done = subprocess.run([*COMMAND, *args], capture_output=True, timeout=LIMIT_S)
+        done = subprocess.run([*AUTOMCM, *args], capture_output=True, timeout=LIMIT_S)
     assert done.returncode == 3 and list(tmp_path.iterdir()) == []
 
 
@@ -241,7 +242,7 @@ def test_a_log_without_room_for_its_header_is_no_start(tmp_path: Path) -> None:
     log = tmp_path / "log"
     args = ["station", "--id", "1", "--listen", "0", "--for", "300", "--log", str(log)]
     done = subprocess.run(
-        ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh", *COMMAND, *args],
+        ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh", *AUTOMCM, *args],
         capture_output=True,
         text=True,
         timeout=LIMIT_S,
@@ -276,7 +277,7 @@ def test_act_2_a_station_that_was_away_for_t_cam_loss_leaves_and_says_how_late_i
 def test_what_is_said_of_a_closed_standard_output_goes_nowhere_else(tmp_path: Path) -> None:
     log = tmp_path / "log"
     args = f"station --id 9 --listen 0 --first --for 300 --log {log}"
-    command = [*COMMAND, *args.split()]
+    command = [*AUTOMCM, *args.split()]
     done = subprocess.run(
         ["sh", "-c", 'exec "$@" >&-', "sh", *command], stderr=subprocess.PIPE, timeout=LIMIT_S
     )

@@ -9,11 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 
-from automcm_cli.main import app
-
-run = CliRunner()
 CORPUS = Path(__file__).resolve().parents[2] / "traces" / "corpus" / "four-vehicles"
 LOGS = sorted(str(path) for path in CORPUS.iterdir())
 
@@ -29,7 +26,7 @@ def wrong(tmp_path: Path) -> Path:
 
 
 def explained(*args: str | Path) -> tuple[int, Any]:
-    answer = run.invoke(app, ["trace", "explain", *map(str, args), "--json", "-"])
+    answer = automcm("trace", "explain", *args, "--json", "-")
     return answer.exit_code, json.loads(answer.output)
 
 
@@ -47,14 +44,14 @@ def test_a_divergence_is_exit_1_and_leaves_its_prefix(wrong: Path, tmp_path: Pat
 
 def test_a_prefix_that_cannot_be_written_is_told(wrong: Path, tmp_path: Path) -> None:
     (tmp_path / "out").write_text("no folder")
-    answer = run.invoke(app, ["trace", "explain", str(wrong), "--out", str(tmp_path / "out")])
+    answer = automcm("trace", "explain", wrong, "--out", tmp_path / "out")
     assert answer.exit_code == 1 and "is not written" in answer.output
 
 
 def test_a_log_may_come_from_standard_input(wrong: Path, tmp_path: Path) -> None:
     here = explained(wrong, "--out", tmp_path / "out")[1]
     arguments = ["trace", "explain", "-", "--json", "-", "--out", str(tmp_path / "again")]
-    answer = run.invoke(app, arguments, input=wrong.read_bytes())
+    answer = automcm(*arguments, input=wrong.read_bytes())
     told = json.loads(answer.output)
     assert answer.exit_code == 1 and told["file"] == "-"
     assert Path(told["prefix"]).read_bytes() == Path(here["prefix"]).read_bytes()
@@ -92,7 +89,7 @@ def test_several_logs_are_judged_together() -> None:
 
 def test_a_folder_stands_for_its_logs(tmp_path: Path) -> None:
     assert explained(CORPUS)[1] == explained(*LOGS)[1]
-    answer = run.invoke(app, ["trace", "explain", str(tmp_path)])
+    answer = automcm("trace", "explain", tmp_path)
     assert answer.exit_code == 3 and "holds no log" in answer.output
 
 
@@ -100,7 +97,7 @@ def test_no_line_is_told_of_what_is_about_the_whole_log(tmp_path: Path) -> None:
     log = tmp_path / "log.ndjson"
     header = Path(LOGS[0]).read_text().splitlines()[0]
     log.write_text(header + '\n{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
-    answer = run.invoke(app, ["trace", "explain", str(log)])
+    answer = automcm("trace", "explain", log)
     assert f"{log}: CANNOT TELL: the log holds no event" in answer.output
 
 

@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 
-from automcm_cli.main import app
 from automcm_cli.trace import trace_logs
 from automcm_traces.export import itf_log
 from automcm_traces.viewer import page_run
@@ -22,13 +21,11 @@ CORPUS = TRACES / "corpus"
 
 def test_the_page_is_written_whatever_the_verdict(tmp_path: Path) -> None:
     log, out = CORPUS / "bad" / "busy_accepted.ndjson", tmp_path / "new" / "page.html"
-    run = CliRunner().invoke(app, ["trace", "html", str(log), "--out", str(out), "--json", "-"])
+    run = automcm("trace", "html", log, "--out", out, "--json", "-")
     assert run.exit_code == 0, run.output
     told = json.loads(run.stdout)
     assert told["written"] == str(out) and told["bytes"] == out.stat().st_size
-    explained = CliRunner().invoke(
-        app, ["trace", "explain", str(log), "--out", str(tmp_path), "--json", "-"]
-    )
+    explained = automcm("trace", "explain", log, "--out", tmp_path, "--json", "-")
     wanted = json.loads(explained.stdout)
     del wanted["prefix"], wanted["replay"]
     assert told["logs"] == [wanted]
@@ -36,9 +33,7 @@ def test_the_page_is_written_whatever_the_verdict(tmp_path: Path) -> None:
 
 def test_a_folder_stands_for_the_logs_in_it(tmp_path: Path) -> None:
     out = tmp_path / "page.html"
-    run = CliRunner().invoke(
-        app, ["trace", "html", str(CORPUS / "four-vehicles"), "--out", str(out)]
-    )
+    run = automcm("trace", "html", CORPUS / "four-vehicles", "--out", out)
     assert run.exit_code == 0 and run.stdout.startswith(f"{out}: ")
     assert b"4004.ndjson: ALLOWED" in out.read_bytes()
 
@@ -47,7 +42,7 @@ def test_a_folder_stands_for_the_logs_in_it(tmp_path: Path) -> None:
 def test_a_counterexample_is_named_after_its_file(tmp_path: Path) -> None:
     itf = TRACES / "counterexamples" / "ack_from_anybody.itf.json"
     out = tmp_path / "page.html"
-    run = CliRunner().invoke(app, ["trace", "html", str(itf), "--out", str(out), "--json", "-"])
+    run = automcm("trace", "html", itf, "--out", out, "--json", "-")
     assert run.exit_code == 0, run.output
     names = {log["file"] for log in json.loads(run.stdout)["logs"]}
     assert names and all(name.startswith("ack_from_anybody-") for name in names)
@@ -57,25 +52,23 @@ def test_a_counterexample_is_named_after_its_file(tmp_path: Path) -> None:
 def test_what_is_no_log_is_named(tmp_path: Path) -> None:
     (tmp_path / "rubbish").write_bytes(bytes(range(256)))
     for path, words in (("rubbish", "rubbish:1"), ("nothing", "no such file")):
-        run = CliRunner().invoke(app, ["trace", "html", str(tmp_path / path)])
+        run = automcm("trace", "html", tmp_path / path)
         assert run.exit_code == 3 and words in run.stderr and "Traceback" not in run.stderr
 
 
 def test_logs_of_two_runs_are_refused() -> None:
     logs = [str(CORPUS / "pair" / "1001.ndjson"), str(CORPUS / "four-vehicles" / "2002.ndjson")]
-    run = CliRunner().invoke(app, ["trace", "html", *logs])
+    run = automcm("trace", "html", *logs)
     assert run.exit_code == 3 and "but" in run.stderr and run.stderr.count("\n") == 1
 
 
 def test_two_runs_are_compared(tmp_path: Path) -> None:
     out, pair = tmp_path / "page.html", CORPUS / "pair"
     good, bad = str(CORPUS / "four-vehicles"), str(pair)
-    run = CliRunner().invoke(
-        app, ["trace", "html", good, "--compare", bad, "--out", str(out), "--json", "-"]
-    )
+    run = automcm("trace", "html", good, "--compare", bad, "--out", out, "--json", "-")
     assert run.exit_code == 0, run.output
     told = json.loads(run.stdout)
-    diff = CliRunner().invoke(app, ["trace", "diff", good, bad, "--json", "-"])
+    diff = automcm("trace", "diff", good, bad, "--json", "-")
     assert {**told["diff"], "first": 0} == {**json.loads(diff.stdout), "first": 0}
     assert [log["file"] for log in told["b"]["logs"]] == [
         str(pair / "1001.ndjson"),
@@ -87,7 +80,7 @@ def test_two_runs_are_compared(tmp_path: Path) -> None:
 def test_two_counterexamples_are_compared(tmp_path: Path) -> None:
     itf = [str(TRACES / "counterexamples" / f"{n}.itf.json") for n in ("no_lease", "no_decide")]
     out = tmp_path / "page.html"
-    run = CliRunner().invoke(app, ["trace", "html", itf[0], "--compare", itf[1], "--out", str(out)])
+    run = automcm("trace", "html", itf[0], "--compare", itf[1], "--out", out)
     assert run.exit_code == 0, run.output
     text = out.read_bytes()
     assert b"no_lease-1" in text and b"no_decide-1" in text and b"/scratch/" not in text
@@ -96,12 +89,12 @@ def test_two_counterexamples_are_compared(tmp_path: Path) -> None:
 def test_runs_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
     pair, four = CORPUS / "pair", CORPUS / "four-vehicles" / "3003.ndjson"
     found = ["trace", "html", str(pair), "--out", str(tmp_path / "page.html")]
-    run = CliRunner().invoke(app, [*found, "--compare", str(four)])
+    run = automcm(*found, "--compare", four)
     assert run.exit_code == 3 and run.stderr.startswith("html: no station to compare: A has 1001,")
     assert run.stderr.count("\n") == 1
-    run = CliRunner().invoke(app, [*found, "--compare", str(four), "--stations", "2002=3003"])
+    run = automcm(*found, "--compare", four, "--stations", "2002=3003")
     assert run.exit_code == 0, run.output
-    run = CliRunner().invoke(app, [*found, "--stations", "2002=3003"])
+    run = automcm(*found, "--stations", "2002=3003")
     assert run.exit_code == 2 and "only with --compare" in run.stderr
 
 
@@ -123,7 +116,7 @@ def pipe_with(path: Path, data: bytes) -> Iterator[Path]:
 
 def html_of(*arguments: object, data: bytes | None = None) -> tuple[int, str, str]:
     """The exit code, and what is on standard output and error."""
-    run = CliRunner().invoke(app, ["trace", "html", *map(str, arguments)], input=data)
+    run = automcm("trace", "html", *arguments, input=data)
     assert run.exception is None or isinstance(run.exception, SystemExit), run.exception
     return run.exit_code, run.stdout, run.stderr
 
@@ -162,7 +155,7 @@ def test_no_command_names_the_file_that_keeps_standard_input(
     arguments = ["trace", command, "-", "--json", str(tmp_path / "told.json")]
     arguments += ["--out", str(tmp_path)] if command in ("explain", "export") else []
     for data in (b"rubbish", LOG.read_bytes(), OTHER.read_bytes() + b"rubbish\n"):
-        run = CliRunner().invoke(app, arguments, input=data)
+        run = automcm(*arguments, input=data)
         told = tmp_path / "told.json"
         written = told.read_text() if told.is_file() else ""
         for text in (run.stdout, run.stderr, written):
@@ -172,7 +165,7 @@ def test_no_command_names_the_file_that_keeps_standard_input(
 
 def test_diff_takes_a_log_through_a_pipe(tmp_path: Path) -> None:
     with pipe_with(tmp_path / "pipe", LOG.read_bytes()) as pipe:
-        run = CliRunner().invoke(app, ["trace", "diff", str(pipe), str(LOG), "--json", "-"])
+        run = automcm("trace", "diff", pipe, LOG, "--json", "-")
     assert run.exit_code == 0, run.output
     assert [one["a"] for one in json.loads(run.stdout)["stations"]] == [str(pipe)]
 

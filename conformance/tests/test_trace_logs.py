@@ -7,15 +7,13 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import Straight
-from automcm_cli.main import app
 from automcm_spec.vocabulary.station import CONDITIONS
 
-run = CliRunner()
 COMMANDS = ("lint", "show", "coverage")
 
 
@@ -32,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_each_has_help_with_an_example_and_exit_codes(command: str) -> None:
-    answer = run.invoke(app, ["trace", command, "--help"])
+    answer = automcm("trace", command, "--help")
     assert answer.exit_code == 0
     words = " ".join(answer.output.split())
     assert "Example" in words and "Exit codes" in words
@@ -40,7 +38,7 @@ def test_each_has_help_with_an_example_and_exit_codes(command: str) -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_each_takes_a_folder(command: str, folder: Path) -> None:
-    answer = run.invoke(app, ["trace", command, str(folder)])
+    answer = automcm("trace", command, folder)
     assert answer.exit_code == 0, answer.output
     assert "\x1b" not in answer.output
 
@@ -63,7 +61,7 @@ def test_each_says_what_the_wrong_file_is(
 ) -> None:
     path = tmp_path / "log"
     path.write_bytes(content)
-    answer = run.invoke(app, ["trace", command, str(path)])
+    answer = automcm("trace", command, path)
     assert answer.exit_code == 3 and isinstance(answer.exception, SystemExit)
     assert str(path) in answer.output and problem in answer.output
 
@@ -71,20 +69,20 @@ def test_each_says_what_the_wrong_file_is(
 @pytest.mark.parametrize("command", COMMANDS)
 def test_each_names_a_missing_file_and_a_folder_without_logs(command: str, tmp_path: Path) -> None:
     for path, problem in ((tmp_path, "holds no log"), (tmp_path / "none", "no such file")):
-        answer = run.invoke(app, ["trace", command, str(path)])
+        answer = automcm("trace", command, path)
         assert answer.exit_code == 3 and problem in answer.output
-    assert run.invoke(app, ["trace", command]).exit_code == 2
+    assert automcm("trace", command).exit_code == 2
 
 
 def test_lint_tells_all_and_as_json(folder: Path, tmp_path: Path) -> None:
     lines = (folder / "1001.ndjson").read_bytes().splitlines(keepends=True)
     bad = tmp_path / "bad.ndjson"
     bad.write_bytes(b"".join([*lines[:5], b"rubbish\n", *lines[6:9], *lines[8:]]))
-    answer = run.invoke(app, ["trace", "lint", str(bad), str(folder)])
+    answer = automcm("trace", "lint", bad, folder)
     assert answer.exit_code == 1
     assert f"{bad}:6: not JSON" in answer.output and f"{bad}:10: seq: 8 a second" in answer.output
     assert "2002.ndjson: clean" in answer.output
-    answer = run.invoke(app, ["trace", "lint", "--json", "-", "--most", "1", str(bad)])
+    answer = automcm("trace", "lint", "--json", "-", "--most", "1", bad)
     value = json.loads(answer.output)
     [file] = value["files"]
     assert (value["exit"], file["verdict"], len(file["findings"])) == (1, "findings", 1)
@@ -93,42 +91,40 @@ def test_lint_tells_all_and_as_json(folder: Path, tmp_path: Path) -> None:
 
 def test_show_filters_and_counts_cams(folder: Path) -> None:
     arguments = ["trace", "show", str(folder), "--session", "1001/1", "--no-timers"]
-    answer = run.invoke(app, arguments)
+    answer = automcm(*arguments)
     lines = answer.output.splitlines()
     assert lines[0].split() == ["t_ms", "line", "1001", "2002"]
     assert "CAMs not shown" in lines[-1] and max(len(line) for line in lines) <= 80
     assert "Intention ->1001" in answer.output and "arm " not in answer.output
-    assert answer.output == run.invoke(app, arguments).output
-    answer = run.invoke(app, ["trace", "show", str(folder), "--type", "Intention"])
+    assert answer.output == automcm(*arguments).output
+    answer = automcm("trace", "show", folder, "--type", "Intention")
     assert {line.split()[2] for line in answer.output.splitlines()[1:-1]} <= {
         "Intention",
         "<-",
         "x1001",
         "=",
     }
-    answer = run.invoke(app, ["trace", "show", str(folder), "--type", "CAM"])
+    answer = automcm("trace", "show", folder, "--type", "CAM")
     assert "CAM ->all" in answer.output and "not shown" not in answer.output
 
 
 def test_show_gives_the_last_rows_and_json(folder: Path) -> None:
-    answer = run.invoke(app, ["trace", "show", str(folder), "--last", "3", "--json", "-"])
+    answer = automcm("trace", "show", folder, "--last", "3", "--json", "-")
     rows = json.loads(answer.output)["rows"]
     assert len(rows) == 3 and rows[-1]["text"].startswith("-- end")
-    answer = run.invoke(
-        app, ["trace", "show", str(folder), "--station", "2002", "--from-line", "9"]
-    )
+    answer = automcm("trace", "show", folder, "--station", "2002", "--from-line", "9")
     assert answer.output.splitlines()[0].split() == ["t_ms", "line", "2002"]
     assert int(answer.output.splitlines()[1].split()[1]) >= 9
 
 
 @pytest.mark.parametrize("session", ["1001", "a/b", "1/2/3", "/", "-1/2", "\u0661/1"])
 def test_what_is_no_session_is_a_usage_error(session: str, folder: Path) -> None:
-    answer = run.invoke(app, ["trace", "show", str(folder), f"--session={session}"])
+    answer = automcm("trace", "show", folder, f"--session={session}")
     assert answer.exit_code == 2
 
 
 def test_show_warns_of_a_station_without_a_log(folder: Path) -> None:
-    answer = run.invoke(app, ["trace", "show", str(folder), "--station", "7"])
+    answer = automcm("trace", "show", folder, "--station", "7")
     assert "no log of station 7" in answer.output
 
 
@@ -136,14 +132,14 @@ def test_show_gives_what_it_can_of_a_damaged_log(folder: Path, tmp_path: Path) -
     lines = (folder / "1001.ndjson").read_bytes().splitlines(keepends=True)
     bad = tmp_path / "1001.ndjson"
     bad.write_bytes(b"".join([*lines[:30], b"rubbish\n"]))
-    answer = run.invoke(app, ["trace", "show", str(bad), "--cams"])
+    answer = automcm("trace", "show", bad, "--cams")
     assert answer.exit_code == 3
     assert answer.output.splitlines()[-1].split()[:3] == ["31", "--", "UNREADABLE:"]
 
 
 def test_coverage_as_json(folder: Path, tmp_path: Path) -> None:
     target = tmp_path / "coverage.json"
-    answer = run.invoke(app, ["trace", "coverage", str(folder), "--json", str(target)])
+    answer = automcm("trace", "coverage", folder, "--json", target)
     value = json.loads(target.read_text())
     assert answer.exit_code == 0 and value["logs"] == 2
     assert value["rules"]["NEG-2"] == 1 and value["rules"]["NEG-4"] == 0
@@ -152,7 +148,7 @@ def test_coverage_as_json(folder: Path, tmp_path: Path) -> None:
 
 
 def test_coverage_on_the_text_of_the_specification(folder: Path) -> None:
-    answer = run.invoke(app, ["trace", "coverage", str(folder), "--annotate"])
+    answer = automcm("trace", "coverage", folder, "--annotate")
     assert answer.exit_code == 0 and "logs, " not in answer.output
     line = next(c.line for c in CONDITIONS if c[0] == "OnRequest" and c.text == "Bound(st)")
     assert f'false  {line}   IF Bound(st) THEN Refuse(st, "ADV-1")' in answer.output.splitlines()
@@ -163,6 +159,6 @@ def test_no_color_means_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.delenv("NO_COLOR", raising=False)
-    assert "\x1b" in run.invoke(app, arguments, color=True).output
+    assert "\x1b" in automcm(*arguments, color=True).output
     monkeypatch.setenv("NO_COLOR", "1")
-    assert "\x1b" not in run.invoke(app, arguments, color=True).output
+    assert "\x1b" not in automcm(*arguments, color=True).output

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cli_stage
 import pytest
-from replay_stage import (
-    AUTOMCM,
-    REFERENCE,
-    STATIONS,
-    Json,
-    cli,
-    edited,
-    records,
-    replay,
-    verdict,
-    written,
-)
+from cli_stage import automcm
+from replay_stage import REFERENCE, STATIONS, Json, edited, records, replay, verdict, written
 from replay_stage import logs as logs
 from wrong_station import station
 
-from automcm_cli.main import app
 from automcm_conformance.replay.log_compare import Names
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.rules import RULES
@@ -54,8 +44,8 @@ def test_the_reference_does_again_what_it_did(which: int, logs: Path, tmp_path: 
 
 @pytest.mark.slow
 def test_the_same_replay_gives_the_same_bytes(logs: Path, tmp_path: Path) -> None:
-    first = replay(logs / "1002.ndjson", AUTOMCM, tmp_path / "a")[1]["log"]
-    again = replay(logs / "1002.ndjson", AUTOMCM, tmp_path / "b")[1]["log"]
+    first = replay(logs / "1002.ndjson", cli_stage.REFERENCE, tmp_path / "a")[1]["log"]
+    again = replay(logs / "1002.ndjson", cli_stage.REFERENCE, tmp_path / "b")[1]["log"]
     assert Path(first).read_bytes() == Path(again).read_bytes()
 
 
@@ -290,19 +280,19 @@ def test_no_adapter(logs: Path, tmp_path: Path) -> None:
 
 def test_the_text(logs: Path, tmp_path: Path) -> None:
     args = ["trace", "replay", str(logs / "2002.ndjson"), "--out", str(tmp_path)]
-    done = cli.invoke(app, [*args, "--", *REFERENCE])
+    done = automcm(*args, "--", *REFERENCE)
     assert done.exit_code == 0 and "FOLLOWS the specification" in done.stdout
     assert "as in the log" in done.stdout and "2002-replayed.ndjson" in done.stdout
-    done = cli.invoke(app, [*args, "--", *station(MUTANTS["marks nothing"][2])])
+    done = automcm(*args, "--", *station(MUTANTS["marks nothing"][2]))
     assert done.exit_code == 1 and "DIVERGES: send CAM: marks" in done.stdout
     assert "by an" not in done.stdout and "last input" in done.stdout
     bell = """
 def answer(command):
     return {"error": "\\x07"} if received(command, "CAM") else right(command)
 """
-    done = cli.invoke(app, [*args, "--", *station(bell)])
+    done = automcm(*args, "--", *station(bell))
     assert done.exit_code == 3 and "answered with an error" in done.stdout
     assert "\x07" not in done.stdout, "what a station says does not steer a terminal"
-    assert cli.invoke(app, args).exit_code == 2
-    helped = cli.invoke(app, ["trace", "replay", "--help"])
+    assert automcm(*args).exit_code == 2
+    helped = automcm("trace", "replay", "--help")
     assert helped.exit_code == 0 and "Example: automcm trace replay" in helped.stdout

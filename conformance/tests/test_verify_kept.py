@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Sequence
 from itertools import count
@@ -11,14 +10,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rich.console import Console
-from typer.testing import CliRunner
+from cli_stage import automcm, shown
 
-from automcm_cli.main import app
 from automcm_conformance.replay.graph_comparison import Comparison, Coverage
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify import verify_screen
 from automcm_spec.graph.oracle_agreement import Agreement
 from automcm_spec.model_checking import kept_results, models
 from automcm_spec.model_checking.models import Model, Verdict
@@ -59,12 +55,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     return fresh
 
 
-def shown(report: verify_.Report) -> str:
-    console = Console(file=io.StringIO(), record=True, width=100)
-    verify_screen.show(report, console)
-    return console.export_text()
-
-
 @pytest.mark.parametrize(
     ("arguments", "fresh"),
     [([], False), (["--fresh"], True), (["--profile", "full"], True), (["--no-models"], None)],
@@ -72,7 +62,7 @@ def shown(report: verify_.Report) -> str:
 def test_only_the_quick_profile_takes_what_is_kept(
     arguments: list[str], fresh: bool | None, asked: list[bool]
 ) -> None:
-    answer = CliRunner().invoke(app, ["verify", *arguments, "--json", "-"])
+    answer = automcm("verify", *arguments, "--json", "-")
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.output)
     assert asked == ([] if fresh is None else [fresh])

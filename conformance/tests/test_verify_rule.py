@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.console import Console
-from typer.testing import CliRunner
+from cli_stage import automcm, shown
 
 from automcm.adapters.spec_mapping import Reference, without
-from automcm_cli.main import app
 from automcm_conformance.replay import graph_comparison
 from automcm_maintenance.documents import generated_files
 from automcm_maintenance.verify import verify as verify_
-from automcm_maintenance.verify import verify_screen
 from automcm_spec.graph import oracle, oracle_generation
 from automcm_spec.vocabulary.rules import NO_GRAPH, RULES
 
-run = CliRunner()
 REAL = oracle_generation.build
 
 
@@ -46,12 +41,6 @@ def built_once(built: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setattr(module, name, unwanted)
 
 
-def shown(report: verify_.Report) -> str:
-    console = Console(file=io.StringIO(), record=True, width=200)
-    verify_screen.show(report, console)
-    return console.export_text()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
@@ -59,17 +48,17 @@ def shown(report: verify_.Report) -> str:
     ids=["with the models", "another profile"],
 )
 def test_it_goes_with_no_models_and_the_quick_profile(arguments: list[str]) -> None:
-    answer = run.invoke(app, ["verify", *arguments])
+    answer = automcm("verify", *arguments)
     assert answer.exit_code == 2 and "--rule needs --no-models" in answer.output
 
 
 def test_an_unknown_rule_is_2_and_the_known_ones_are_named() -> None:
-    answer = run.invoke(app, ["verify", "--no-models", "--rule", "NEG-44"])
+    answer = automcm("verify", "--no-models", "--rule", "NEG-44")
     assert answer.exit_code == 2 and all(rule in answer.output for rule in RULES)
 
 
 def test_a_rule_that_the_reference_keeps() -> None:
-    answer = run.invoke(app, ["verify", "--no-models", "--rule", "NEG-4", "--json", "-"])
+    answer = automcm("verify", "--no-models", "--rule", "NEG-4", "--json", "-")
     assert answer.exit_code == 0, answer.output
     found = json.loads(answer.output)
     assert found["rule"] == "NEG-4" and found["reference"]["rules_covered"] == ["NEG-4"]

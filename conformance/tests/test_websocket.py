@@ -13,19 +13,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import REFERENCE, automcm
 from websockets.sync.server import ServerConnection
 from websockets.sync.server import serve as listening
 
 from automcm.adapters.adapter_lines import Kit, answered
-from automcm_cli.main import app
 from automcm_conformance.adapter import websocket
 from automcm_conformance.adapter.connect import connect
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.websocket import AHEAD, WebSocket
 
-run = CliRunner()
-AUTOMCM = [sys.executable, "-m", "automcm_cli"]
 CASE = "AMCM/STA/END/BI-19"
 LINE = b'{"cmd":"hello","protocol":1}\n'
 STOP = "stop"
@@ -51,7 +48,7 @@ def server(does: Does) -> Iterator[str]:
 @pytest.fixture(scope="module")
 def reference() -> Iterator[str]:
     """The address of ``automcm adapter --websocket``."""
-    command = [*AUTOMCM, "adapter", "--websocket", "127.0.0.1:0"]
+    command = [*REFERENCE, "--websocket", "127.0.0.1:0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
         assert child.stdout is not None
         try:
@@ -269,9 +266,7 @@ def test_without_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_reference_passes_over_a_websocket(reference: str, tmp_path: Path) -> None:
     scenario = "AMCM/SYS/ACT/BV-01"
-    done = run.invoke(
-        app, ["conform", "run", CASE, scenario, "--out", str(tmp_path), "--", reference]
-    )
+    done = automcm("conform", "run", CASE, scenario, "--out", tmp_path, "--", reference)
     assert done.exit_code == 0, done.output
     report = json.loads((tmp_path / "report.json").read_text())
     assert [case["verdict"] for case in report["cases"]] == ["PASS", "PASS"]
@@ -280,7 +275,7 @@ def test_the_reference_passes_over_a_websocket(reference: str, tmp_path: Path) -
 
 
 def test_its_adapter_is_found_right(reference: str) -> None:
-    done = run.invoke(app, ["conform", "check-adapter", "--json", "-", "--", reference])
+    done = automcm("conform", "check-adapter", "--json", "-", "--", reference)
     assert done.exit_code == 0, done.output
     assert {finding["level"] for finding in json.loads(done.output)} == {"ok"}
 
@@ -294,11 +289,7 @@ def test_the_reference_says_what_it_does_not_take(reference: str) -> None:
         with pytest.raises(ConnectionClosed, match="each line is a text message"):
             there.recv(timeout=5)
     taken, remote = (
-        subprocess.run(
-            [sys.executable, "-m", "automcm_cli", "adapter", "--websocket", where],
-            capture_output=True,
-            text=True,
-        )
+        subprocess.run([*REFERENCE, "--websocket", where], capture_output=True, text=True)
         for where in (reference.removeprefix("ws://"), "192.0.2.1:1")
     )
     assert (taken.returncode, "cannot listen on" in taken.stderr) == (3, True)
@@ -306,9 +297,7 @@ def test_the_reference_says_what_it_does_not_take(reference: str) -> None:
 
 
 def test_a_run_without_a_server_is_one_line(tmp_path: Path) -> None:
-    done = run.invoke(
-        app, ["conform", "run", CASE, "--out", str(tmp_path), "--", "ws://127.0.0.1:1"]
-    )
+    done = automcm("conform", "run", CASE, "--out", tmp_path, "--", "ws://127.0.0.1:1")
     assert done.exit_code == 3
     assert done.stderr.startswith("conform: ws://127.0.0.1:1 cannot be connected to: ")
 
@@ -347,7 +336,7 @@ def test_a_server_that_breaks_has_an_error_and_a_report(
 ) -> None:
     with server(_breaking(how)) as address:
         arguments = ["conform", "run", CASE, "--out", str(tmp_path), "--limit", str(LIMIT)]
-        done = run.invoke(app, [*arguments, "--", address])
+        done = automcm(*arguments, "--", address)
     assert done.exit_code == 3, done.output
     [case] = json.loads((tmp_path / "report.json").read_text())["cases"]
     assert case["verdict"] == "ERROR"

@@ -147,11 +147,7 @@ class Stage:
 
     def __init__(self, station_id: int = ME, seed: int = 0, number: int = 0, **parameters: int):
         self.station = Station(
-            station_id,
-            Parameters(**parameters),
-            plan=lambda _: PLANNED,
-            seed=seed,
-            number=number,
+            station_id, Parameters(**parameters), plan=lambda _: PLANNED, seed=seed, number=number
         )
         self.lockstep = Lockstep(self.station, Coverage())
         self.before = self.state

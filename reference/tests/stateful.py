@@ -26,8 +26,9 @@ import hypothesis
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis.internal.conjecture.providers import HypothesisProvider
 from hypothesis.stateful import run_state_machine_as_test
-from stateful_machine import NAMES, UPTO, Call, Coordination
+from stateful_machine import NAMES, UPTO, Coordination
 from stateful_oracle import LEASES, Broken, Coverage
+from stateful_surroundings import Call
 
 
 def profile(examples: int, steps: int, *, steered: bool = False) -> settings:

@@ -230,8 +230,7 @@ def test_a_longer_time_out_must_not_be_worse(made: Json) -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "verdict"),
-    [(0.999, "reproduced"), (0.95, "in shape only"), (0.5, "not reproduced")],
+    ("share", "verdict"), [(0.999, "reproduced"), (0.95, "in shape only"), (0.5, "not reproduced")]
 )
 def test_robust_is_99_per_cent_at_a_loss_of_20(made: Json, share: float, verdict: str) -> None:
     assert verdicts(points(made, {1000: share, 2000: share}))["robust"] == verdict

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,11 @@ import pytest
 from automcm.core import rules
 from automcm.core.state import State
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.road import Late, Sample, Vehicle
 from automcm.scenarios.straight_lane import Straight
 from automcm.service.service import McService
 from automcm_evaluation.framework.experiment import Cell
-from automcm_evaluation.runs.report import assemble
 from automcm_evaluation.runs.sweep import canonical, run_cell
-from automcm_evaluation.safety import safety, safety_page, safety_road, safety_tables
+from automcm_evaluation.safety import safety, safety_tables
 from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, PARAMETERS, WHOLE, Ablation
 from automcm_evaluation.safety.faults import CUTS, KINDS, Fault, drawn, inject
 from automcm_evaluation.safety.hazard_measures import Watched, bound_ms
@@ -76,12 +73,7 @@ def test_t_2_the_bound_and_what_it_supposes() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "loss"),
-    [
-        ("target restarts", 0.0),
-        ("target aborts", 0.6),
-        ("cut forth", 0.4),
-        ("cut both ways", 0.2),
-    ],
+    [("target restarts", 0.0), ("target aborts", 0.6), ("cut forth", 0.4), ("cut both ways", 0.2)],
 )
 def test_t_2_hazards_and_bound_are_those_that_the_logs_are_judged_by(
     kind: str, loss: float, tmp_path: Path
@@ -281,71 +273,6 @@ def test_whoever_is_hit_drives_on_alone(monkeypatch: pytest.MonkeyPatch) -> None
         assert (station_id, "crash") in told
 
 
-# -- the road
-
-
-def samples(*vehicles: tuple[int, list[tuple[float, float, float]]]) -> list[Sample]:
-    return [
-        Sample(0.1 * n, station_id, x, y, v, 0.0)
-        for station_id, rows in vehicles
-        for n, (x, y, v) in enumerate(rows)
-    ]
-
-
-def test_room_gap_and_time_to_collision() -> None:
-    mover = Vehicle(1, 0, 0, 8, 8)
-    own = [(0.0, 0.0, 8.0), (10.0, 0.0, 8.0), (20.0, 1.0, 8.0), (30.0, 2.0, 8.0), (40.0, 3.5, 8.0)]
-    behind = [(-20.0, 3.5, 9.0), (0.0, 3.5, 9.0), (15.0, 3.5, 9.0), (24.0, 3.5, 9.0)]
-    found = safety_road.nearest(samples((1, own), (3, [*behind, (34.0, 3.5, 10.0)])), mover)
-    assert found == pytest.approx((5.5, 1.5, 0.75))
-    assert safety_road.nearest(samples((1, own[:2]), (3, behind[:2])), mover) == (None, None, None)
-    ahead = [(x + 9, 3.5, 12.0) for x, *_ in own]
-    assert safety_road.nearest(samples((1, own), (2, ahead)), mover)[1:] == (4.5, None)
-
-
-def test_on_the_road_the_target_lets_go_and_room_is_what_tells() -> None:
-    values = {"part": "road", "ablation": WHOLE.name, "speed_kmh": 30, "delay_ms": 40}
-    values |= {"first": 0, "drives": 2}
-    coordinated = safety.run(values, 3)
-    alone = safety.run(values | {"ablation": safety_road.UNCOORDINATED}, 3)
-    assert coordinated["bound_ms"] == B and coordinated["wrong"] == []
-    assert all(room is None or room > 8 for room in coordinated["room_m"])
-    assert all(room < 0.5 for room in alone["room_m"]) and alone["lengths"] == {}
-    assert alone["with_hazard"] == 0
-    assert min(alone["braking"]) > 4 > max(coordinated["braking"])
-    assert alone["unasked"] == 2 and coordinated["unasked"] == 0
-
-
-def on_the_road(monkeypatch: pytest.MonkeyPatch, fault: Fault, name: str) -> safety_road.Driven:
-    monkeypatch.setattr(safety_road, "drawn", lambda *more: [fault])
-    values = {"part": "road", "ablation": name, "speed_kmh": 50, "delay_ms": 40}
-    return safety_road.drive(values, 1)
-
-
-def test_who_is_told_in_time_does_not_move_over(monkeypatch: pytest.MonkeyPatch) -> None:
-    early = on_the_road(monkeypatch, Fault("target restarts", 4000, 0), WHOLE.name)
-    assert early.room_m is None and not early.begun and len(early.hazards) == 1
-    late = on_the_road(monkeypatch, Fault("target restarts", 8000, 0), WHOLE.name)
-    assert late.begun and late.room_m is not None and not late.unasked
-    over = on_the_road(monkeypatch, Fault("target restarts", 12_500, 0), WHOLE.name)
-    assert over.begun and over.room_m is not None
-    plain = on_the_road(monkeypatch, Fault("target restarts", 4000, 0), "plain CAMs count")
-    assert plain.begun and plain.room_m is not None and plain.room_m < 8
-    assert plain.braking > 4 > over.braking
-    crash = Fault("target crashes", 4000, 20_000)
-    alone = on_the_road(monkeypatch, crash, "no CAM-loss fallback")
-    assert alone.room_m is not None and alone.room_m < 8, "who has crashed drives on alone"
-    never = on_the_road(monkeypatch, Fault("cut back", 20_000, 21_000), WHOLE.name)
-    assert not never.begun and never.room_m is not None and never.hazards == []
-
-
-def test_only_who_is_not_committed_notices_late(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(safety_road, "Late", lambda: Late(range_m=30.0))
-    nothing = Fault("cut back", 20_000, 21_000)
-    assert on_the_road(monkeypatch, nothing, WHOLE.name).braking < Late().brake
-    assert on_the_road(monkeypatch, nothing, safety_road.UNCOORDINATED).braking > 4
-
-
 # -- the experiment
 
 
@@ -356,119 +283,3 @@ def test_equal_seeds_give_equal_cells_in_any_order() -> None:
     first = [run_cell("safety", values, 1) for values in picked]
     assert [run_cell("safety", values, 1) for values in reversed(picked)] == first[::-1]
     assert first != [run_cell("safety", values, 2) for values in picked]
-
-
-def made_up() -> Json:
-    """A report of a few cells of each part; everything as it should be."""
-    faults = {"part": "faults", "fault": "target restarts", "loss": 0.4, "drives": 10}
-    result: Json = dict.fromkeys(safety_tables.COUNTS, 0)
-    result |= {"bound_ms": B, "lengths": {"restart": [1500]}, "wrong": []}
-    result |= {"agreed": 9, "completed": 8, "maneuvers": 9, "with_hazard": 1}
-    cells = [Cell(faults | {"delay_ms": 40}, result)]
-    for name in BY_NAME:
-        values = {"part": "mechanisms", "ablation": name, "drives": 10, "delay_ms": 40}
-        more = {"beyond": 2} if name == "plain CAMs count" else {}
-        cells.append(Cell(values, deepcopy(result) | more))
-    for name in safety.CLASS_ABLATIONS:
-        for fault in safety.CLASSES:
-            values = {"part": "classes", "ablation": name, "fault": fault, "drives": 7}
-            formula, ms = safety.class_bound(values | {"delay_ms": 40}, BY_NAME[name])
-            more = {"class_bound": formula, "class_bound_ms": ms, "lengths": {"x": [ms]}}
-            cells.append(Cell(values | {"delay_ms": 40}, deepcopy(result) | more))
-    for name in safety_road.PROTOCOLS:
-        values = {"part": "road", "ablation": name, "speed_kmh": 30, "drives": 2, "delay_ms": 40}
-        room = -1.25 if name == safety_road.UNCOORDINATED else 12.75
-        found = {"bound_ms": B, "room_m": [room, None], "gap_m": [3.5, None], "ttc_s": [None] * 2}
-        found |= {"braking": [5.0, 2.0], "lengths": {}, "with_hazard": 0, "begun": 1, "wrong": []}
-        found |= {"unasked": 0}
-        cells.append(Cell(values, found))
-    about = {"experiment": "safety", "profile": "quick", "seed": 1, "version": "0", "code": "0"}
-    settings = safety.Safety(speeds_kmh=(30,)).model_dump(mode="json")
-    return assemble(safety.EXPERIMENT, about | {"settings": settings}, cells)
-
-
-def verdicts(report: Json) -> list[str]:
-    return [claim.verdict for claim in safety_page.claims(report)]
-
-
-def test_all_claims_hold_of_what_is_as_it_should_be() -> None:
-    report = made_up()
-    assert set(verdicts(report)) == {"beyond the paper"}
-    assert "broken" not in report["summary"]
-
-
-def worse(report: Json, n: int) -> None:
-    """Make the figures of the n-th claim such that it does not hold."""
-    s = report["summary"]
-    match n:
-        case 0:
-            s["all"]["beyond"] = 1
-        case 1:
-            s["all"]["longest_ms"] = 1400
-        case 2:
-            s["all"]["unexcused"] = 1
-        case 3:
-            s["classes"][0]["longest_ms"] = 141
-        case 4 | 5:
-            fault = ("cut forth", "target restarts")[n - 4]
-            for row in s["classes"]:
-                if row["fault"] == fault and row["ablation"] != WHOLE.name:
-                    row["longest_ms"] = 30
-        case 6:
-            for row in s["mechanisms"]:
-                row["beyond"] = row["unexcused"] = 0
-        case 7:
-            for row in s["road"]:
-                row["near"] = row["moved"]
-        case _:  # where nobody moved over nothing is shown
-            for row in s["road"]:
-                row["moved"] *= row["ablation"] != WHOLE.name
-
-
-@pytest.mark.parametrize("n", range(9))
-def test_a_claim_that_the_figures_are_against_is_not_reproduced(n: int) -> None:
-    report = made_up()
-    worse(report, n)
-    assert [v == "not reproduced" for v in verdicts(report)] == [k == min(n, 7) for k in range(8)]
-
-
-def test_what_is_worse_without_a_mechanism() -> None:
-    whole = {"drives": 100, "with_hazard": 20, "agreed": 90, "completed": 80, "in_vain": 2}
-    whole |= {"unexcused": 0, "beyond": 0, "stuck": 0}
-    assert safety_tables.shows(dict(whole), whole) == []
-    for changes, text in (
-        ({"unexcused": 1}, "S-5"),
-        ({"beyond": 1}, "T-2"),
-        ({"stuck": 1}, "L-1"),
-        ({"with_hazard": 50}, "more hazards"),
-        ({"agreed": 60}, "fewer agreements"),
-        ({"in_vain": 30}, "takes for failed"),
-    ):
-        (found,) = safety_tables.shows(whole | changes, whole)
-        assert text in found
-    assert safety_tables.shows(whole | {"with_hazard": 25, "agreed": 85}, whole) == []
-
-
-def test_a_fault_class_beyond_its_bound_and_a_run_without_end_are_broken() -> None:
-    report = made_up()
-    cells = [Cell(cell["values"], cell["result"]) for cell in report["cells"]]
-    for cell in cells:
-        if cell.values["part"] == "classes" and cell.values["fault"] == "target aborts":
-            cell.result["lengths"] = {"abort": [41]}
-    cells[0].result["stuck"] = 2
-    broken = safety_tables.summary(cells)["broken"]
-    assert [text[:10] for text in broken] == ["T-1: 2 run", "T-2: targe"]
-    assert "41 ms, D = 40 ms" in broken[1]
-
-
-def test_the_page_has_the_figures_of_the_report() -> None:
-    report = made_up()
-    text = safety_page.page(report)
-    assert "B = D + L = 40 + 1500 ms = 1540 ms" in text
-    assert "| target restarts | 10 | 9 | 1 (1.8 to 40.4 %) | 0 | 0 | 1500 | 1500 |" in text
-    assert "1540 of D + L = 1540 ms" in text and "10000 of E = 10000 ms" in text
-    assert "| no coordination | 30 | 2 | 1 | 1 | 0 | 0 | -1.25 |" in text
-    for ablation in ABLATIONS:
-        assert f"| {ablation.name}: {ablation.text} | {ablation.rule} |" in text
-    report["summary"]["mechanisms"][1]["longest_ms"] = 6543
-    assert "| 6543 |" in safety_page.page(report)

@@ -12,17 +12,7 @@ from automcm_stage import Stage
 from statemachine.exceptions import TransitionNotAllowed
 
 from automcm.core import phases, rules
-from automcm.core.phases import (
-    MACHINES,
-    NEXT,
-    RULES,
-    TABLE,
-    WAYS,
-    Phase,
-    Role,
-    after,
-    require,
-)
+from automcm.core.phases import MACHINES, NEXT, RULES, TABLE, WAYS, Phase, Role, after, require
 
 Key = tuple[Role, Phase, str, str]
 

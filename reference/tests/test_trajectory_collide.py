@@ -93,12 +93,7 @@ def test_symmetric(pair: Pair) -> None:
 @pytest.mark.slow
 @given(pairs, numbers(-4, 4), places, numbers(-9, 9), numbers(0.2, 5), numbers(0.2, 5))
 def test_turned_shifted_and_scaled(
-    pair: Pair,
-    angle: float,
-    by: tuple[float, float],
-    later: float,
-    space: float,
-    time: float,
+    pair: Pair, angle: float, by: tuple[float, float], later: float, space: float, time: float
 ) -> None:
     """Distances scale with space alone, times with time alone."""
     one = collide.closest_approach(*pair)

@@ -7,16 +7,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from shapely import LineString, Point
-from test_trajectory_cases import (
-    BAD,
-    numbers,
-    paths,
-    places,
-    raises,
-    starts,
-    trajectories,
-    turned,
-)
+from test_trajectory_cases import BAD, numbers, paths, places, raises, starts, trajectories, turned
 
 from automcm.kernels import convert
 from automcm.kernels.trajectory import Floats, Trajectory, from_message, to_message

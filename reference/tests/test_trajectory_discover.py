@@ -37,9 +37,7 @@ def candidates(draw: st.DrawFn, one_way: bool = False) -> list[discover.Candidat
     same = draw(towards)
     return [
         discover.Candidate(
-            each,
-            np.array(draw(places | grid)),
-            np.array(same if one_way else draw(towards)),
+            each, np.array(draw(places | grid)), np.array(same if one_way else draw(towards))
         )
         for each in ids
     ]

@@ -13,13 +13,7 @@ from test_trajectory_cases import BAD, moved, numbers, places, plans, raises, sa
 
 from automcm.kernels import prescribe, verify
 from automcm.kernels.thin import thin
-from automcm.kernels.trajectory import (
-    Floats,
-    Trajectory,
-    TrajectoryError,
-    from_message,
-    to_message,
-)
+from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, from_message, to_message
 
 Case = tuple[Trajectory, float, dict[str, float]]
 

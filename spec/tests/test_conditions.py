@@ -46,10 +46,7 @@ def test_a_condition_has_its_line_its_text_and_its_values() -> None:
     assert stale.condition.operator == "OnComplete" and stale.condition.kind == "guard"
     line = (TLA / "Station.tla").read_text().splitlines()[stale.condition.line - 1]
     assert stale.condition.text in line
-    assert stale.value and dict(stale.values) == {
-        "c.session": (815, 2),
-        "st.session": (815, 3),
-    }
+    assert stale.value and dict(stale.values) == {"c.session": (815, 2), "st.session": (815, 3)}
 
 
 def test_an_index_is_shown_as_in_tla_and_a_limit_with_its_name() -> None:

@@ -74,8 +74,7 @@ def fake_java(folder: Path, does: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("does", "text"),
-    [("echo classes > ${1#*=}", "classes\n"), ("exit 1", None)],
+    ("does", "text"), [("echo classes > ${1#*=}", "classes\n"), ("exit 1", None)]
 )
 def test_an_archive_is_made_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, text: str | None

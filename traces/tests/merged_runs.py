@@ -1,9 +1,9 @@
-"""Runs of the reference with faults, for the tests of merged logs, and what really happened."""
+"""Runs of the reference, also with faults; what really happened; and their logs, rewritten."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,32 @@ class Run:
     def hazard(self) -> int:
         """How many ms the prescriber acted after its target had left."""
         return self.left(1) - self.left(2)
+
+
+def simulated(
+    folder: Path,
+    *stations: int,
+    until: int,
+    seed: int = 3,
+    loss: float = 0,
+    duplicate: float = 0,
+    asks: Sequence[int] = (500,),
+    restarts: Mapping[int, int] | None = None,
+    parameters: Parameters | None = None,
+    **driver: Any,
+) -> list[Path]:
+    """The logs of stations that drive straight on. The first asks for a maneuver at ``asks``, and
+    stations restart at ``restarts``; all times in ms."""
+    channel = Channel(loss=loss, duplicate=duplicate)
+    simulation = Simulation(seed=seed, channel=channel, logs=folder)
+    for station in stations:
+        simulation.add(station, Straight(**driver), parameters)
+    for at in asks:
+        simulation.request(stations[0], at=at)
+    for station, at in (restarts or {}).items():
+        simulation.restart(station, at=at)
+    simulation.run(until=until)
+    return sorted(folder.glob("*.ndjson"))
 
 
 def records(path: Path) -> list[dict[str, Any]]:

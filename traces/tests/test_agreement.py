@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from agreement import KINDS, Lines, mutated, of_the_model, of_the_reference, reason
+from agreement import reason
+from generated_logs import KINDS, Lines, mutated, of_the_model, of_the_reference
 
 from automcm_traces.explain.explain import Verdict, explain_files
 

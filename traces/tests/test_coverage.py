@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
+from merged_runs import records, simulated
 
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
@@ -22,13 +23,7 @@ from automcm_traces.explain.explain import explain_file
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp("logs")
-    simulation = Simulation(seed=3, channel=Channel(), logs=folder)
-    for station in (1001, 2002):
-        simulation.add(station, Straight())
-    simulation.request(1001, at=500)
-    simulation.run(until=10_000)
-    return sorted(folder.glob("*.ndjson"))
+    return simulated(tmp_path_factory.mktemp("logs"), 1001, 2002, until=10_000)
 
 
 @pytest.fixture(scope="module")
@@ -164,10 +159,9 @@ def test_a_log_counts_up_to_where_it_goes_wrong(
 
 
 def test_a_log_that_diverges_is_named(logs: list[Path], tmp_path: Path) -> None:
-    records = [json.loads(line) for line in logs[1].read_text().splitlines()]
     number, record = next(
         (number, record)
-        for number, record in enumerate(records, 1)
+        for number, record in enumerate(records(logs[1]), 1)
         if record.get("ev") == "send" and record["message"]["type"] == "Acceptance"
     )
     record["message"]["proposal"] = 2
@@ -183,13 +177,13 @@ def test_a_log_that_diverges_is_named(logs: list[Path], tmp_path: Path) -> None:
 
 def test_a_log_that_does_not_promise_all_does_not_diverge(logs: list[Path], tmp_path: Path) -> None:
     """automcm trace explain allows it: the command before the Acceptance is unseen."""
-    header, *rest = [json.loads(line) for line in logs[1].read_text().splitlines()]
+    header, *rest = records(logs[1])
     kept = [r for r in rest if r["rec"] == "end" or r["ev"] in ("receive", "send")]
-    records = [header | {"complete": ["receive", "send"]}]
-    records += [r | {"seq": n} for n, r in enumerate(kept[:-1], 1)]
-    records.append(kept[-1] | {"seq": len(kept) - 1})
+    lines = [header | {"complete": ["receive", "send"]}]
+    lines += [r | {"seq": n} for n, r in enumerate(kept[:-1], 1)]
+    lines.append(kept[-1] | {"seq": len(kept) - 1})
     part = tmp_path / "part.ndjson"
-    part.write_text("".join(json.dumps(record) + "\n" for record in records))
+    part.write_text("".join(json.dumps(record) + "\n" for record in lines))
     assert explain_file(part).verdict == "allowed"
     [(_, at, what, why)] = measure([part]).problems
     assert what == "cannot_tell" and at > 1

@@ -5,16 +5,27 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from edits import HEADER
 
-from automcm_spec.vocabulary.messages import Acceptance
+from automcm.core.station import Station
+from automcm.links.clock import VirtualClock
+from automcm.scenarios.simulation import Simulation
+from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+from automcm.service import event_log
+from automcm.service.service import McService
+from automcm_spec.vocabulary.application import Prescribe
+from automcm_spec.vocabulary.messages import Acceptance, Cam, encode
+from automcm_spec.vocabulary.parameters import Parameters, in_header
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.follow import NEEDED
 from automcm_traces.checker.track import INITIAL, CannotTell, Entry
+from automcm_traces.explain.explain import explain, explain_files
 from automcm_traces.format.log import RECORD
 from automcm_traces.format.reader import Log, read
+from automcm_traces.format.writer import LogWriter
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
 
@@ -80,3 +91,83 @@ def test_where_a_message_may_be_missing_nothing_is_concluded_from_it() -> None:
         for at, event in log.events:
             if event.ev in header.complete:
                 engine.feed(at, event)
+
+
+ALL = ("command", "indication", "receive", "restart", "send", "timer")
+
+
+def alone(folder: Path, parameters: Parameters, **commands: Any) -> Path:
+    """The log of a prescriber with one receiver, and what else is done: name to (ms, what)."""
+    simulation = Simulation(logs=folder)
+    simulation.add(1, Straight(think_ms=400), parameters)
+    simulation.add(2, Straight(), parameters)
+    simulation.request(1, at=0)
+    for ms, what in commands.values():
+        simulation.clock.at(ms, lambda what=what: what(simulation.services[1]))
+    simulation.run(6000)
+    return folder / "1.ndjson"
+
+
+def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    path = tmp_path / "1.ndjson"
+    station = Station(1)
+    with LogWriter(
+        path,
+        run="r",
+        station=1,
+        implementation="automcm",
+        version="0",
+        parameters=in_header(station.parameters.known),
+        complete=event_log.COMPLETE,
+    ) as log:
+        for effects in (station.command(LANE_CHANGE, clock.now()), station.restart(5000)):
+            for effect in effects:
+                event_log.write(log, effect, [f"1:{n}" for n in range(1, 1 + len(effect.messages))])
+    assert explain(read(path)).verdict == "allowed"
+
+
+@pytest.mark.sweep(8)
+@pytest.mark.parametrize("max_rounds", [1, 2, 3, 5])
+@pytest.mark.parametrize("proposal", [2, 4])
+@pytest.mark.parametrize("target", [2, 1, 9])
+def test_pre_5_a_wrong_proposal_or_target_is_refused_whatever_the_rounds(
+    tmp_path: Path, max_rounds: int, proposal: int, target: int
+) -> None:
+    wrong = Prescribe(
+        session=(1, 1),
+        proposal=proposal,
+        target=target,
+        prescribed=Straight().trajectory(),
+        hold_ms=0,
+        lease_ms=1000,
+    )
+    parameters = Parameters(max_rounds=max_rounds)
+    path = alone(tmp_path, parameters, wrong=(2200, lambda service: service.command(wrong)))
+    assert explain(read(path)).verdict == "allowed"
+    text_ = path.read_text()
+    assert '"name":"refused"' in text_
+    path.write_text(text_.replace('"name":"refused"', '"name":"verify"'))  # it did not refuse
+    assert explain(read(path)).verdict == "diverges"
+
+
+def test_act_5_an_own_cam_as_an_echo_is_nobody_s(tmp_path: Path) -> None:
+    def echo(service: McService) -> None:
+        cam = Cam(
+            src=1, generation_ms=3000, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=((1, 1),)
+        )
+        service.receive(encode(cam))
+
+    path = alone(tmp_path, Parameters(), first=(1000, echo), second=(3000, echo))
+    assert explain(read(path)).verdict == "allowed"
+
+
+def test_pre_5_a_choice_without_a_proposal_is_a_wrong_one(tmp_path: Path) -> None:
+    """The station refuses it, and nothing else follows."""
+    with LogWriter(
+        tmp_path / "1.ndjson", run="r", station=1, implementation="x", version="1", complete=ALL
+    ) as log:
+        for name in ("prescribe", "accept", "refuse"):
+            log.event("command", 10, command={"name": name, "session": [1, 1], "proposal": 0})
+            log.event("indication", 10, indication={"name": "refused"})
+    assert explain_files([tmp_path / "1.ndjson"])[0].verdict == "allowed"

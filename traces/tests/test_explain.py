@@ -11,17 +11,13 @@ from typing import Any
 
 import pytest
 from edits import Edited, edited, find
+from merged_runs import simulated
 
-from automcm.core.station import Station
-from automcm.links.clock import VirtualClock
 from automcm.links.simulated_radio import Channel, Radio
 from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
-from automcm.service import event_log
-from automcm.service.service import McService
-from automcm_spec.vocabulary.application import Abort, Prescribe
-from automcm_spec.vocabulary.messages import Cam, encode
-from automcm_spec.vocabulary.parameters import Parameters, in_header
+from automcm.scenarios.straight_lane import Straight
+from automcm_spec.vocabulary.application import Abort
+from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
 from automcm_traces.explain.explain import (
     Verdict,
@@ -37,22 +33,15 @@ from automcm_traces.explain.lint import report
 from automcm_traces.format import reader
 from automcm_traces.format.log import Event
 from automcm_traces.format.reader import read
-from automcm_traces.format.writer import LogWriter
 from automcm_traces.viewer.page_run import load
 
-ALL = ("command", "indication", "receive", "restart", "send", "timer")
 CORPUS = Path(__file__).parents[1] / "corpus"
-STATIONS = (1001, 2002, 3003, 4004)
 
 
 def four_stations(folder: Path, seed: int = 3, parameters: Parameters | None = None) -> list[Path]:
     """One prescriber and three receivers, default parameters, real ids, 20 % loss."""
-    simulation = Simulation(seed=seed, channel=Channel(loss=0.2, duplicate=0.1), logs=folder)
-    for station in STATIONS:
-        simulation.add(station, Straight(target=3003), parameters)
-    simulation.request(1001, at=500)
-    simulation.run(until=10_000)
-    return [folder / f"{station}.ndjson" for station in STATIONS]
+    run: dict[str, Any] = {"seed": seed, "loss": 0.2, "duplicate": 0.1, "until": 10_000}
+    return simulated(folder, 1001, 2002, 3003, 4004, parameters=parameters, target=3003, **run)
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +63,11 @@ def later(first: int, ms: int, last: int | None = None) -> Callable[[Edited], No
                 record[name] += ms
 
     return edit
+
+
+def spoilt(path: Path, folder: Path, edit: Callable[[Edited], object]) -> Verdict:
+    """What is said of the log with one thing changed."""
+    return explain(read(edited(path, folder, edit)))
 
 
 def where(verdict: Verdict) -> tuple[str, int, str]:
@@ -184,8 +178,7 @@ def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path:
                 if (path, message["type"], name) in tried:
                     continue
                 tried.add((path, message["type"], name))
-                changed = edited(path, tmp_path, put(number, name, mutated(message[name])))
-                verdict = explain(read(changed))
+                verdict = spoilt(path, tmp_path, put(number, name, mutated(message[name])))
                 assert where(verdict)[:2] == ("diverges", number), (message["type"], name, verdict)
     assert {type_ for _, type_, _ in tried} >= {"Advertisement", "Intention", "Prescription"}
     assert {type_ for _, type_, _ in tried} >= {"Acceptance", "Fin", "Cancel", "Ack"}
@@ -193,7 +186,7 @@ def test_any_forged_field_of_a_sent_message_is_named(logs: list[Path], tmp_path:
 
 def test_forged_marks_of_a_cam_are_named_act_5(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[0], "send", type="CAM", marks=[[1001, 1]])
-    verdict = explain(read(edited(logs[0], tmp_path, put(number, "marks", []))))
+    verdict = spoilt(logs[0], tmp_path, put(number, "marks", []))
     assert where(verdict) == ("diverges", number, "ACT-5")
 
 
@@ -242,7 +235,7 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
 
 def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[0], "send", type="Ack")
-    verdict = explain(read(edited(logs[0], tmp_path, lambda log: log.drop(number))))
+    verdict = spoilt(logs[0], tmp_path, lambda log: log.drop(number))
     assert (verdict.verdict, verdict.finding.rule) == ("diverges", "ADV-5")
     assert (
         verdict.finding.expected[0].startswith("send Ack")
@@ -252,27 +245,23 @@ def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) ->
 
 def test_a_timer_left_out_is_missed(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "timer", op="arm")
-    verdict = explain(read(edited(logs[2], tmp_path, lambda log: log.drop(number))))
+    verdict = spoilt(logs[2], tmp_path, lambda log: log.drop(number))
     assert verdict.verdict == "diverges" and "arm" in verdict.finding.expected[0]
 
 
 def test_a_wrong_deadline_is_named(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "timer", op="arm")
     deadline = Edited(logs[2].read_bytes()).at(number)["deadline"]
-    wrong = edited(logs[2], tmp_path, lambda log: log.at(number).update(deadline=deadline + 1))
-    verdict = explain(read(wrong))
+    later_ = {"deadline": deadline + 1}
+    verdict = spoilt(logs[2], tmp_path, lambda log: log.at(number).update(later_))
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
     assert f"until {deadline} ms" in verdict.finding.expected[0]
 
 
 def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:
-    simulation = Simulation(logs=tmp_path)
-    simulation.add(7, Straight(), Parameters(t_cam=1000))
-    simulation.request(7, at=10)
-    simulation.run(until=3000)
-    path = tmp_path / "7.ndjson"
+    (path,) = simulated(tmp_path, 7, asks=[10], until=3000, parameters=Parameters(t_cam=1000))
     number = find(path, "timer", op="expire")
-    verdict = explain(read(edited(path, tmp_path, later(number, -1, number))))
+    verdict = spoilt(path, tmp_path, later(number, -1, number))
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
     assert "too early" in verdict.finding.observed
 
@@ -298,8 +287,7 @@ def test_end_5_a_message_without_its_fields_calls_for_nothing(
     logs: list[Path], tmp_path: Path
 ) -> None:
     number = find(logs[1], "receive", type="Advertisement")
-    path = edited(logs[1], tmp_path, lambda log: log.at(number)["message"].pop("session"))
-    verdict = explain(read(path))
+    verdict = spoilt(logs[1], tmp_path, lambda log: log.at(number)["message"].pop("session"))
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
     assert verdict.finding.observed.startswith("phase INTENDING; the message of line")
     assert verdict.finding.expected == ("phase STANDALONE",)
@@ -328,83 +316,6 @@ def test_a_log_without_events_says_nothing(logs: list[Path], tmp_path: Path) -> 
     path.write_text(lines[0] + '{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
     verdict = explain(read(path))
     assert verdict.verdict == "cannot_tell" and "no event" in verdict.finding.observed
-
-
-def alone(folder: Path, parameters: Parameters, **commands: Any) -> Path:
-    """The log of a prescriber with one receiver, and what else is done: name to (ms, what)."""
-    simulation = Simulation(logs=folder)
-    simulation.add(1, Straight(think_ms=400), parameters)
-    simulation.add(2, Straight(), parameters)
-    simulation.request(1, at=0)
-    for ms, what in commands.values():
-        simulation.clock.at(ms, lambda what=what: what(simulation.services[1]))
-    simulation.run(6000)
-    return folder / "1.ndjson"
-
-
-def test_end_8_timers_due_before_a_restart_are_lost_and_not_missed(tmp_path: Path) -> None:
-    clock = VirtualClock()
-    path = tmp_path / "1.ndjson"
-    station = Station(1)
-    with LogWriter(
-        path,
-        run="r",
-        station=1,
-        implementation="automcm",
-        version="0",
-        parameters=in_header(station.parameters.known),
-        complete=event_log.COMPLETE,
-    ) as log:
-        for effects in (station.command(LANE_CHANGE, clock.now()), station.restart(5000)):
-            for effect in effects:
-                event_log.write(log, effect, [f"1:{n}" for n in range(1, 1 + len(effect.messages))])
-    assert explain(read(path)).verdict == "allowed"
-
-
-@pytest.mark.sweep(8)
-@pytest.mark.parametrize("max_rounds", [1, 2, 3, 5])
-@pytest.mark.parametrize("proposal", [2, 4])
-@pytest.mark.parametrize("target", [2, 1, 9])
-def test_pre_5_a_wrong_proposal_or_target_is_refused_whatever_the_rounds(
-    tmp_path: Path, max_rounds: int, proposal: int, target: int
-) -> None:
-    wrong = Prescribe(
-        session=(1, 1),
-        proposal=proposal,
-        target=target,
-        prescribed=Straight().trajectory(),
-        hold_ms=0,
-        lease_ms=1000,
-    )
-    parameters = Parameters(max_rounds=max_rounds)
-    path = alone(tmp_path, parameters, wrong=(2200, lambda service: service.command(wrong)))
-    assert explain(read(path)).verdict == "allowed"
-    text_ = path.read_text()
-    assert '"name":"refused"' in text_
-    path.write_text(text_.replace('"name":"refused"', '"name":"verify"'))  # it did not refuse
-    assert explain(read(path)).verdict == "diverges"
-
-
-def test_act_5_an_own_cam_as_an_echo_is_nobody_s(tmp_path: Path) -> None:
-    def echo(service: McService) -> None:
-        cam = Cam(
-            src=1, generation_ms=3000, x_mm=0, y_mm=0, heading_mrad=0, speed_mm_s=0, marks=((1, 1),)
-        )
-        service.receive(encode(cam))
-
-    path = alone(tmp_path, Parameters(), first=(1000, echo), second=(3000, echo))
-    assert explain(read(path)).verdict == "allowed"
-
-
-def test_pre_5_a_choice_without_a_proposal_is_a_wrong_one(tmp_path: Path) -> None:
-    """The station refuses it, and nothing else follows."""
-    with LogWriter(
-        tmp_path / "1.ndjson", run="r", station=1, implementation="x", version="1", complete=ALL
-    ) as log:
-        for name in ("prescribe", "accept", "refuse"):
-            log.event("command", 10, command={"name": name, "session": [1, 1], "proposal": 0})
-            log.event("indication", 10, indication={"name": "refused"})
-    assert explain_files([tmp_path / "1.ndjson"])[0].verdict == "allowed"
 
 
 def test_logs_of_other_runs_forge_nothing(logs: list[Path], tmp_path: Path) -> None:

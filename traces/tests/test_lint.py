@@ -12,10 +12,8 @@ import pytest
 from edits import Line, end, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from merged_runs import simulated
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.lint import CHECKS, exit_code, level, lint, report, text
 from automcm_traces.format.number_sets import Numbers
@@ -48,13 +46,9 @@ def test_a_good_log_is_clean(tmp_path: Path) -> None:
 
 
 def test_the_logs_of_the_reference_are_clean(tmp_path: Path) -> None:
-    simulation = Simulation(seed=5, channel=Channel(loss=0.2, duplicate=0.2), logs=tmp_path)
-    for station in (1001, 2002, 3003):
-        simulation.add(station, Straight(target=2002))
-    simulation.request(1001, at=500)
-    simulation.restart(3003, at=1500)
-    simulation.run(until=6_000)
-    reports = [report(path) for path in sorted(tmp_path.glob("*.ndjson"))]
+    run: dict[str, Any] = {"seed": 5, "loss": 0.2, "duplicate": 0.2, "restarts": {3003: 1500}}
+    paths = simulated(tmp_path, 1001, 2002, 3003, until=6_000, target=2002, **run)
+    reports = [report(path) for path in paths]
     assert len(reports) == 3 and exit_code(reports) == 0
     assert [found for r in reports for found in r.findings] == []
 

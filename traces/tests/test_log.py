@@ -6,17 +6,29 @@ from pathlib import Path
 import edits
 import pytest
 from edits import Line, write
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.format.log import Header, MessageTimer, Receive, Send, TimerArm, problems
+from automcm_traces.format.log import MessageTimer, Receive, Send, TimerArm, problems
 from automcm_traces.format.reader import LONGEST_LINE, Notice, read, records
 
 HEADER = edits.HEADER | {"spec": {"name": "Station", "hash": "abc"}}
-RESTART: Line = {"rec": "event", "seq": 1, "t_ms": 0, "ev": "restart"}
+EVENT: Line = {"rec": "event", "seq": 1, "t_ms": 5}
+RESTART: Line = EVENT | {"t_ms": 0, "ev": "restart"}
 MESSAGE: Line = {"v": 1, "type": "Advertisement", "src": 7, "session": [7, 1], "seq": 1}
-SEND: Line = {"rec": "event", "seq": 1, "t_ms": 5, "ev": "send", "tx": "7:1", "message": MESSAGE}
+SEND: Line = EVENT | {"ev": "send", "tx": "7:1", "message": MESSAGE}
+RECEIVE: Line = SEND | {"ev": "receive"}
+RAW: Line = EVENT | {"ev": "receive", "tx": "8:3", "raw": ""}
+RESENT: Line = {"type": "Fin", "to": 8, "session": [7, 1], "seq": 2}
+ARMED: Line = {"name": "resend", "message": RESENT}
+TIMER: Line = EVENT | {"ev": "timer", "op": "arm", "timer": ARMED, "deadline": 105}
+DONE: Line = {key: value for key, value in TIMER.items() if key != "deadline"}
+PRESCRIBED: Line = {"t0": 0, "points": [[0, 1, 2]]}
+COMMAND: Line = EVENT | {
+    "ev": "command",
+    "command": {"name": "prescribe", "target": 8, "prescribed": PRESCRIBED},
+}
+INDICATION: Line = EVENT | {"ev": "indication", "indication": {"name": "intended", "station": 8}}
+END: Line = {"rec": "event", "seq": 1, "t_ms": 5, "ev": "send", "tx": "7:1", "message": MESSAGE}
 RECEIVE: Line = {**SEND, "ev": "receive"}
 TIMER: Line = {
     "rec": "event",
@@ -89,14 +101,14 @@ def test_an_event_keeps_what_it_says(tmp_path: Path) -> None:
     "line",
     [
         {**RECEIVE, "message": {"type": "CAM", "x_note": 1, "anything": [True, {"a": "b"}]}},
-        {"rec": "event", "seq": 1, "t_ms": 0, "ev": "receive", "tx": "8:3", "raw": ""},
-        {"rec": "event", "seq": 1, "t_ms": 0, "ev": "receive", "tx": "8:3", "raw": "/wA="},
+        RAW,
+        {**RAW, "raw": "/wA="},
         {**RESTART, "rule": "END-8", "phase": "STANDALONE"},
         {**TIMER, "timer": {"name": "giveup"}},
         {**TIMER, "timer": {"name": "forget", "station": 9}},
         {**TIMER, "timer": {"name": "lease"}},
-        {**{k: v for k, v in TIMER.items() if k != "deadline"}, "op": "stop"},
-        {**{k: v for k, v in TIMER.items() if k != "deadline"}, "op": "expire"},
+        {**DONE, "op": "stop"},
+        {**DONE, "op": "expire"},
     ],
 )
 def test_takes(tmp_path: Path, line: Line) -> None:
@@ -127,44 +139,27 @@ def test_header_without_what_is_optional(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "field", "problem"),
+    ("record", "change", "field", "problem"),
     [
-        ({"schema": "automcm.trace/2"}, "schema", "unsupported version 'automcm.trace/2'"),
-        ({"schema": "automcm.trace/2", "clock": 1.5}, "schema", "unsupported version"),
-        ({"schema": 1}, "schema", "unsupported version"),
-        ({"station": 0}, "station", "greater"),
-        ({"station": 2**32}, "station", "less"),
-        ({"station": "7"}, "station", "integer"),
-        ({"station": True}, "station", "integer"),
-        ({"run": ""}, "run", "at least 1"),
-        ({"host": "a"}, "host", "unknown field"),
-        ({"implementation": {"name": "a"}}, "implementation.version", "missing"),
-        ({"implementation": 3}, "implementation", "not a JSON object"),
-        ({"spec": {"name": "Other", "hash": "a"}}, "spec.name", "Station"),
-        ({"spec": None}, "spec", "null"),
-        ({"parameters": {"t_resend": 0.1}}, "parameters.t_resend", "float"),
-        ({"parameters": {"t_resend": -1}}, "parameters.t_resend", "greater"),
-        ({"parameters": {"t_unheard": 1}}, "parameters.t_unheard", "unknown field"),
-        ({"complete": ["send", "receive"]}, "complete", "sorted"),
-        ({"complete": ["send", "send"]}, "complete", "without repetition"),
-        ({"complete": ["sleep"]}, "complete[0]", "'timer'"),
-    ],
-)
-def test_refuses_in_the_header(tmp_path: Path, change: Line, field: str, problem: str) -> None:
-    error = refused(tmp_path, {**HEADER, **change}, RESTART, END)
-    assert (error.line, error.field) == (1, field)
-    assert problem in error.problem
-
-
-@pytest.mark.parametrize("field", ["schema", "run", "station", "implementation", "parameters"])
-def test_refuses_a_header_that_lacks(tmp_path: Path, field: str) -> None:
-    error = refused(tmp_path, {k: v for k, v in HEADER.items() if k != field}, END)
-    assert (error.line, error.field, error.problem) == (1, field, "missing")
-
-
-@pytest.mark.parametrize(
-    ("event", "change", "field", "problem"),
-    [
+        (HEADER, {"schema": "automcm.trace/2"}, "schema", "unsupported version 'automcm.trace/2'"),
+        (HEADER, {"schema": "automcm.trace/2", "clock": 1.5}, "schema", "unsupported version"),
+        (HEADER, {"schema": 1}, "schema", "unsupported version"),
+        (HEADER, {"station": 0}, "station", "greater"),
+        (HEADER, {"station": 2**32}, "station", "less"),
+        (HEADER, {"station": "7"}, "station", "integer"),
+        (HEADER, {"station": True}, "station", "integer"),
+        (HEADER, {"run": ""}, "run", "at least 1"),
+        (HEADER, {"host": "a"}, "host", "unknown field"),
+        (HEADER, {"implementation": {"name": "a"}}, "implementation.version", "missing"),
+        (HEADER, {"implementation": 3}, "implementation", "not a JSON object"),
+        (HEADER, {"spec": {"name": "Other", "hash": "a"}}, "spec.name", "Station"),
+        (HEADER, {"spec": None}, "spec", "null"),
+        (HEADER, {"parameters": {"t_resend": 0.1}}, "parameters.t_resend", "float"),
+        (HEADER, {"parameters": {"t_resend": -1}}, "parameters.t_resend", "greater"),
+        (HEADER, {"parameters": {"t_unheard": 1}}, "parameters.t_unheard", "unknown field"),
+        (HEADER, {"complete": ["send", "receive"]}, "complete", "sorted"),
+        (HEADER, {"complete": ["send", "send"]}, "complete", "without repetition"),
+        (HEADER, {"complete": ["sleep"]}, "complete[0]", "'timer'"),
         (RESTART, {"rec": "evnt"}, "rec", "'evnt' is none of"),
         (RESTART, {"rec": 1}, "rec", "is none of"),
         (RESTART, {"ev": 4}, "ev", "string"),
@@ -196,48 +191,44 @@ def test_refuses_a_header_that_lacks(tmp_path: Path, field: str) -> None:
         (TIMER, {"timer": {"name": "cam", "station": 1}}, "timer.station", "unknown field"),
         (
             TIMER,
-            {"timer": {"name": "resend", "message": {"type": "Fin", "session": [7], "seq": 2}}},
+            {"timer": ARMED | {"message": RESENT | {"session": [7]}}},
             "timer.message.session[1]",
             "missing",
         ),
         (COMMAND, {"command": {"name": "dance"}}, "command.name", "'request'"),
         (COMMAND, {"command": {"name": "abort", "why": None}}, "command.why", "null"),
         (INDICATION, {"indication": {}}, "indication.name", "missing"),
+        (RAW, {"raw": "A"}, "raw", "not base64"),
     ],
 )
-def test_refuses_in_an_event(
-    tmp_path: Path, event: Line, change: Line, field: str, problem: str
+def test_refuses_in_a_record(
+    tmp_path: Path, record: Line, change: Line, field: str, problem: str
 ) -> None:
-    error = refused(tmp_path, HEADER, {**event, **change}, END)
-    assert (error.line, error.field) == (2, field)
+    lines = [record | change] if record is HEADER else [HEADER, record | change]
+    error = refused(tmp_path, *lines, RESTART, END)
+    assert (error.line, error.field) == (len(lines), field)
     assert problem in error.problem
 
 
 @pytest.mark.parametrize(
-    ("event", "field"),
+    ("record", "fields"),
     [
-        (SEND, "tx"),
-        (SEND, "message"),
-        (RECEIVE, "message"),
-        (TIMER, "op"),
-        (TIMER, "timer"),
-        (TIMER, "deadline"),
-        (COMMAND, "command"),
-        (RESTART, "ev"),
-        (RESTART, "seq"),
-        (RESTART, "t_ms"),
-        (RESTART, "rec"),
+        (HEADER, ("schema", "run", "station", "implementation", "parameters")),
+        (SEND, ("tx", "message")),
+        (RECEIVE, ("message",)),
+        (TIMER, ("op", "timer", "deadline")),
+        (COMMAND, ("command",)),
+        (RESTART, ("ev", "seq", "t_ms", "rec")),
     ],
+    ids=lambda value: value.get("ev", "header") if isinstance(value, dict) else "",
 )
-def test_refuses_an_event_that_lacks(tmp_path: Path, event: Line, field: str) -> None:
-    error = refused(tmp_path, HEADER, {k: v for k, v in event.items() if k != field}, END)
-    assert (error.line, error.field) == (2, field)
-
-
-def test_refuses_raw_that_is_not_base64(tmp_path: Path) -> None:
-    event = {"rec": "event", "seq": 1, "t_ms": 0, "ev": "receive", "tx": "8:3", "raw": "A"}
-    error = refused(tmp_path, HEADER, event, END)
-    assert (error.field, error.problem) == ("raw", "not base64")
+def test_refuses_a_record_that_lacks(tmp_path: Path, record: Line, fields: tuple[str, ...]) -> None:
+    for field in fields:
+        rest = {name: value for name, value in record.items() if name != field}
+        lines = [rest] if record is HEADER else [HEADER, rest]
+        error = refused(tmp_path, *lines, END)
+        assert (error.line, error.field) == (len(lines), field)
+        assert record is RECEIVE or error.problem == "missing"
 
 
 @pytest.mark.parametrize(
@@ -253,6 +244,12 @@ def test_refuses_raw_that_is_not_base64(tmp_path: Path) -> None:
         ((HEADER, *numbered(SEND, RESTART)), 3, "t_ms", "goes back from 5 to 0"),
         ((HEADER, RESTART, {**END, "seq": 2}), 3, "seq", "2, but the last event has 1"),
         ((HEADER, RESTART, END, {**RESTART, "seq": 2}), 4, "rec", "a record after the end"),
+        (
+            (HEADER, RESTART, END, {**HEADER, "station": 8}),
+            4,
+            "rec",
+            "a second header: one file holds one log",
+        ),
         ((HEADER, RESTART, END, b"{"), 4, "", "not JSON"),
         ((HEADER, b"{\n", RESTART), 2, "", "not JSON"),
         ((HEADER, b"\n", RESTART), 2, "", "empty line"),
@@ -283,19 +280,14 @@ def test_the_text_of_an_error_names_file_line_and_field(tmp_path: Path) -> None:
     assert (error.path, error.line, error.rule) == (f"{tmp_path}/7.ndjson", 2, "seq")
 
 
-def test_refuses_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match=r"none\.ndjson: no such file$"):
-        read(tmp_path / "none.ndjson")
-
-
-def test_refuses_a_directory(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="is a directory"):
-        read(tmp_path)
-
-
-def test_refuses_a_file_below_a_file(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="cannot be read"):
-        read(write(tmp_path, HEADER) / "log")
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [("none", "none: no such file$"), ("", "is a directory"), ("7.ndjson/log", "cannot be read")],
+)
+def test_refuses_what_is_no_file(tmp_path: Path, name: str, problem: str) -> None:
+    write(tmp_path, HEADER)
+    with pytest.raises(BadInput, match=problem):
+        read(tmp_path / name)
 
 
 def test_a_cut_last_line_is_a_warning(tmp_path: Path) -> None:
@@ -341,64 +333,11 @@ def test_an_unknown_event_still_counts(tmp_path: Path, change: Line, field: str)
     assert (error.line, error.field) == (2, field)
 
 
-def test_records_gives_what_is_good_before_it_fails(tmp_path: Path) -> None:
-    stream = records(write(tmp_path, HEADER, RESTART, RESTART))
-    assert isinstance(next(stream).record, Header)
-    assert next(stream).line == 2
-    with pytest.raises(BadInput):
-        next(stream)
-
-
 def test_records_gives_notices(tmp_path: Path) -> None:
     entries = list(records(write(tmp_path, HEADER, {**RESTART, "ev": "song"}, b"{")))
     kinds = [entry.record.kind for entry in entries if isinstance(entry.record, Notice)]
     assert kinds == ["unknown_event", "truncated", "no_end"]
     assert [entry.line for entry in entries] == [1, 2, 3, 3]
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
-    max_leaves=8,
-)
-KNOWN = st.sampled_from([HEADER, RESTART, SEND, RECEIVE, TIMER, COMMAND, INDICATION, END])
-
-
-@st.composite
-def damaged(draw: st.DrawFn) -> bytes:
-    """A line of the format with something exchanged, added or taken out."""
-    line = dict(draw(KNOWN))
-    key = draw(st.sampled_from([*line, "x_y", "rule", "raw"]) | st.text(max_size=5))
-    if draw(st.booleans()):
-        line[key] = draw(JSON)
-    else:
-        line.pop(key, None)
-    return json.dumps(line).encode() + b"\n"
-
-
-def only_log_errors(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
-    try:
-        log = read(path)
-    except BadInput as error:
-        assert str(error).isprintable()
-    else:
-        assert all(warning.isprintable() for warning in log.warnings)
-
-
-same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-
-
-@same_folder
-@given(content=st.binary(max_size=200))
-def test_random_bytes_raise_nothing_but_log_errors(tmp_path: Path, content: bytes) -> None:
-    only_log_errors(tmp_path / "log", content)
-
-
-@same_folder
-@given(lines=st.lists(damaged() | st.binary(max_size=30), max_size=3))
-def test_damaged_lines_raise_nothing_but_log_errors(tmp_path: Path, lines: list[bytes]) -> None:
-    only_log_errors(tmp_path / "log", json.dumps(HEADER).encode() + b"\n" + b"".join(lines))
 
 
 COMMON: Line = {"v": 1, "src": 7, "dst": 8, "session": [7, 1], "seq": 1}

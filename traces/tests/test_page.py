@@ -9,12 +9,9 @@ import re
 from pathlib import Path
 
 import pytest
-from merged_runs import killed, records, rewritten
+from merged_runs import killed, records, rewritten, simulated
 from page_rows import CORPUS, FOUR, Json, column, data_of, events, fives, followed_by, number
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.engine import Engine
@@ -44,11 +41,7 @@ HOSTILE = "|</script><img src=x onerror=alert(1)>\u202e\u0007\u2028\u05e9\u05dc"
 def lossy(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Two of three logs of a run with losses and second copies; the third is not there."""
     folder = tmp_path_factory.mktemp("lossy")
-    simulation = Simulation(seed=3, channel=Channel(loss=0.2, duplicate=0.1), logs=folder)
-    for station in (1001, 2002, 3003):
-        simulation.add(station, Straight())
-    simulation.request(1001, at=500)
-    simulation.run(until=10_000)
+    simulated(folder, 1001, 2002, 3003, loss=0.2, duplicate=0.1, until=10_000)
     killed(folder / "2002.ndjson", 8000)
     (folder / "3003.ndjson").unlink()
     return sorted(folder.iterdir())
@@ -178,11 +171,9 @@ def test_what_the_header_does_not_tell_has_no_deadline(tmp_path: Path) -> None:
 
 def test_act_6_a_quarantine_lasts_as_long_as_a_prescriber_may_act(tmp_path: Path) -> None:
     """With few sendings that is longer than an Advertisement is heard, 300 ms."""
-    simulation = Simulation(seed=1, logs=tmp_path)
-    simulation.add(1001, Straight(), Parameters(t_timeout=0))
-    simulation.restart(1001, at=100)
-    simulation.run(until=5000)
-    bars = followed_by(read(next(tmp_path.iterdir()))).bars
+    short, restarts = Parameters(t_timeout=0), {1001: 100}
+    (path,) = simulated(tmp_path, 1001, asks=(), restarts=restarts, until=5000, parameters=short)
+    bars = followed_by(read(path)).bars
     assert [(bar.logged_ms, bar.spec_ms) for bar in bars] == [(1550, 1550)]
 
 
@@ -325,16 +316,13 @@ def test_a_log_without_events_is_a_page_all_the_same() -> None:
 
 
 def test_act_4_a_prescribers_lease_is_due_with_its_margin(tmp_path: Path) -> None:
-    simulation = Simulation(seed=1, logs=tmp_path)
-    for station in (1001, 2002):
-        simulation.add(station, Straight(), Parameters(t_cam=500))
-    simulation.request(1001, at=500)
-    simulation.run(6000)
     wanted = {}
-    for station in (1001, 2002):
-        log = read(tmp_path / f"{station}.ndjson")
+    for path in simulated(
+        tmp_path, 1001, 2002, seed=1, until=6000, parameters=Parameters(t_cam=500)
+    ):
+        log = read(path)
         for bar in followed_by(log).bars:
             event = log.events[bar.armed][1]
             if isinstance(event, TimerArm) and event.timer.name == "lease":
-                wanted[station] = (bar.logged_ms, bar.spec_ms)
+                wanted[log.header.station] = (bar.logged_ms, bar.spec_ms)
     assert wanted == {1001: (19_799, 19_799), 2002: (20_000, 20_000)}

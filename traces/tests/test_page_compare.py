@@ -8,12 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from merged_runs import records, rewritten
+from merged_runs import records, rewritten, simulated
 from test_page import CORPUS, FOUR, column, data_of, events, fives
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_traces.edit.log_diff import diff
 from automcm_traces.format.reader import Log, read
 from automcm_traces.viewer.page import html
@@ -24,15 +21,6 @@ from automcm_traces.viewer.page_run import PageError, load
 
 Json = Any
 PAIR = sorted((CORPUS / "pair").glob("*.ndjson"))
-
-
-def simulated(folder: Path, seed: int, loss: float) -> list[Path]:
-    simulation = Simulation(seed=seed, channel=Channel(loss=loss, duplicate=0.1), logs=folder)
-    for station in (1001, 2002, 3003):
-        simulation.add(station, Straight())
-    simulation.request(1001, at=500)
-    simulation.run(until=9_000)
-    return sorted(folder.iterdir())
 
 
 class Two(NamedTuple):
@@ -46,8 +34,9 @@ class Two(NamedTuple):
 def two(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Two:
     """Two runs that part."""
     one, other, loss = request.param
-    a = simulated(tmp_path_factory.mktemp("a"), one, loss)
-    b = simulated(tmp_path_factory.mktemp("b"), other, loss)
+    run: dict[str, Any] = {"loss": loss, "duplicate": 0.1, "until": 9_000}
+    a = simulated(tmp_path_factory.mktemp("a"), 1001, 2002, 3003, seed=one, **run)
+    b = simulated(tmp_path_factory.mktemp("b"), 1001, 2002, 3003, seed=other, **run)
     page = beside(a, b)
     text = html(page)
     return Two((a, b), page, text, data_of(text))

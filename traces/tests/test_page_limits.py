@@ -9,12 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from merged_runs import records
+from merged_runs import records, simulated
 from page_rows import CORPUS, FOUR, Json, fives
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.explain import explain_file, explain_files
 from automcm_traces.format.event_text import said
@@ -29,13 +26,11 @@ from automcm_traces.viewer.page_run import MOST_EVENTS, MOST_LOGS, PageError, Pa
 @pytest.mark.slow
 @pytest.mark.parametrize("sessions", [3, pytest.param(10, marks=pytest.mark.deep)])
 def test_a_large_log_takes_less_than_250_bytes_an_event(tmp_path: Path, sessions: int) -> None:
-    simulation = Simulation(seed=1, channel=Channel(loss=0.1), logs=tmp_path)
-    for station in (1, 2, 3):
-        simulation.add(station, Straight(target=2))
-    for n in range(sessions):
-        simulation.request(1, at=500 + n * 9000)
-    simulation.run(until=sessions * 9000)
-    for paths in (sorted(tmp_path.iterdir()), [tmp_path / "1.ndjson"]):
+    asks = range(500, sessions * 9000, 9000)
+    logs = simulated(
+        tmp_path, 1, 2, 3, seed=1, loss=0.1, target=2, asks=asks, until=sessions * 9000
+    )
+    for paths in (logs, logs[:1]):
         page = load(paths)
         fixed = len(html(load(FOUR[:1])))
         assert len(html(page)) - fixed < 250 * len(page.nodes)

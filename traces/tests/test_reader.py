@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from edits import HEADER, Line, end, write
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -136,13 +136,6 @@ def utf_8(data: bytes) -> bool:
     return True
 
 
-def test_two_logs_in_one_file_are_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, HEADER, restart(1), end(1), {**HEADER, "station": 8}, restart(1))
-    with pytest.raises(BadInput, match="a second header: one file holds one log") as caught:
-        list(LogStream(path))
-    assert caught.value.line == 4
-
-
 def test_crlf_is_read_all_the_same(tmp_path: Path) -> None:
     lines = [json.dumps(line).encode() + b"\r\n" for line in (HEADER, restart(1), end(1))]
     assert len(list(LogStream(write(tmp_path, *lines)))) == 1
@@ -204,6 +197,32 @@ def lines_(draw: st.DrawFn) -> bytes:
     if draw(st.booleans()):
         where.pop(key)
     return json.dumps(line, ensure_ascii=draw(st.booleans())).encode(errors="replace")
+
+
+def only_log_errors(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+    try:
+        log = read(path)
+    except BadInput as error:
+        assert str(error).isprintable()
+    else:
+        assert all(warning.isprintable() for warning in log.warnings)
+
+
+same_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+@same_folder
+@given(content=st.binary(max_size=200))
+def test_random_bytes_raise_nothing_but_log_errors(tmp_path: Path, content: bytes) -> None:
+    only_log_errors(tmp_path / "log", content)
+
+
+@same_folder
+@given(lines=st.lists(lines_() | st.binary(max_size=30), max_size=3))
+def test_damaged_lines_raise_nothing_but_log_errors(tmp_path: Path, lines: list[bytes]) -> None:
+    first = json.dumps(HEADER).encode()
+    only_log_errors(tmp_path / "log", b"\n".join([first, *lines, b""]))
 
 
 def outcome(line: bytes, quick: bool) -> Any:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from merged_runs import records, rewritten
+from wrong_logs import PRESCRIBER, RECEIVER, WRONG, Records, change, find
 
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
@@ -21,10 +23,8 @@ from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import Verdict, explain
 from automcm_traces.explain.tlc_engine import explain_batch, explain_each, explain_files
-from automcm_traces.format.reader import Log, read
 
 Json = Any
-Records = list[dict[str, Json]]
 
 
 def simulate(folder: Path) -> dict[str, Records]:
@@ -46,7 +46,7 @@ def simulate(folder: Path) -> dict[str, Records]:
             simulation.request(3003, at=6700)
         simulation.run(until=12_000 if run == "twice" else 9000)
     return {
-        f"{run}/{path.stem}": [json.loads(line) for line in path.read_text().splitlines()]
+        f"{run}/{path.stem}": records(path)
         for run in runs
         for path in (folder / run).glob("*.ndjson")
     }
@@ -55,199 +55,6 @@ def simulate(folder: Path) -> dict[str, Records]:
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Records]:
     return simulate(tmp_path_factory.mktemp("good"))
-
-
-def written(records: Records, path: Path) -> Log:
-    """The records as a log, with seq counted anew."""
-    seq = 0
-    for record in records:
-        if record["rec"] == "event":
-            seq += 1
-            record["seq"] = seq
-        if record["rec"] == "end":
-            record["seq"] = seq
-    path.write_text("".join(json.dumps(record) + "\n" for record in records))
-    return read(path)
-
-
-def find(records: Records, ev: str, nth: int = 0, start: int = 0, **wanted: Json) -> int:
-    """The index of an event with these fields, its message's, timer's, and so on."""
-    for n, record in enumerate(records):
-        inner = dict(record)
-        for part in ("message", "timer", "indication", "command"):
-            inner |= record.get(part, {})
-        if n >= start and record.get("ev") == ev and wanted.items() <= inner.items():
-            if nth == 0:
-                return n
-            nth -= 1
-    raise LookupError(wanted)
-
-
-# -- wrong logs, beside those of the corpus: each is given the records, spoils them, and says the
-# line where it shows
-
-Spoil = Callable[[Records], int]
-WRONG: dict[str, tuple[str, Spoil]] = {}
-
-
-def wrong(base: str) -> Callable[[Spoil], Spoil]:
-    def note(spoil: Spoil) -> Spoil:
-        WRONG[spoil.__name__] = (base, spoil)
-        return spoil
-
-    return note
-
-
-RECEIVER, PRESCRIBER = "rounds/2002", "rounds/1001"
-
-
-def change(records: Records, n: int, part: str, **fields: Json) -> int:
-    """The line of record n, with fields of a part of it changed."""
-    inner = records[n] if part == "" else records[n][part]
-    inner |= fields
-    return n + 1
-
-
-@wrong(RECEIVER)
-def new_content_skips_a_seq(r: Records) -> int:
-    return change(r, find(r, "send", type="Acceptance"), "message", seq=3)
-
-
-@wrong("twice/1001")
-def a_session_number_is_used_again(r: Records) -> int:
-    n = find(r, "send", type="Advertisement", session=[1001, 2])
-    text = json.dumps(r[n:]).replace("[1001, 2]", "[1001, 1]")
-    r[n:] = json.loads(text)
-    return n + 1
-
-
-@wrong(PRESCRIBER)
-def pre_2_the_lease_is_not_the_one_given(r: Records) -> int:
-    return change(r, find(r, "send", type="Prescription"), "message", lease_ms=1)
-
-
-@wrong(RECEIVER)
-def a_timer_is_armed_that_nothing_calls_for(r: Records) -> int:
-    return change(r, find(r, "timer", op="arm", name="hold"), "timer", name="answer")
-
-
-@wrong(PRESCRIBER)
-def act_4_the_prescribers_lease_lasts_the_full_time(r: Records) -> int:
-    n = find(r, "timer", op="arm", name="lease")
-    return change(r, n, "", deadline=r[n]["t_ms"] + 20_000)
-
-
-@wrong(PRESCRIBER)
-def act_4_the_header_tells_no_margin(r: Records) -> int:
-    del r[0]["parameters"]["clock_drift"]
-    return find(r, "timer", op="arm", name="lease") + 1
-
-
-@wrong(RECEIVER)
-def act_4_the_receivers_lease_is_shorter_too(r: Records) -> int:
-    n = find(r, "timer", op="arm", name="lease")
-    return change(r, n, "", deadline=r[n]["t_ms"] + 20_000 - 201)
-
-
-@wrong(RECEIVER)
-def a_timer_is_stopped_that_goes_on(r: Records) -> int:
-    n = find(r, "timer", op="arm", name="lease")
-    stop = {key: r[n][key] for key in ("rec", "t_ms", "ev", "timer")} | {"op": "stop"}
-    r.insert(n + 1, stop)
-    return n + 2
-
-
-@wrong(RECEIVER)
-def end_5_a_message_sent_has_an_unknown_field(r: Records) -> int:
-    return change(r, find(r, "send", type="Intention"), "message", note=1)
-
-
-@wrong(PRESCRIBER)
-def act_5_a_cam_lacks_the_mark(r: Records) -> int:
-    n = next(k for k, x in enumerate(r) if x.get("ev") == "send" and x["message"].get("marks"))
-    return change(r, n, "message", marks=[])
-
-
-@wrong(RECEIVER)
-def act_5_a_cam_that_is_older_counts(r: Records) -> int:
-    n = find(r, "timer", 2, op="arm", name="cam")
-    assert r[n - 1]["message"]["type"] == "CAM"
-    r[n - 1]["message"]["generation_ms"] = 0
-    return n + 1
-
-
-@wrong("abort/2002")
-def end_2_the_reason_told_is_not_that_of_the_cancel(r: Records) -> int:
-    return change(r, find(r, "indication", name="fallback"), "indication", reason="timeout")
-
-
-@wrong(RECEIVER)
-def what_must_follow_the_last_input_is_missing(r: Records) -> int:
-    n = find(r, "receive", type="Prescription")
-    r[n + 1 : -1] = []
-    return n + 1
-
-
-@wrong(RECEIVER)
-def end_5_bytes_that_are_no_message_are_answered(r: Records) -> int:
-    n = find(r, "receive", type="Prescription")
-    del r[n]["message"], r[n]["phase"], r[n]["role"]
-    r[n]["raw"] = "AAAA"
-    return n + 2
-
-
-def reported(r: Records, times: int) -> int:
-    """A Prescription of version 2, and that it was discarded; the line after."""
-    n = find(r, "receive", type="Prescription")
-    r[n]["message"]["v"] = 2
-    del r[n]["phase"], r[n]["role"]
-    event = {"rec": "event", "t_ms": r[n]["t_ms"], "ev": "indication"}
-    r[n + 1 : n + 1] = [event | {"indication": {"name": "discarded"}} for _ in range(times)]
-    return n + times + 2
-
-
-@wrong(RECEIVER)
-def end_5_a_message_that_was_reported_is_obeyed(r: Records) -> int:
-    return reported(r, 1)
-
-
-@wrong(RECEIVER)
-def end_5_a_message_is_reported_twice(r: Records) -> int:
-    return reported(r, 2) - 1
-
-
-@wrong(RECEIVER)
-def the_phase_told_is_not_that_of_the_specification(r: Records) -> int:
-    return change(r, find(r, "receive", type="Prescription"), "", phase="WAITING")
-
-
-@wrong(RECEIVER)
-def cmd_1_a_command_out_of_place_is_not_refused(r: Records) -> int:
-    command = {"name": "complete", "session": [1001, 1]}
-    n = find(r, "receive", type="Prescription")
-    event = {"rec": "event", "t_ms": r[n]["t_ms"], "ev": "command", "command": command}
-    r.insert(n, event)
-    return n + 1
-
-
-@wrong(PRESCRIBER)
-def mem_1_a_station_too_many_is_recorded(r: Records) -> int:
-    r[0]["parameters"]["max_participants"] = 1
-    first = find(r, "receive", type="Intention")
-    other = {2002: 3003, 3003: 2002}[r[first]["message"]["src"]]
-    return find(r, "send", type="Ack", dst=other) + 1
-
-
-@wrong(PRESCRIBER)
-def mem_1_a_session_is_opened_without_room(r: Records) -> int:
-    r[0]["parameters"]["outbox_limit"] = 32
-    return find(r, "command", name="request") + 1
-
-
-@wrong("twice/2002")
-def mem_1_a_prescriber_too_many_is_remembered(r: Records) -> int:
-    r[0]["parameters"]["memory_limit"] = 1
-    return find(r, "receive", type="Advertisement", src=3003, phase="INTENDING") + 1
 
 
 @pytest.fixture(scope="module")
@@ -260,7 +67,7 @@ def judged(
     for name, (base, spoil) in WRONG.items():
         records = copy.deepcopy(good[base])
         lines.append(spoil(records))
-        logs.append(written(records, folder / f"{name}.ndjson"))
+        logs.append(rewritten(folder / f"{name}.ndjson", records))
     other = map(explain, logs)
     return dict(zip(WRONG, zip(lines, other, explain_batch(logs), strict=True), strict=True))
 
@@ -336,9 +143,9 @@ RIGHT: dict[str, tuple[str, Callable[[Records], Records]]] = {
 
 
 def test_what_is_right_is_allowed(good: dict[str, Records], tmp_path: Path) -> None:
-    logs = [written(copy.deepcopy(r), tmp_path / name[-4:]) for name, r in good.items()]
+    logs = [rewritten(tmp_path / name[-4:], copy.deepcopy(r)) for name, r in good.items()]
     for name, (base, edit) in RIGHT.items():
-        logs.append(written(edit(copy.deepcopy(good[base])), tmp_path / name))
+        logs.append(rewritten(tmp_path / name, edit(copy.deepcopy(good[base]))))
     verdicts = explain_batch(logs)
     assert [v for v in verdicts if v.verdict != "allowed"] == []
     assert [v.events for v in verdicts] == [len(log.events) for log in logs]
@@ -352,7 +159,7 @@ def test_without_timers_and_commands_a_wrong_log_still_diverges(
     change(records, find(records, "send", type="Acceptance"), "message", proposal=2)
     stripped = without("command", "timer")(records)
     line = find(stripped, "send", type="Acceptance") + 1
-    (verdict,) = explain_batch([written(stripped, tmp_path / "log")])
+    (verdict,) = explain_batch([rewritten(tmp_path / "log", stripped)])
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", line)
 
 
@@ -360,8 +167,8 @@ def test_what_tlc_cannot_tell(good: dict[str, Records], tmp_path: Path) -> None:
     lost = copy.deepcopy(good[RECEIVER])
     lost[-1]["lost_records"] = 3
     logs = [
-        written(lost, tmp_path / "lost"),
-        written(without("send")(copy.deepcopy(good[RECEIVER])), tmp_path / "unsent"),
+        rewritten(tmp_path / "lost", lost),
+        rewritten(tmp_path / "unsent", without("send")(copy.deepcopy(good[RECEIVER]))),
     ]
     verdicts = [(v.verdict, v.finding.at.line) for v in explain_batch(logs)]
     assert verdicts == [("cannot_tell", 0), ("cannot_tell", 0)]
@@ -374,7 +181,7 @@ def test_end_5_a_received_message_without_a_field_must_be_reported(
     odd = copy.deepcopy(good[RECEIVER])
     n = find(odd, "receive", type="Prescription")
     del odd[n]["message"]["session"]
-    (verdict,) = explain_batch([written(odd, tmp_path / "odd")])
+    (verdict,) = explain_batch([rewritten(tmp_path / "odd", odd)])
     assert (verdict.verdict, verdict.finding.at.line, verdict.finding.rule) == (
         "diverges",
         n + 1,
@@ -386,7 +193,7 @@ def test_end_5_a_received_message_without_a_field_must_be_reported(
 def test_a_gap_is_no_reason_to_guess(good: dict[str, Records], tmp_path: Path) -> None:
     """What comes before the missing records is judged, what comes after is not."""
     path = tmp_path / "gap.ndjson"
-    written(copy.deepcopy(good[RECEIVER]), path)
+    rewritten(path, copy.deepcopy(good[RECEIVER]))
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:20] + lines[30:]))
     (verdict,) = explain_files([path])
@@ -445,7 +252,7 @@ def test_both_engines_agree_on_verdict_line_and_rule(
 ) -> None:
     r = random.Random(1)
     logs = [
-        written(mutated(copy.deepcopy(base), r), tmp_path / f"{n}")
+        rewritten(tmp_path / f"{n}", mutated(copy.deepcopy(base), r))
         for n in range(edits)
         for base in good.values()
     ]

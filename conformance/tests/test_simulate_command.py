@@ -7,9 +7,8 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from cli_stage import automcm
 
-from automcm_cli.main import app
 from automcm_cli.reference import simulate_command
 from automcm_maintenance.benches import kernel_bench
 
@@ -17,7 +16,7 @@ PLOTS = ("speed-over-position.png", "speed-over-position.svg", "space-time.png",
 
 
 def run(*args: str) -> tuple[int, str]:
-    done = CliRunner().invoke(app, list(args))
+    done = automcm(*args)
     return done.exit_code, done.stdout
 
 
@@ -72,7 +71,7 @@ def test_without_matplotlib_there_are_no_plots_and_it_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(simulate_command, "_plots", lambda drive, out: [])
-    done = CliRunner().invoke(app, ["simulate", "lane-change", "--out", str(tmp_path)])
+    done = automcm("simulate", "lane-change", "--out", tmp_path)
     assert done.exit_code == 0 and "install automcm[plot]" in done.output
 
 

@@ -39,9 +39,7 @@ def test_lines_come_out_whole_and_in_order(pipe: tuple[int, int]) -> None:
     assert os.read(pipe[0], 10**6) == b"".join(lines) and out.lost == 0
 
 
-def test_nothing_waits_for_a_reader_and_what_does_not_fit_is_counted(
-    pipe: tuple[int, int],
-) -> None:
+def test_nothing_waits_for_a_reader_and_what_does_not_fit_is_counted(pipe: tuple[int, int]) -> None:
     told: list[str] = []
     out = LineOutput(pipe[1], trouble=told.append, waiting_bytes=10**5)
     line = b"x" * 999 + b"\n"
@@ -66,9 +64,7 @@ def test_a_reader_that_is_slow_gets_everything_that_fits(pipe: tuple[int, int]) 
     assert out.lost == 0
 
 
-def test_a_descriptor_that_somebody_made_non_blocking_is_waited_for(
-    pipe: tuple[int, int],
-) -> None:
+def test_a_descriptor_that_somebody_made_non_blocking_is_waited_for(pipe: tuple[int, int]) -> None:
     os.set_blocking(pipe[1], False)
     out = LineOutput(pipe[1])
     lines = b"y" * 999 + b"\n"

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from merged_runs import simulated
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_maintenance.corpus.corpus_bad import Log as Edited
 from automcm_spec.graph.oracle import Answer, Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER
@@ -98,12 +96,8 @@ QUICK = (1, 4, 6)
 def long_logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Five sessions, one copy in four lost, a bystander."""
     folder = tmp_path_factory.mktemp("long")
-    simulation = Simulation(seed=7, channel=Channel(loss=0.25), logs=folder)
-    for station in (1001, 2002):
-        simulation.add(station, Straight())
-    for at in (500, 20_000, 40_000, 60_000, 80_000):
-        simulation.request(1001, at=at)
-    simulation.run(until=100_000)
+    asks = (500, 20_000, 40_000, 60_000, 80_000)
+    simulated(folder, 1001, 2002, seed=7, loss=0.25, asks=asks, until=100_000)
     return folder
 
 

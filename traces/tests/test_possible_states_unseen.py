@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,8 @@ from typing import Any
 import pytest
 from edits import end
 from log_slices import PARTS, Records, judged, place
+from merged_runs import records, simulated
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_traces.explain.explain import text
 
 
@@ -21,15 +18,7 @@ from automcm_traces.explain.explain import text
 def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Records, Records]:
     """The prescriber and the receiver of the example in docs/trace-format.md."""
     folder = tmp_path_factory.mktemp("pair")
-    simulation = Simulation(seed=3, channel=Channel(loss=0.2), logs=folder)
-    simulation.add(1001, Straight())
-    simulation.add(2002, Straight())
-    simulation.request(1001, at=500)
-    simulation.run(until=10_000)
-    first, second = (
-        [json.loads(line) for line in path.read_text().splitlines()]
-        for path in sorted(folder.iterdir())
-    )
+    first, second = map(records, simulated(folder, 1001, 2002, loss=0.2, until=10_000))
     return first, second
 
 
@@ -135,12 +124,8 @@ def test_nothing_unseen_jumps_over_a_timer(
 def chooses(tmp_path_factory: pytest.TempPathFactory) -> Records:
     """A prescriber that records three stations and prescribes to 3003."""
     folder = tmp_path_factory.mktemp("chooses")
-    simulation = Simulation(seed=5, logs=folder)
-    for station in (1001, 2002, 3003, 4004):
-        simulation.add(station, Straight(target=3003))
-    simulation.request(1001, at=500)
-    simulation.run(until=4_000)
-    return [json.loads(line) for line in (folder / "1001.ndjson").read_text().splitlines()]
+    logs = simulated(folder, 1001, 2002, 3003, 4004, seed=5, target=3003, until=4_000)
+    return records(logs[0])
 
 
 @pytest.mark.parametrize("kinds", PARTS, ids="+".join)

@@ -14,17 +14,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from bridge_stage import (
-    OTHER,
-    PATIENCE,
-    Recorder,
-    World,
-    client,
-    committed,
-    holds,
-    plans,
-    points,
-)
+from bridge_stage import OTHER, PATIENCE, Recorder, World, client, committed, holds, plans, points
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 

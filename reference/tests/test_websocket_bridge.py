@@ -5,17 +5,7 @@ from __future__ import annotations
 import contextlib
 
 import pytest
-from bridge_stage import (
-    BRIDGED,
-    OTHER,
-    SLOWER,
-    Recorder,
-    World,
-    client,
-    committed,
-    holds,
-    plans,
-)
+from bridge_stage import BRIDGED, OTHER, SLOWER, Recorder, World, client, committed, holds, plans
 
 from automcm.bridge import autoware
 from automcm.bridge import rosbridge as ros
@@ -62,12 +52,7 @@ async def test_prescriber() -> None:
         assert other.names() == ["load", "finished"]
         assert other.told[0][1].selected == Trajectory(t0=0, points=((0, 0, 0), (1000, 5500, 125)))
         cam = world.other.neighbours[BRIDGED]
-        assert (cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s) == (
-            12500,
-            -3250,
-            100,
-            8333,
-        )
+        assert (cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s) == (12500, -3250, 100, 8333)
 
 
 async def test_receiver() -> None:

@@ -12,11 +12,9 @@ from typing import Any
 import pytest
 from edits import HEADER, Line
 from edits import end as end_of
+from merged_runs import records, simulated
 from rich.cells import cell_len
 
-from automcm.links.simulated_radio import Channel
-from automcm.scenarios.simulation import Simulation
-from automcm.scenarios.straight_lane import Straight
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.log_table import Filter, Logs, Row, Shown, before, columns
 from automcm_traces.format.event_text import fitted, safe, said
@@ -55,13 +53,9 @@ def placed(shown: list[Row]) -> list[tuple[int, int]]:
     return [(row.station, row.line) for row in shown if row.event is not None]
 
 
-def simulated(folder: Path, stations: int, seed: int = 3, until: int = 8000) -> list[Path]:
-    simulation = Simulation(seed=seed, channel=Channel(loss=0.2, duplicate=0.2), logs=folder)
-    for station in range(1, stations + 1):
-        simulation.add(1000 + station, Straight(target=1002))
-    simulation.request(1001, at=500)
-    simulation.run(until=until)
-    return sorted(folder.glob("*.ndjson"))
+def lossy(folder: Path, stations: int, seed: int = 3, until: int = 8000) -> list[Path]:
+    run: dict[str, Any] = {"seed": seed, "loss": 0.2, "duplicate": 0.2, "target": 1002}
+    return simulated(folder, *range(1001, 1001 + stations), until=until, **run)
 
 
 def test_what_is_received_stands_below_where_it_was_sent(tmp_path: Path) -> None:
@@ -81,10 +75,10 @@ def test_the_order_keeps_every_log_and_every_sending_with_any_clocks(
     tmp_path: Path, seed: int
 ) -> None:
     chance = random.Random(seed)
-    paths = simulated(tmp_path, 4, seed)
+    paths = lossy(tmp_path, 4, seed)
     for path in paths:
         shift = chance.randrange(20_000)
-        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        lines = records(path)
         for line in lines:
             for key in {"t_ms", "deadline"} & line.keys():
                 line[key] += shift
@@ -157,7 +151,7 @@ def test_columns_are_as_wide_as_they_may_be(tmp_path: Path) -> None:
     for stations, width in ((1, 80), (2, 80), (3, 80), (6, 80), (2, 50), (4, 132)):
         folder = tmp_path / f"{stations}-{width}"
         folder.mkdir()
-        logs = Logs(simulated(folder, stations, until=5000))
+        logs = Logs(lossy(folder, stations, until=5000))
         lines = columns(logs.rows(), logs.stations, width)
         assert max(len(line) for line in lines) <= width
         assert ("station" in lines[0]) == (stations == 6 or width == 50)

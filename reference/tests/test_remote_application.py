@@ -127,10 +127,7 @@ async def test_an_answer_that_was_lost_is_said_again() -> None:
                 super()._accept(message)
 
     other, mine = Recorder(), Recorder()
-    async with (
-        World(other, Deaf(port=0)) as world,
-        remote(world, mine, expect=[LANE_CHANGE]) as it,
-    ):
+    async with World(other, Deaf(port=0)) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
         world.other.command(LANE_CHANGE)
         await holds(lambda: mine.names() == ["load", "finished"])
 

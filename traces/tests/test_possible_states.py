@@ -8,9 +8,10 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import merged_runs
 import pytest
-from agreement import of_the_reference
 from edits import HEADER
+from generated_logs import of_the_reference
 from log_slices import PARTS, Records, judged, place
 
 from automcm.links.simulated_radio import Channel
@@ -29,16 +30,11 @@ ALL = ("command", "indication", "receive", "restart", "send", "timer")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Records]:
     """A lane change of three stations; the target refuses once, and a receiver restarts."""
     folder = tmp_path_factory.mktemp("logs")
-    simulation = Simulation(seed=5, channel=Channel(loss=0.2, duplicate=0.2), logs=folder)
-    for vehicle in (1001, 2002, 3003):
-        driver = Straight(target=3003, refuse_first=1, maneuver_ms=2000)
-        simulation.add(vehicle, driver, Parameters(t_cam=500))
-    simulation.request(1001, at=500)
-    simulation.restart(2002, at=4000)
-    simulation.run(until=9_000)
+    driver: dict[str, Any] = {"target": 3003, "refuse_first": 1, "maneuver_ms": 2000}
+    run: dict[str, Any] = {"seed": 5, "loss": 0.2, "duplicate": 0.2, "restarts": {2002: 4000}}
+    run |= {"until": 9_000, "parameters": Parameters(t_cam=500)}
     return [
-        [json.loads(line) for line in path.read_text().splitlines()]
-        for path in sorted(folder.iterdir())
+        *map(merged_runs.records, merged_runs.simulated(folder, 1001, 2002, 3003, **run, **driver))
     ]
 
 

@@ -1,45 +1,25 @@
-"""The scenarios on the unchanged service: lane change, merge, speed advice."""
+"""The lane change on the unchanged service."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from road_stage import driven, lane_changers, rows, said
 
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.trajectory import TrajectoryError, from_message
 from automcm.kernels.verify import Limits
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import Drive, FourVehicles, arrival_s
+from automcm.scenarios.drive import Drive, FourVehicles
 from automcm.scenarios.lane_change import LaneChange, Plan, gained_at, read
-from automcm.scenarios.ramp_merge import Merge, Ramp
 from automcm.scenarios.road import LANE_WIDTH, Sample, Vehicle
-from automcm.scenarios.speed_advice import SpeedAdvice
-from automcm.service.application import Advertised, Proposal
+from automcm.service.application import Advertised
 from automcm_spec.vocabulary import messages
-from automcm_spec.vocabulary.application import Verify
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import explain_files
-
-
-def lane_changers(drive: Drive) -> list[LaneChange]:
-    return [driver for driver in drive.drivers if isinstance(driver, LaneChange)]
-
-
-def said(driver: LaneChange) -> list[str]:
-    return [what for _, what in driver.story]
-
-
-def driven(signal: Callable[[], None], *drivers: Any, until: float = 30, **more: Any) -> Drive:
-    """These drivers together, the first of which signals at 100 ms."""
-    drive = Drive(drivers, **more)
-    drive.simulation.clock.at(100, signal)
-    drive.run(until)
-    return drive
 
 
 def slowest(drive: Drive, station_id: int) -> Sample:
@@ -171,10 +151,6 @@ def answered_by(sends: messages.Trajectory, until: float) -> tuple[LaneChange, O
     return prescriber, receiver
 
 
-def rows(*points: tuple[int, int, int], t0: int = 0) -> messages.Trajectory:
-    return messages.Trajectory(t0=t0, points=points)
-
-
 @pytest.mark.parametrize(
     "sends",
     [
@@ -297,158 +273,6 @@ def test_kin_4_the_lane_may_come_from_a_map(tmp_path: Path) -> None:
         lanes.zone(7)
     with pytest.raises(MapError, match="nowhere"):
         LaneMap(tmp_path / "nowhere", (49.0, 9.0))
-
-
-# -- two other applications on the same service
-
-
-def ramp_and_road(x: float, **ramp: float) -> tuple[Merge, Merge]:
-    """One on the ramp at 0 m, one in the lane it joins at ``x``."""
-    joins = Ramp(**ramp)  # type: ignore[arg-type]
-    return Merge(Vehicle(1, 0, 0, 10, 10), joins), Merge(Vehicle(2, x, 1, 10, 10), joins)
-
-
-def answers_of(driver: Any) -> list[str]:
-    """The names of the commands that a driver gives from now on; they go nowhere."""
-    Drive([driver])
-    answers: list[str] = []
-    driver.service.command = lambda command, after_ms=0: answers.append(command.name)
-    return answers
-
-
-def test_a_driver_says_where_it_is_and_notes_what_was_refused() -> None:
-    driver = SpeedAdvice(Vehicle(2, 7, 1, 9, 9))
-    at = driver.kinematics(0)
-    assert (at.x_mm, at.y_mm, at.speed_mm_s) == (7000, round(1000 * LANE_WIDTH), 9000)
-    driver.refused("request", "END-7")
-    assert driver.ended == ["request END-7"]
-
-
-def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
-    ramp = Ramp(joins_m=120)
-    on_ramp = Merge(Vehicle(1, 0, 0, 10, 10), ramp)
-    ahead, abreast = Merge(Vehicle(2, 60, 1, 10, 10), ramp), Merge(Vehicle(3, -5, 1, 10, 10), ramp)
-    drive = driven(on_ramp.signal, on_ramp, ahead, abreast)
-    assert on_ramp.vehicle.lane == 1 and not on_ramp.vehicle.changing
-    assert (ahead.ended, abreast.ended) == (["not_selected"], ["finished"])
-    assert abreast.delayed is not None and 0.5 < abreast.delayed < 0.95
-    at = {n: arrival_s(drive.road.of(n), ramp.joins_m) for n in (1, 2, 3)}
-    assert at[1] is not None and at[2] is not None and at[3] is not None
-    assert at[2] < at[1] and at[3] - at[1] > ramp.apart_s * 0.75
-    assert abreast.vehicle.speed == pytest.approx(10, abs=1)
-
-
-def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
-    for cut_ms in (3000, 50):
-        on_ramp, other = ramp_and_road(-1, joins_m=120)
-        drive = Drive([on_ramp, other])
-        drive.simulation.clock.at(100, on_ramp.signal)
-        drive.simulation.clock.at(
-            cut_ms, lambda drive=drive: drive.simulation.radio.partition([1], [2])
-        )
-        drive.run(30)
-        assert on_ramp.vehicle.lane == 0 and not on_ramp.merging and on_ramp._drive is None
-        assert on_ramp.ended in (["cam_loss"], ["no_participants"])
-        assert other.vehicle._profile is None
-
-
-def test_merge_a_later_proposal_asks_for_less_and_never_to_come_earlier() -> None:
-    on_ramp, other = ramp_and_road(-22, joins_m=150, slowest=0.999)
-    drive = Drive([on_ramp, other])
-    asked: list[float] = []
-    drive.simulation.services[2]._observers = (
-        lambda before, effects: asked.extend(
-            mean_speed(told.prescription.prescribed)
-            for told in effects.indications
-            if isinstance(told, Verify)
-        ),
-    )
-    drive.simulation.clock.at(100, on_ramp.signal)
-    drive.run(10)
-    assert len(asked) == 3 and asked == sorted(asked) and asked[-1] < 10
-
-
-def mean_speed(trajectory: messages.Trajectory) -> float:
-    """m/s."""
-    first, last = trajectory.points[0], trajectory.points[-1]
-    return (last[1] - first[1]) / (last[0] - first[0])
-
-
-def test_merge_nonsense_is_refused_and_crashes_nothing() -> None:
-    _, other = ramp_and_road(0, joins_m=150)
-    answers = answers_of(other)
-    other.concerned(Advertised((1, 1), "merge", {"joins_mm": 150_000}, None))
-    for prescribed in (
-        rows((0, 10**15, 3500), (1000, 2 * 10**15, 3500)),
-        rows((0, 0, 3500), (1000, 300_000_000, 3500)),
-        rows((0, 0, 3500)),
-        rows((5, 0, 3500), (1, 9000, 3500)),
-    ):
-        other.verify(Proposal((1, 1), 1, prescribed, 0, 1000))
-    assert answers == ["refuse"] * 4 and other.vehicle._profile is None
-
-
-def test_merge_without_conflict_needs_no_prescription() -> None:
-    on_ramp, far = ramp_and_road(-90, joins_m=120)
-    driven(on_ramp.signal, on_ramp, far, until=25)
-    assert far.ended == ["not_needed"] and on_ramp.vehicle.lane == 1 and far.delayed is None
-
-
-def test_merge_a_delay_that_is_too_long_is_refused() -> None:
-    on_ramp, other = ramp_and_road(-1, joins_m=40, slowest=0.99)
-    driven(on_ramp.signal, on_ramp, other, until=15, parameters=Parameters(t_timeout=500))
-    assert other.ended == ["no_agreement"] and other.delayed is None
-
-
-def test_speed_advice_reaches_the_fastest_and_is_taken_back() -> None:
-    works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=6000)
-    slow, fast = SpeedAdvice(Vehicle(2, 0, 0, 8, 8)), SpeedAdvice(Vehicle(3, 0, 1, 14, 14))
-    drive = driven(works.signal, works, slow, fast, until=7)
-    assert fast.vehicle.speed == pytest.approx(6, abs=0.6) and fast.vehicle.desired == 6
-    drive.run(30)
-    assert (slow.ended, fast.ended) == (["not_selected"], ["finished"])
-    assert fast.vehicle.desired == 14 and slow.vehicle.desired == 8
-
-
-def test_speed_advice_too_slow_is_answered_by_a_milder_one() -> None:
-    works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=1000)
-    other = SpeedAdvice(Vehicle(2, 0, 0, 10, 10))
-    driven(works.signal, works, other, until=4)
-    assert other.vehicle.desired == pytest.approx(5.5, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    "prescribed",
-    [
-        rows((0, 0, 0), (1000, 10**12, 0)),
-        rows((0, 0, 0), (1000, 9001, 0)),
-        rows((0, 0, 0), (999, 6000, 0)),
-        rows((1000, 6000, 0), (0, 0, 0)),
-        rows((0, 6000, 0)),
-    ],
-)
-def test_speed_advice_nonsense_or_faster_is_refused(prescribed: messages.Trajectory) -> None:
-    driver = SpeedAdvice(Vehicle(2, 0, 0, 9, 9))
-    answers = answers_of(driver)
-    driver.verify(Proposal((1, 1), 1, prescribed, 0, 1000))
-    driver.verify(Proposal((1, 1), 1, rows((0, 0, 0), (1000, 6000, 0)), 0, 1000))
-    assert answers == ["refuse", "accept"]
-
-
-def test_speed_advice_is_taken_back_by_a_fallback_too() -> None:
-    works = SpeedAdvice(Vehicle(1, 300, 0, 0, 0.1), advice_mm_s=6000, advice_ms=40_000)
-    other = SpeedAdvice(Vehicle(2, 0, 0, 10, 10))
-    drive = driven(works.signal, works, other, until=4.9)
-    assert other.vehicle.desired == 6
-    drive.simulation.radio.partition([1], [2])
-    drive.run(9)
-    assert other.vehicle.desired == 10 and other.ended == ["cam_loss"]
-
-
-def test_a_sample_between_two_steps() -> None:
-    samples = [Sample(t, 1, x, 0, 1, 0) for t, x in ((0.0, 0.0), (1.0, 2.0), (2.0, 6.0))]
-    assert arrival_s(samples, 4) == 1.5 and arrival_s(samples, 7) is None
-    assert all(b.t > a.t for a, b in pairwise(samples))
 
 
 @pytest.mark.parametrize(("name", "value"), [("vehicles", 5), ("speed_kmh", 0)])

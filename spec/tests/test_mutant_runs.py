@@ -1,0 +1,208 @@
+"""How models are held against mutants, and what a run reports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mutant_stage import TINY, changes, tiny
+from mutant_stage import folder as folder
+
+from automcm_maintenance.spec_mutation import mutant_runs, mutants
+from automcm_maintenance.spec_mutation.mutants import Mutant
+from automcm_spec.model_checking import models
+from automcm_spec.model_checking.models import Model, Verdict
+from automcm_spec.model_checking.tlc import ErrorKind, Result, TlcError
+
+
+def must_fail(cfg: str, seconds: float) -> Model:
+    none: dict[str, Any] = {"distinct_states": None, "states": None, "depth": None}
+    rest: dict[str, Any] = {
+        "property": "S-1",
+        "breaks": "OneSessionProp",
+        "length": 3,
+        "expect": "violates",
+        "why": "One is taken away. Then it breaks.",
+    }
+    return tiny(cfg, seconds, **(none | rest))
+
+
+def run(chosen: list[Model], wanted: list[Mutant], folder: Path, **options: Any) -> Any:
+    return mutant_runs.run(
+        wanted, chosen, tla=folder, models_dir=folder, **({"jobs": 1, "search_s": 9} | options)
+    )
+
+
+@pytest.mark.slow
+def test_a_property_kills_counts_kill_and_an_equivalent_mutant_survives(folder: Path) -> None:
+    by_change = changes(folder, "Tiny")
+    step, same = "IF x < 3 THEN x + 1 ELSE 0", "IF x > 7 THEN 0 ELSE x"
+    off = by_change[f"{step}  =>  IF x <= 3 THEN x + 1 ELSE 0"]
+    still = by_change[f"{step}  =>  IF x < 3 THEN x + 0 ELSE 0"]
+    equal = by_change[f"{same}  =>  IF x >= 7 THEN 0 ELSE x"]
+    broken = Mutant("Tiny.Step.x.0", "Tiny", "Step", "guard", 5, 60, 62, b"((", "a", "b")
+    cache = folder / "runs" / "cache.jsonl"
+    report = run([tiny()], [off, still, equal, broken], folder, cache=cache, jobs=2)
+    assert [o.how for o in report.outcomes] == ["property", "counts", None, None]
+    assert report.outcomes[0].properties == ["Small"]
+    assert report.outcomes[2].survived and report.outcomes[3].invalid
+    assert report.complete and report.exit_code == 0
+    with cache.open("a") as file:
+        file.write('["half a li')
+    with pytest.MonkeyPatch.context() as patch:  # nothing is run again
+        patch.delattr(models, "check")
+        again = run([tiny()], [off, still, equal, broken], folder, cache=cache)
+    assert again.outcomes == report.outcomes
+
+
+Answer = Callable[[Model, list[str]], Verdict]
+
+
+def ok(model: Model, problem: str | None = None) -> Verdict:
+    return Verdict(model, model.expect, model.property, Result("holds", None, 1, 1, 1, 1), problem)
+
+
+def violated(model: Model, name: str | None) -> Verdict:
+    id_ = None if name is None else {"OneSessionProp": "S-1"}.get(name, name)
+    return Verdict(model, "violates", id_, Result("violates", name, 1, 1, 1, 1), "violated")
+
+
+def failed(model: Model, kind: ErrorKind) -> Verdict:
+    return Verdict(model, "error", None, None, "no verdict", TlcError(kind, kind))
+
+
+@pytest.fixture
+def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[Answer], list[str]]:
+    """Instead of TLC: what it says of a mutant, by the model and what the cfg checks."""
+
+    def install(answer: Answer) -> list[str]:
+        ran: list[str] = []
+
+        def check(model: Model, *, models_dir: Path, tla_dir: Path, **_: object) -> Verdict:
+            if (tla_dir / "Tiny.tla").read_text() == TINY:
+                return ok(model)
+            ran.append(model.cfg)
+            return answer(model, models.checked_in(models_dir / f"{model.cfg}.cfg"))
+
+        monkeypatch.setattr(models, "check", check)
+        return ran
+
+    for name in "abcd":
+        text = "INIT Init\nNEXT Next\nINVARIANT Small\nPROPERTIES OneSessionProp Live\n"
+        (folder / f"{name}.cfg").write_text(text)
+    return install
+
+
+FOUR = [tiny("d", 30), must_fail("b", 1), tiny("c", 5), tiny("a", 2)]
+
+
+def test_after_a_kill_by_counts_a_property_is_looked_for(folder: Path, pretend: Any) -> None:
+    def answer(model: Model, checked: list[str]) -> Verdict:
+        return ok(model, "depth is 3") if model.cfg == "a" else violated(model, "OneSessionProp")
+
+    ran = pretend(answer)
+    one = mutants.generate(folder, ["Tiny"])[:1]
+    [outcome] = run(FOUR, one, folder).outcomes
+    assert ran == ["a", "c"] and outcome.how == "property"
+    assert [(k.model, k.how, k.what) for k in outcome.kills] == [
+        ("a", "counts", "depth is 3"),
+        ("c", "property", "S-1"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("how", "answer"),
+    [
+        ("must-fail", lambda m, _: violated(m, "Small") if m.cfg == "b" else ok(m)),
+        ("counts", lambda m, _: violated(m, "OneSessionProp") if m.cfg == "b" else ok(m)),
+        ("probe", lambda m, _: ok(m, "reached too much") if m.cfg == "d" else ok(m)),
+        ("evaluation", lambda m, _: failed(m, "other")),
+        ("timeout", lambda m, _: failed(m, "timeout")),
+        ("property", lambda m, _: violated(m, "X") if m.cfg == "c" else failed(m, "timeout")),
+        ("timeout", lambda m, _: failed(m, "memory")),
+        ("counts", lambda m, _: ok(m, "depth") if m.cfg == "a" else failed(m, "timeout")),
+        (None, lambda m, _: ok(m)),
+    ],
+)
+def test_how_a_mutant_is_killed(folder: Path, pretend: Any, how: str, answer: Answer) -> None:
+    pretend(answer)
+    [outcome] = run(FOUR, mutants.generate(folder, ["Tiny"])[:1], folder).outcomes
+    assert outcome.how == how
+
+
+def test_deep_finds_every_property(folder: Path, pretend: Any) -> None:
+    def answer(model: Model, checked: list[str]) -> Verdict:
+        if model.cfg != "a" or checked == ["OneSessionProp"]:
+            return ok(model)
+        return violated(model, "Small" if "Small" in checked else None)
+
+    ran = pretend(answer)
+    one = mutants.generate(folder, ["Tiny"])[:1]
+    [outcome] = run(FOUR, one, folder, profile="deep").outcomes
+    assert outcome.properties == ["Live", "Small"]
+    assert ran == ["a"] * 4 + ["c", "d"]
+
+
+def test_a_tool_that_fails_ends_the_run(folder: Path, pretend: Any) -> None:
+    pretend(lambda model, _: failed(model, "java"))
+    with pytest.raises(mutant_runs.MutationError, match="java"):
+        run(FOUR, mutants.generate(folder, ["Tiny"])[:1], folder)
+
+
+def test_a_model_that_is_wrong_without_a_mutant_ends_the_run(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(models, "check", lambda model, **_: ok(model, "depth is 3"))
+    with pytest.raises(mutant_runs.MutationError, match="tiny is not as expected without a mutant"):
+        run([tiny()], mutants.generate(folder, ["Tiny"]), folder)
+
+
+def test_on_a_slower_machine_a_model_gets_more_time(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def check(model: Model, *, tla_dir: Path, timeout_s: float, **_: object) -> Verdict:
+        """One second when it was recorded, thirty here."""
+        if timeout_s < 30:
+            return failed(model, "timeout")
+        mutated = (tla_dir / "Tiny.tla").read_text() != TINY
+        verdict = ok(model, "depth is 3" if mutated else None)
+        assert verdict.result is not None
+        return replace(verdict, result=replace(verdict.result, seconds=30))
+
+    monkeypatch.setattr(models, "check", check)
+    [outcome] = run([tiny()], mutants.generate(folder, ["Tiny"])[:1], folder).outcomes
+    assert outcome.how == "counts"
+
+
+def test_what_did_not_end_is_tried_again(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one, cache = mutants.generate(folder, ["Tiny"])[:1], folder / "cache.jsonl"
+    monkeypatch.setattr(models, "check", lambda model, **_: failed(model, "timeout"))
+    with pytest.raises(mutant_runs.MutationError, match="without a mutant: timeout"):
+        run([tiny()], one, folder, cache=cache)
+    monkeypatch.setattr(models, "check", lambda model, **_: ok(model))
+    assert run([tiny()], one, folder, cache=cache).outcomes[0].survived
+
+
+def test_an_interrupted_run_is_incomplete(folder: Path, pretend: Any) -> None:
+    pretend(lambda model, _: ok(model))
+
+    def say(text: str) -> None:
+        if text.startswith("1 of"):
+            raise KeyboardInterrupt
+
+    report = run(FOUR, mutants.generate(folder, ["Tiny"]), folder, say=say)
+    assert len(report.outcomes) == 1 and not report.complete and report.exit_code == 4
+
+
+@pytest.mark.slow
+def test_a_mutant_that_only_changes_answers_is_found_in_the_graph(tmp_path: Path) -> None:
+    """No model is asked: an answer with a seq differs in the graph of one station."""
+    mutant = next(m for m in mutants.generate() if m.operator == "AnswerSeq" and m.kind == "number")
+    report = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
+    (outcome,) = report.outcomes
+    assert outcome.how == "graph"
+    again = mutant_runs.run([mutant], [], cache=tmp_path / "cache.jsonl", jobs=1)
+    assert again.outcomes == report.outcomes
