@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from automcm_cli.shared.common import markdown_table
 from automcm_conformance.explore import explore
 from automcm_conformance.explore import walk_shrinking as shrink
-from automcm_conformance.explore.walk_shrinking import Short
+from automcm_conformance.explore.walk_shrinking import FailingWalk
 from automcm_maintenance.code_mutation import cpp_station
 
 RATIO = 1.5
@@ -46,7 +46,7 @@ class Row:
 class _Seen:
     """Looks on while a failure is shortened."""
 
-    shorter: Short | None = None
+    shorter: FailingWalk | None = None
     seconds: float = 0.0
 
 
@@ -55,7 +55,7 @@ def explored(name: str, station: Path, seed: int, seconds: float, folder: Path) 
     row, seen, begun = Row(name, seed), _Seen(), time.monotonic()
 
     class Exhaustive(shrink.Shrinker):
-        def shrink(self, found: Short) -> Short:
+        def shrink(self, found: FailingWalk) -> FailingWalk:
             short = super().shrink(found)
             seen.seconds = time.monotonic() - begun
             seen.shorter = short

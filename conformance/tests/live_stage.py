@@ -14,7 +14,7 @@ from automcm.links.link import Receiver
 from automcm.scenarios.straight_lane import Straight
 from automcm.service.service import McService
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, Judged, Session, Twin
+from automcm_conformance.live.live_cases import CASES, LiveResult, Session, Twin
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 from automcm_spec.vocabulary.parameters import Parameters
@@ -100,5 +100,5 @@ def session(oracle: Oracle, world: World, twin: Twin | None = None) -> Session:
     return Session(oracle, world, STATION, DEFAULTS, JITTER, number=5, twin=twin)
 
 
-def judge(oracle: Oracle, name: str, radio: Radio, twin: Twin | None = None) -> Judged:
+def judge(oracle: Oracle, name: str, radio: Radio, twin: Twin | None = None) -> LiveResult:
     return session(oracle, World(radio), twin).judge(BY_NAME[name])

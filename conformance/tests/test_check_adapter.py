@@ -86,35 +86,51 @@ MISTAKES = [
     # hello
     ('"issues": "nowhere", ', "", 'error: hello: the field "issues" is missing'),
     ('"restart", "durations"]', '"restarts"]', 'did you mean "restart"?'),
-    ('["prescriber", "receiver", "restart", "durations"]', "[]", "warning: neither prescriber"),
+    (
+        '["prescriber", "receiver", "restart", "durations"]',
+        "[]",
+        "warning: the features name",
+    ),
     # the form of an answer
     ('"deadline": deadline}', '"dead_line": deadline}', 'did you mean "deadline"?'),
-    ('"messages": messages', '"messages": [json.dumps(m) for m in messages]', "a text that holds"),
+    (
+        '"messages": messages',
+        '"messages": [json.dumps(m) for m in messages]',
+        "do not encode",
+    ),
     ('{"name": "refused"', '{"name": "refuse"', 'did you mean "refused"?'),
-    (SEND, "    print(out, flush=True)", "names and texts stand in double quotes"),
+    (SEND, "    print(out, flush=True)", "write names and strings in double quotes"),
     (SEND, SEND + "\n    print('done', flush=True)", "error: "),
     (SEND, "    print(json.dumps(out, indent=1), flush=True)", "error: "),
     # what it says
     ("now + window", "window", "error: 'deadline' is the time at which a timer expires"),
-    ("deadline <= now", "deadline < now", "error: 'deadline' is over"),
-    ('"seq": 1}', '"seq": 0}', "its seq is 1"),
+    ("deadline <= now", "deadline < now", "error: 'deadline' has passed"),
+    ('"seq": 1}', '"seq": 0}', "must have seq 1"),
     ('window = line["durations"]["advertise"]', "pass", "error: durations has no effect"),
-    ('"Advertisement" and planned', '"Fin" and planned', "warning: an Advertisement brings no"),
+    (
+        '"Advertisement" and planned',
+        '"Fin" and planned',
+        "warning: an Advertisement is",
+    ),
     # what it refuses
     ('"advance", "restart"', '"advance"', "answered with an error: ValueError('unknown')"),
-    ('message.get("type")', 'message["type"]', "error: a malformed message is an input"),
+    ('message.get("type")', 'message["type"]', "error: a malformed message must be"),
     ('raise ValueError("unknown")', "pass", "error: an unknown command must be answered"),
-    ("ValueError, KeyError, TypeError", "KeyError", "error: it ended after 0 of 1 answers"),
+    ("ValueError, KeyError, TypeError", "KeyError", "error: the adapter exited after 0 of"),
     # the same once more
-    ('deadline = 0, line["station"], 300, None', KEPT, "error: reset does not forget everything"),
-    ("now + window", "now + window + __import__('os').getpid()", "error: a new process has"),
-    ("number += 1", "number += time.time_ns()", "warning: the number of a new session"),
-    (LOOP, AT_ONCE, "error: another answer when several commands are written at once"),
+    ('deadline = 0, line["station"], 300, None', KEPT, "error: reset does not clear all state"),
+    ("now + window", "now + window + __import__('os').getpid()", "error: a new process gives"),
+    ("number += 1", "number += time.time_ns()", "warning: a new session has another"),
+    (LOOP, AT_ONCE, "error: the answer differs when several commands are written"),
     # the end
-    ("            break", "            time.sleep(9)", "error: stop: it did not end"),
-    ("            break", "            sys.exit(1)", "error: stop: it ended with exit code 1"),
-    ("            break", "            print(1)", "error: stop: it wrote a line"),
-    (SEND, SEND + "\nsys.exit(command['cmd'] != 'stop')", "error: end of input: it ended with"),
+    ("            break", "            time.sleep(9)", "error: stop: the adapter did not exit"),
+    (
+        "            break",
+        "            sys.exit(1)",
+        "error: stop: the adapter exited on",
+    ),
+    ("            break", "            print(1)", "error: stop: the adapter wrote a line"),
+    (SEND, SEND + "\nsys.exit(command['cmd'] != 'stop')", "error: end of input: the adapter"),
 ]
 
 

@@ -85,7 +85,7 @@ def test_a_run_that_passes(good: Done) -> None:
 
 def test_a_run_that_fails(bad: Done) -> None:
     assert bad.code == 1, bad.out
-    assert re.search(rf"FAIL +{CASE}", bad.out) and "Not as expected: 1 of 2 cases" in bad.out
+    assert re.search(rf"FAIL +{CASE}", bad.out) and "Unexpected: 1 of 2 cases" in bad.out
     assert "END-5: " in bad.out, "the failure itself is shown"
     (case,) = [case for case in bad.report["cases"] if case["verdict"] == "FAIL"]
     (failure,) = case["failures"]
@@ -100,10 +100,10 @@ def test_the_log_of_a_failure_is_also_a_page_that_the_report_links_to(bad: Done)
     failed, passed = sorted(bad.report["cases"], key=lambda case: case["verdict"])
     assert not passed["page"] and failed["page"] == failed["log"].replace(".ndjson", ".html")
     page = (bad.folder / failed["page"]).read_text()
-    assert f"<title>{CASE}, up to where it failed</title>" in page, "a malformed message"
+    assert f"<title>{CASE}, until the failure</title>" in page, "a malformed message"
     data = json.loads(page.split('id="data">')[1].split("</script>")[0])
     what = failed["failures"][0]["what"]
-    assert data["note"] == f"Judged up to the end of the log. FAIL, after that: {what}"
+    assert data["note"] == f"The log is allowed to its end. After it, FAIL: {what}"
     assert f'"file":"{failed["log"]}"' in page and str(bad.folder) not in page
     assert f'<a href="{failed["page"]}">' in (bad.folder / "report.html").read_text()
 

@@ -16,7 +16,7 @@ from automcm_conformance.exchange.exchange import Mismatch
 from automcm_conformance.exchange.play import play
 from automcm_conformance.exchange.results import EXPLORED, Exploration
 from automcm_conformance.explore import explore
-from automcm_conformance.explore.walk_shrinking import Short, Shrinker
+from automcm_conformance.explore.walk_shrinking import FailingWalk, Shrinker
 from automcm_conformance.explore.walks import (
     JUDGED,
     PLANNED,
@@ -313,7 +313,7 @@ def test_a_line_too_many_or_too_few_is_no_broken_rule(tmp_path: Path, code: str)
 def test_an_interruption_of_shortening_keeps_the_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupted(shrinker: Shrinker, found: Short) -> Short:
+    def interrupted(shrinker: Shrinker, found: FailingWalk) -> FailingWalk:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Shrinker, "shrink", interrupted)
@@ -326,7 +326,7 @@ def test_an_interruption_of_shortening_keeps_the_failure(
 def test_limits_that_no_graph_has_are_a_problem(tmp_path: Path) -> None:
     found = explored('kit.HELLO["fixed"] = {"max_rounds": 7}\n', tmp_path, 5)
     assert found.walks == 0 and found.exit_code == 3
-    assert found.problems == ["no graph has the limits that are fixed"]
+    assert found.problems == ["no graph has the fixed limits of the implementation"]
 
 
 def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
@@ -350,19 +350,19 @@ def test_walks_go_where_none_has_been() -> None:
     oracle = load(ONE_PEER.path)
     coverage = Coverage("one-peer", oracle, [True] * len(oracle.inputs), False)
     (first,) = itertools.islice(oracle.moves(0), 1)
-    assert coverage.news(0)
+    assert coverage.has_new(0)
     for i in oracle.moves(0):
         coverage.mark((0, i), PLANNED)
-    assert not coverage.news(0)
-    way = coverage.way(0, expiries=None)
+    assert not coverage.has_new(0)
+    way = coverage.path_to_new(0, expiries=None)
     state = 0
     for i in way:
         state = oracle.moves(state)[i]
-    assert way and coverage.news(state)
+    assert way and coverage.has_new(state)
     coverage.mark((0, first), JUDGED)
     assert coverage.counts()["transitions"] == [1, oracle.transitions]
     coverage.avoided.update((0, i) for i in oracle.moves(0))
-    assert coverage.way(0, expiries=None) == []
+    assert coverage.path_to_new(0, expiries=None) == []
     walker = Walker(coverage, Random(1), Faults())
     assert walker.timed(10) == []
 

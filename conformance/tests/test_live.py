@@ -59,7 +59,11 @@ def test_the_parameters_are_those_of_the_station(oracle: Oracle, parameters: Jso
             only("Acceptance", lambda m: [(3, m | {"reason": "unsafe"})]),
         ),
         ("cam loss", "Cancel.reason", only("Cancel", lambda m: [(3, m | {"reason": "abort"})])),
-        ("intention", "no reason", only("Ack", lambda m: [(3, m), (30, m | {"type": "Fin"})])),
+        (
+            "intention",
+            "no rule requires",
+            only("Ack", lambda m: [(3, m), (30, m | {"type": "Fin"})]),
+        ),
     ],
 )
 def test_a_wrong_message_fails_whatever_the_twin_does(
@@ -88,12 +92,12 @@ def test_what_is_no_trajectory_is_not_free(oracle: Oracle) -> None:
 @pytest.mark.parametrize(
     ("name", "said", "radio"),
     [
-        ("intention", "was due by", only("Intention", lambda m: [(JITTER + 10, m)])),
-        ("intention", "has not come", only("Intention", lambda m: [])),
+        ("intention", "was received at", only("Intention", lambda m: [(JITTER + 10, m)])),
+        ("intention", "was not received", only("Intention", lambda m: [])),
         ("intention", "another copy", only("Intention", lambda m: [(3, m), (50, m)])),
         ("busy", "another copy", only("Acceptance", lambda m: [(3, m), (40, m)])),
-        ("lease", "has not come", only("Cancel", lambda m: [])),
-        ("agreement", "came instead", only("Ack", lambda m: [])),
+        ("lease", "was not received", only("Cancel", lambda m: [])),
+        ("agreement", "; instead ", only("Ack", lambda m: [])),
     ],
 )
 def test_a_timing_miss_is_judged_by_the_twin(
@@ -101,9 +105,9 @@ def test_a_timing_miss_is_judged_by_the_twin(
 ) -> None:
     for of_twin, verdict, more in (
         (None, "INCONC", ""),
-        (lambda case: "", "INCONC", "its twin in virtual time passes"),
+        (lambda case: "", "INCONC", "the twin in virtual time passes"),
         (lambda case: None, "INCONC", "cannot be judged"),
-        (lambda case: f"{case.name} is wrong", "FAIL", f"so in virtual time: {name} is wrong"),
+        (lambda case: f"{case.name} is wrong", "FAIL", f"virtual time fails too: {name} is wrong"),
     ):
         judged = judge(oracle, name, radio, of_twin)
         assert judged.verdict == verdict
@@ -132,8 +136,8 @@ def test_a_station_with_other_durations_is_not_in_time(
 @pytest.mark.parametrize(
     ("application", "said"),
     [
-        (Straight(refuse_first=1), "has refused: unsafe"),
-        (Straight(think_ms=2_000), "has not decided in time"),
+        (Straight(refuse_first=1), "application refused: unsafe"),
+        (Straight(think_ms=2_000), "did not decide in time"),
     ],
 )
 def test_an_application_that_does_not_agree_is_nobodys_fault(
@@ -149,7 +153,10 @@ def test_parameters_that_do_not_lead_to_the_end(oracle: Oracle) -> None:
     live = session(oracle, World(fair, parameters={"t_timeout": 0}))
     live.parameters = DEFAULTS | {"t_timeout": 0}
     judged = live.judge(BY_NAME["intention"])
-    assert (judged.verdict, "does not come to its end" in judged.reason) == ("INCONC", True)
+    assert (judged.verdict, "does not expire with these parameters" in judged.reason) == (
+        "INCONC",
+        True,
+    )
 
 
 def test_after_a_case_that_went_wrong_the_next_one_passes(oracle: Oracle) -> None:
@@ -219,7 +226,7 @@ def test_a_station_that_does_not_come_to_rest(oracle: Oracle) -> None:
     live = session(oracle, world)
     assert live.judge(BY_NAME["busy"]).verdict == "PASS"
     world.radio = lambda m: [(3, m | {"marks": [[9, 1]]})] if m["type"] == "CAM" else []
-    for reason in ("has not come", "has not come to rest"):
+    for reason in ("was not received", "did not become idle"):
         judged = live.judge(BY_NAME["busy"])
         assert (judged.verdict, reason in judged.reason) == ("INCONC", True)
     world.radio = fair
@@ -248,7 +255,7 @@ def test_the_twin_of_a_slow_station_fails(oracle: Oracle) -> None:
         live = session(oracle, world, twin(oracle, slow, DEFAULTS))
         judged = live.judge(BY_NAME["intention"])
         assert judged.verdict == "FAIL"
-        assert "so in virtual time: deadline: " in judged.reason
+        assert "virtual time fails too: deadline: " in judged.reason
         assert live.judge(BY_NAME["unknown session"]).verdict == "PASS"
 
 

@@ -105,7 +105,8 @@ def test_every_file_of_a_template_is_written() -> None:
 
 def test_what_cannot_be_created(tmp_path: Path) -> None:
     with pytest.raises(
-        ValueError, match="no template in 'cobol', only in cpp, go, java, javascript, python, rust"
+        ValueError,
+        match="no template for 'cobol'; choose from cpp, go, java, javascript, python, rust",
     ):
         create("cobol", tmp_path / "a")
     (tmp_path / "file").write_text("mine")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from automcm_conformance.adapter.process import CUT, TAIL, AdapterError, Process
+from automcm_conformance.adapter.process import STDERR_LENGTH, STDERR_LINES, AdapterError, Process
 
 LIMIT = 0.4
 """For what is to be waited out; all else has time enough on a busy machine."""
@@ -27,7 +27,7 @@ AWAY = "os.setsid(); print(os.getpid(), flush=True); os.write(here, b'.')"
 FORK = """
 import os, sys, time
 there, here = os.pipe()
-input()  # a line before that is one that nobody asked for
+input()  # a line before that answers no command
 if os.fork() == 0:
     {first}
     time.sleep(60)
@@ -66,7 +66,9 @@ def test_lines_come_back_in_order_although_both_pipes_are_full() -> None:
         assert child.exchange(lines) == [line[:-1] for line in lines]
         assert child.exchange([]) == []
         assert child.exchange([b"one\n", b"\n"]) == [b"one", b""]
-        assert child.stop() == "it wrote a line that nobody asked for"  # the echo of stop
+        assert (
+            child.stop() == "the adapter wrote a line that answers no command"
+        )  # the echo of stop
 
 
 def test_the_process_goes_on_while_the_kit_does_something_else(tmp_path: Path) -> None:
@@ -97,7 +99,7 @@ def test_a_clean_stop_says_nothing() -> None:
     with start("import sys\nfor line in sys.stdin:\n if 'stop' in line: break") as child:
         assert child.stop() is None
         assert child.stop() is None
-        with pytest.raises(AdapterError, match="ended before"):
+        with pytest.raises(AdapterError, match="already ended"):
             child.exchange([LINE])
 
 
@@ -151,9 +153,9 @@ sys.exit(7)
 """
     error = failure(code, 3)
     assert (error.kind, error.answers, error.exit_code) == ("crash", [b"a"], 7)
-    assert str(error) == "it ended after 1 of 3 answers, with exit code 7"
-    assert error.stderr == [*(f"line {n}" for n in range(71, 100)), "y" * CUT]
-    assert len(error.stderr) == TAIL
+    assert str(error) == "the adapter exited after 1 of 3 answers, with exit code 7"
+    assert error.stderr == [*(f"line {n}" for n in range(71, 100)), "y" * STDERR_LENGTH]
+    assert len(error.stderr) == STDERR_LINES
 
 
 def test_crash_by_a_signal() -> None:
@@ -248,7 +250,7 @@ input()
     assert caught.value.kind == "output"
     with start(code) as child:
         assert child.exchange([LINE]) == [b"1"]
-        assert child.stop() == "it wrote a line that nobody asked for"
+        assert child.stop() == "the adapter wrote a line that answers no command"
 
 
 def test_its_children_end_with_it() -> None:
@@ -284,7 +286,7 @@ def test_stop_is_ignored() -> None:
     with start(code + "input(); print(1, flush=True)\nwhile True: time.sleep(1)") as child:
         child.exchange([LINE])
         child.limit_s = LIMIT
-        assert child.stop() == "it did not end within 0.4 s of stop and was killed"
+        assert child.stop() == "the adapter did not exit within 0.4 s of stop and was killed"
 
 
 def test_stop_while_it_floods_its_output() -> None:
@@ -294,15 +296,13 @@ def test_stop_while_it_floods_its_output() -> None:
 
 def test_the_exit_code_after_stop() -> None:
     with start("import sys\ninput(); sys.exit(2)") as child:
-        assert child.stop() == "it ended with exit code 2 after stop, not with exit code 0"
+        assert child.stop() == "the adapter exited on stop with exit code 2; expected exit code 0"
 
 
 def test_it_had_ended_before_stop() -> None:
     with start("import os\ninput(); print(os.getpid(), flush=True)\nos.abort()") as child:
         assert gone(int(child.exchange([LINE])[0]))
-        assert child.stop() == (
-            "it had ended before it was told to stop, killed by signal 6 (SIGABRT)"
-        )
+        assert child.stop() == "the adapter exited before stop, with signal 6 (SIGABRT)"
 
 
 def test_kill_again_and_again() -> None:
@@ -340,7 +340,7 @@ while True:
                 assert child.exchange([LINE]) == [b"1"]
                 assert child.stop() is None
                 tail = child.stderr
-            assert tail == (["z" * CUT] if long else ["words"] * TAIL)
+            assert tail == (["z" * STDERR_LENGTH] if long else ["words"] * STDERR_LINES)
         assert tracemalloc.get_traced_memory()[1] < 8 << 20
     finally:
         tracemalloc.stop()

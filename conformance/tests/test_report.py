@@ -190,7 +190,7 @@ def test_the_page_says_what_is_wrong() -> None:
         "Does not conform: 1 MUST case fails",
         "1,999 of 2,000 (99.9 %)",
         "Station.tla, line 321",
-        "The specification allows one of",
+        "Expected one of",
         "automcm conform replay text",
         "Inconclusive",
         "2026-01-02",

@@ -93,7 +93,7 @@ def test_each_scenario_is_seen_to_fail() -> None:
 def test_a_crash_on_the_way_is_an_error(tmp_path: Path) -> None:
     outcome = run("scenario all arrives", broken("crashes_on_a_prescription"), tmp_path)
     assert (outcome.verdict, outcome.finding) == ("ERROR", NOTHING_WRONG)
-    assert "2002: it ended after 0 of 1 answers" in outcome.reason
+    assert "2002: the adapter exited after 0 of 1 answers" in outcome.reason
     assert outcome.came == ["no idea what to do"]
     assert "receive from 1001: Prescription" in outcome.lines[-1].text
     outcome = run("scenario all arrives", [sys.executable, "-c", "print('hi')"], tmp_path)
@@ -116,7 +116,7 @@ def test_limits_are_followed_and_lead_elsewhere(tmp_path: Path) -> None:
     """MEM-1: the only participant is not the target."""
     hello = HELLO.model_copy(update={"fixed": {"max_participants": 1}})
     outcome = run("scenario three receivers", REFERENCE, tmp_path, hello)
-    assert outcome.verdict == "SKIP" and "max_participants 1 would lead elsewhere" in outcome.reason
+    assert outcome.verdict == "SKIP" and "not applicable with max_participants 1" in outcome.reason
     verdicts = explain_files([tmp_path / log for log in outcome.log])
     assert {v.verdict for v in verdicts} == {"allowed"}
 
@@ -126,10 +126,10 @@ def crowd(stations: int) -> Play:
     others = range(2001, 2000 + stations)
     again = When("STANDALONE", 3_000, "request", times=1)
     prescriber = Application((REQUEST, COMPLETE, again), target=others[-1])
-    story = dict.fromkeys(others[:-1], ("fallback not_selected",) * 2)
+    expected = dict.fromkeys(others[:-1], ("fallback not_selected",) * 2)
     return Play(
         {P: prescriber} | dict.fromkeys(others, RECEIVER),
-        story=story | {P: DONE[P] * 2, others[-1]: DONE[R] * 2},
+        expected=expected | {P: DONE[P] * 2, others[-1]: DONE[R] * 2},
     )
 
 
@@ -153,16 +153,17 @@ def test_a_scenario_that_fixed_parameters_lead_elsewhere_is_skipped(tmp_path: Pa
     hello = HELLO.model_copy(update={"fixed": {"max_rounds": 1}})
     outcome = run("scenario refused twice", REFERENCE, tmp_path, hello)
     assert outcome.verdict == "SKIP" and "max_rounds 1" in outcome.reason
-    assert (
-        "every step is allowed, but 1001 was told choose, fallback no_agreement" in outcome.reason
-    )
+    assert "every step is allowed, but 1001 indicated choose, fallback no_ag" in outcome.reason
     assert len(outcome.log) == 2
 
 
 def test_one_play_of_two_is_left_out(tmp_path: Path) -> None:
     hello = HELLO.model_copy(update={"fixed": {"t_timeout": 0}})
     outcome = run("scenario Fin lost", REFERENCE, tmp_path, hello)
-    assert outcome.verdict == "PASS" and "left out, 1 of 2 plays: t_timeout 0" in outcome.reason
+    assert (
+        outcome.verdict == "PASS"
+        and "skipped 1 of 2 plays: not applicable with t_timeout 0" in outcome.reason
+    )
 
 
 def test_what_stands_beside_the_fields_of_an_indication_is_not_looked_at(tmp_path: Path) -> None:
@@ -171,7 +172,7 @@ def test_what_stands_beside_the_fields_of_an_indication_is_not_looked_at(tmp_pat
 
 
 def test_a_session_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for_ever = Application(BOTH[P].whens[:1], lease_ms=10**6)
+    for_ever = Application(BOTH[P].actions[:1], lease_ms=10**6)
     monkeypatch.setitem(NAMES, "scenario all arrives", (Play({**BOTH, P: for_ever}),))
     outcome = run("scenario all arrives", REFERENCE, tmp_path)
     assert (outcome.verdict, outcome.finding.property) == ("FAIL", "L-1")
@@ -216,6 +217,6 @@ def test_two_that_act_on_one_word_are_a_hazard() -> None:
         theirs = one.state._replace(session=(Q, 1), target=other)
         both = {P: one, Q: Track(Q, state=theirs), R: acting(R, "receiver", 1, "STANDALONE")}
         found = seen(both, {**excused, 3003: {(Q, 1)}})
-        assert found == ("S-8: 1001 and 1002 act, both on what 2002 has agreed to" * (other == R))
+        assert found == ("S-8: 1001 and 1002 both act on a commitment of 2002" * (other == R))
     own = {P: one, R: Track(R, state=one.state._replace(session=(R, 1), target=3003))}
-    assert seen(own, {**excused, 3003: {(R, 1)}}).startswith("S-8: 1001 and 2002 act, both on")
+    assert seen(own, {**excused, 3003: {(R, 1)}}).startswith("S-8: 1001 and 2002 both act on")

@@ -183,7 +183,7 @@ for line in sys.stdin.buffer:
 """
     found = conform(station(loop), LATER, limit_s=SHORT)
     assert of(found, LATER).verdict == "PASS" and found.exit_code == 0
-    assert found.problems == ["it did not end within 1 s of stop and was killed"]
+    assert found.problems == ["the adapter did not exit within 1 s of stop and was killed"]
 
 
 def test_a_deadline_in_the_past_is_wrong(conform: Suite) -> None:

@@ -43,9 +43,9 @@ def test_no_bulk_changes_what_is_found(conform: Suite, monkeypatch: pytest.Monke
     sent: list[int] = []
     send = Adapter.send
 
-    def counted(self: Adapter, lines: Sequence[bytes], *, on: bool = False) -> None:
+    def counted(self: Adapter, lines: Sequence[bytes], *, continued: bool = False) -> None:
         sent[-1] += len(lines)
-        send(self, lines, on=on)
+        send(self, lines, continued=continued)
 
     monkeypatch.setattr(Adapter, "send", counted)
     monkeypatch.setattr(tours, "LONGEST", 20)
@@ -213,4 +213,4 @@ def test_no_value_of_another_type_is_taken(name: str, wanted: object, found: obj
     try:
         assert differences(expected, json.dumps(answer).encode())
     except ProtocolError as error:
-        assert "float" in str(error)
+        assert "not an integer" in str(error)

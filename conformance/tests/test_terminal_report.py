@@ -33,7 +33,7 @@ def test_the_summary_in_a_pipe(tmp_path: Path) -> None:
     assert "\x1b" not in out
     assert len(lines) < 40 and max(len(line) for line in lines[:-1]) <= 100
     assert lines[1] == "Does not conform: 20 MUST cases fail"
-    assert "Not as expected: 20 of 21 cases" in lines and "and 10 more" in lines
+    assert "Unexpected: 20 of 21 cases" in lines and "and 10 more" in lines
     assert any(line.split() == ["ACT", "actuating", ".", "20", ".", ".", "."] for line in lines)
     assert lines[-1] == f"Report: {tmp_path / 'report.html'}"
 

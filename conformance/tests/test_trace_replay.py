@@ -11,7 +11,7 @@ from replay_stage import REFERENCE, STATIONS, Json, edited, records, replay, ver
 from replay_stage import logs as logs
 from wrong_station import station
 
-from automcm_conformance.replay.log_compare import Names
+from automcm_conformance.replay.log_compare import Renaming
 from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.explain.explain import explain_files
@@ -102,7 +102,7 @@ def answer(command):
 
 
 def test_names() -> None:
-    names = Names(7)
+    names = Renaming(7)
     advertised = {"type": "Advertisement", "src": 7, "session": [7, 50], "seq": 1}
     names.logged(advertised)
     names.sent({**advertised, "session": [7, 3]})
@@ -252,7 +252,10 @@ def answer(command):
 
 @pytest.mark.slow
 def test_a_crash_and_a_hang_are_errors_with_what_was_logged(logs: Path, tmp_path: Path) -> None:
-    for code, text in (("sys.exit('no idea')", "it ended after"), ("time.sleep(60)", "no answer")):
+    for code, text in (
+        ("sys.exit('no idea')", "exited after"),
+        ("time.sleep(60)", "no answer"),
+    ):
         broken = f"""
 def answer(command):
     if received(command, "Prescription"):

@@ -14,7 +14,7 @@ from wrong_station import station
 
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import Straight
-from automcm_conformance.replay.log_compare import Compared, Names
+from automcm_conformance.replay.log_compare import LogComparison, Renaming
 from automcm_spec.vocabulary.parameters import Parameters
 
 # -- what a log may hold
@@ -97,8 +97,8 @@ def test_which_of_several_new_messages_has_the_lower_seq_is_free() -> None:
         return [{**common, "type": type_, "dst": to, "seq": seq} for to, seq, type_ in new]
 
     for log, own, same in ((sent(2, 3), sent(3, 2), True), (sent(2, 3), sent(2, 3)[:1], False)):
-        names = Names(7)
-        compared = Compared(names, late_ms=50)
+        names = Renaming(7)
+        compared = LogComparison(names, late_ms=50)
         opens = {"type": "Advertisement", "src": 7, "session": [7, 1], "seq": 1}
         for m in (opens, *log):
             names.logged(m)
@@ -131,7 +131,7 @@ def test_what_is_no_message_has_no_effect(tmp_path: Path) -> None:
     log = inputs(tmp_path / "x.ndjson", *events)
     code, result = replay(log, REFERENCE, tmp_path)
     assert (code, result["verdict"], result["inputs"], result["total"]) == (0, "allowed", 2, 5)
-    assert "3 of the bytes received" in result["notes"][0]
+    assert "3 malformed messages cannot be given" in result["notes"][0]
     assert verdict(result) == "allowed"
     joins = """
 def answer(command):
@@ -181,8 +181,8 @@ def test_what_cannot_be_given(tmp_path: Path) -> None:
     far = 25 * 3_600_000
     empty = inputs(tmp_path / "a.ndjson")
     cases = {
-        "holds no input": empty,
-        "is not replayed": inputs(tmp_path / "b", {**REQUEST, "t": 1}, {**REQUEST, "t": far}),
+        "contains no input": empty,
+        "are not replayed": inputs(tmp_path / "b", {**REQUEST, "t": 1}, {**REQUEST, "t": far}),
         "t_resend 0": inputs(tmp_path / "d", {**REQUEST, "t": 1}, parameters={"t_resend": 0}),
         "details": inputs(
             tmp_path / "e",

@@ -130,8 +130,8 @@ def written(folder: Path, change: Callable[[Any], object]) -> Path:
         (lambda f: f["vectors"][0]["inputs"].update(loss="a"), "success-once: inputs.loss: "),
         (lambda f: f["vectors"][0]["inputs"].update(los=1), "success-once: inputs.los: Extra"),
         (lambda f: f["vectors"][0]["expected"].pop("session"), "success-once: expected"),
-        (lambda f: f["vectors"][1].update(id="success-once"), "success-once: id: used twice"),
-        (lambda f: f["vectors"][1].update(id="once"), "once: id: does not start with success-"),
+        (lambda f: f["vectors"][1].update(id="success-once"), "success-once: id: another vector"),
+        (lambda f: f["vectors"][1].update(id="once"), "once: id: must start with success-"),
         (lambda f: f["vectors"][1].update(bug="none"), "success-once-without-loss: bug: none is"),
         (lambda f: f["bugs"].update(other="x"), "success.json: bugs.other: no vector"),
         (lambda f: f["tolerance"].update(message=-1), "success.json: tolerance.message: "),
@@ -147,13 +147,15 @@ def test_other_bad_files(tmp_path: Path) -> None:
     with pytest.raises(vectors.VectorError, match=r"none\.json: No such file"):
         vectors.load(tmp_path / "none.json")
     (tmp_path / "bad.json").write_text("{")
-    with pytest.raises(vectors.VectorError, match=r"bad\.json: no JSON"):
+    with pytest.raises(vectors.VectorError, match=r"bad\.json: not JSON"):
         vectors.load(tmp_path / "bad.json")
     (tmp_path / "list.json").write_text("[]")
     with pytest.raises(vectors.VectorError, match=r"list\.json: "):
         vectors.load(tmp_path / "list.json")
     (tmp_path / "thin.json").write_text((VECTORS / "success.json").read_text())
-    with pytest.raises(vectors.VectorError, match=r"thin\.json: kernel: holds success"):
+    with pytest.raises(
+        vectors.VectorError, match=r"thin\.json: kernel: expected thin, not success"
+    ):
         vectors.load(tmp_path / "thin.json")
 
 
@@ -179,12 +181,12 @@ def of(id_: str) -> vectors.Case:
         ),
         ("success-once", {"error": {"name": "loss"}}, "error: expected none"),
         ("thin-one-byte-short", {"kept": "all"}, "kept: expected indices"),
-        ("thin-one-byte-short", {"kept": [0, 8, 4, 16]}, "kept: expected indices that rise"),
-        ("thin-one-byte-short", {"kept": [0, 1, 2, 3, 16]}, "kept: expected 4 points at most"),
-        ("thin-one-byte-short", {"kept": [0, 5, 10]}, "kept: expected also [16]"),
+        ("thin-one-byte-short", {"kept": [0, 8, 4, 16]}, "kept: expected ascending indices"),
+        ("thin-one-byte-short", {"kept": [0, 1, 2, 3, 16]}, "kept: expected at most 4 points"),
+        ("thin-one-byte-short", {"kept": [0, 5, 10]}, "kept: [16] must be kept"),
         ("thin-one-byte-short", {"kept": [0, 5, 10, 16]}, ""),
-        ("prescribe-even", {"t": [0]}, "outputs: no motion"),
-        ("prescribe-even", {"t": [0, 0], "xy": [[0, 0], [1, 0]]}, "t: expected times that rise"),
+        ("prescribe-even", {"t": [0]}, "outputs: not a motion"),
+        ("prescribe-even", {"t": [0, 0], "xy": [[0, 0], [1, 0]]}, "t: expected ascending times"),
         ("prescribe-even", {"t": [0, 9], "xy": [[0, 0], [1, 0]]}, "t: expected times from"),
         ("prescribe-even", {"t": [0, 20], "xy": [[0, 0], [180, 0]]}, "xy: expected"),
     ],

@@ -164,17 +164,17 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "tie-by-order": (IN_FRONT, "if ahead > 0:"),
         "tie-by-greater-id": (IN_FRONT, IN_FRONT.replace("<", ">")),
         "bounding-box": (
-            "    odd = False\n",
+            "    inside = False\n",
             "    if True:\n"
             "        return all(\n"
             "            min(c[k] for c in zone) <= point[k] <= max(c[k] for c in zone)\n"
             "            for k in (0, 1)\n"
             "        )\n"
-            "    odd = False\n",
+            "    inside = False\n",
         ),
         "one-orientation": (
-            "odd ^= point[0] < crossing",
-            "odd |= along[1] > 0 and point[0] < crossing",
+            "inside ^= point[0] < crossing",
+            "inside |= along[1] > 0 and point[0] < crossing",
         ),
         "ray-through-corner": (
             "if (a[1] > point[1]) != (b[1] > point[1]):",

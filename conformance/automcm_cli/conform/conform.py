@@ -135,7 +135,7 @@ def replay(
     json_: Json = None,
 ) -> None:
     """Send exactly the lines of a failure again."""
-    from automcm_conformance.adapter.adapter import Adapter, Singly
+    from automcm_conformance.adapter.adapter import Adapter, LineByLine
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
     from automcm_conformance.exchange import records
@@ -150,7 +150,7 @@ def replay(
         about, steps = records.read_replay(file)
         station = Adapter(command, limit)
         try:
-            records.replayed(steps, Singly(station))
+            records.replayed(steps, LineByLine(station))
         except Mismatch as error:
             verdict, what = "FAIL", str(error)
             if about["what"].endswith(f": {what}"):

@@ -21,7 +21,7 @@ from automcm_spec.vocabulary.parameters import DEFAULTS, longest_delay
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from automcm_conformance.live.live_cases import Case, Judged, Session
+    from automcm_conformance.live.live_cases import Case, LiveResult, Session
 
 LARGEST = 65_535
 START_MS = 1_000
@@ -90,7 +90,7 @@ def live(
             session.judge(case)
     code = _code(session)
     if write_json(json_, as_dict(session, code)):
-        _show(session.judged, console_of())
+        _show(session.results, console_of())
     raise typer.Exit(code)
 
 
@@ -155,11 +155,11 @@ def _cases(selectors: list[str]) -> list[Case]:
 
 
 def _code(session: Session) -> int:
-    verdicts = {judged.verdict for judged in session.judged}
+    verdicts = {judged.verdict for judged in session.results}
     return 1 if "FAIL" in verdicts else 4 if "INCONC" in verdicts else 0
 
 
-def _show(judged: list[Judged], console: Console) -> None:
+def _show(judged: list[LiveResult], console: Console) -> None:
     for case in judged:
         console.print(f"{case.verdict:<6}  {case.case:<16} {case.reason}", markup=False)
     for case in [case for case in judged if case.reason][:3]:

@@ -1,5 +1,5 @@
 """A station behind its adapter: the process, the lines, their schema, templates.
 
-For everything that talks to a station under test.
-The other subpackages import it; it imports none of them.
+Used by everything that talks to a station under test.
+The other subpackages import this one; it imports none of them.
 """

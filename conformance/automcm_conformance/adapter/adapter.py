@@ -1,4 +1,4 @@
-"""The adapter under test: a process, started when it is needed, and again after it broke."""
+"""The adapter under test: its process is started on demand, and restarted after a failure."""
 
 from __future__ import annotations
 
@@ -11,62 +11,70 @@ from automcm_conformance.adapter.protocol import PROTOCOL, HelloAnswer, Protocol
 
 T = TypeVar("T")
 PATIENCE = 10
-"""Crashes and hangs after which the run is cut short."""
+"""After this many crashes and hangs the run is cut short."""
 
 
 class Adapter:
-    """Its ``hello``, and lines to it.  Raises AdapterError or ProtocolError if there is no
-    ``hello``."""
+    """Exchanges lines with an adapter.
+
+    Raises AdapterError or ProtocolError if it does not answer ``hello``.
+    """
 
     def __init__(self, command: Sequence[str], limit_s: float) -> None:
         self.command = list(command)
         self.broken = 0
+        """How often the process failed."""
         self.hung = 0
-        """Of those how often by a hang."""
+        """How many of those failures were hangs."""
         self.problems: list[str] = []
         self.limit_s = limit_s
         self._process: Connection | None = None
         self._sent: Sequence[bytes] = ()
         self._failed: AdapterError | None = None
         self._used = False
-        """The process had an exchange before the one that is under way."""
-        self._before: list[bytes] | AdapterError | None = None
-        """What came of the lines sent before, until somebody asks for it."""
+        """The process has answered an exchange before the current one."""
+        self._earlier: list[bytes] | AdapterError | None = None
+        """The result of the previous ``send``, until ``answers`` returns it."""
         self.hello = self._start()
 
-    def exchange(self, lines: Sequence[bytes], *, on: bool = False) -> list[bytes]:
-        """Raises AdapterError; the next call has a fresh process.  ``on``: these lines go on with
-        an exchange, even if they begin with a reset.  What was sent before is answered first."""
-        before = self._answered() if self._sent else self._before
-        self.send(lines, on=on)
-        answered, self._before = self._answered(), before
+    def exchange(self, lines: Sequence[bytes], *, continued: bool = False) -> list[bytes]:
+        """Send the lines; returns as many answers.  The answers to an earlier ``send`` are kept.
+
+        ``continued``: the lines continue an exchange, even if they begin with a reset.  Raises
+        AdapterError; the next call starts a new process.
+        """
+        earlier = self._answered() if self._sent else self._earlier
+        self.send(lines, continued=continued)
+        answered, self._earlier = self._answered(), earlier
         if isinstance(answered, AdapterError):
             raise answered
         return answered
 
-    def send(self, lines: Sequence[bytes], *, on: bool = False) -> None:
-        """Begin an exchange; ``answers`` ends it, and raises what goes wrong here."""
+    def send(self, lines: Sequence[bytes], *, continued: bool = False) -> None:
+        """Begin an exchange.  ``answers`` ends it, and raises the errors of both."""
         self._sent = lines
-        self._used = self._process is not None and b'"cmd":"reset"' in lines[0] and not on
-        self._failed = self._tried(lambda: self._begin(lines))
+        self._used = self._process is not None and b'"cmd":"reset"' in lines[0] and not continued
+        self._failed = self._try(lambda: self._begin(lines))
 
     def pump(self) -> None:
-        """Let the station go on with what was sent while the kit does something else."""
+        """Write and read without waiting, so that the station works while the kit does."""
         if self._process is not None and self._sent:
             self._process.pump()
 
     def answers(self) -> list[bytes]:
-        """The answers to what was sent, or none if nothing was.  Raises AdapterError."""
-        before, self._before = self._before, None
-        answered = self._answered() if before is None else before
+        """The answers to the lines of ``send``; empty if none were sent.  Raises AdapterError."""
+        earlier, self._earlier = self._earlier, None
+        answered = self._answered() if earlier is None else earlier
         if isinstance(answered, AdapterError):
             raise answered
         return answered
 
     def renew(self) -> None:
-        """It may be out of step: the next exchange has a fresh process, and what was sent before
-        has no answer."""
-        self._sent, self._before = (), None
+        """End a process that may be out of step, and drop the answers that are still due.
+
+        The next exchange starts a new process.
+        """
+        self._sent, self._earlier = (), None
         if self._process is not None:
             self._process.kill()
             self._process = None
@@ -78,7 +86,7 @@ class Adapter:
         self._process.send(lines)
 
     def _answered(self) -> list[bytes] | AdapterError:
-        """The answers to what was sent, or why there are none."""
+        """The answers to the lines sent, or the error."""
         lines, self._sent = self._sent, ()
         if not lines:
             return []
@@ -87,20 +95,20 @@ class Adapter:
             return answered
         if answered.kind not in ("output", "crash", "closed"):
             return answered
-        # What it did between two exchanges says nothing about this one.
-        return self._tried(lambda: self._begin(lines)) or self._received()
+        # The failure belongs to the time between two exchanges, so this one is repeated.
+        return self._try(lambda: self._begin(lines)) or self._received()
 
     def _received(self) -> list[bytes] | AdapterError:
         assert self._process is not None
-        return self._tried(self._process.answers)
+        return self._try(self._process.answers)
 
-    def _tried(self, action: Callable[[], T]) -> T | AdapterError:
-        """What it gives, or how the process broke, which is counted."""
+    def _try(self, action: Callable[[], T]) -> T | AdapterError:
+        """The result of the action, or the error, which is counted."""
         try:
             return action()
         except ProtocolError as error:
             self.broken += 1
-            return AdapterError("start", f"started again: {error}")
+            return AdapterError("start", f"after a restart of its process: {error}")
         except AdapterError as error:
             self._process = None
             self.broken += 1
@@ -108,7 +116,7 @@ class Adapter:
             return error
 
     def stop(self) -> None:
-        """The end of the run."""
+        """Stop the process, and note in ``problems`` if it does not stop properly."""
         if self._process is not None:
             problem = self._process.stop()
             if problem is not None:
@@ -126,22 +134,21 @@ class Adapter:
             raise
 
 
-class Singly:
-    """One exchange with an adapter, whose lines go one by one: a line too many or too few shows
-    where it belongs."""
+class LineByLine:
+    """One exchange with an adapter, line by line: shows which line has too many answers or none."""
 
     def __init__(self, adapter: Adapter) -> None:
         self._adapter = adapter
-        self._on = False
+        self._continued = False
 
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
-        """As that of an adapter."""
+        """As ``Adapter.exchange``."""
         answers: list[bytes] = []
         for line in lines:
             try:
-                answers += self._adapter.exchange([line], on=self._on)
+                answers += self._adapter.exchange([line], continued=self._continued)
             except AdapterError as error:
                 error.answers = [*answers, *error.answers]
                 raise
-            self._on = True
+            self._continued = True
         return answers

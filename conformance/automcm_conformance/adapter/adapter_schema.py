@@ -1,6 +1,6 @@
-"""The JSON Schema of the lines between kit and adapter, for those who write adapters.
+"""The JSON Schema of the lines between kit and adapter, for authors of adapters.
 
-``python -m automcm_conformance.adapter.adapter_schema`` prints it as it is committed in
+``python -m automcm_conformance.adapter.adapter_schema`` prints the text of
 ``conformance/adapter-1.schema.json``.
 """
 
@@ -34,14 +34,14 @@ ANSWERS: tuple[type[BaseModel], ...] = (
 def schema() -> dict[str, Any]:
     """The JSON Schema of a line.
 
-    What it cannot say: that 1.0 is no integer, which answer belongs to which command, and what a
-    message holds (messages.schema.json).
+    It does not state that 1.0 is not an integer, which answer belongs to which command, or which
+    fields a message has (messages.schema.json).
     """
     models = [(model, "validation") for model in (*COMMANDS, *ANSWERS)]
     _, generated = models_json_schema(models, schema_generator=Generator)  # type: ignore[arg-type]
     generated["oneOf"] = [
-        {"description": "What the kit writes.", "oneOf": [_reference(m) for m in COMMANDS]},
-        {"description": "What the adapter writes.", "oneOf": [_reference(m) for m in ANSWERS]},
+        {"description": "A line from the kit.", "oneOf": [_reference(m) for m in COMMANDS]},
+        {"description": "A line from the adapter.", "oneOf": [_reference(m) for m in ANSWERS]},
     ]
     title = f"One line of the adapter protocol, version {protocol.PROTOCOL}"
     return document(f"adapter:{protocol.PROTOCOL}", title, generated)

@@ -1,7 +1,7 @@
 """``automcm conform check-adapter``: does an adapter speak the protocol of docs/adapter.md?
 
-Looks for what goes wrong when an adapter is written.  What its station should have answered is
-not judged here; the suite does that.
+Looks for the usual mistakes of a new adapter.  The suite, not this command, checks the behaviour
+of the station.
 """
 
 from __future__ import annotations
@@ -32,39 +32,39 @@ Level = Literal["error", "warning", "ok"]
 STATION = 4711
 PEER = 77
 START = 1_000_000
-"""Times of the script lie from half of this on, so that no duration looks like a time."""
+"""All times in ms are at least half of this, so that no duration looks like a time."""
 SHORT = DEFAULTS | {"t_timeout": 200, "backoff_max": DEFAULTS["backoff_min"]}
 DURATIONS = {"advertise": 40, "resend": 70, "giveup": 50}
 PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
 HELLO = {"cmd": "hello", "protocol": PROTOCOL}
 _NEVER = [STATION, 2**40]
-"""A session that no station has come to."""
-_MALFORMED = "a malformed message is an input like any other (END-5)"
+"""A session that does not exist."""
+_MALFORMED = "a malformed message must be discarded, not answered with an error (END-5)"
 _SHOWN = 300
 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """What was looked at (``ok``) or is wrong, with the line to which it is the answer."""
+    """A check that passed (``ok``) or a mistake, with the command and its answer."""
 
     level: Level
     finding: Finding
     sent: str = ""
     answered: str = ""
     stderr: list[str] = field(default_factory=list)
-    """The last lines of standard error, if the process is gone."""
+    """The last lines of standard error, if the process has ended."""
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The object in the output of ``--json``."""
         shown = {"sent": self.sent, "answered": self.answered, "stderr": self.stderr}
         return {"level": self.level, "what": self.finding.observed, **shown}
 
 
 def check(command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> list[Checked]:
-    """Start the adapter, try all commands, and tell what was found; each fault once.
+    """Start the adapter, try all commands, and return the findings, each mistake once.
 
-    ``limit_s`` is the real time in seconds that an answer may take; ``say`` is told what is being
-    looked at.  Raises nothing for whatever the adapter does.
+    ``limit_s`` is the real time in seconds that an answer may take.  ``say`` gets the name of each
+    check as it begins.  Nothing that the adapter does raises an exception.
     """
     return _Check(command, limit_s, say).run()
 
@@ -82,13 +82,13 @@ class _Check:
         self._answered: list[bytes] = []
 
     def run(self) -> list[Checked]:
-        with self._part("it starts and answers hello"), self._process() as process:
+        with self._part("the adapter starts and answers hello"), self._process() as process:
             self._hello(process)
             process.stop()
         if self._failed and not self._answered:
             return self._findings
         lines: list[bytes] = []
-        with self._part("each command has an answer of the right form"):
+        with self._part("each command has a valid answer"):
             with self._process() as process:
                 process.exchange([_line(HELLO)])
                 self._script(process)
@@ -96,13 +96,13 @@ class _Check:
                     self._add("error", f"stop: {wrong}", b'{"cmd": "stop"}')
             lines, first = list(self._sent), list(self._answered)
         if lines:
-            with self._part("the same commands have the same answers"):
+            with self._part("the same commands get the same answers"):
                 self._repeated(lines, first)
         for what, line in (
             ("an unknown command", b'{"cmd": "dance"}\n'),
             ("a line that is not JSON", b"dance\n"),
         ):
-            with self._part(f"{what} is refused, and the adapter goes on"):
+            with self._part(f"{what} is rejected, and the adapter continues"):
                 self._refuses(what, line)
         return self._findings
 
@@ -111,7 +111,7 @@ class _Check:
 
     @contextmanager
     def _part(self, what: str) -> Iterator[None]:
-        """Something to look at: an AdapterError becomes a finding; no error, and it is ok."""
+        """One check: an AdapterError becomes a finding; without an error the check is ok."""
         self._say(what)
         self._failed, self._sent, self._answered = False, [], []
         try:
@@ -137,7 +137,7 @@ class _Check:
         return answered
 
     def _ask(self, process: Connection, value: Object, hint: str = "") -> Answer | None:
-        """Send a command and look at the answer; None if it is not understood."""
+        """Send a command and check its answer.  None if the answer is invalid."""
         line = _line(value)
         answered = self._exchange(process, line)
         self._now = value.get("now", self._now)
@@ -152,7 +152,7 @@ class _Check:
         return answer
 
     def _faults(self, answer: Answer) -> Iterator[tuple[Level, str]]:
-        """What no station could mean, whatever its rules."""
+        """Mistakes in an answer that no rules of a station could explain."""
         if answer.deadline is not None and answer.deadline <= self._now:
             if answer.deadline < START // 4:
                 yield (
@@ -160,12 +160,12 @@ class _Check:
                     "'deadline' is the time at which a timer expires, not how long it runs",
                 )
             else:
-                yield "error", "'deadline' is over: timers due at 'now' fire before the answer"
+                yield "error", "'deadline' has passed: fire timers due at 'now' before answering"
         for message in answer.messages:
             if message["type"] == "Advertisement" and message.get("seq") != 1:
-                yield "error", "an Advertisement is the first message of its session: its seq is 1"
+                yield "error", "an Advertisement must have seq 1: it begins its session"
         if answer.cams and "cam" not in self._features:
-            yield "warning", "there are 'cams', but hello does not tell the feature cam"
+            yield "warning", "the answer has 'cams', but hello does not name the feature cam"
 
     def _hello(self, process: Connection) -> None:
         line = _line(HELLO)
@@ -179,17 +179,19 @@ class _Check:
         self._scenario = hello.scenarios[0]
         self._fixed = {name: value for name, value in hello.fixed.items()}
         if not {"prescriber", "receiver"} & set(hello.features):
-            what = "neither prescriber nor receiver is among the features: nearly all is skipped"
+            what = "the features name neither prescriber nor receiver: most cases are skipped"
             self._add("warning", what, line, answered)
 
     def _script(self, process: Connection) -> None:
-        """A bit of everything.  Each command is kept, so that it can be sent again."""
+        """Send each command once, and keep them all for ``_repeated``."""
         self._sent, self._answered = [], []
         self._ask(process, self._reset(START))
         if "prescriber" in self._features:
             answer = self._request(process)
             if answer and not _sends(answer, "Advertisement"):
-                self._add("warning", "a request brings no Advertisement", self._sent[-1])
+                self._add(
+                    "warning", "a request is not answered with an Advertisement", self._sent[-1]
+                )
             self._advance(process, answer, 8)
         for command in self._commands():
             self._ask(process, {"cmd": "command", "now": self._now, "command": command})
@@ -221,7 +223,7 @@ class _Check:
         return self._ask(process, value | ({"planned": planned} if planned else {}), hint)
 
     def _advance(self, process: Connection, answer: Answer | None, times: int) -> None:
-        """From deadline to deadline, as the kit does."""
+        """Advance from deadline to deadline, as the suite does."""
         for _ in range(times):
             if answer is None or answer.deadline is None or answer.deadline <= self._now:
                 break
@@ -229,11 +231,11 @@ class _Check:
         self._ask(process, {"cmd": "advance", "now": self._now})
 
     def _commands(self) -> Iterator[Object]:
-        """Each command once, for a session that is not there."""
+        """Each command of the application once, for a session that does not exist."""
         of = {"session": _NEVER, "proposal": 1}
-        lasting = {"hold_ms": 200, "lease_ms": 5000}
+        durations = {"hold_ms": 200, "lease_ms": 5000}
         if "prescriber" in self._features:
-            yield {"name": "prescribe", **of, "target": PEER, "prescribed": PLANNED, **lasting}
+            yield {"name": "prescribe", **of, "target": PEER, "prescribed": PLANNED, **durations}
             yield {"name": "proceed", "session": _NEVER}
             yield {"name": "complete", "session": _NEVER}
         if "receiver" in self._features:
@@ -243,59 +245,58 @@ class _Check:
             yield {"name": "abort", "session": _NEVER}
 
     def _join(self, process: Connection) -> None:
-        """A session of a receiver from the Advertisement to the Fin."""
+        """Take a receiver through a session, from the Advertisement to the Fin."""
         answer = self._receive(process, _advertisement(), PLANNED)
         if answer and not _sends(answer, "Intention"):
-            self._add("warning", "an Advertisement brings no Intention", self._sent[-1])
+            self._add(
+                "warning", "an Advertisement is not answered with an Intention", self._sent[-1]
+            )
         self._advance(process, answer, 1)
         self._receive(process, _addressed("Ack", 0, of={"type": "Intention", "seq": 1}))
-        lasting = {"hold_ms": 200, "lease_ms": 5000}
-        prescribed = {"proposal": 1, "prescribed": PLANNED, **lasting}
+        prescribed = {"proposal": 1, "prescribed": PLANNED, "hold_ms": 200, "lease_ms": 5000}
         self._receive(process, _addressed("Prescription", 2, **prescribed))
         accept = {"name": "accept", "session": [PEER, 1], "proposal": 1, "selected": PLANNED}
         self._ask(process, {"cmd": "command", "now": self._now, "command": accept})
         self._receive(process, _addressed("Fin", 3))
 
     def _durations(self, process: Connection) -> None:
-        """Timers last as long as told.  The reset that follows must end this."""
+        """Timers have the durations that were set, until the next reset."""
         self._ask(process, self._reset(START))
         self._ask(process, {"cmd": "durations", "durations": DURATIONS})
         if "prescriber" in self._features:
-            answer, lasts = self._request(process), DURATIONS["advertise"]
+            answer, duration = self._request(process), DURATIONS["advertise"]
         else:
             answer = self._receive(process, _advertisement(), PLANNED)
-            lasts = DURATIONS["giveup"]
-        if answer and answer.deadline not in (None, START + lasts):
-            what = f"durations has no effect: the deadline should be {START + lasts}"
+            duration = DURATIONS["giveup"]
+        if answer and answer.deadline not in (None, START + duration):
+            what = f"durations has no effect: the deadline should be {START + duration}"
             self._add("error", what, self._sent[-1], self._answered[-1])
 
     def _repeated(self, lines: list[bytes], first: list[bytes]) -> None:
-        """The same in a new process, after another reset, and all written at once."""
+        """Repeat the commands in a new process, after another reset, and all written at once."""
         with self._process() as process:
             process.exchange([_line(HELLO)])
             for what in (
-                "a new process has another answer to the same commands: chance or a clock?",
-                "reset does not forget everything: the same commands have another answer after it",
+                "a new process gives another answer to the same commands: randomness or a clock?",
+                "reset does not clear all state: the same commands get another answer after it",
             ):
                 again = [self._exchange(process, line) for line in lines]
                 if not self._same(what, lines, first, again):
                     return
-            what = "another answer when several commands are written at once"
+            what = "the answer differs when several commands are written at once"
             self._same(what, lines, again, process.exchange(lines))
             if wrong := process.stop(b""):
                 self._add("error", f"end of input: {wrong}")
 
     def _same(self, what: str, lines: list[bytes], first: list[bytes], again: list[bytes]) -> bool:
-        """Whether the answers are the same; if not, that is said at the first that is not."""
+        """Whether the answers are equal.  The first difference becomes a finding."""
         for line, one, other in zip(lines, first, again, strict=True):
             if _compared(one, True) != _compared(other, True):
-                self._add("error", f"{what}; it was {_shown(one)}", line, other)
+                self._add("error", f"{what}; before: {_shown(one)}", line, other)
                 return False
             if _compared(one, False) != _compared(other, False):
-                text = "the number of a new session is another one at the same commands: allowed, "
-                self._add(
-                    "warning", text + "but then no failure comes again as it was", line, other
-                )
+                text = "a new session has another number after the same commands: allowed, but"
+                self._add("warning", f"{text} a failure cannot be repeated exactly", line, other)
         return True
 
     def _refuses(self, what: str, line: bytes) -> None:
@@ -333,13 +334,13 @@ def _advertisement() -> Object:
 
 
 def _addressed(kind: str, seq: int, **fields: object) -> Object:
-    """A message of the peer, in its session."""
+    """A message from the peer in its session."""
     head = {"v": 1, "type": kind, "src": PEER, "dst": STATION, "session": [PEER, 1], "seq": seq}
     return head | fields
 
 
 def _messages() -> list[Object]:
-    """What any station may hear at any time."""
+    """Messages that any station may receive at any time."""
     cam = {"generation_ms": 1, "x_mm": 0, "y_mm": 0, "heading_mrad": 0, "speed_mm_s": 0}
     return [
         _advertisement(),
@@ -364,7 +365,10 @@ def _malformed() -> list[Object]:
 
 
 def _compared(line: bytes, numbered: bool) -> object:
-    """What of an answer is compared; ``numbered``: any number of an own session is as good."""
+    """The parts of an answer that are compared.
+
+    ``numbered``: the numbers of the station's own sessions are made equal.
+    """
     try:
         answer = read_answer(line)
     except ProtocolError:

@@ -1,4 +1,4 @@
-"""Where the data of the kit is, and where reports go."""
+"""The folders of the kit's data and of its reports."""
 
 from datetime import datetime
 from pathlib import Path
@@ -14,13 +14,13 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 def fresh_folder() -> Path:
-    """runs/<time>, with a number behind it if it is there.
+    """A new folder runs/<time>, with a number appended if that exists.
 
-    Raises FileExistsError if a thousand are there.
+    Raises FileExistsError after a thousand attempts.
     """
     stem = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
     for n in range(1, 1000):
         folder = Path("runs") / (stem if n == 1 else f"{stem}-{n}")
         if not folder.exists():
             return folder
-    raise FileExistsError("runs: too many folders of this second")
+    raise FileExistsError(f"runs/{stem} to runs/{stem}-999 exist; delete some, or name a folder")

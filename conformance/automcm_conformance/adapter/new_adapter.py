@@ -1,4 +1,4 @@
-"""``automcm conform new``: an adapter to begin with, in the language of the station."""
+"""``automcm conform new``: an adapter template in the language of the station."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ FILES = {
     "javascript": ("adapter.js", "run"),
     "rust": ("Cargo.toml", "json.rs", "main.rs", "run"),
 }
-"""By language.  Each is an adapter that speaks the protocol, around a station that does nothing."""
+"""Files by language.  Each template speaks the adapter protocol; its station does nothing."""
 BUILD = {
     "cpp": "cmake -S {at} -B {at}/build && cmake --build {at}/build",
     "go": "go build -C {at} -o adapter",
     "java": "javac -d {at}/build {at}/*.java",
     "rust": "cargo build --release --manifest-path {at}/Cargo.toml",
 }
-"""The shell command that builds a template in the folder ``at``; the others need none."""
+"""The shell command that builds a template in the folder ``at``, if it needs to be built."""
 
 
 def create(language: str, target: Path) -> list[Path]:
-    """Write the template into ``target``, which is made if need be; the files written.
+    """Write the template into the folder ``target``, created if needed; returns the files written.
 
-    Raises ValueError for a language that there is none for, FileExistsError if ``target`` is a file
+    Raises ValueError for a language without a template, FileExistsError if ``target`` is a file
     or a folder that is not empty, and OSError if it cannot be written.
     """
     if language not in FILES:
-        raise ValueError(f"no template in {language!r}, only in {', '.join(sorted(FILES))}")
+        raise ValueError(f"no template for {language!r}; choose from {', '.join(sorted(FILES))}")
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise FileExistsError(f"{target} is there and is not an empty folder")
+        raise FileExistsError(f"{target} exists and is not an empty folder; name a new folder")
     target.mkdir(parents=True, exist_ok=True)
     written = []
     for name in FILES[language]:
         path = target / name
         files.write(path, (TEMPLATES / language / name).read_bytes())
         if name == "run":
-            path.chmod(0o755)  # an installed package may have lost it
+            path.chmod(0o755)  # an installed package may have lost this bit
         written.append(path)
     return written
 

@@ -1,7 +1,7 @@
-"""The lines of the adapter protocol (docs/adapter.md): what each may hold, and what is wrong.
+"""The lines of the adapter protocol (docs/adapter.md): their models and their error messages.
 
-The models say the form of a line.  Whether a message is the right one is compared elsewhere, so
-of a message no more is asked than that it is an object of a known type.
+The models describe the form of a line.  The contents of messages are compared elsewhere, so a
+message only needs to be an object of a known type here.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ PROTOCOL: Final = 1
 
 Feature = Literal["prescriber", "receiver", "restart", "durations", "cam", "clock_drift"]
 DEFAULTS: Final = {n: ms for n, ms in parameters.DEFAULTS.items() if n != "clock_drift"}
-"""Of the parameters that ``reset`` always gives; ``clock_drift`` needs the feature."""
+"""The parameters that every ``reset`` has, in ms or as counts.  ``clock_drift`` needs a feature."""
 if TYPE_CHECKING:
     Timer = str
     ParameterName = str
 else:
     Timer = Literal[tuple(name for name in TIMERS if name != "lease")]
-    """Those of which ``durations`` can say how long they last."""
+    """The timers whose durations ``durations`` can set."""
     ParameterName = Literal[tuple(DEFAULTS)]
 
 _LINES: Final[dict[str, dict[str, Json]]] = {
@@ -50,16 +50,16 @@ _LINES: Final[dict[str, dict[str, Json]]] = {
     for model in get_args(application.Indication)
 }
 INDICATIONS: Final = {name: tuple(fields)[1:] for name, fields in _LINES.items()}
-"""The fields that are needed and compared, by name."""
+"""The required fields of each indication, by its name.  They are also the ones compared."""
 MESSAGE_TYPES: tuple[MessageType, ...] = get_args(MessageType)
 
 
 class ProtocolError(ValueError):
-    """A line that is none of the protocol; the text is one sentence."""
+    """An invalid line of the protocol; the text is one sentence."""
 
 
 class Refused(ProtocolError):
-    """The adapter answered ``{"error": why}``; ``why`` is its text."""
+    """The adapter answered ``{"error": why}``."""
 
     def __init__(self, why: str) -> None:
         super().__init__(f"the adapter answered with an error: {why}")
@@ -77,28 +77,28 @@ def _message(value: dict[str, Json]) -> dict[str, Json]:
     if found is None:
         raise _refusal("a message needs a 'type'")
     if found == "CAM":
-        raise _refusal("a CAM is no message of a session: it belongs into 'cams'")
-    raise _refusal(f"no message has the type {_quoted(found)}{_near(found, MESSAGE_TYPES)}")
+        raise _refusal("a CAM belongs in 'cams', not in 'messages'")
+    raise _refusal(f"unknown message type {_quoted(found)}{_near(found, MESSAGE_TYPES)}")
 
 
 def _cam(value: dict[str, Json]) -> dict[str, Json]:
     if value.get("type") != "CAM" or type(value.get("generation_ms")) is not int:
-        raise _refusal("a CAM has the type 'CAM' and an integer 'generation_ms'")
+        raise _refusal("a CAM needs the type 'CAM' and an integer 'generation_ms'")
     return value
 
 
-def _kind_wanted(value: Json, schema: Json) -> str:
-    """What the kind of a value should be, if it is another; what it says is compared elsewhere."""
+def _expected_type(value: Json, schema: Json) -> str:
+    """The name of the expected type, or an empty string if the value has it."""
     kind = schema.get("type", "object")
     if kind != "array":
-        type_, what = {"integer": (int, "an integer"), "string": (str, "a text")}.get(
+        type_, name = {"integer": (int, "an integer"), "string": (str, "a string")}.get(
             kind, (dict, "an object")
         )
-        return "" if type(value) is type_ else what
+        return "" if type(value) is type_ else name
     size = schema.get("maxItems")
-    right = type(value) is list and all(type(each) is int for each in value)
-    right = right and size in (None, len(value))
-    return "" if right else f"a list of {'two ' if size else ''}integers"
+    valid = type(value) is list and all(type(each) is int for each in value)
+    valid = valid and size in (None, len(value))
+    return "" if valid else f"a list of {'two ' if size else ''}integers"
 
 
 def _indication(value: dict[str, Json]) -> dict[str, Json]:
@@ -106,24 +106,24 @@ def _indication(value: dict[str, Json]) -> dict[str, Json]:
     if name is None:
         raise _refusal("an indication needs a 'name'")
     if type(name) is not str or name not in INDICATIONS:
-        raise _refusal(f"no indication has the name {_quoted(name)}{_near(name, INDICATIONS)}")
+        raise _refusal(f"unknown indication {_quoted(name)}{_near(name, INDICATIONS)}")
     for field in INDICATIONS[name]:
         if field not in value:
             raise _refusal(f"the indication {name!r} lacks {field!r}")
-        if what := _kind_wanted(value[field], _LINES[name][field]):
-            raise _refusal(f"{field!r} of the indication {name!r} should be {what}")
+        if expected := _expected_type(value[field], _LINES[name][field]):
+            raise _refusal(f"{field!r} of the indication {name!r} must be {expected}")
     return value
 
 
 def _present(value: Json) -> Json:
     if value is None:
-        raise _refusal("null: leave the field out")
+        raise _refusal("null is not allowed; leave the field out")
     return value
 
 
 def _version(value: int) -> int:
     if value != PROTOCOL:
-        raise _refusal(f"this is version {PROTOCOL}, not {value}")
+        raise _refusal(f"the kit speaks version {PROTOCOL}, not {value}")
     return value
 
 
@@ -135,7 +135,7 @@ _CAM = {
 _NAMED = {"oneOf": [{"properties": fields, "required": list(fields)} for fields in _LINES.values()]}
 Version = Annotated[int, Field(json_schema_extra={"const": PROTOCOL}), AfterValidator(_version)]
 Time = Natural
-"""Milliseconds on the clock that the kit moves."""
+"""A time in ms on the kit's simulated clock."""
 Text = Annotated[str, Field(min_length=1)]
 Message = Annotated[dict[str, Json], Field(json_schema_extra=_TYPED), AfterValidator(_message)]
 Cam = Annotated[dict[str, Json], Field(json_schema_extra=_CAM), AfterValidator(_cam)]
@@ -145,7 +145,7 @@ Indication = Annotated[
 Object = dict[str, Json]
 
 
-# What the kit writes.
+# Lines from the kit.
 
 
 class _Line(BaseModel):
@@ -153,7 +153,7 @@ class _Line(BaseModel):
 
 
 class Hello(_Line):
-    """The first command, once."""
+    """The first command, sent once."""
 
     cmd: Literal["hello"]
     protocol: Version
@@ -161,7 +161,7 @@ class Hello(_Line):
 
 _Drift = Annotated[
     int | None,
-    Field(ge=1, le=99, description="Percent, with the feature of that name; absent: 0."),
+    Field(ge=1, le=99, description="Percent; only with the feature clock_drift. Default: 0."),
     BeforeValidator(_present),
 ]
 if TYPE_CHECKING:
@@ -170,19 +170,19 @@ else:
     Parameters = create_model(
         "Parameters",
         __base__=_Line,
-        __doc__="``t_`` and ``backoff_`` in milliseconds, the others counts; only ``clock_drift``"
-        " may lack.",
+        __doc__="``t_`` and ``backoff_`` are in milliseconds, the others are counts. Only"
+        " ``clock_drift`` is optional.",
         **dict.fromkeys(DEFAULTS, (Natural, ...)),
         clock_drift=(_Drift, None),
     )
 
 
 class Reset(_Line):
-    """A new station."""
+    """Replace the station with a new one."""
 
     cmd: Literal["reset"]
     now: Time
-    """Milliseconds; may be less than before."""
+    """Milliseconds; may be earlier than in the command before."""
     station: StationId
     seed: Natural
     parameters: Parameters
@@ -194,13 +194,13 @@ class Receive(_Line):
     cmd: Literal["receive"]
     now: Time
     message: Object
-    """One of the seven or a CAM; may be malformed (END-5)."""
+    """A message of a session or a CAM; may be malformed (END-5)."""
     planned: Annotated[Object | None, BeforeValidator(_present)] = None
-    """What the application would drive; absent: the Advertisement does not concern it."""
+    """The planned trajectory; absent if the Advertisement does not concern the application."""
 
 
 class CommandLine(_Line):
-    """The application wants something."""
+    """A command of the application."""
 
     cmd: Literal["command"]
     now: Time
@@ -215,21 +215,21 @@ class Advance(_Line):
 
 
 class Restart(_Line):
-    """Power lost and back (END-8)."""
+    """The station loses power and starts again (END-8)."""
 
     cmd: Literal["restart"]
     now: Time
 
 
 class Durations(_Line):
-    """Timers of these names last so many milliseconds from now on."""
+    """New durations of timers in milliseconds, for timers armed from now on."""
 
     cmd: Literal["durations"]
     durations: dict[Timer, Positive]
 
 
 class Stop(_Line):
-    """The end; it has no answer."""
+    """End of the run; has no answer."""
 
     cmd: Literal["stop"]
 
@@ -241,36 +241,36 @@ Command = Annotated[
 COMMAND: Final[TypeAdapter[Command]] = TypeAdapter(Command)
 
 
-# What the adapter answers.
+# Lines from the adapter.
 
 
 class HelloAnswer(_Line):
-    """Who the implementation is."""
+    """The implementation and its features."""
 
     protocol: Version
     name: Text
     version: Text
     issues: Text
-    """Where to report a bug in it."""
+    """Where to report bugs of the implementation."""
     features: list[Feature]
     scenarios: Annotated[list[Text], Field(min_length=1)]
     fixed: dict[ParameterName, Natural]
-    """Parameters that it cannot change, with their values."""
+    """Parameters that cannot be changed, with their values."""
 
 
 class Answer(_Line):
-    """What a command brought about."""
+    """The effects of a command."""
 
     messages: list[Message]
     indications: list[Indication]
     deadline: Time | None
-    """The time in ms of the earliest timer that is armed; null if none is."""
+    """The time in ms of the earliest armed timer; null if none is armed."""
     phase: Annotated[Phase | None, BeforeValidator(_present)] = None
     cams: list[Cam] = []
 
 
 class ErrorAnswer(_Line):
-    """The adapter does not know the command, or cannot carry it out."""
+    """The adapter does not know the command or cannot execute it."""
 
     error: str
 
@@ -279,8 +279,10 @@ Read = TypeVar("Read", HelloAnswer, Answer)
 
 
 def has_float(line: bytes) -> bool:
-    """Whether a number in a line may be no integer; to search by a pattern takes ten times as
-    long."""
+    """Whether a line may have a number that is not an integer.
+
+    Ten times as fast as a regular expression.
+    """
     if b"." in line or b"NaN" in line or b"Infinity" in line:
         return True
     digits = line.translate(_ZEROS)
@@ -293,41 +295,41 @@ _ZEROS = bytes.maketrans(b"123456789", b"000000000")
 def read_answer(line: bytes) -> Answer:
     """The answer to any command but hello and stop.
 
-    Raises Refused for ``{"error": ...}``, else ProtocolError if the line is none.
+    Raises Refused for ``{"error": ...}``, and ProtocolError for any other invalid line.
     """
     try:
         answer = Answer.model_validate_json(line)
     except ValidationError:
-        return _read(line, Answer)  # says what is wrong
+        return _read(line, Answer)  # raises an error with an explanation
     if (answer.messages or answer.indications or answer.cams) and has_float(line):
         return _read(line, Answer)
     return answer
 
 
 def read_hello(line: bytes) -> HelloAnswer:
-    """The answer to hello.  Raises as read_answer does."""
+    """The answer to hello.  Raises the same errors as read_answer."""
     return _read(line, HelloAnswer)
 
 
 def _read(line: bytes, model: type[Read]) -> Read:
     value = _parse(line)
     if not isinstance(value, dict):
-        raise ProtocolError(f"{_kind(value)} stands where the answer, an object, is needed")
+        raise ProtocolError(f"an answer must be an object, not {_kind(value)}")
     if "error" in value:
         if set(value) != {"error"} or not isinstance(value["error"], str):
-            raise ProtocolError('an answer with "error" holds a text there and nothing else')
+            raise ProtocolError('"error" must be a string and the only field of its answer')
         raise Refused(value["error"])
     try:
         return model.model_validate(value)
     except ValidationError as error:
         errors = error.errors(include_url=False)
-    # A misspelt field is unknown and, in its right spelling, missing: the first says more.
+    # A misspelt field is reported as unknown and as missing; the first is more helpful.
     first = min(errors, key=lambda each: each["type"] != "extra_forbidden")
     raise ProtocolError(_explained(first, value, model))
 
 
 def _float(text: str) -> NoReturn:
-    raise ProtocolError(f"{text} is no integer: there are no floats in a line")
+    raise ProtocolError(f"{text} is not an integer: write 1, not 1.0 or 1e0")
 
 
 _DECODER = json.JSONDecoder(parse_float=_float, parse_constant=_float)
@@ -337,55 +339,55 @@ def _parse(line: bytes) -> Json:
     try:
         start = line.decode().strip()
     except UnicodeDecodeError:
-        raise ProtocolError("this line is not UTF-8") from None
+        raise ProtocolError("the line is not UTF-8") from None
     try:
-        from_json(line)  # refuses half of a surrogate pair, and what is nested too deep
+        from_json(line)  # rejects lone surrogates and too deep nesting
         return _DECODER.decode(start)
     except ProtocolError:
         raise
     except ValueError as error:
         why = str(error)
     if not start:
-        raise ProtocolError("this line is empty: an answer is one line, and nothing else is")
+        raise ProtocolError("the line is empty: each answer is exactly one line")
     if start in ("{", "["):
-        raise ProtocolError("this line is not JSON: the whole answer stands on one line")
+        raise ProtocolError("the line is not JSON: write the whole answer on one line")
     if start.startswith(("{'", "{messages")):
-        raise ProtocolError("this line is not JSON: names and texts stand in double quotes")
+        raise ProtocolError("the line is not JSON: write names and strings in double quotes")
     if start.startswith("{"):
-        raise ProtocolError(f"this line is not JSON, though it begins like an object: {why}")
-    raise ProtocolError("this line is not JSON: did you mean to write it to standard error?")
+        raise ProtocolError(f"the line begins with an object but is not JSON: {why}")
+    raise ProtocolError("the line is not JSON: did you mean to write it to standard error?")
 
 
-_NEEDED = {
+_EXPECTED = {
     "dict_type": "an object",
     "int_type": "an integer",
     "list_type": "a list",
-    "string_type": "a text",
+    "string_type": "a string",
 }
 
 
 def _explained(error: ErrorDetails, value: dict[str, Json], model: type[BaseModel]) -> str:
-    """The first error of pydantic in a sentence that says what to do."""
+    """An error of pydantic as a sentence that says what to do."""
     kind, loc, found = error["type"], list(error["loc"]), error["input"]
     if kind == "extra_forbidden":
         return f"unknown field {_quoted(loc[-1])}{_near(loc[-1], model.model_fields)}"
     if kind == "missing":
-        null = ": null says that no timer is armed" if loc == ["deadline"] else ""
+        null = "; write null if no timer is armed" if loc == ["deadline"] else ""
         return f"the field {_quoted(loc[0])} is missing{null}"
     place = _place(loc)
     if loc[-1] == "[key]":
         return f"{_place(loc[:-2])}: unknown name {_quoted(found)}{_near(found, DEFAULTS)}"
     if kind.endswith("too_short"):
-        return f"{place} is empty"
-    if kind in _NEEDED:
+        return f"{place} must not be empty"
+    if kind in _EXPECTED:
         null = " or null" if place == "deadline" else ""
-        text = kind == "dict_type" and isinstance(found, str)
-        hint = ", and not a text that holds it" if text else ""
-        return f"{place}: {_kind(found)} stands where {_NEEDED[kind]}{null} is needed{hint}"
+        encoded = kind == "dict_type" and isinstance(found, str)
+        hint = " (do not encode the object as a string)" if encoded else ""
+        return f"{place} must be {_EXPECTED[kind]}{null}, not {_kind(found)}{hint}"
     if kind == "literal_error":
         names = error["ctx"]["expected"]
         words = names.replace("'", "").replace(" or ", ", ").split(", ")
-        return f"{place}: {_quoted(found)} is none of {names}{_near(found, words)}"
+        return f"{place} must be {names}, not {_quoted(found)}{_near(found, words)}"
     return f"{place}: {error['msg'][:1].lower()}{error['msg'][1:]}"
 
 
@@ -412,5 +414,5 @@ def _kind(value: object) -> str:
         return "null"
     if isinstance(value, bool):
         return str(value).lower()
-    names = {str: "a text", int: "an integer", list: "a list", dict: "an object"}
+    names = {str: "a string", int: "an integer", list: "a list", dict: "an object"}
     return names[type(value)]

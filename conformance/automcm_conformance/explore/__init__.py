@@ -1,5 +1,5 @@
 """Random walks over the graph, and the shortest exchange that fails.
 
-For ``conform explore``.
-Only commands import it.
+Used by ``conform explore``.
+Only commands import this subpackage.
 """

@@ -1,8 +1,8 @@
-"""Exploration: walks over the graphs against one implementation, with the oracle as judge, until
-time is up; what goes wrong is shortened on the implementation itself.
+"""Exploration: random walks over the graphs against one implementation, until time is up.
 
-Walks steer to what has not been given yet.  All of a walk follows from the seed and its number:
-only how many walks there are depends on the time.
+The oracle judges each answer, and failing walks are shortened by running them again.  Walks prefer
+inputs that have not been given yet.  The seed and the number of a walk determine it completely;
+only the number of walks depends on time.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from automcm_conformance.adapter.adapter import Adapter, Singly
+from automcm_conformance.adapter.adapter import Adapter, LineByLine
 from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import Refused
 from automcm_conformance.exchange import records, transcript
@@ -32,7 +32,7 @@ from automcm_conformance.exchange.wire import LONG, LONG_MS, VALUES
 from automcm_conformance.explore.walk_shrinking import (
     HANG,
     STARTS,
-    Short,
+    FailingWalk,
     Shrinker,
     pair_of,
     rule_of,
@@ -51,9 +51,9 @@ from automcm_spec.vocabulary.station import Cam, Command, Expire, Receive
 
 GRAPHS = (ONE_PEER, TWO_PEERS, TIGHT)
 BULK = 1_500
-"""Lines that are written before their answers are read, about."""
+"""About this many lines are written before their answers are read."""
 LENGTHS = (20, 60, 120)
-"""Acts in a walk."""
+"""Possible numbers of acts in a walk."""
 WEIGHTS = {"one-peer": 3, "two-peers": 5, "tight": 1}
 PARAMETERS: tuple[tuple[tuple[str, int], ...], ...] = (
     (),
@@ -61,13 +61,13 @@ PARAMETERS: tuple[tuple[tuple[str, int], ...], ...] = (
     (("t_timeout", 1000), ("t_decide", 170)),
     (("t_timeout", 250), ("t_resend", 60), ("t_decide", 2500), ("t_cam_loss", 3000)),
 )
-"""Parameters of walks in natural time, besides those of the suite."""
+"""Changes to the suite's parameters, for walks in natural time."""
 LEASES_MS = (300, 1_700, 9_000, LONG_MS)
 
 
 @dataclass(slots=True)
 class Walk:
-    """One of them; ``x`` is its exchange, if it waits to be judged."""
+    """One walk; ``x`` is its exchange while it waits to be judged."""
 
     number: int
     coverage: Coverage
@@ -77,15 +77,15 @@ class Walk:
     x: Exchange | None = None
 
     def id(self, seed: int) -> str:
-        """The case: seed and number make the walk, the rest says what it is."""
+        """The case id: seed and number determine the walk, the rest describes it."""
         times = "durations" if self.setting.timed else "natural"
         return f"EXPLORE/{seed}/{self.number}/{self.coverage.name}/{times}/{self.faults}"
 
 
 class Explorer:
-    """Walks against the adapter of a runner; replays and logs are written into ``folder``.
+    """Walks against the adapter of a runner; replays and logs are written to ``folder``.
 
-    ``enough``: different failures after which it ends.
+    The exploration ends after ``enough`` different failures.
     """
 
     def __init__(
@@ -106,30 +106,30 @@ class Explorer:
         self.found = Exploration(implementation(runner), seed, spec_hash)
         self._known: set[tuple[str, ...]] = set()
         self._last: list[Step] = []
-        """What was said in the last walk that went well."""
+        """The steps of the last attempt."""
 
     def run(self, more: Callable[[int], bool]) -> None:
-        """Walk as long as ``more`` says so of the number of walks."""
+        """Walk while ``more``, called with the number of walks, returns true."""
         waiting: list[Walk] = []
         lines, number = 0, 0
-        while self._goes_on and more(number):
+        while self._continues and more(number):
             number += 1
             new = self._walk(number)
             if new is not None:
                 waiting.append(new)
                 lines += new.x.unwritten if new.x is not None else 0
             if lines >= BULK or new is None:
-                self._land(waiting)
+                self._judge_all(waiting)
                 waiting, lines = [], 0
                 self.runner.say(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
-        self._land(waiting)
+        self._judge_all(waiting)
         if not self.coverages:
-            self.found.problems.append("no graph has the limits that are fixed")
+            self.found.problems.append("no graph has the fixed limits of the implementation")
         elif self.runner.cut_short:
             self.found.problems.append(self.runner.cut_short)
 
     @property
-    def _goes_on(self) -> bool:
+    def _continues(self) -> bool:
         return (
             bool(self.coverages)
             and not self.runner.cut_short
@@ -139,7 +139,7 @@ class Explorer:
     # -- walks
 
     def _walk(self, number: int) -> Walk | None:
-        """Another one.  None if it has been judged already, because it could not wait."""
+        """A new walk.  None if it has been judged at once, because it needed answers."""
         random = Random(f"{self.seed}/{number}")
         weights = [WEIGHTS[coverage.name] for coverage in self.coverages]
         coverage = random.choices(self.coverages, weights)[0]
@@ -172,9 +172,9 @@ class Explorer:
                 return new
             x.flush()
         except (Mismatch, Broken, Unpredicted) as error:
-            self._landed(new, x, error)
+            self._judge(new, x, error)
         else:
-            self._landed(new, x, None)
+            self._judge(new, x, None)
         return None
 
     def _exchange(
@@ -193,59 +193,61 @@ class Explorer:
             link=link,
         )
 
-    def _land(self, walks: Sequence[Walk]) -> None:
-        """Judge what is waiting.  After a wrong answer the rest is played again: it may be out of
-        step."""
-        left = list(walks)
-        while left and self._goes_on:
-            if not self.runner.predict:  # it is written in parts, and cannot wait
-                self._land_one(left.pop(0))
+    def _judge_all(self, walks: Sequence[Walk]) -> None:
+        """Judge the waiting walks.  After a failure the others are played again, because the
+        station may be out of step."""
+        remaining = list(walks)
+        while remaining and self._continues:
+            if not self.runner.predict:  # its lines depend on answers
+                self._judge_alone(remaining.pop(0))
                 continue
-            exchanges = [each.x or self._played(each) for each in left]
-            done, error = self._together(exchanges)
-            for each, x in zip(left[:done], exchanges, strict=False):
-                self._landed(each, x, None)
+            exchanges = [each.x or self._play(each) for each in remaining]
+            done, error = self._exchange_all(exchanges)
+            for each, x in zip(remaining[:done], exchanges, strict=False):
+                self._judge(each, x, None)
             if error is not None:
-                self._landed(left[done], exchanges[done], error)
+                self._judge(remaining[done], exchanges[done], error)
                 done += 1
-            left = left[done:]
-            for each in left:
+            remaining = remaining[done:]
+            for each in remaining:
                 each.x = None
 
-    def _land_one(self, each: Walk) -> None:
+    def _judge_alone(self, each: Walk) -> None:
         x = self._exchange(each.coverage, each.setting)
         try:
             walk(x, each.acts, each.setting)
             x.flush()
         except (Mismatch, Broken) as error:
-            self._landed(each, x, error)
+            self._judge(each, x, error)
         else:
-            self._landed(each, x, None)
+            self._judge(each, x, None)
 
-    def _played(self, each: Walk) -> Exchange:
+    def _play(self, each: Walk) -> Exchange:
         x = self._exchange(each.coverage, each.setting)
         walk(x, each.acts, each.setting)
         return x
 
-    def _together(self, exchanges: Sequence[Exchange]) -> tuple[int, Wrong | Unpredicted | None]:
-        """Write what waits in all of them and judge: how many were right, and what was wrong."""
+    def _exchange_all(
+        self, exchanges: Sequence[Exchange]
+    ) -> tuple[int, Wrong | Unpredicted | None]:
+        """Send the lines of all exchanges; how many were right, and the error of the next."""
         broken: AdapterError | None = None
         try:
             answers = self.runner.adapter.exchange([line for x in exchanges for line in x.waiting])
         except AdapterError as error:
             answers, broken = error.answers, error
         for n, x in enumerate(exchanges):
-            asked = x.unwritten
-            mine, answers = answers[:asked], answers[asked:]
+            expected = x.unwritten
+            own, answers = answers[:expected], answers[expected:]
             try:
-                x.answered(mine, broken if len(mine) < asked else None)
+                x.answered(own, broken if len(own) < expected else None)
             except (Mismatch, Broken, Unpredicted) as error:
                 return n, error
         return len(exchanges), None
 
-    # -- what came of them
+    # -- judging
 
-    def _landed(self, each: Walk, x: Exchange, error: Wrong | Unpredicted | None) -> None:
+    def _judge(self, each: Walk, x: Exchange, error: Wrong | Unpredicted | None) -> None:
         steps = x.done if error is None or isinstance(error, Unpredicted) else error.steps
         self.found.walks += 1
         self.found.lines += len(steps)
@@ -255,26 +257,26 @@ class Explorer:
         if isinstance(error, Unpredicted):
             self.runner.predict = False
         elif error is not None:
-            self._wrong(each, error)
+            self._handle_failure(each, error)
 
-    def _wrong(self, each: Walk, error: Wrong) -> None:
-        """Shorten it, unless it is known."""
+    def _handle_failure(self, each: Walk, error: Wrong) -> None:
+        """Shorten and report a failing walk, unless an equal failure is known."""
         coverage, runner, adapter = each.coverage, self.runner, self.runner.adapter
         refused = isinstance(error, Broken) and isinstance(error.error, Refused)
-        if not refused:  # else a line more or less may have put it out of step
+        if not refused:  # a line too many or too few may have put the station out of step
             adapter.renew()
-        mark = _mark(coverage.oracle, error)
-        if mark in self._known:
+        signature = _signature(coverage.oracle, error)
+        if signature in self._known:
             self.found.again += 1
             return
-        self._known.add(mark)
+        self._known.add(signature)
         broken = adapter.broken, adapter.hung
-        adapter.renew()  # which remembers nothing
+        adapter.renew()  # a new process without memory
         again = self._attempt(each, each.setting, each.acts, None)
         if again is None:
             self._flaky(each, error, None)
             return
-        self._known.add(_mark(coverage.oracle, again))
+        self._known.add(_signature(coverage.oracle, again))
         rule = rule_of(coverage.oracle, again)
         shrinker = Shrinker(
             coverage,
@@ -284,35 +286,38 @@ class Explorer:
             lambda: self._broken,
         )
         try:
-            short = shrinker.shrink(Short(each.setting, each.acts, again))
-            sure = self._confirmed(each, short, rule)
+            short = shrinker.shrink(FailingWalk(each.setting, each.acts, again))
+            confirmed = self._confirm(each, short, rule)
         except KeyboardInterrupt:
             self._report(each, again, len(each.acts))
             raise
-        adapter.broken, adapter.hung = broken  # it counts once, however often it is tried again
-        if sure is None:
+        adapter.broken, adapter.hung = broken  # repetitions do not count
+        if confirmed is None:
             self._flaky(each, short.error, short)
             return
-        self._known.add(_mark(coverage.oracle, sure))
-        pair = pair_of(sure)
+        self._known.add(_signature(coverage.oracle, confirmed))
+        pair = pair_of(confirmed)
         if pair is not None:
             coverage.avoided.add(pair)
-        self._report(each, sure, short.sent)
+        self._report(each, confirmed, short.sent)
 
     @property
     def _broken(self) -> int:
         """Crashes; a hang counts as several."""
         return self.runner.adapter.broken + (HANG - 1) * self.runner.adapter.hung
 
-    def _confirmed(self, each: Walk, short: Short, rule: str) -> Wrong | None:
-        """What goes wrong in a fresh process, line by line, as a replay is sent; None if nothing
-        does, there or once more in the same process: the station remembers more than it may."""
+    def _confirm(self, each: Walk, short: FailingWalk, rule: str) -> Wrong | None:
+        """The failure in a new process, sent line by line as a replay is.
+
+        None if the walk does not fail there, or not a second time in the same process: then the
+        station keeps state over a reset.
+        """
         self.runner.adapter.renew()
-        sure = self._attempt(each, short.setting, short.acts, rule, singly=True)
-        if sure is None or (isinstance(sure, Broken) and sure.kind == "hang"):
-            return sure
+        error = self._attempt(each, short.setting, short.acts, rule, singly=True)
+        if error is None or (isinstance(error, Broken) and error.kind == "hang"):
+            return error
         again = self._attempt(each, short.setting, short.acts, rule)
-        return None if again is None else sure
+        return None if again is None else error
 
     def _attempt(
         self,
@@ -323,8 +328,8 @@ class Explorer:
         *,
         singly: bool = False,
     ) -> Wrong | None:
-        """Play a walk alone; what went wrong, if it breaks this rule (or any, if it is None)."""
-        link = Singly(self.runner.adapter) if singly else None
+        """Play one walk; returns its failure if that breaks ``rule`` (None: any rule)."""
+        link = LineByLine(self.runner.adapter) if singly else None
         x = self._exchange(each.coverage, setting, predict=False, link=link)
         try:
             walk(x, acts, setting)
@@ -339,16 +344,16 @@ class Explorer:
     def _first(
         self, each: Walk, setting: Setting, walks: Sequence[Sequence[Act]], rule: str
     ) -> int | None:
-        """The first of some walks that breaks this rule, as far as they can be played together."""
-        at, most = 0, self._broken + STARTS
-        while at < len(walks) and self._broken < most:
+        """The index of the first walk that breaks this rule, or None.  Sends many at once."""
+        at, limit = 0, self._broken + STARTS
+        while at < len(walks) and self._broken < limit:
             exchanges = self._unwritten(each.coverage, setting, walks[at:])
             if not exchanges:
                 if self._attempt(each, setting, walks[at], rule) is not None:
                     return at
                 at += 1
                 continue
-            n, error = self._together(exchanges)
+            n, error = self._exchange_all(exchanges)
             at += n
             if isinstance(error, Unpredicted):
                 self.runner.predict = False
@@ -362,7 +367,7 @@ class Explorer:
     def _unwritten(
         self, coverage: Coverage, setting: Setting, walks: Sequence[Sequence[Act]]
     ) -> list[Exchange]:
-        """Of these walks the first ones, as many as need no answer on the way."""
+        """Exchanges for the first of these walks, up to one whose lines depend on answers."""
         exchanges: list[Exchange] = []
         for acts in walks if self.runner.predict else ():
             x = self._exchange(coverage, setting)
@@ -377,8 +382,8 @@ class Explorer:
 
     # -- reports
 
-    def _flaky(self, each: Walk, error: Wrong, short: Short | None) -> None:
-        """It went wrong, and did not when the same was sent again: both logs are kept."""
+    def _flaky(self, each: Walk, error: Wrong, short: FailingWalk | None) -> None:
+        """Report a failure that did not occur again with the same lines; keeps both logs."""
         sent = len(each.acts) if short is None else short.sent
         case = self._report(each, error, sent, again=False)
         number = len(self.found.cases)
@@ -387,7 +392,7 @@ class Explorer:
             case.reason += f"; {name}: {log}"
 
     def _log(self, name: str, case: str, steps: Sequence[Step]) -> str:
-        """Write an exchange as a log; as lines of text where it cannot be told in one."""
+        """Write an exchange as a log, or as plain text if it has no form as a log."""
         if log := records.log_of(self._folder, name, case, steps, self.runner.adapter.hello):
             return log
         lines = (
@@ -415,22 +420,22 @@ class Explorer:
         return result
 
 
-def _mark(oracle: Oracle, error: Wrong) -> tuple[str, ...]:
-    """By what failures are told apart: rule, kind of input, what of the answer is wrong."""
+def _signature(oracle: Oracle, error: Wrong) -> tuple[str, ...]:
+    """Equal failures have equal signatures: rule, kind of input, wrong parts of the answer."""
     pair = pair_of(error)
     value = None if pair is None else oracle.inputs[pair[1]]
-    about = ""
+    subject = ""
     match value:
         case Receive(message=message):
-            about = message.type
+            subject = message.type
         case Cam(src=src):
-            about = str(src)
+            subject = str(src)
         case Expire(timer=timer):
-            about = timer[0]
+            subject = timer[0]
         case Command(name=name):
-            about = name
+            subject = name
     parts = {part for part, _ in error.problems} if isinstance(error, Mismatch) else {error.kind}
-    return rule_of(oracle, error), value.kind if value else "nothing", about, *sorted(parts)
+    return rule_of(oracle, error), value.kind if value else "nothing", subject, *sorted(parts)
 
 
 def explore(
@@ -443,10 +448,10 @@ def explore(
     say: Say,
     more: Callable[[int], bool],
 ) -> Exploration:
-    """Walk against the adapter that ``command`` starts, as long as ``more`` says so.
+    """Walk against the adapter that ``command`` starts, while ``more`` returns true.
 
-    Raises AdapterError or ProtocolError if the adapter does not even say hello, and OracleError.
-    What was found before a fault of the kit or an interruption is returned.
+    Raises AdapterError or ProtocolError if the adapter does not answer hello, and OracleError.
+    After an internal error or an interruption it returns the results so far.
     """
     spec = present_hash()
     with uncollected():
@@ -454,15 +459,15 @@ def explore(
     adapter = Adapter(command, limit_s)
     explorer = Explorer(Runner(adapter, (), seed, say), oracles, folder, seed, enough)
     found = explorer.found
-    gc.freeze()  # the collector need not look at the graphs again and again
+    gc.freeze()  # keeps the graphs out of garbage collection
     try:
         explorer.run(more)
     except KeyboardInterrupt:
         found.problems.append("interrupted")
-        adapter.renew()  # half a line may have been written: how it ends now says nothing
+        adapter.renew()  # a partial line may have been written
     except OSError:
         raise
-    except Exception as error:  # a fault of ours must not cost what was found so far
+    except Exception as error:  # an internal error must not lose the results so far
         traceback.print_exc()
         found.broke = True
         found.problems.append(f"{BROKE}: {type(error).__name__}: {error}")

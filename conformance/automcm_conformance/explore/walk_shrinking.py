@@ -1,4 +1,4 @@
-"""The shortest walk after which the station still breaks the same rule, found on the station."""
+"""Shortens a failing walk: the station must still break the same rule at its end."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import State
 
 NEAREST = 600
-"""Pairs of the broken rule that are tried, nearest to the initial state first."""
-TOGETHER = 50
-"""So many of them at a time."""
+"""At most this many pairs of the broken rule are tried, nearest to the initial state first."""
+BATCH = 50
+"""This many of them are tried at a time."""
 RUNS = 400
-"""Walks played in order to shorten one."""
+"""At most this many walks are played to shorten one."""
 STARTS = 20
-"""The same for one that ends in a crash: each needs a new process."""
+"""The same for a walk that ends in a crash, because each needs a new process."""
 HANG = 6
-"""Crashes that a hang counts as: it takes all the time that an answer may."""
+"""A hang counts as this many crashes, because it takes the whole time limit of an answer."""
 ROUND_MS = (1_000, 100, 10)
-"""To which pauses are rounded down, if that is enough."""
+"""Pauses are rounded down to multiples of these, if the walk still fails."""
 Attempt = Callable[[Setting, Sequence[Act]], Wrong | None]
-"""Plays a walk; what went wrong, if it broke the rule in question."""
+"""Plays a walk; returns its failure if that breaks the rule in question."""
 Kind = tuple[str, str, int]
 First = Callable[[Setting, Sequence[Sequence[Act]]], int | None]
-"""Plays walks; the first that broke the rule in question."""
+"""Plays walks; returns the index of the first that breaks the rule in question."""
 
 
 @dataclass(slots=True)
-class Short:
-    """A walk, what it is played with, and how it ends.
+class FailingWalk:
+    """A walk, its setting and its failure.
 
-    What follows the wrong answer is never sent, but with ``durations`` it says which timers are to
+    Acts after the wrong answer are never sent, but with ``durations`` they determine which timers
     expire soon.
     """
 
@@ -46,12 +46,12 @@ class Short:
 
     @property
     def sent(self) -> int:
-        """How many acts there are up to the wrong answer."""
+        """The number of acts up to the wrong answer."""
         return min(self.error.steps[-1].place + 1, len(self.acts))
 
 
 def pair_of(error: Wrong) -> Pair | None:
-    """The state and input that were answered wrongly: the last step of the specification."""
+    """The state and input with the wrong answer: the last step of the specification."""
     return next((step.pairs[-1] for step in reversed(error.steps) if step.pairs), None)
 
 
@@ -61,7 +61,7 @@ def _kind(state: State) -> Kind:
 
 
 def rule_of(oracle: Oracle, error: Wrong) -> str:
-    """The rule that decides there; empty if nothing had been given yet."""
+    """The rule that decides at the failure; empty before the first input."""
     pair = pair_of(error)
     answer = None if pair is None else oracle.answer(*pair)
     return "" if answer is None else answer.effect.rule
@@ -69,33 +69,33 @@ def rule_of(oracle: Oracle, error: Wrong) -> str:
 
 @dataclass(slots=True)
 class Shrinker:
-    """Shortens walks over a ground.  ``timed``: the station has ``durations``."""
+    """Shortens walks over a graph.  ``timed``: the station has the feature ``durations``."""
 
     coverage: Coverage
     attempt: Attempt
     first: First
     timed: bool
     broken: Callable[[], int]
-    """How often the station has crashed; a hang counts as HANG crashes."""
+    """The number of crashes so far; a hang counts as HANG crashes."""
     runs: int = RUNS
     near: int = NEAREST
-    _most: int = 0
+    _max_broken: int = 0
 
     @property
     def _ended(self) -> bool:
-        """Enough has been tried."""
-        return self.runs <= 0 or self.broken() >= self._most
+        """Whether the attempts are used up."""
+        return self.runs <= 0 or self.broken() >= self._max_broken
 
-    def shrink(self, found: Short) -> Short:
+    def shrink(self, found: FailingWalk) -> FailingWalk:
         """A short walk that breaks the same rule as ``found``."""
         kind = found.error.kind if isinstance(found.error, Broken) else ""
         if kind == "hang":
             return found
         self.runs = STARTS if kind else RUNS
-        self._most = self.broken() + STARTS
+        self._max_broken = self.broken() + STARTS
         if pair_of(found.error) is None:  # not even the first input was reached
             return self._try(Setting(self.timed), []) or self._try(found.setting, []) or found
-        best = self._from_afar(self._in_any_time(found) if self.timed else found)
+        best = self._from_afar(self._as_timed(found) if self.timed else found)
         if best.setting.timed and not kind:
             best = self.nearest(best)
         length = best.sent + 1
@@ -104,8 +104,8 @@ class Shrinker:
             best = self._from_afar(self._fewer(best))
         return self._simpler(best)
 
-    def _try(self, setting: Setting, acts: Sequence[Act]) -> Short | None:
-        """This walk, if it breaks the rule; without its end, if it does so too."""
+    def _try(self, setting: Setting, acts: Sequence[Act]) -> FailingWalk | None:
+        """This walk if it breaks the rule, without its unsent end if that fails too."""
         if self._ended:
             return None
         self.runs -= 1
@@ -114,15 +114,15 @@ class Shrinker:
         error = self.attempt(setting, acts)
         if error is None:
             return None
-        whole = Short(setting, list(acts), error)
-        if whole.sent >= len(acts):
-            return whole
-        cut = list(acts[: whole.sent])
+        complete = FailingWalk(setting, list(acts), error)
+        if complete.sent >= len(acts):
+            return complete
+        cut = list(acts[: complete.sent])
         error = self.attempt(setting, cut)
-        return whole if error is None else Short(setting, cut, error)
+        return complete if error is None else FailingWalk(setting, cut, error)
 
-    def _in_any_time(self, found: Short) -> Short:
-        """The same inputs and expiries at times of our own, with the plainest values that do."""
+    def _as_timed(self, found: FailingWalk) -> FailingWalk:
+        """The same inputs and expiries with durations that the kit sets, if that still fails."""
         acts = found.acts
         if not found.setting.timed:
             acts = [Act(0, i) for step in found.error.steps for _, i in step.pairs]
@@ -132,15 +132,22 @@ class Shrinker:
                 return short
         return found
 
-    def nearest(self, found: Short) -> Short:
-        """The shortest way to break the rule by the graph alone, if it is shorter: with the same
-        input where phase, role and proposal are the same, with the same input, with any."""
+    def nearest(self, found: FailingWalk) -> FailingWalk:
+        """The shortest failing walk along the graph, if shorter than ``found``.
+
+        Tried in this order: the same input in states of the same phase, role and proposal, the same
+        input in any state, any input.
+        """
         pair = pair_of(found.error)
         assert pair is not None
         state, i = pair
         oracle = self.coverage.oracle
-        alike, any_ = _kind(oracle.states[state]), range(len(oracle.inputs))
-        kinds: list[tuple[Sequence[int], Kind | None]] = [([i], alike), ([i], None), (any_, None)]
+        same_kind, any_ = _kind(oracle.states[state]), range(len(oracle.inputs))
+        kinds: list[tuple[Sequence[int], Kind | None]] = [
+            ([i], same_kind),
+            ([i], None),
+            (any_, None),
+        ]
         timer = found.error.steps[-1].next_timer
         shown = Setting(True, soonest=timer[0] if timer else "")
         for setting in (found.setting, shown):
@@ -149,15 +156,15 @@ class Shrinker:
                 found = self._nearest_of(walks, setting) or found
         return found
 
-    def _nearest_of(self, walks: Iterator[list[Act]], setting: Setting) -> Short | None:
-        """The first of some walks that breaks the rule."""
+    def _nearest_of(self, walks: Iterator[list[Act]], setting: Setting) -> FailingWalk | None:
+        """The first of these walks that breaks the rule."""
         some = list(islice(walks, self.near))
-        for at in range(0, len(some), TOGETHER):
+        for at in range(0, len(some), BATCH):
             if self._ended:
                 break
-            together = some[at : at + TOGETHER]
-            n = self.first(setting, together)
-            short = None if n is None else self._try(setting, together[n])
+            batch = some[at : at + BATCH]
+            n = self.first(setting, batch)
+            short = None if n is None else self._try(setting, batch[n])
             if short is not None:
                 return short
         return None
@@ -165,8 +172,10 @@ class Shrinker:
     def _by_distance(
         self, pair: Pair, below: int, inputs: Sequence[int], kind: Kind | None
     ) -> Iterator[list[Act]]:
-        """Shortest walks to each pair of these inputs, and of this kind of state if it is given,
-        with the rule of this pair; shortest first."""
+        """Shortest walks to pairs with the rule of ``pair``, shorter than ``below``, in order.
+
+        Only pairs with one of ``inputs`` and, unless it is None, with a state of this kind.
+        """
         oracle = self.coverage.oracle
         broken = oracle.given(*pair)
         depth = [0] * len(oracle.states)
@@ -184,8 +193,8 @@ class Shrinker:
                 if answer is not None and answer.effect.rule == broken.effect.rule:
                     yield [Act(0, j) for j in (*oracle.path(state), i)]
 
-    def _from_afar(self, found: Short) -> Short:
-        """The last few acts after the shortest way to where they begin."""
+    def _from_afar(self, found: FailingWalk) -> FailingWalk:
+        """The last acts only, after the shortest path to the state where they begin."""
         if not found.setting.timed:
             return found
         oracle = self.coverage.oracle
@@ -193,15 +202,15 @@ class Shrinker:
         length = 1
         while length < found.sent:
             start = found.sent - length
-            way = [Act(0, i) for i in oracle.path(states[start])]
-            short = self._try(found.setting, [*way, *found.acts[start:]])
+            path = [Act(0, i) for i in oracle.path(states[start])]
+            short = self._try(found.setting, [*path, *found.acts[start:]])
             if short is not None and short.sent < found.sent:
                 return short
             length *= 2
         return found
 
-    def _fewer(self, found: Short) -> Short:
-        """Without each act that is not needed."""
+    def _fewer(self, found: FailingWalk) -> FailingWalk:
+        """The walk without the acts that the failure does not need."""
         size = len(found.acts) // 2
         while size > 0:
             at = 0
@@ -214,17 +223,17 @@ class Shrinker:
             size //= 2
         return found
 
-    def _without(self, found: Short, at: int, size: int) -> Short | None:
-        """Without some acts, and without the time that they took or with it."""
-        left, away, right = found.acts[:at], found.acts[at : at + size], found.acts[at + size :]
+    def _without(self, found: FailingWalk, at: int, size: int) -> FailingWalk | None:
+        """The walk without ``size`` acts, with or without their pauses."""
+        left, removed, right = found.acts[:at], found.acts[at : at + size], found.acts[at + size :]
         short = self._try(found.setting, [*left, *right])
         if short is None and right and not found.setting.timed:
-            pause = right[0].pause_ms + sum(act.pause_ms for act in away)
+            pause = right[0].pause_ms + sum(act.pause_ms for act in removed)
             short = self._try(found.setting, [*left, Act(pause, right[0].input), *right[1:]])
         return short if short is not None and len(short.acts) < len(found.acts) else None
 
-    def _simpler(self, found: Short) -> Short:
-        """With plain values, the usual parameters and round pauses, where that is enough."""
+    def _simpler(self, found: FailingWalk) -> FailingWalk:
+        """The walk with plain values, usual parameters and round pauses, where it still fails."""
         plain = Setting(found.setting.timed)
         for name in ("values", "rich", "parameters", "lease_ms", "soonest"):
             setting = replace(found.setting, **{name: getattr(plain, name)})

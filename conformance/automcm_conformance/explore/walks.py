@@ -1,8 +1,7 @@
-"""Walks through a graph that go where no walk has been: peers that answer, and a radio that loses,
-repeats and delays.
+"""Walks through a graph that prefer new transitions, with a radio that repeats and delays.
 
-A walk is a list of acts; nothing in it depends on what the station answers, so that the same acts
-can be given again, and fewer of them.
+A walk is a list of acts, none of which depends on the station's answers.  So the same acts, or
+some of them, can be played again.
 """
 
 from __future__ import annotations
@@ -21,19 +20,19 @@ from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Cam, Expire, Receive
 
 NOTHING = -1
-"""The input of an act in which time passes, and that is all."""
+"""The input of an act that only advances time."""
 TRIES = 6
-"""Inputs looked at in search of one that has not been given in this state."""
+"""Inputs tried in the search for one that has not been given in a state."""
 NEAR = 300
-"""States looked at in search of a transition that no walk has taken."""
+"""States searched for a transition that no walk has taken."""
 STARTS = 24
-"""States looked at in search of one that has seldom been visited."""
+"""States drawn at random, of which the least visited is taken."""
 PAUSES_MS = (0, 0, 1, 7, 30, 99)
 PLANNED, JUDGED = 1, 2
 
 
 class Act(NamedTuple):
-    """``pause_ms`` after the last one, this input; pauses count in natural time only."""
+    """An input, ``pause_ms`` after the act before; the pause only matters in natural time."""
 
     pause_ms: int
     input: int
@@ -41,10 +40,10 @@ class Act(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """The script of a walk's radio and application, in percent of its inputs.
+    """How often a walk disturbs the station, in percent of its inputs.
 
-    ``again``: the last message once more.  ``late``: one of those before.  ``no_op``: an input
-    that must change nothing.  ``silent``: nothing comes until a timer expires.
+    ``again``: repeat the last message.  ``late``: repeat an earlier message.  ``no_op``: an input
+    that must change nothing.  ``silent``: no input until a timer expires.
     """
 
     again: int = 0
@@ -59,56 +58,59 @@ class Faults:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a walk is played with.  ``timed``: the kit says how long timers last, so that they can
-    expire in any order; else they last what the parameters say."""
+    """The conditions of a walk.
+
+    ``timed``: the kit sets the durations of timers, so that they can expire in any order.  If not,
+    the walk is in natural time: timers have the durations of the parameters.
+    """
 
     timed: bool
     parameters: tuple[tuple[str, int], ...] = ()
-    """Those that differ from the suite's."""
+    """The parameters that differ from those of the suite."""
     values: Values = PLAIN
     rich: bool = False
     lease_ms: int = LONG_MS
     soonest: str = ""
-    """The timer that would expire first of those that need not, if ``timed``."""
+    """``timed``: the timer with the shortest duration, of those that need not expire."""
 
 
 @dataclass(slots=True)
 class Coverage:
-    """A graph, which of its pairs may be walked, and which have been."""
+    """A graph, with the pairs of state and input that may be walked and that have been."""
 
     name: str
     oracle: Oracle
     offered: Sequence[bool]
-    """For each input: the station has the feature that it needs."""
+    """For each input, whether the station has the feature that it needs."""
     limited: bool
-    """A limit of the graph is fixed otherwise, so that MEM-1 decides elsewhere."""
+    """Whether the station fixes a limit to another value, so that MEM-1 decides elsewhere."""
     avoided: set[Pair] = field(default_factory=set)
-    """Pairs that were answered wrongly."""
+    """Pairs with a wrong answer."""
     _seen: bytearray = field(init=False)
-    _left: list[int] = field(init=False)
-    """For each state how many transitions no walk has taken, forbidden ones too."""
+    _untaken: list[int] = field(init=False)
+    """For each state the number of transitions that no walk has taken, forbidden ones included."""
     _visits: Counter[int] = field(default_factory=Counter)
     _fired: Counter[str] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         self._seen = bytearray(len(self.oracle.states) * len(self.oracle.inputs))
-        self._left = [len(self.oracle.moves(state)) for state in range(len(self.oracle.states))]
+        self._untaken = [len(self.oracle.moves(state)) for state in range(len(self.oracle.states))]
 
     def may(self, state: int, i: int) -> bool:
-        """This input can be given in this state."""
+        """Whether this input may be given in this state."""
         if not self.offered[i] or (state, i) in self.avoided:
             return False
         answer = self.oracle.answer(state, i)
         return answer is not None and not (self.limited and answer.effect.rule == "MEM-1")
 
     def fresh(self, state: int, i: int) -> bool:
-        """No walk has given this input in this state."""
+        """Whether no walk has given this input in this state."""
         return not self._seen[state * len(self.oracle.inputs) + i]
 
     def mark(self, pair: Pair, how: int) -> None:
-        """This pair is PLANNED, or has been JUDGED."""
+        """Mark a pair as PLANNED or JUDGED."""
         at = pair[0] * len(self.oracle.inputs) + pair[1]
-        self._left[pair[0]] -= not self._seen[at] and self.oracle.is_move(*pair)
+        self._untaken[pair[0]] -= not self._seen[at] and self.oracle.is_move(*pair)
         self._seen[at] = max(self._seen[at], how)
         if how == PLANNED:
             self._visits[pair[0]] += 1
@@ -117,7 +119,7 @@ class Coverage:
                 self._fired[value.timer[0]] += 1
 
     def counts(self) -> dict[str, list[int]]:
-        """Transitions and refusals that have been judged, of those there are."""
+        """The number judged and the total, of transitions and of refusals."""
         oracle, n = self.oracle, len(self.oracle.inputs)
         moves = sum(
             self._seen[state * n + i] == JUDGED
@@ -129,22 +131,22 @@ class Coverage:
             "refusals": [self._seen.count(JUDGED) - moves, oracle.refusals],
         }
 
-    def news(self, state: int) -> bool:
-        """There is a transition here that no walk has taken."""
-        return self._left[state] > 0
+    def has_new(self, state: int) -> bool:
+        """Whether this state has a transition that no walk has taken."""
+        return self._untaken[state] > 0
 
     def rare_state(self, random: Random) -> int:
-        """Of some states the one that was visited least."""
+        """The least visited of some random states."""
         states = [random.randrange(len(self.oracle.states)) for _ in range(STARTS)]
         return min(states, key=lambda state: self._visits[state])
 
-    def way(self, state: int, *, expiries: bool | None) -> list[int]:
-        """A short way on to a transition that no walk has taken; empty if none is near."""
+    def path_to_new(self, state: int, *, expiries: bool | None) -> list[int]:
+        """Inputs to a near state that ``has_new``; empty if there is none."""
         before: dict[int, Pair] = {}
         near = deque([state])
         while near and len(before) < NEAR:
             here = near.popleft()
-            if here != state and self._left[here]:
+            if here != state and self._untaken[here]:
                 inputs = []
                 while here != state:
                     here, i = before[here]
@@ -160,7 +162,7 @@ class Coverage:
         return []
 
     def no_op(self, state: int, random: Random) -> int | None:
-        """An input that must change nothing here; one not given here before, if that is found."""
+        """An input that must change nothing in this state, preferably a new one."""
         found = None
         for _ in range(TRIES):
             i = random.randrange(len(self.oracle.inputs))
@@ -172,9 +174,9 @@ class Coverage:
         return found
 
     def move(self, state: int, random: Random, *, expiries: bool | None) -> int | None:
-        """A transition: seldom taken ones, seldom visited states and rare timers first.
+        """A random transition; new ones, rare states and rare timers are more likely.
 
-        ``expiries``: only those, or (False) none of them; None: all.
+        ``expiries``: True for expiries only, False for none, None for all transitions.
         """
         inputs, weights = [], []
         for i, after in self.oracle.moves(state).items():
@@ -192,18 +194,18 @@ class Coverage:
 
 @dataclass(slots=True)
 class Walker:
-    """Makes walks over a graph.  The same ``random`` makes the same walks."""
+    """Generates walks over a graph.  The same ``random`` generates the same walks."""
 
     coverage: Coverage
     random: Random
     faults: Faults
-    _heard: list[int] = field(default_factory=list)
-    """Messages of this walk."""
-    _way: deque[Pair] = field(default_factory=deque)
-    """States and inputs that lead to something new."""
+    _received: list[int] = field(default_factory=list)
+    """The messages of this walk."""
+    _path: deque[Pair] = field(default_factory=deque)
+    """States and inputs on the way to a new transition."""
 
     def timed(self, length: int) -> list[Act]:
-        """To a state that is seldom visited, and on from there."""
+        """A walk to a rarely visited state, and on from there."""
         oracle, tour, state = self.coverage.oracle, list[int](), 0
         for i in oracle.path(self.coverage.rare_state(self.random)):
             if not self.coverage.may(state, i):
@@ -221,15 +223,17 @@ class Walker:
         return [Act(0, i) for i in tour]
 
     def natural(self, x: Exchange, setting: Setting, length: int, acts: list[Act]) -> None:
-        """From the initial state on, by the clock of this exchange; ``acts`` gets what is played,
-        also if that raises Mismatch, Broken or Unpredicted."""
+        """Play a walk from the initial state, by the clock of this exchange.
+
+        The acts are appended to ``acts``, also if Mismatch, Broken or Unpredicted is raised.
+        """
         while len(acts) < length and x.clock.sure:
             due = x.next_due
             chosen = self._choose(x.state, False)
             if due is not None and self.random.randrange(100) < self.faults.silent:
                 pause = max(0, due - x.now - self.random.choice((0, 0, 1)))
                 if due > x.now + pause or self.random.randrange(3):
-                    chosen = None  # else it comes together with the timer
+                    chosen = None  # otherwise the input comes together with the timer
             else:
                 pause = self.random.choice(PAUSES_MS)
                 if due is not None and x.now + pause >= due:
@@ -238,7 +242,7 @@ class Walker:
                     break
             act = Act(pause, NOTHING if chosen is None else chosen)
             if chosen is not None:
-                self._hear(chosen)
+                self._note_message(chosen)
             acts.append(act)
             before = len(x.queued)
             perform(x, act, setting)
@@ -247,10 +251,10 @@ class Walker:
                     self.coverage.mark(pair, PLANNED)
 
     def _choose(self, state: int, expiries: bool | None) -> int | None:
-        """The next input, by the script; None if there is none."""
+        """The next input, or None if there is none."""
         faults, random, die = self.faults, self.random, self.random.randrange(100)
-        if self._heard and die < faults.again + faults.late:
-            old = self._heard[-1] if die < faults.again else random.choice(self._heard)
+        if self._received and die < faults.again + faults.late:
+            old = self._received[-1] if die < faults.again else random.choice(self._received)
             if self.coverage.may(state, old):
                 return old
         die = random.randrange(100)
@@ -262,35 +266,35 @@ class Walker:
             expiry = self.coverage.move(state, random, expiries=True)
             if expiry is not None:
                 return expiry
-        return self._on(state, expiries)
+        return self._transition(state, expiries)
 
-    def _on(self, state: int, expiries: bool | None) -> int | None:
-        """A transition: one that is new, or on the way to one, more often than not."""
+    def _transition(self, state: int, expiries: bool | None) -> int | None:
+        """A transition, in most cases a new one or one on the way to a new one."""
         coverage = self.coverage
-        if not coverage.news(state) and not self._way and self.random.randrange(4):
+        if not coverage.has_new(state) and not self._path and self.random.randrange(4):
             at = state
-            for i in coverage.way(state, expiries=expiries):
-                self._way.append((at, i))
+            for i in coverage.path_to_new(state, expiries=expiries):
+                self._path.append((at, i))
                 at = coverage.oracle.moves(at)[i]
-        if self._way:
-            if self._way[0][0] == state:
-                return self._way.popleft()[1]
-            self._way.clear()  # something else has happened
+        if self._path:
+            if self._path[0][0] == state:
+                return self._path.popleft()[1]
+            self._path.clear()  # another input came in between
         return coverage.move(state, self.random, expiries=expiries)
 
     def _note(self, tour: list[int], state: int, i: int) -> int:
         tour.append(i)
-        self._hear(i)
+        self._note_message(i)
         self.coverage.mark((state, i), PLANNED)
         return self.coverage.oracle.given(state, i).next
 
-    def _hear(self, i: int) -> None:
+    def _note_message(self, i: int) -> None:
         if isinstance(self.coverage.oracle.inputs[i], Receive | Cam):
-            self._heard.append(i)
+            self._received.append(i)
 
 
 def perform(x: Exchange, act: Act, setting: Setting) -> None:
-    """One act in natural time.  An input that is not offered then is left out."""
+    """Perform one act in natural time.  An input that is not possible then is left out."""
     at = x.now + act.pause_ms
     while (due := x.next_due) is not None and due < at:
         x.advance(due)
@@ -301,7 +305,7 @@ def perform(x: Exchange, act: Act, setting: Setting) -> None:
 
 
 def walk(x: Exchange, acts: Sequence[Act], setting: Setting) -> None:
-    """Play acts on a fresh exchange, as far as time allows, and seal it.
+    """Play acts on a new exchange, as far as time allows, and seal it.
 
     Raises Mismatch and Broken.
     """

@@ -1,5 +1,5 @@
 """A station that runs by its own clock, over UDP.
 
-For ``conform live``.
-Only commands import it.
+Used by ``conform live``.
+Only commands import this subpackage.
 """

@@ -1,8 +1,8 @@
-"""One exchange with a live station: it runs by its own clock, and is spoken to on the air.
+"""One exchange with a live station, which runs by its own clock and is reached by radio only.
 
-The kit plays the peers.  What must be sent, and when, comes from the oracle as in any exchange
-(exchange.py), but nobody writes its lines: an input is sent as a message, and what the station
-sends is waited for.  Its application is its own, so what that chooses is taken as it comes.
+The kit plays the peers.  As in any exchange (exchange.py) the oracle predicts the messages and
+their times, but there are no lines of an adapter: the kit sends messages and waits for those of
+the station.  The station has its own application, whose choices the kit accepts.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from automcm_spec.vocabulary.messages import same
 from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Message, Receive, Timer
 from automcm_traces.checker.finding import Finding, Kind
 
-Came = tuple[int, Object]
-"""When a message came, and the message."""
+Received = tuple[int, Object]
+"""A message and the time in ms at which it was received."""
 
 
 class Air(Protocol):
-    """Where the stations are, and the kit's clock, in ms."""
+    """The radio that the kit shares with the stations, and the kit's clock in ms."""
 
     def now(self) -> int:
         """The time in ms."""
@@ -37,32 +37,35 @@ class Air(Protocol):
         """Send to all stations."""
 
     def receive(self, until: int) -> tuple[int, bytes] | None:
-        """What somebody else sends, and when it came; None if nothing comes by then."""
+        """The next datagram of another sender and its time; None if there is none by ``until``."""
 
 
 class Failed(Exception):
-    """A case that does not go on.  ``unexpected``: a message that the specification does not allow,
-    whenever it comes.  ``overdue``: one that is allowed did not come in time, or came when it was
-    not due.  ``cannot_tell``: the station's application did not do what the case needs."""
+    """A case that cannot be continued.
+
+    ``unexpected``: the station sent a message that the specification allows at no time.
+    ``overdue``: an allowed message was missing, late or early.  ``cannot_tell``: the application of
+    the station did not take the decision that the case needs.
+    """
 
     def __init__(self, kind: Kind, what: str) -> None:
         self.finding = Finding(kind, observed=what)
 
 
 class Unwritten:
-    """The link of an exchange whose lines nobody gets."""
+    """The link of an exchange whose lines are not sent."""
 
     def exchange(self, lines: Sequence[bytes]) -> list[bytes]:
-        """Never called for what a receiver does."""
+        """Never called in the cases of a receiver."""
         raise AssertionError("a live station has no lines")
 
 
 class Live:
-    """Plays a script with the station of ``x``, which has predictions and no link.
+    """Plays a script with a live station; the exchange ``x`` predicts its messages.
 
-    Each message must come within ``jitter_ms`` of its time.  What is said goes to ``lines``, and
-    what it has had to send so far to ``known``, which may hold that of exchanges before.  What is
-    sent to ``others``, peers of an exchange that broke off, is overlooked.
+    Each message must come within ``jitter_ms`` of its time.  ``lines`` gets the transcript.
+    ``known`` gets the messages that the station had to send; it may contain those of earlier
+    exchanges.  Messages to ``others``, the peers of an earlier failed exchange, are ignored.
     """
 
     def __init__(
@@ -78,12 +81,12 @@ class Live:
         self._known, self._others = known, others
         self._station = x.wire.values.ids[1]
         self._marks: list[list[int]] | None = None
-        """Those of its last CAM, if there was one."""
-        self._waiting: Came | None = None
-        """What came, but later than it was waited for: the kit itself was not in time."""
+        """The marks of its last CAM; None if there was none."""
+        self._waiting: Received | None = None
+        """A message received after the time it was awaited, because the kit itself was late."""
 
     def play(self, script: Script, lease_ms: int) -> None:
-        """Raises Failed."""
+        """Play the script.  Raises Failed."""
         for item in script:
             match item:
                 case Wait(ms):
@@ -97,17 +100,20 @@ class Live:
         self._wait(self._later + self._x.parameters["t_resend"] + 2 * self._jitter)
 
     def settle(self, quiet_ms: int, limit_ms: int) -> bool:
-        """Whatever went wrong: end its sessions and acknowledge all, until it has been quiet so
-        long and its CAMs name no session.  Returns False if the limit is over before."""
+        """End the station's sessions and acknowledge its messages after a failure.
+
+        Returns True as soon as it has sent nothing for ``quiet_ms`` and its CAMs name no session,
+        and False after ``limit_ms``.
+        """
         x, period = self._x, self._x.parameters["t_resend"]
         self._others = ()
         self._cancel(x.wire.session(THEIRS))
         begin = quiet_since = self._air.now()
         while (now := self._air.now()) < begin + limit_ms:
-            came = self._next(now + period)
-            if came is not None:
-                quiet_since = came[0]
-                self._acknowledge(came[1])
+            received = self._next(now + period)
+            if received is not None:
+                quiet_since = received[0]
+                self._acknowledge(received[1])
             elif self._marks:
                 for session in self._marks:
                     self._cancel(session)
@@ -118,130 +124,129 @@ class Live:
 
     def _cancel(self, session: list[int]) -> None:
         head = {"v": 1, "type": "Cancel", "src": session[0], "dst": self._station}
-        self._say(head | {"session": session, "seq": 40, "reason": "abort"})
+        self._transmit(head | {"session": session, "seq": 40, "reason": "abort"})
         self._marks = None
 
     def _acknowledge(self, m: Object) -> None:
         if m.get("seq"):
             head = {"v": 1, "type": "Ack", "src": m.get("dst"), "dst": self._station}
             of = {"type": m.get("type"), "seq": m["seq"]}
-            self._say(head | {"session": m.get("session"), "seq": 0, "of": of})
+            self._transmit(head | {"session": m.get("session"), "seq": 0, "of": of})
 
     @property
     def _later(self) -> int:
-        """Now.  The exchange may be ahead by what the station was early."""
+        """The current time; the exchange may be ahead of it, if the station was early."""
         return max(self._x.now, self._air.now())
 
-    # -- what the kit does
+    # -- the kit's steps
 
     def _give(self, value: Input, lease_ms: int) -> None:
-        """Send a message when no timer of the station is about to expire; it is answered."""
+        """Send a message when no timer of the station is about to expire; await the answer."""
         while (due := self._x.next_due) is not None and due <= self._later + self._jitter:
             self._expiry()
-        self._quiet(self._air.now())
+        self._expect_none(self._air.now())
         at = self._later
         self._x.give(number(self._x, value), at=at, lease_ms=lease_ms)
-        self._say(self._x.queued[-1].command["message"])
+        self._transmit(self._x.queued[-1].command["message"])
         self._answered(at + self._jitter)
 
     def _decided(self, value: Command) -> None:
-        """Its application accepts, in its own time."""
+        """Wait until the station's application accepts."""
         due = self._x.clock.deadline(("decide",))
-        came = self._next(due - self._jitter) if due is not None else None
-        if came is None:
-            raise Failed("cannot_tell", "its application has not decided in time")
-        at, m = came
+        received = self._next(due - self._jitter) if due is not None else None
+        if received is None:
+            raise Failed("cannot_tell", "the station's application did not decide in time")
+        at, m = received
         if m.get("type") == "Acceptance" and m.get("accepted") is False:
-            raise Failed("cannot_tell", f"its application has refused: {m.get('reason')}")
+            raise Failed("cannot_tell", f"the station's application refused: {m.get('reason')}")
         chosen = {"selected": m["selected"]} if _trajectory(m.get("selected")) else None
         self._x.give(number(self._x, value), at=max(self._x.now, at), fields=chosen)
-        self._answered(at, came)
+        self._answered(at, received)
 
     def _wait(self, until: int) -> None:
-        """Let time pass; what falls due is sent, also if that is a little later."""
+        """Wait until ``until``, and await the messages of timers that expire meanwhile."""
         while (due := self._x.next_due) is not None and due <= until + self._jitter:
             self._expiry()
-        self._quiet(until)
+        self._expect_none(until)
 
     def _expire(self, value: Expire) -> None:
-        """Until this timer has expired."""
+        """Wait until this timer has expired."""
         fired: list[int] = []
         while number(self._x, value) not in fired:
             if self._x.clock.deadline(value.timer) is None:
-                raise Failed(
-                    "cannot_tell",
-                    f"with these parameters {value.timer[0]} does not come to its end",
-                )
+                text = f"the timer {value.timer[0]} does not expire with these parameters"
+                raise Failed("cannot_tell", text)
             fired = self._expiry()
 
     def _expiry(self) -> list[int]:
-        """The timer that is next expires; what that brings about is sent.  Returns the inputs."""
+        """Let the next timer expire, and await its messages.  Returns the inputs."""
         x, due = self._x, self._x.next_due
         assert due is not None
-        self._quiet(due - self._jitter)
-        if not self._brings(x.first_timer):
+        self._expect_none(due - self._jitter)
+        if not self._messages_of(x.first_timer):
             return x.advance(due)
-        came = self._next(due + self._jitter)
-        # What the station armed at this moment counts from when it was awake.
-        fired = x.advance(due if came is None else max(due, came[0]))
-        self._answered(due + self._jitter, came)
+        received = self._next(due + self._jitter)
+        # The timers that the station arms at this moment start when it was awake.
+        fired = x.advance(due if received is None else max(due, received[0]))
+        self._answered(due + self._jitter, received)
         return fired
 
-    # -- what the station does
+    # -- the station's messages
 
-    def _answered(self, by: int, came: Came | None = None) -> None:
-        """What the last step calls for comes by then.  ``came`` has come already."""
+    def _answered(self, by: int, received: Received | None = None) -> None:
+        """Await the messages of the last step until ``by``; ``received`` is the first, if known."""
         wanted = list(self._x.queued[-1].expected.messages)
-        while wanted or came is not None:
-            came = came or self._next(by)
-            if came is None:
-                self._late(wanted[0], by)
-            at, found = came
+        while wanted or received is not None:
+            received = received or self._next(by)
+            if received is None:
+                self._overdue(wanted[0], by)
+            at, found = received
             match = next((m for m in wanted if self._fits(m, found)), None)
             if match is None:
                 self._unexpected(at, found, wanted)
             wanted = [m for m in wanted if m is not match]
             self._known.append(match)
-            came = None
+            received = None
 
     def _fits(self, wanted: Object, found: Object) -> bool:
-        """Whether it is this message.  What its application plans is up to it, the first time."""
+        """Whether ``found`` is the message ``wanted``; a new Intention may plan any trajectory."""
         new = all(m is not wanted for m in self._known)
         if new and wanted["type"] == "Intention" and _trajectory(found.get("planned")):
             wanted["planned"] = found["planned"]
         return same(wanted, found)
 
-    def _late(self, wanted: Object, by: int) -> NoReturn:
-        what = transcript.message(wanted)
-        came = self._next(by + 2 * self._x.parameters["t_resend"])
-        if came is None:
-            raise Failed("overdue", f"{what} was due by {by} and has not come")
-        at, found = came
+    def _overdue(self, wanted: Object, by: int) -> NoReturn:
+        due = f"{transcript.message(wanted)} was due by {by} ms"
+        received = self._next(by + 2 * self._x.parameters["t_resend"])
+        if received is None:
+            raise Failed("overdue", f"{due} and was not received")
+        at, found = received
         if self._fits(wanted, found):
-            raise Failed("overdue", f"{what} was due by {by} and came at {at}")
-        raise Failed(
-            "overdue", f"{what} was due by {by}; {transcript.message(found)} came instead at {at}"
-        )
+            raise Failed("overdue", f"{due} and was received at {at} ms")
+        other = transcript.message(found)
+        raise Failed("overdue", f"{due}; instead {other} was received at {at} ms")
 
-    def _quiet(self, until: int) -> None:
-        """Nothing comes by then."""
-        if (came := self._next(until)) is not None:
-            self._unexpected(*came, [])
+    def _expect_none(self, until: int) -> None:
+        """Raises Failed if the station sends a message before ``until``."""
+        if (received := self._next(until)) is not None:
+            self._unexpected(*received, [])
 
     def _unexpected(self, at: int, found: Object, wanted: Sequence[Object]) -> NoReturn:
         what = transcript.message(found)
         if any(same(m, found) for m in self._known):
-            raise Failed("overdue", f"another copy of {what} came at {at}, and none was due")
+            text = f"another copy of {what} was received at {at} ms, but none was due"
+            raise Failed("overdue", text)
         for timer in self._x.clock.running:
-            # A CAM that was lost, or a station that slept, is no wrong content.
-            if timer[0] != "resend" and any(self._like(m, found) for m in self._brings(timer)):
+            # A lost CAM or a delayed station is not invalid content.
+            if timer[0] != "resend" and any(self._like(m, found) for m in self._messages_of(timer)):
                 due = self._x.clock.deadline(timer)
-                raise Failed("overdue", f"{what} came at {at}, and {timer[0]} ends at {due}")
+                text = f"{what} was received at {at} ms, but {timer[0]} expires at {due} ms"
+                raise Failed("overdue", text)
         if wanted:
             raise Failed("unexpected", first_difference(wanted[0], found))
-        raise Failed("unexpected", f"sent for no reason: {to_json(found).decode()}")
+        raise Failed("unexpected", f"no rule requires this message: {to_json(found).decode()}")
 
-    def _brings(self, timer: Timer | None) -> Sequence[Message]:
+    def _messages_of(self, timer: Timer | None) -> Sequence[Message]:
         """The messages that are sent when this timer expires."""
         if timer is None:
             return ()
@@ -249,18 +254,18 @@ class Live:
         return () if answer is None else answer.effect.messages
 
     def _like(self, m: Message, found: Object) -> bool:
-        """Whether a message has the type, the session and the reason of the oracle's."""
+        """Whether ``found`` has the type, the session and the reason of the oracle's message."""
         session, reason = self._x.wire.session(m.session), found.get("reason", "none")
         return [m.type, session, m.reason] == [found.get("type"), found.get("session"), reason]
 
-    def _say(self, message: Object) -> None:
+    def _transmit(self, message: Object) -> None:
         self._air.send(to_json(message))
         self._lines.append(Line(self._air.now(), "kit", transcript.message(message)))
 
-    def _next(self, until: int) -> Came | None:
-        """The next message of the station that is no CAM; None if none comes by then."""
-        while self._waiting is None and (received := self._air.receive(until)) is not None:
-            at, data = received
+    def _next(self, until: int) -> Received | None:
+        """The next message of the station other than a CAM; None if there is none by ``until``."""
+        while self._waiting is None and (datagram := self._air.receive(until)) is not None:
+            at, data = datagram
             m = said_by(self._station, data)
             if m is None:
                 continue
@@ -272,8 +277,8 @@ class Live:
                 self._waiting = at, m
         if self._waiting is None or self._waiting[0] > until:
             return None
-        came, self._waiting = self._waiting, None
-        return came
+        received, self._waiting = self._waiting, None
+        return received
 
 
 def said_by(station: int, data: bytes) -> Object | None:
@@ -286,7 +291,7 @@ def said_by(station: int, data: bytes) -> Object | None:
 
 
 def _marks(value: object) -> TypeGuard[list[list[int]]]:
-    """Whether it has the form of the marks of a CAM."""
+    """Whether a value has the form of a CAM's marks."""
     return type(value) is list and all(
         type(session) is list and len(session) == 2 and all(type(n) is int for n in session)
         for session in value
@@ -294,7 +299,7 @@ def _marks(value: object) -> TypeGuard[list[list[int]]]:
 
 
 def _trajectory(value: object) -> bool:
-    """Whether it has the form of a trajectory."""
+    """Whether a value has the form of a trajectory."""
     return (
         type(value) is dict
         and value.keys() == {"t0", "points"}

@@ -1,7 +1,7 @@
-"""What a live station is asked, and the verdicts on it (live.py; docs/conformance.md).
+"""The cases for a live station and their verdicts (live.py; docs/conformance.md).
 
-Each case is a script (scripts.py) of a receiver in natural time, so that its virtual-time twin is
-the same script behind an adapter.
+Each case is a script (scripts.py) for a receiver in natural time.  Its twin is the same script
+with an adapter, in virtual time.
 """
 
 from __future__ import annotations
@@ -23,16 +23,15 @@ from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Expire
 
 Twin = Callable[["Case"], str | None]
-"""What is wrong with the twin of a case in virtual time: nothing if empty, None if it cannot tell.
-"""
+"""The failure of a case's twin in virtual time; empty if it passes, None if it cannot tell."""
 LEASE_MS = 20_000
 STATIONS = 10
-"""Ids that the kit may use in one case."""
+"""The kit uses at most this many station ids in one case."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """``script`` ends with the session, and with nothing left to send."""
+    """A case; at the end of ``script`` the session has ended and the outbox is empty."""
 
     name: str
     rules: tuple[str, ...]
@@ -50,7 +49,7 @@ _ACCEPTANCE = "Acceptance", s.Y, s.THEIRS, 1, True
 _OTHER = s.received("Advertisement", s.NEXT)
 _ACTUATING: s.Script = [*s.COMMITTED, s.ACCEPTANCE_ACKED]
 _FREE = s.expire("forget", s.Y), s.expire("quarantine")
-"""It has broken its commitment off, so the next case begins when it joins again (ACT-6)."""
+"""The receiver broke its commitment, so the next case begins when it may join again (ACT-6)."""
 _LATER = s.Wait(400), s.HEARD_THEM
 _HEARD = s.ACCEPTANCE_ACKED, s.Wait(200), s.HEARD_THEM, s.Wait(200)
 _ENDED = _resent("Cancel", s.Y, s.THEIRS), s.received("Ack", s.THEIRS, of=("Cancel", 1))
@@ -59,49 +58,49 @@ CASES = (
     Case(
         "intention",
         ("ADV-3", "REL-1", "ADV-6", "END-2"),
-        "its Intention comes at once and every t_resend until the Ack; its Ack to the Cancel",
+        "it sends its Intention at once and every t_resend until the Ack; it acks the Cancel",
         [s.ADVERTISED, *[_resent(*_INTENTION)] * 3, s.INTENTION_ACKED, s.Wait(250), s.CANCELLED],
     ),
     Case(
         "given up",
         ("ADV-6", "REL-1"),
-        "without an Ack its Intention comes until t_timeout and no longer",
+        "without an Ack it sends its Intention until t_timeout and no longer",
         [s.ADVERTISED, s.expire("giveup", s.entry(*_INTENTION)), s.Wait(300), s.CANCELLED],
     ),
     Case(
         "agreement",
         ("NEG-1", "NEG-2", "REL-1", "ACT-3"),
-        "an Ack to each Prescription, its Acceptance until the Ack, an Ack to each Fin",
+        "it acks each Prescription, sends its Acceptance until the Ack, and acks each Fin",
         [*s.COMMITTED, _resent(*_ACCEPTANCE), s.INSTRUCTED, *_HEARD, s.FINISHED, s.FINISHED],
     ),
     Case(
         "busy",
         ("NEG-4", "ADV-4"),
-        "a Prescription of another session is refused as busy, its Advertisement ignored",
+        "it refuses a Prescription of another session as busy, and ignores its Advertisement",
         [*s.WAITING, _OTHER, s.received("Prescription", s.NEXT), s.Wait(150), s.CANCELLED],
     ),
     Case(
         "unknown session",
         ("NEG-5", "END-3"),
-        "a Prescription of no session is refused; Cancel and Fin of none are acknowledged",
+        "it refuses a Prescription of an unknown session, and acks its Cancel and Fin",
         [s.INSTRUCTED, s.INSTRUCTED, s.CANCELLED, s.FINISHED],
     ),
     Case(
         "cancel",
         ("END-2", "END-3", "ADV-8"),
-        "each Cancel is acknowledged; its Acceptance comes no more, and it does not join again",
+        "it acks each Cancel, stops sending its Acceptance, and does not join the session again",
         [*s.COMMITTED, s.CANCELLED, s.CANCELLED, s.ADVERTISED, s.Wait(150)],
     ),
     Case(
         "cam loss",
         ("ACT-2", "REL-1", "END-6"),
-        "t_cam_loss after the last CAM it sends a Cancel (cam_loss) until the Ack",
+        "from t_cam_loss after the last CAM it sends a Cancel (cam_loss) until the Ack",
         [*_ACTUATING, s.HEARD_THEM, *_LATER, s.expire("cam"), *_ENDED, *_FREE],
     ),
     Case(
         "lease",
         ("ACT-4", "REL-1", "END-6"),
-        "when the lease is over it sends a Cancel (lease_expired) until the Ack",
+        "from the end of the lease it sends a Cancel (lease_expired) until the Ack",
         [*_ACTUATING, *_LATER, *_LATER, *_LATER, s.expire("lease"), *_ENDED, *_FREE],
         lease_ms=1_900,
     ),
@@ -109,8 +108,8 @@ CASES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
-    """The verdict on one case; ``reason`` is empty if it is PASS."""
+class LiveResult:
+    """The verdict on one case; ``reason`` is empty for PASS."""
 
     case: str
     rules: tuple[str, ...]
@@ -122,9 +121,12 @@ class Judged:
 
 @dataclass(slots=True)
 class Session:
-    """A run against one station.  ``parameters`` are those that it runs with.  ``number`` is above
-    that of any run before: the sessions are numbered from it, and the ids of peers follow, since
-    the station may remember where a peer was, and what it has joined."""
+    """A run against one station.
+
+    ``parameters`` are those of the station.  ``number`` must be greater than in all earlier runs:
+    sessions and the ids of peers are numbered from it, because the station may remember positions
+    of peers and sessions it has joined.
+    """
 
     oracle: Oracle
     air: Air
@@ -134,16 +136,16 @@ class Session:
     number: int
     scenario: str = "lane_change"
     twin: Twin | None = None
-    judged: list[Judged] = field(default_factory=list)
+    results: list[LiveResult] = field(default_factory=list)
     known: list[Object] = field(default_factory=list)
-    """What the station has had to send."""
+    """The messages that the station had to send."""
     unsettled: set[int] = field(default_factory=set)
-    """Peers of cases that did not pass: the station may still be sending to them."""
+    """Peers of cases that did not pass; the station may still be sending to them."""
     stuck: Live | None = None
-    """The case after which the station has not come to rest."""
+    """The case after which the station did not become idle."""
 
     def heard(self, limit_ms: int) -> bool:
-        """Whether the station is on the air: it sends a CAM by then."""
+        """Whether the station sends a CAM within ``limit_ms``."""
         until = self.air.now() + limit_ms
         while (received := self.air.receive(until)) is not None:
             m = said_by(self.station, received[1])
@@ -151,10 +153,10 @@ class Session:
                 return True
         return False
 
-    def judge(self, case: Case) -> Judged:
-        """Play a case, and leave the station as it was."""
+    def judge(self, case: Case) -> LiveResult:
+        """Play a case, and wait until the station is idle again."""
         if self.stuck is not None and not self._settled(self.stuck):
-            reason = "the station has not come to rest after the case before"
+            reason = "the station did not become idle after the previous case"
             return self._judged(case, "INCONC", reason, [])
         lines: list[Line] = []
         x = self._exchange()
@@ -173,31 +175,31 @@ class Session:
             self.stuck = None if self._settled(live) else live
         return self._judged(case, verdict, reason, lines)
 
-    def _judged(self, case: Case, verdict: Verdict, reason: str, lines: list[Line]) -> Judged:
-        self.judged.append(Judged(case.name, case.rules, case.then, verdict, reason, lines))
-        return self.judged[-1]
+    def _judged(self, case: Case, verdict: Verdict, reason: str, lines: list[Line]) -> LiveResult:
+        self.results.append(LiveResult(case.name, case.rules, case.then, verdict, reason, lines))
+        return self.results[-1]
 
     def _settled(self, live: Live) -> bool:
-        """Whether the station has come to rest."""
+        """Whether the station has become idle."""
         p = self.parameters
         quiet = 2 * (p["t_resend"] + self.jitter_ms)
         return live.settle(quiet, 3 * (p["t_timeout"] + p["t_resend"]) + quiet)
 
     def _timing(self, case: Case, missed: str) -> tuple[Verdict, str]:
-        """A timing miss says something only if the twin, which has no radio, fails too."""
+        """The verdict on a timing fault: FAIL only if the twin, which has no radio, fails too."""
         if self.twin is None:
             return "INCONC", missed
         found = self.twin(case)
         if found is None:
-            return "INCONC", f"{missed}; its twin in virtual time cannot be judged"
+            return "INCONC", f"{missed}; the twin in virtual time cannot be judged"
         if not found:
-            return "INCONC", f"{missed}; its twin in virtual time passes"
-        return "FAIL", f"{missed}; so in virtual time: {found}"
+            return "INCONC", f"{missed}; the twin in virtual time passes"
+        return "FAIL", f"{missed}; the twin in virtual time fails too: {found}"
 
     def _exchange(self) -> Exchange:
-        """With peers and sessions that the station has never heard of."""
+        """An exchange with peers and sessions that are new to the station."""
         first = 3 * 10**9 if self.station < 2 * 10**9 else 10**9
-        first += STATIONS * (self.number % 10**7 * 10 + len(self.judged))
+        first += STATIONS * (self.number % 10**7 * 10 + len(self.results))
         ids = {n: first + n for n in (2, 3, STRANGER)}
         sessions = (0, self.number, self.number + 1)
         values = Values(
@@ -217,7 +219,7 @@ class Session:
 
 
 def twin(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> Twin:
-    """The same cases, behind an adapter of the same implementation, in virtual time."""
+    """Runs the cases with an adapter of the same implementation, in virtual time."""
 
     def judged(case: Case) -> str | None:
         given = fitting(parameters, {str(n): ms for n, ms in adapter.hello.fixed.items()})
@@ -236,12 +238,12 @@ def twin(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> Twi
 
 
 def as_dict(session: Session, exit_code: int) -> dict[str, object]:
-    """For a report in JSON."""
+    """The report as a JSON object."""
     return {
         "format": "automcm.live/1",
         "station": session.station,
         "jitter_ms": session.jitter_ms,
         "parameters": dict(session.parameters),
         "exit_code": exit_code,
-        "cases": [asdict(judged) for judged in session.judged],
+        "cases": [asdict(judged) for judged in session.results],
     }

@@ -1,5 +1,5 @@
-"""A recorded behaviour again: a counterexample, a log, or two graphs compared.
+"""Replays recorded behaviour: a counterexample, a log, or the graph of one station.
 
-For ``trace replay`` and ``verify``.
-Only commands and maintenance import it.
+Used by ``trace replay`` and ``verify``.
+Only commands and maintenance import this subpackage.
 """

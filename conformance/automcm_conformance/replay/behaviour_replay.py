@@ -15,7 +15,7 @@ ME = 1
 
 
 def seen_by(station: int) -> renumbering.Rename:
-    """Sessions as ``station`` sees them: it is itself ME."""
+    """A renaming of sessions that exchanges the ids of ``station`` and ME."""
     ids = {station: ME, ME: station}
 
     def to(session: Session) -> Session:
@@ -25,7 +25,7 @@ def seen_by(station: int) -> renumbering.Rename:
 
 
 def replay(behaviour: Behaviour, adapter: Callable[[], Adapter]) -> str | None:
-    """Drive fresh stations through a behaviour.  None, or the first difference in words."""
+    """Drive new stations through a behaviour.  Returns the first difference as text, or None."""
     stations: dict[int, tuple[Adapter, Any]] = {}
     for n, (who, value, after) in enumerate(behaviour, 1):
         if who not in stations:
@@ -38,7 +38,7 @@ def replay(behaviour: Behaviour, adapter: Callable[[], Adapter]) -> str | None:
         seen = renumbering.input_of(value, to)
         try:
             station.apply(seen)
-        except Exception as error:  # an implementation may raise anything
+        except Exception as error:  # an implementation may raise any exception
             return f"step {n}, station {who}, {canonical(seen)}: {type(error).__name__}: {error}"
         wanted, found = renumbering.state(after, to), station.state()
         if wanted != found:

@@ -1,7 +1,7 @@
-"""Walks an oracle through an implementation: every state, every input, every refusal.
+"""Compares an implementation with an oracle: every state, every input, every refusal.
 
-An implementation stands behind an ``Adapter``.  The walk follows shortest paths, so each state
-is one that the implementation really reached, and the first difference met is a shortest one.
+The implementation is reached through an ``Adapter``.  The walk follows shortest paths, so the
+implementation really reaches each state, and the first difference has a shortest path.
 """
 
 from __future__ import annotations
@@ -17,50 +17,53 @@ from automcm_spec.vocabulary.rules import NO_GRAPH, RULES, line
 from automcm_spec.vocabulary.station import Input, Message, Session, State, Timer
 
 LIMIT = 20
-"""Differences kept of each rule; the walk goes on counting."""
+"""At most this many differences of each rule are kept; all are counted."""
 
 
 class Adapter(Protocol):
-    """What the walk needs of an implementation."""
+    """The interface that the walk needs of an implementation."""
 
     def reset(self) -> None:
-        """The initial state."""
+        """Enter the initial state."""
 
     def put(self, state: State) -> None:
-        """Be in this state."""
+        """Enter this state."""
 
     def put_state(self, state: Any) -> None:
-        """Be in this state, which ``save`` gave."""
+        """Enter a state that ``save`` returned."""
 
     def save(self) -> Any:
-        """The state, for ``put_state``."""
+        """The current state, for ``put_state``."""
 
     def state(self) -> State:
-        """The state it is in."""
+        """The current state."""
 
     def marks(self) -> frozenset[Session]:
-        """The sessions that its CAM would name."""
+        """The sessions that a CAM would name now."""
 
     def apply(
         self, value: Input
     ) -> tuple[Sequence[Message], tuple[str, ...], Sequence[Timer], Sequence[Timer]]:
-        """Take an input: messages, indication, timers armed and timers stopped, in any order."""
+        """Handle an input.  Returns messages, indications, armed timers and stopped timers.
+
+        Messages and timers may have any order.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """One difference: how to get there, what the spec says, what the code does."""
+    """One difference: the inputs that lead to it, the expected answer and the actual answer."""
 
     inputs: list[Input]
-    """Shortest sequence from the initial state; the last one is answered differently."""
+    """The shortest sequence from the initial state; the answer to the last one differs."""
     rule: str
     line: int
-    """Of Station.tla."""
+    """The line of the rule in Station.tla."""
     expected: dict[str, Any]
     actual: dict[str, Any]
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The object in the output of ``--json``."""
         return {
             "inputs": to_json(self.inputs),
             "rule": self.rule,
@@ -72,24 +75,24 @@ class Divergence:
 
 @dataclass(slots=True)
 class Comparison:
-    """What the walk has compared so far."""
+    """The results of the walk so far."""
 
     states: int = 0
     inputs: int = 0
     divergences: list[Divergence] = field(default_factory=list)
     decided: Counter[str] = field(default_factory=Counter)
-    """Of the inputs, how many each rule decides."""
+    """The number of inputs that each rule decides."""
     differing: Counter[str] = field(default_factory=Counter)
-    """How many differences there are where each rule decides."""
+    """The number of differences among them."""
 
     @property
     def differences(self) -> int:
-        """All of them, those not kept too."""
+        """The number of all differences, including those not kept."""
         return self.differing.total()
 
 
 def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Any]:
-    """The spec's answer, in the words of a report."""
+    """The specification's answer, with the names of a report."""
     effect = answer.effect
     return {
         "state": oracle.states[answer.next],
@@ -101,7 +104,7 @@ def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Any]:
 
 
 def _apply(adapter: Adapter, value: Input) -> dict[str, Any]:
-    """The implementation's answer; an exception is an answer too, a wrong one."""
+    """The implementation's answer; an exception counts as a wrong answer."""
     try:
         messages, indications, arm, stop = adapter.apply(value)
         return {
@@ -111,12 +114,12 @@ def _apply(adapter: Adapter, value: Input) -> dict[str, Any]:
             "arm": _ordered(arm),
             "stop": _ordered(stop),
         }
-    except Exception as error:  # whatever a stranger's code raises
+    except Exception as error:  # foreign code may raise any exception
         return {"error": f"{type(error).__name__}: {error}"}
 
 
 def _ordered(values: Sequence[Any]) -> tuple[Any, ...]:
-    """As in an Effect."""
+    """In the order of an Effect."""
     return tuple(sorted(values, key=canonical) if len(values) > 1 else values)
 
 
@@ -128,10 +131,10 @@ def walk(
     stop_at_first: bool = False,
     on_state: Callable[[int], None] | None = None,
 ) -> Comparison:
-    """Compare every state and every offered input (or only those that change something).
+    """Compare every state and every possible input (or only those that change the state).
 
-    What the implementation raises is a difference.  In a state that it cannot be put into, no
-    input is compared.
+    An exception of the implementation is a difference.  If it cannot enter a state, no input is
+    compared there.
     """
     result = Comparison()
 
@@ -155,7 +158,7 @@ def walk(
         try:
             adapter.put(state)
             round_trip = {"state": adapter.state(), "marks": adapter.marks()}
-        except Exception as error:  # for example, a field of the state that it does not know
+        except Exception as error:  # for example an unknown field of the state
             round_trip, answers = {"error": f"{type(error).__name__}: {error}"}, ()
         if round_trip != here:
             differ(n, None, "ACT-5", here, round_trip)
@@ -178,7 +181,7 @@ def walk(
 
 
 def explain(divergence: Divergence, oracle: Oracle) -> str:
-    """A difference in words: how to get there, what the spec says, what the code does."""
+    """A difference as text: the inputs that lead to it, the spec's answer and the code's."""
     parts = [f"{divergence.rule} (Station.tla:{divergence.line})"]
     parts += [f"  {n}. {canonical(value)}" for n, value in enumerate(divergence.inputs, 1)]
     if "error" in divergence.actual:
@@ -193,7 +196,7 @@ def explain(divergence: Divergence, oracle: Oracle) -> str:
 
 @dataclass(slots=True)
 class Coverage:
-    """``covered``: rules whose absence the walk noticed, with the rule it then named."""
+    """``covered``: the rules whose removal the walk detected, with the rule it reported."""
 
     covered: dict[str, str] = field(default_factory=dict)
     uncovered: list[str] = field(default_factory=list)
@@ -211,8 +214,10 @@ def covered(
     *,
     wanted: Iterable[str] = RULES,
 ) -> Coverage:
-    """Take each rule away and walk until a difference shows.  Rules that no graph can show
-    are listed with the test that shows them."""
+    """Remove each rule in turn, and walk until there is a difference.
+
+    Rules that no graph can cover are listed with the test that covers them.
+    """
     result = Coverage()
     for rule in wanted:
         if rule in NO_GRAPH:

@@ -1,7 +1,8 @@
-"""What a log says its station sent and told, beside what another one did with the same inputs.
+"""Compares a log's messages and indications with those of another station for the same inputs.
 
-Each chooses the numbers of its sessions and of its messages.  The n-th session of the one is the
-n-th of the other, and so is the n-th message of a type in a session to somebody.
+Each station chooses the numbers of its sessions and messages.  The n-th session of one station
+corresponds to the n-th of the other, and likewise the n-th message of a type to one addressee in a
+session.
 """
 
 from __future__ import annotations
@@ -14,17 +15,17 @@ from automcm_conformance.adapter.protocol import Object
 from automcm_conformance.exchange import transcript
 from automcm_spec.vocabulary.messages import LIMIT
 
-TOLD = ("name", "session", "proposal", "reason", "stations")
-"""What is compared of an indication."""
+INDICATION_FIELDS = ("name", "session", "proposal", "reason", "stations")
+"""The fields of an indication that are compared."""
 Key = tuple[str, int, tuple[int, int]]
-"""Messages that only their seq tells apart: type, addressee (0 for all), session."""
+"""Type, addressee (0 for all) and session: messages with equal keys differ in their seq only."""
 
 
-class Names:
-    """From the names of a log to those of the station that is given its inputs.
+class Renaming:
+    """Translates session numbers and seqs of a log to those of the station that gets its inputs.
 
-    ``me`` is the id of both.  ``numbers`` are those of its own sessions in the log, ascending, if
-    the log does not hold all that was sent.
+    ``me`` is the id of both stations.  ``numbers`` are the station's own session numbers in the
+    log, ascending, if the log does not contain all messages sent.
     """
 
     def __init__(self, me: int, numbers: Sequence[int] = ()) -> None:
@@ -34,15 +35,15 @@ class Names:
         self._own_seqs: dict[Key, list[int]] = {}
 
     def logged(self, m: Object) -> None:
-        """The log says that this message was sent."""
+        """Note a message that was sent in the log."""
         _note(m, self._logged, self._logged_seqs)
 
     def sent(self, m: Object) -> None:
-        """The station has sent this message."""
+        """Note a message that the station has sent."""
         _note(m, self._own, self._own_seqs)
 
     def session(self, session: list[int]) -> list[int]:
-        """A session as the station calls it; what is no session is left as it is."""
+        """The station's name of a session; a value that is not a session is returned unchanged."""
         if not _is_session(session) or session[0] != self._me:
             return session
         number = session[1]
@@ -55,7 +56,7 @@ class Names:
         return [self._me, LIMIT - number] if taken else session
 
     def message(self, m: Object) -> Object:
-        """A message received, or sent, with the station's names in it."""
+        """A message, received or sent, with the station's names."""
         out = dict(m)
         if "session" in m:
             out["session"] = self.session(m["session"])
@@ -66,13 +67,13 @@ class Names:
         return out
 
     def command(self, command: Object) -> Object:
-        """A command, or an indication, with the station's names in it."""
+        """A command or an indication with the station's names."""
         if "session" not in command:
             return command
         return command | {"session": self.session(command["session"])}
 
-    def alike(self, logged: Object, own: Object) -> bool:
-        """Whether two messages sent are the same but for a seq, and that has the same place."""
+    def equivalent(self, logged: Object, own: Object) -> bool:
+        """Whether two sent messages differ in their seq only, and are the same n-th message."""
         renamed = self.message(logged)
         if {**renamed, "seq": 0} != {**own, "seq": 0} or not renamed.get("seq"):
             return False
@@ -83,7 +84,7 @@ class Names:
         return places[0] is not None and places[0] == places[1]
 
     def _acked(self, m: Object) -> int:
-        """The seq that an Ack must name."""
+        """The seq that an Ack to the station must name."""
         of, src = m["of"], m.get("src")
         seq: int = of["seq"]
         if type(src) is not int:
@@ -125,9 +126,9 @@ def _is_acked(value: object) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first thing that the one did and the other did not; ``line`` is that of the log.
+    """The first difference; ``line`` is a line of the log.
 
-    One of ``log`` and ``station`` may be empty: nothing like it was done there.
+    ``log`` or ``station`` is empty if nothing there corresponds to the other.
     """
 
     line: int
@@ -137,52 +138,54 @@ class Difference:
 
 
 @dataclass(slots=True)
-class _Done:
-    """A message sent or an indication, not yet found on the other side."""
+class _Observed:
+    """A sent message or an indication that has not been matched yet."""
 
     line: int
     t_ms: int
     kind: str
     value: Object
-    several: bool = False
-    """It was sent with others, so that which of them has the lower seq is free."""
+    together: bool = False
+    """It was sent together with others, so the order of their seqs is free."""
 
     def __str__(self) -> str:
         if self.kind == "send":
             return f"send {transcript.message(self.value)}"
-        return f"tell {' '.join(str(self.value[n]) for n in TOLD if n in self.value)}"
+        values = [str(self.value[name]) for name in INDICATION_FIELDS if name in self.value]
+        return f"indication {' '.join(values)}"
 
 
 @dataclass(slots=True)
-class Compared:
-    """Two sides, in step.  What is done at most ``late_ms`` earlier or later is the same.
+class LogComparison:
+    """Compares the log with the station step by step.
 
-    CAMs are left out: their times and places are free.
+    Equal observations match if they are at most ``late_ms`` apart.  CAMs are left out, because
+    their times and positions are free.
     """
 
-    names: Names
+    names: Renaming
     late_ms: int
     first: Difference | None = None
-    _log: list[_Done] = field(default_factory=list)
-    _own: list[_Done] = field(default_factory=list)
+    _log: list[_Observed] = field(default_factory=list)
+    _own: list[_Observed] = field(default_factory=list)
 
     def logged(self, line: int, t_ms: int, kind: str, value: Object) -> None:
-        """The log has this; ``kind`` is ``send`` or ``tell``."""
+        """Note a message or an indication of the log; ``kind`` is ``send`` or ``indication``."""
         if self.first is None and value.get("type") != "CAM":
-            self._log.append(_Done(line, t_ms, kind, value))
+            self._log.append(_Observed(line, t_ms, kind, value))
 
     def done(self, line: int, t_ms: int, messages: list[Object], indications: list[Object]) -> None:
-        """The station did this, after the input of this line of the log."""
+        """Note the station's messages and indications after the input on this line of the log."""
         if self.first is not None:
             return
-        several = sum(bool(m.get("seq")) for m in messages) > 1
-        self._own += [_Done(line, t_ms, "send", m, several) for m in messages]
-        self._own += [_Done(line, t_ms, "tell", i) for i in indications]
+        together = sum(bool(m.get("seq")) for m in messages) > 1
+        self._own += [_Observed(line, t_ms, "send", m, together) for m in messages]
+        self._own += [_Observed(line, t_ms, "indication", i) for i in indications]
 
     def settle(self, now: int, *, ends: bool = False) -> None:
-        """Match what can be matched; what is older than ``late_ms`` then is a difference.
+        """Match the observations; one that stays unmatched for ``late_ms`` is a difference.
 
-        ``ends``: nothing follows in the log, so that nothing in it is found any more.
+        ``ends``: the log has ended, so every unmatched observation of the log is a difference.
         """
         if self.first is not None:
             return
@@ -195,37 +198,39 @@ class Compared:
         own = [each for each in self._own if each.t_ms < now - self.late_ms]
         if not old and not own:
             return
-        lone = min([*old, *own], key=lambda each: (each.t_ms, each.line))
-        others = self._own if lone in old else self._log
-        other = next((each for each in others if self._like(lone, each)), None)
-        pair = (lone, other) if lone in old else (other, lone)
+        unmatched = min([*old, *own], key=lambda each: (each.t_ms, each.line))
+        others = self._own if unmatched in old else self._log
+        other = next((each for each in others if self._similar(unmatched, each)), None)
+        pair = (unmatched, other) if unmatched in old else (other, unmatched)
         log, station = ("" if each is None else str(each) for each in pair)
         if log == station:
-            log, station = self._apart(*pair)
-        line = pair[0].line if pair[0] is not None else lone.line
-        self.first = Difference(line, lone.t_ms, log, station)
+            log, station = self._with_difference(*pair)
+        line = pair[0].line if pair[0] is not None else unmatched.line
+        self.first = Difference(line, unmatched.t_ms, log, station)
 
-    def _apart(self, log: _Done | None, own: _Done | None) -> tuple[str, str]:
-        """Both in words, if what is different is no part of the words."""
+    def _with_difference(self, log: _Observed | None, own: _Observed | None) -> tuple[str, str]:
+        """Both as text with the field that differs, if their usual texts are equal."""
         assert log is not None and own is not None
-        wanted = self.names.message(log.value) if log.kind == "send" else log.value
-        for name in sorted(wanted.keys() | own.value.keys()):
-            if wanted.get(name) != own.value.get(name):
-                return f"{log}, {name} {wanted.get(name)}", f"{own}, {name} {own.value.get(name)}"
+        expected = self.names.message(log.value) if log.kind == "send" else log.value
+        for name in sorted(expected.keys() | own.value.keys()):
+            if expected.get(name) != own.value.get(name):
+                return f"{log}, {name} {expected.get(name)}", f"{own}, {name} {own.value.get(name)}"
         return f"{log} at {log.t_ms} ms", f"{own} at {own.t_ms} ms"
 
-    def _same(self, log: _Done, own: _Done) -> bool:
+    def _same(self, log: _Observed, own: _Observed) -> bool:
         if log.kind != own.kind or abs(log.t_ms - own.t_ms) > self.late_ms:
             return False
-        if log.kind == "tell":
+        if log.kind == "indication":
             renamed = self.names.command(log.value)
-            return all(renamed.get(n) == own.value.get(n) for n in TOLD if n in renamed)
+            return all(
+                renamed.get(n) == own.value.get(n) for n in INDICATION_FIELDS if n in renamed
+            )
         if self.names.message(log.value) == own.value:
             return True
-        return own.several and self.names.alike(log.value, own.value)
+        return own.together and self.names.equivalent(log.value, own.value)
 
-    def _like(self, one: _Done, other: _Done) -> bool:
-        """Whether the one was done instead of the other."""
+    def _similar(self, one: _Observed, other: _Observed) -> bool:
+        """Whether one was observed instead of the other: same kind and type, at about that time."""
         name = "type" if one.kind == "send" else "name"
         near = abs(one.t_ms - other.t_ms) <= self.late_ms
         return one.kind == other.kind and near and one.value[name] == other.value[name]

@@ -1,4 +1,4 @@
-"""A log read once before its inputs are replayed: whether it can be, and with which parameters."""
+"""Reads a log before its inputs are replayed: can it be replayed, and with which parameters?"""
 
 from __future__ import annotations
 
@@ -23,42 +23,43 @@ from automcm_traces.format.log import (
 from automcm_traces.format.reader import Notice, records
 
 LONGEST_MS = 24 * 3_600_000
-"""The longest time without an event that is replayed."""
+"""The longest gap between two events that is replayed."""
 _ARMED = {"resend": "t_resend", "decide": "t_decide", "cam": "t_cam_loss"}
-"""Timers that last as long as a parameter says."""
+"""Timers whose duration is a parameter."""
 
 
 @dataclass(slots=True)
 class Survey:
-    """What is known of a log before it is replayed."""
+    """Properties of a log that is to be replayed."""
 
     path: Path
     header: Header
     first_ms: int = 0
     last_ms: int = 0
     longest_ms: int = 0
-    """The longest time between two events."""
+    """The longest gap between two events."""
     inputs: int = 0
-    whole: bool = True
-    """It holds all that was sent, so that what another station sends can be compared."""
+    complete: bool = True
+    """Whether the log contains all messages sent, so that those of a station can be compared."""
     indications: bool = True
-    """It holds all indications."""
+    """Whether the log contains all indications."""
     numbers: list[int] = field(default_factory=list)
-    """Of its own sessions, ascending; empty if ``whole``, since what was sent says it then."""
+    """The station's own session numbers, ascending; not needed if the log is ``complete``."""
     backoffs: list[int] = field(default_factory=list)
-    """How long each back-off lasted, in ms."""
+    """The duration of each back-off in ms."""
     armed: dict[str, int] = field(default_factory=dict)
-    """Parameters that the header does not tell, and timers do."""
+    """Parameters derived from the durations of timers."""
     warnings: list[str] = field(default_factory=list)
-    """What the reader had to overlook."""
+    """The warnings of the reader."""
 
     def parameters(
         self, fixed: Mapping[str, int], features: Collection[str]
     ) -> tuple[dict[str, int], list[str]]:
-        """Those to replay with, and in words where they are not those of the log.
+        """The parameters for the replay, and notes on those that differ from the log's.
 
-        The header goes first, then timers, then the defaults; what is ``fixed`` stays, and
-        ``clock_drift`` needs the feature.  Raises CannotTell if a station cannot be given them.
+        Taken from the header, else from timers, else the defaults.  ``fixed`` parameters keep
+        their values, and ``clock_drift`` needs the feature.  Raises CannotTell for a value that no
+        station accepts.
         """
         known = self.header.known
         found = {n: known.get(n, self.armed.get(n, ms)) for n, ms in DEFAULTS.items()}
@@ -67,8 +68,9 @@ class Survey:
             found["backoff_max"] = max(found["backoff_max"], *self.backoffs)
         out = found | {str(name): value for name, value in fixed.items()}
         for name, value in out.items():
-            if not (0 if name == "t_timeout" else 1) <= value <= LIMIT:
-                raise CannotTell(f"header: {name} {value}: no station can be given that")
+            low = 0 if name == "t_timeout" else 1
+            if not low <= value <= LIMIT:
+                raise CannotTell(f"header: {name} {value} must be from {low} to {LIMIT}")
         others = self.armed | known
         notes = [
             f"{n} is {others[n]} in the log and fixed at {out[n]} in the station"
@@ -84,7 +86,7 @@ class Survey:
 
 
 def events(path: Path) -> Iterator[tuple[int, Event | None, End | str | Header]]:
-    """Each record of a log with its line: an event, or header, end and warning.
+    """The records of a log with their lines: an event, or else a header, an end or a warning.
 
     Raises BadInput.
     """
@@ -105,7 +107,7 @@ def survey(path: Path) -> Survey:
     for _, event, other in events(path):
         if isinstance(other, Header):
             found = Survey(path, other)
-            found.whole = "send" in other.complete
+            found.complete = "send" in other.complete
             found.indications = "indication" in other.complete
             continue
         assert found is not None, "the header comes first"
@@ -114,48 +116,51 @@ def survey(path: Path) -> Survey:
                 found.warnings.append(other)
             elif isinstance(other, End) and other.lost_records:
                 found.warnings.append(f"{path}: the log lost {other.lost_records} records")
-                found.whole = found.indications = False
+                found.complete = found.indications = False
             continue
         if event.seq == 1:
             found.first_ms = found.last_ms = event.t_ms
         found.longest_ms = max(found.longest_ms, event.t_ms - found.last_ms)
         found.last_ms = event.t_ms
-        _look(found, event, numbers)
+        _count(found, event, numbers)
     assert found is not None
-    found.numbers = [] if found.whole else sorted(numbers)
+    found.numbers = [] if found.complete else sorted(numbers)
     return found
 
 
-def possible(found: Survey) -> None:
-    """Raises CannotTell if the adapter protocol has no way to give these inputs."""
+def require_replayable(found: Survey) -> None:
+    """Raises CannotTell if the log has no inputs, or too long a gap between events."""
     if not found.inputs:
-        raise CannotTell("the log holds no input")
+        raise CannotTell("the log contains no input")
     if found.longest_ms > LONGEST_MS:
-        raise CannotTell(f"nothing is logged for {found.longest_ms} ms; that is not replayed")
+        raise CannotTell(
+            f"the log has a gap of {found.longest_ms} ms without events;"
+            f" gaps of more than {LONGEST_MS} ms are not replayed"
+        )
 
 
-def _look(found: Survey, event: Event, numbers: set[int]) -> None:
+def _count(found: Survey, event: Event, numbers: set[int]) -> None:
     match event:
         case Receive() | Restart():
             found.inputs += 1
-        case ApplicationCommand(command=said) | ApplicationIndication(indication=said):
+        case ApplicationCommand(command=value) | ApplicationIndication(indication=value):
             found.inputs += isinstance(event, ApplicationCommand)
-            _own(found, (said.model_extra or {}).get("session"), numbers)
+            _note_own(found, (value.model_extra or {}).get("session"), numbers)
         case Send(message=m) if m["type"] == "Advertisement":
-            _own(found, m.get("session"), numbers)
+            _note_own(found, m.get("session"), numbers)
         case TimerArm(timer=timer, deadline=deadline, t_ms=now):
-            lasts = deadline - now
-            if timer.name == "backoff" and lasts > 0:
-                found.backoffs.append(lasts)
-            elif timer.name in _ARMED and lasts > 0:
-                found.armed.setdefault(_ARMED[timer.name], lasts)
-            elif timer.name == "giveup" and lasts > 0 and "t_resend" in found.armed:
-                found.armed.setdefault("t_timeout", max(0, lasts - found.armed["t_resend"]))
+            duration = deadline - now
+            if timer.name == "backoff" and duration > 0:
+                found.backoffs.append(duration)
+            elif timer.name in _ARMED and duration > 0:
+                found.armed.setdefault(_ARMED[timer.name], duration)
+            elif timer.name == "giveup" and duration > 0 and "t_resend" in found.armed:
+                found.armed.setdefault("t_timeout", max(0, duration - found.armed["t_resend"]))
         case _:
             pass
 
 
-def _own(found: Survey, session: object, numbers: set[int]) -> None:
+def _note_own(found: Survey, session: object, numbers: set[int]) -> None:
     match session:
         case [int(p), int(number)] if p == found.header.station:
             numbers.add(number)

@@ -1,7 +1,7 @@
-"""A log's inputs into an implementation behind the adapter protocol, followed on the oracle.
+"""Replays the inputs of a log to an adapter, and follows the station on the specification.
 
-What the log's station sent and what its timers did are no inputs.  Time goes on as in the log, and
-the implementation's own timers expire by themselves.
+Messages and timers of the log's station are not inputs.  Time passes as in the log, and the timers
+of the implementation expire on their own.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from automcm_conformance.adapter.process import AdapterError
 from automcm_conformance.adapter.protocol import COMMAND, HelloAnswer, Object, ProtocolError
 from automcm_conformance.exchange import transcript
 from automcm_conformance.exchange.results import Line
-from automcm_conformance.replay.log_compare import Compared, Difference, Names
-from automcm_conformance.replay.log_survey import Survey, events, possible, survey
+from automcm_conformance.replay.log_compare import Difference, LogComparison, Renaming
+from automcm_conformance.replay.log_survey import Survey, events, require_replayable, survey
 from automcm_conformance.scenarios.monitor import Monitor
 from automcm_spec.vocabulary.parameters import longest_delay
 from automcm_traces.checker.finding import Diverges
@@ -42,10 +42,10 @@ from automcm_traces.format.log import (
 )
 from automcm_traces.format.reader import read
 
-BEAT_MS = 1_000
-"""The longest step in time: CAMs come out in time (adapter.md allows 10 s)."""
+MAX_STEP_MS = 1_000
+"""The longest step in time, so that CAMs are sent in time (adapter.md allows 10 s)."""
 SHOWN = 40
-"""Lines of the exchange that are kept."""
+"""This many of the last lines of the exchange are kept."""
 NEEDS = {
     "request": "prescriber",
     "prescribe": "prescriber",
@@ -54,49 +54,49 @@ NEEDS = {
     "accept": "receiver",
     "refuse": "receiver",
 }
-"""The feature without which a command is never given (adapter.md)."""
+"""The feature that each command needs (adapter.md)."""
 
 
 @dataclass(slots=True)
 class Replayed:
-    """What came of it.  ``line`` and ``input`` are about the log that was replayed."""
+    """The result of a replay.  ``line`` and ``input`` refer to the log that was replayed."""
 
     verdict: Literal["allowed", "diverges", "cannot_tell", "error"]
-    """error: the adapter could not be run, or broke."""
+    """error: the adapter could not be started, or failed."""
     file: str
     line: int = 0
-    """Of the last input given; 0 if none was."""
+    """The line of the last input given; 0 if there was none."""
     input: str = ""
     event: str = ""
-    """What diverges, or why it cannot be told or was not run."""
+    """The divergence, or the reason of the other verdicts."""
     rule: str = ""
     expected: list[str] = field(default_factory=list)
     guard: str = ""
     log: str = ""
     """The new log; empty if there is none."""
     log_line: int = 0
-    """Where it diverges."""
+    """The line of the divergence in the new log."""
     in_log: bool = True
-    """The new log alone shows it; a wrong next deadline or phase is in no log."""
+    """Whether the new log alone shows the divergence; logs have no next deadline and no phase."""
     inputs: int = 0
-    """How many were given, of ``total``."""
+    """How many inputs were given, of ``total``."""
     total: int = 0
     same: bool | None = None
-    """The same was sent and told as in the log; None if the log does not say enough."""
+    """Whether messages and indications equal the log's; None if the log is incomplete."""
     difference: Difference | None = None
     notes: list[str] = field(default_factory=list)
-    """What was left out or is not as in the log, and warnings of the reader."""
+    """Parts left out, differences from the log, and warnings of the reader."""
     stderr: list[str] = field(default_factory=list)
     exchange: list[Line] = field(default_factory=list)
-    """The last lines that were said, if it did not go well."""
+    """The last lines of the exchange, unless the verdict is ``allowed``."""
 
     @property
     def exit_code(self) -> int:
-        """Of the command."""
+        """The exit code of the command."""
         return {"allowed": 0, "diverges": 1, "error": 3, "cannot_tell": 4}[self.verdict]
 
     def as_dict(self) -> dict[str, object]:
-        """For ``--json``."""
+        """The object in the output of ``--json``."""
         return asdict(self) | {"exit_code": self.exit_code}
 
 
@@ -108,20 +108,20 @@ def replay(
     limit_s: float,
     seed: int,
 ) -> Replayed:
-    """Give the inputs of a log to the adapter ``command``; the new log goes into ``out``.
+    """Give the inputs of a log to the adapter ``command``, and write the new log to ``out``.
 
-    ``limit_s`` is the real time an answer may take, ``seed`` that of ``reset``.  Raises
-    BadInput and OSError.
+    ``limit_s`` is the real time in seconds that an answer may take; ``seed`` is that of ``reset``.
+    Raises BadInput and OSError.
     """
     found = survey(path)
     result = Replayed("allowed", str(path), total=found.inputs, notes=list(found.warnings))
     run: _Run | None = None
     try:
-        possible(found)
+        require_replayable(found)
         with connect(command, limit_s) as process:
             run = _Run(found, process, hello(process), result)
             run.start(out, seed)
-            run.all()
+            run.play()
             if problem := process.stop():
                 result.notes.append(problem)
     except Diverges as d:
@@ -144,7 +144,7 @@ def replay(
 
 
 class _Run:
-    """One replay.  ``result`` is kept up to date: which input, how many, the first difference."""
+    """One replay.  Keeps the last input, the counts and the first difference in ``result``."""
 
     def __init__(
         self,
@@ -158,18 +158,18 @@ class _Run:
         fixed = {str(n): v for n, v in hello.fixed.items()}
         self._parameters, notes = found.parameters(fixed, hello.features)
         result.notes += notes
-        self._names = Names(found.header.station, found.numbers)
+        self._names = Renaming(found.header.station, found.numbers)
         late_ms = longest_delay(self._parameters)
-        self._compared = Compared(self._names, late_ms) if found.whole else None
+        self._compared = LogComparison(self._names, late_ms) if found.complete else None
         self._now = found.first_ms
         self._expired_ms = -1
-        """When a timer of the log last expired."""
+        """The time in ms at which a timer of the log last expired."""
         self._backoffs = found.backoffs if "durations" in hello.features else []
         self._monitor: Monitor | None = None
         self._skipped = 0
 
     def start(self, out: Path, seed: int) -> None:
-        """A new station.  Raises as Followed does."""
+        """Start a new station.  Raises the same errors as Monitor."""
         header = self._found.header
         out.mkdir(parents=True, exist_ok=True)
         new = out / f"{self._found.path.stem}-replayed.ndjson"
@@ -187,8 +187,8 @@ class _Run:
         )
         self._set_backoff()
 
-    def all(self) -> None:
-        """The whole log."""
+    def play(self) -> None:
+        """Replay the whole log."""
         for line, event, _ in events(self._found.path):
             if event is not None:
                 self._event(line, event)
@@ -198,11 +198,11 @@ class _Run:
             self._result.same = self._compared.first is None
             self._result.difference = self._compared.first
         if self._skipped:
-            text = f"{self._skipped} of the bytes received cannot be given to an adapter"
-            self._result.notes.append(f"{text}: a station discards them (END-5)")
+            text = f"{self._skipped} malformed messages cannot be given to an adapter: left out"
+            self._result.notes.append(f"{text}, as a station discards them (END-5)")
 
     def end(self, reason: str) -> None:
-        """Close the new log, and say how it went until then."""
+        """Close the new log, and note a difference found so far."""
         if self._monitor is not None:
             self._monitor.end(reason)
         if self._compared is not None and self._result.same is None and self._compared.first:
@@ -219,7 +219,7 @@ class _Run:
             case ApplicationIndication(indication=indication, t_ms=now):
                 if self._compared is not None and self._found.indications:
                     value = {"name": indication.name, **(indication.model_extra or {})}
-                    self._compared.logged(line, now, "tell", value)
+                    self._compared.logged(line, now, "indication", value)
             case TimerEnd(op="expire", t_ms=now):
                 self._expired_ms = now
             case Receive() | ApplicationCommand() | Restart():
@@ -228,7 +228,7 @@ class _Run:
                 pass
 
     def _input(self, line: int, event: Receive | ApplicationCommand | Restart) -> None:
-        # Of timers due at the time of a restart the log says whether they expired before (END-8).
+        # Timers due at the time of a restart are lost unless the log has their expiry (END-8).
         lost = isinstance(event, Restart) and self._expired_ms != event.t_ms
         self._advance(event.t_ms - lost)
         if self._compared is not None:
@@ -245,8 +245,10 @@ class _Run:
     def _line(
         self, event: Receive | ApplicationCommand | Restart
     ) -> tuple[Object, str | None] | None:
-        """What is said to the adapter, and the bytes for the log if it is no message; None if it
-        cannot be said.  Raises CannotTell."""
+        """The command for the adapter, and the base64 text for the log if a message is malformed.
+
+        None if the adapter protocol cannot express the input.  Raises CannotTell.
+        """
         if isinstance(event, Restart):
             self._needs("restart")
             return {"cmd": "restart"}, None
@@ -268,34 +270,36 @@ class _Run:
         return command, None
 
     def _command(self, event: ApplicationCommand) -> Object:
-        said = self._names.command(
+        renamed = self._names.command(
             {"name": event.command.name, **(event.command.model_extra or {})}
         )
         if need := NEEDS.get(event.command.name):
             self._needs(need)
-        command = {"cmd": "command", "command": said}
+        command = {"cmd": "command", "command": renamed}
         try:
             COMMAND.validate_python({**command, "now": event.t_ms})
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             place = ".".join(str(part) for part in first["loc"][2:])
-            text = f"seq {event.seq}: command {said['name']} cannot be given to an adapter"
+            text = f"seq {event.seq}: command {renamed['name']} cannot be given to an adapter"
             raise CannotTell(f"{text}: {place}: {first['msg']}") from None
         return command
 
     def _needs(self, feature: str) -> None:
         if feature not in self._hello.features:
-            raise CannotTell(f"the log needs the feature {feature!r}, which the adapter has not")
+            raise CannotTell(
+                f"the log needs the feature {feature!r}, which the adapter does not have"
+            )
 
     # -- the station
 
     def _advance(self, to: int) -> None:
-        """Let time pass up to ``to``, deadline by deadline; what is due then expires."""
+        """Advance to ``to`` (ms) from deadline to deadline; timers due at ``to`` expire."""
         assert self._monitor is not None
         while True:
             due = self._monitor.deadline
-            beat = self._now + BEAT_MS
-            at = beat if due is None else min(due, beat)
+            latest = self._now + MAX_STEP_MS
+            at = latest if due is None else min(due, latest)
             if at > to:
                 return
             self._give(max(at, self._now), {"cmd": "advance"})
@@ -317,7 +321,7 @@ class _Run:
         self._set_backoff()
 
     def _set_backoff(self) -> None:
-        """The next back-off is to last as long as it did in the log."""
+        """Give the next back-off the duration that it has in the log."""
         assert self._monitor is not None
         if self._monitor.backoffs < len(self._backoffs):
             ms = self._backoffs[self._monitor.backoffs]
@@ -326,7 +330,7 @@ class _Run:
 
 
 def _object(raw: str) -> Object | None:
-    """The JSON object that these bytes are; None if they are none, or none that can be given."""
+    """The JSON object in these bytes, or None; None also for one that a line cannot contain."""
 
     def number(text: str) -> float:
         value = float(text)

@@ -1,5 +1,5 @@
-"""A run's report: JSON, JUnit, HTML, terminal, and as pytest cases.
+"""The report of a run: JSON, JUnit, HTML, terminal, and pytest cases.
 
-For vendors and their CI.
-Only commands and pytest import it.
+Used by vendors and their CI.
+Only commands and pytest import this subpackage.
 """

@@ -1,8 +1,8 @@
-"""The suite's cases as tests of pytest.
+"""The suite's cases as pytest tests.
 
-The suite is run once, at the first of its tests, with those cases that are left after deselection;
-then each test tells the verdict on its own.  Workers of pytest-xdist share one run: the first that
-needs it makes it, the others wait for it.
+The first test runs the suite once, with the cases that remain after deselection; then each test
+reports the verdict on its case.  Workers of pytest-xdist share one run: the first worker that
+needs it runs the suite, the others wait.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from automcm_spec.support import files, scratch
 from automcm_spec.vocabulary.rules import RULES
 
 NAME = "automcm"
-"""Of the collector; a node id is ``automcm::AMCM/RCV/NEG/BI-03``."""
+"""The name of the collector; a node id is ``automcm::AMCM/RCV/NEG/BI-03``."""
 
 
 class Cases:
-    """The hooks of a session with an adapter.
+    """The pytest hooks of a session with an adapter.
 
-    Raises UsageError if an option says nothing that can be used.
+    Raises UsageError for an invalid option.
     """
 
     def __init__(self, config: pytest.Config) -> None:
@@ -53,8 +53,12 @@ class Cases:
             self._command = shlex.split(option("adapter"))
             self._chosen = purposes.select(everything, option("select"))
             self._limit_s, self._seed = float(option("limit") or 10), int(option("seed") or 1)
-            if not self._command or not 0.01 <= self._limit_s < math.inf or self._seed < 0:
-                raise ValueError("a command, a --automcm-limit from 0.01, a --automcm-seed from 0")
+            if not self._command:
+                raise ValueError("--automcm-adapter must be a command")
+            if not 0.01 <= self._limit_s < math.inf:
+                raise ValueError("--automcm-limit must be at least 0.01 seconds")
+            if self._seed < 0:
+                raise ValueError("--automcm-seed must be at least 0")
             file = option("expect")
             self._expected = verdicts.expectations(Path(file), everything) if file else {}
         except (ValueError, OSError) as error:
@@ -64,29 +68,29 @@ class Cases:
         self._shared: str = worker.get("automcm_shared", "")
         """The folder that the workers of pytest-xdist share; empty without them."""
         self._scratch = ExitStack()
-        """Removes that folder, in the process that made it."""
+        """Removes that folder, in the process that created it."""
         arguments = config.args_source == pytest.Config.ArgsSource.ARGS
-        self._asked: bool = worker.get(
+        self._collect_all: bool = worker.get(
             "automcm_asked", not arguments or bool(config.getoption("automcm_adapter"))
         )
-        """The cases are wanted, whatever paths stand on the command line."""
-        self._made: Report | str | None = None
-        """The report, or why there is none."""
-        self._untold = False
-        """That there is none was found here, and no test has failed for it yet."""
+        """Whether the cases are collected, whatever paths the command line has."""
+        self._result: Report | str | None = None
+        """The report, or the error of the run."""
+        self._unreported = False
+        """The run failed in this process, and no test has failed because of it yet."""
 
-    # -- which tests there are
+    # -- collection
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_collection(self, session: pytest.Session) -> None:
-        """Take the ids of cases out of the arguments: pytest would look for files."""
+        """Remove the ids of cases from the arguments, because pytest would look for files."""
         prefix, arguments = f"{NAME}::", session.config.args
         ids = [text[len(prefix) :] for text in arguments if text.startswith(prefix)]
         arguments[:] = [text for text in arguments if not text.startswith(prefix)]
         try:
             if ids:
                 self._chosen = purposes.select(self._chosen, filter(None, ids))
-            elif not self._asked:
+            elif not self._collect_all:
                 self._chosen = []
         except ValueError as error:
             raise pytest.UsageError(f"automcm: {error}") from None
@@ -95,14 +99,14 @@ class Cases:
     def pytest_collection_modifyitems(
         self, session: pytest.Session, config: pytest.Config, items: list[pytest.Item]
     ) -> None:
-        """Add the cases, before anybody deselects."""
+        """Add the cases before tests are deselected."""
         suite = Suite.from_parent(session, name=NAME, nodeid=NAME, cases=self)
         collected = config.hook.pytest_make_collect_report(collector=suite)
         config.hook.pytest_collectreport(report=collected)
         items.extend(collected.result)
 
     def tests(self, suite: Suite) -> Iterator[Case]:
-        """The cases that were chosen, as tests."""
+        """The selected cases as tests."""
         for purpose in self._chosen:
             case = Case.from_parent(suite, name=purpose.id, cases=self)
             for name in (*purpose.rules, purpose.level):
@@ -117,31 +121,31 @@ class Cases:
     def verdict(self, test: Case) -> CaseResult:
         """The verdict on a case.
 
-        Without a report the first test fails, and the others are skipped.
+        If the run failed, the first test fails and the others are skipped.
         """
-        if self._made is None:
+        if self._result is None:
             names = {item.name for item in test.session.items if isinstance(item, Case)}
-            with self._alone():
-                self._made = self._stored()
-                if self._made is None:
-                    self._made = self._run(names)
-                    self._untold = isinstance(self._made, str)
-                    self._store(self._made)
-        if isinstance(self._made, Report):
-            return next(case for case in self._made.cases if case.id == test.name)
-        if self._untold:
-            self._untold = False
-            pytest.fail(self._made, pytrace=False)
-        pytest.skip("there is no run: see the case of automcm that failed")
+            with self._exclusive():
+                self._result = self._stored()
+                if self._result is None:
+                    self._result = self._run(names)
+                    self._unreported = isinstance(self._result, str)
+                    self._store(self._result)
+        if isinstance(self._result, Report):
+            return next(case for case in self._result.cases if case.id == test.name)
+        if self._unreported:
+            self._unreported = False
+            pytest.fail(self._result, pytrace=False)
+        pytest.skip("the suite could not be run; see the automcm case that failed")
 
     def _run(self, names: set[str]) -> Report | str:
-        """Run the suite with these cases and write the report; if there is none, why."""
+        """Run the suite with these cases and write the report.  Returns it, or the error."""
         chosen = [purpose for purpose in self._chosen if purpose.id in names]
         partly = len(chosen) < self._all
         started, clock = datetime.now(UTC), time.monotonic()
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            made = suite_run.conform(
+            result = suite_run.conform(
                 self._command,
                 chosen,
                 self._folder,
@@ -151,18 +155,19 @@ class Cases:
                 selectors=[purpose.id for purpose in chosen] if partly else [],
                 expected=self._expected,
             )
-            made.started = started.isoformat(timespec="seconds")
-            made.seconds = round(time.monotonic() - clock, 1)
-            report.write(made, self._folder)
+            result.started = started.isoformat(timespec="seconds")
+            result.seconds = round(time.monotonic() - clock, 1)
+            report.write(result, self._folder)
         except (AdapterError, ProtocolError, OracleError, OSError) as error:
-            return "\n  ".join([f"no run: {error}", *map(repr, getattr(error, "stderr", ()))])
-        if "interrupted" in made.problems:
+            lines = [f"the suite could not be run: {error}"]
+            return "\n  ".join([*lines, *map(repr, getattr(error, "stderr", ()))])
+        if "interrupted" in result.problems:
             raise KeyboardInterrupt
-        return made
+        return result
 
     @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """No other worker is in here; one that dies in here is out."""
+    def _exclusive(self) -> Iterator[None]:
+        """Lock out other workers.  The system releases the lock if this worker dies."""
         if not self._shared:
             yield
             return
@@ -171,45 +176,45 @@ class Cases:
             yield
 
     def _stored(self) -> Report | str | None:
-        """What a worker has stored, if one has."""
+        """The result that a worker has stored, or None."""
         if not self._shared:
             return None
         good, bad = Path(self._shared, "report.json"), Path(self._shared, "why")
         return report.load(good) if good.exists() else bad.read_text() if bad.exists() else None
 
-    def _store(self, made: Report | str) -> None:
-        if isinstance(made, Report) and self._shared:
-            files.write(Path(self._shared, "report.json"), json.dumps(made.as_dict()))
-        elif isinstance(made, str) and self._shared:
-            files.write(Path(self._shared, "why"), made)
+    def _store(self, result: Report | str) -> None:
+        if isinstance(result, Report) and self._shared:
+            files.write(Path(self._shared, "report.json"), json.dumps(result.as_dict()))
+        elif isinstance(result, str) and self._shared:
+            files.write(Path(self._shared, "why"), result)
 
-    # -- pytest-xdist, and the end
+    # -- pytest-xdist, and the end of the session
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:
-        """A worker is about to start."""
+        """Pass the settings to a worker before it starts."""
         self._shared = self._shared or str(self._scratch.enter_context(scratch.folder("pytest")))
         node.workerinput["automcm_shared"] = self._shared
         node.workerinput["automcm_folder"] = str(self._folder)
-        node.workerinput["automcm_asked"] = self._asked
+        node.workerinput["automcm_asked"] = self._collect_all
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """The verdict, and where the report is."""
-        made = self._made or self._stored()
-        if isinstance(made, Report):
+        """Print the verdict and the path of the report."""
+        result = self._result or self._stored()
+        if isinstance(result, Report):
             terminalreporter.section("AutoMCM conformance")
-            terminalreporter.line(report.conformance(made)[1])
-            for problem in made.problems:
+            terminalreporter.line(report.conformance(result)[1])
+            for problem in result.problems:
                 terminalreporter.line(f"Problem: {report.visible(problem)}")
             terminalreporter.line(f"Report: {self._folder / 'report.html'}")
 
     def pytest_unconfigure(self, config: pytest.Config) -> None:
-        """The folder that the workers shared goes."""
+        """Remove the folder that the workers share."""
         self._scratch.close()
 
 
 class Suite(pytest.Collector):
-    """Holds the cases."""
+    """The collector of the cases."""
 
     def __init__(self, *, cases: Cases, **rest: Any) -> None:
         super().__init__(**rest)
@@ -228,7 +233,7 @@ class Case(pytest.Item):
         self._cases = cases
 
     def runtest(self) -> None:
-        """The verdict, in pytest's words: what is expected and not PASS is an xfail."""
+        """Report the verdict to pytest: an expected verdict other than PASS is an xfail."""
         case = self._cases.verdict(self)
         why = report.why(case)
         if not case.expected:
@@ -239,5 +244,5 @@ class Case(pytest.Item):
             pytest.xfail(why)
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """The case stands in no file."""
+        """The location of the case, which is in no file."""
         return self.config.rootpath / NAME, None, self.name

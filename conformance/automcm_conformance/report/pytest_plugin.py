@@ -1,7 +1,7 @@
-"""The pytest plugin: ``pytest --automcm-adapter CMD`` makes a test of each case of the suite.
+"""The pytest plugin: with ``pytest --automcm-adapter CMD`` each case of the suite is a test.
 
-pytest imports this module in whatever it runs, before coverage is measured.  So it imports nothing;
-what there is to do is in ``pytest_cases``.
+pytest imports this module in every run, before coverage is measured.  So it imports nothing; the
+work is done in ``pytest_cases``.
 """
 
 from __future__ import annotations
@@ -13,25 +13,25 @@ if TYPE_CHECKING:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The options ``--automcm-…``, each with a setting of the same name."""
+    """Add the options ``--automcm-...`` and a setting of the same name for each."""
     group = parser.getgroup("automcm", "AutoMCM conformance")
     texts = {
         "adapter": ("CMD", "command of the adapter; the suite's cases become tests"),
         "expect": ("FILE", "file of known deviations"),
-        "out": ("FOLDER", "where the report goes; by default runs/<time>"),
-        "limit": ("SECONDS", "real time that an answer may take; by default 10"),
-        "seed": ("N", "for what is random in the station; by default 1"),
+        "out": ("FOLDER", "folder of the report; default: runs/<time>"),
+        "limit": ("SECONDS", "real time that an answer may take; default: 10"),
+        "seed": ("N", "seed of the station's random numbers; default: 1"),
     }
     for name, (metavar, text) in texts.items():
         group.addoption(f"--automcm-{name}", metavar=metavar, help=text)
         parser.addini(f"automcm_{name}", text, "string", default="")
-    text = "cases of this id or beginning, rule or level alone; may be repeated"
+    text = "run only cases with this id, prefix of an id, rule or level; may be repeated"
     group.addoption("--automcm-select", action="append", metavar="SELECTOR", help=text)
     parser.addini("automcm_select", text, "args", default=[])
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Adds the cases if an adapter is named."""
+    """Add the cases if an adapter is given."""
     if config.getoption("automcm_adapter") or config.getini("automcm_adapter"):
         import pytest
 

@@ -1,6 +1,6 @@
-"""A run as files: report.json to read again, junit.xml for CI, report.html for people.
+"""The files of a run: report.json for programs, junit.xml for CI, report.html for readers.
 
-Much of a report is text of a program under test.  Whatever is shown of it goes through ``visible``.
+Much of a report is text of a program under test.  All text that is shown goes through ``visible``.
 """
 
 from __future__ import annotations
@@ -42,28 +42,26 @@ GROUPS = {
     "MEM": "memory",
 }
 MEANING: dict[Verdict, str] = {
-    "PASS": "Every answer was one that the specification allows.",
-    "FAIL": "An answer came that the specification does not allow, or one that it asks for did not "
-    "come.",
-    "INCONC": "Inconclusive: what leads to the test went wrong, so the test itself says nothing.",
-    "SKIP": "Not run, because the implementation does not claim what is tested. Counts neither for "
-    "nor against it.",
-    "ERROR": "The kit or the adapter broke: a process that ended, an answer that came too late or "
-    "was none.",
+    "PASS": "The specification allows every answer.",
+    "FAIL": "The specification does not allow an answer, or a required answer is missing.",
+    "INCONC": "Inconclusive: the preparation of the test failed, so the test proves nothing.",
+    "SKIP": "Not run, because the implementation does not claim the tested feature. Has no effect "
+    "on conformance.",
+    "ERROR": "The kit or the adapter failed: its process exited, or an answer was late or invalid.",
 }
 TOTALS = ("transitions", "refusals", "rules")
-MOST = 20
-"""Pages of one run; what is beyond has its log."""
+MAX_PAGES = 20
+"""A run has at most this many pages; further cases have logs only."""
 LIMIT = 4000
-"""How many characters of one text are shown; report.json holds all."""
+"""At most this many characters of a text are shown; report.json has all."""
 _REPORT = TypeAdapter(Report)
 
 
 def write(report: Report, folder: Path) -> list[Path]:
-    """Write report.json, junit.xml and report.html; the folder is made if it is not there.
+    """Write report.json, junit.xml and report.html to the folder, which is created if needed.
 
-    Equal reports give equal bytes; what ``started`` and ``seconds`` say stands in report.json and
-    report.html only.  Raises OSError if a file cannot be written.
+    Equal reports give equal bytes, apart from ``started`` and ``seconds``.  Raises OSError if a
+    file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / name for name in ("report.json", "junit.xml", "report.html")]
@@ -76,22 +74,24 @@ def write(report: Report, folder: Path) -> list[Path]:
 
 
 def write_pages(report: Report, folder: Path) -> None:
-    """Write a page beside the log of each case that is no PASS, and name it in the report.
+    """Write a page beside the log of each case that did not pass, and name it in the report.
 
     Raises OSError if it cannot be written.
     """
-    for case in [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")][:MOST]:
+    for case in [c for c in report.cases if c.log and c.verdict not in ("PASS", "SKIP")][
+        :MAX_PAGES
+    ]:
         log = folder / case.log
         several = log.parent != folder / "logs"
         logs = sorted(log.parent.glob("*.ndjson")) if several else [log]
         try:
             page = load_logs(logs, f"{case.id}: {case.verdict}")
         except (BadInput, PageError):
-            continue  # the log is there all the same
+            continue  # the log itself is kept
         if not several and page.runs[0].verdicts[0].verdict == "allowed":
-            page.title = f"{case.id}, up to where it failed"  # which a log cannot always tell
+            page.title = f"{case.id}, until the failure"  # not every failure shows in a log
             what = case.failures[0].what if case.failures else case.reason
-            page.note = f"Judged up to the end of the log. {case.verdict}, after that: {what}"
+            page.note = f"The log is allowed to its end. After it, {case.verdict}: {what}"
         page.runs[0].renamed = f"{folder}/", ""
         path = log.with_suffix(".html")
         files.write(path, page_.html(page))
@@ -101,12 +101,12 @@ def write_pages(report: Report, folder: Path) -> None:
 def load(path: Path) -> Report:
     """The report in a report.json.
 
-    Raises ValueError, naming file and field, if it is none; OSError if it cannot be read.
+    Raises ValueError with file and field if it is invalid, and OSError if it cannot be read.
     """
     try:
         value = json.loads(path.read_text("utf-8"))
         if not isinstance(value, dict) or value.get("format") != FORMAT:
-            raise ValueError(f"format: {FORMAT} is needed")
+            raise ValueError(f"format: expected {FORMAT}; give the report.json of a run")
         return _REPORT.validate_python(value)
     except ValidationError as error:
         first = error.errors()[0]
@@ -117,12 +117,12 @@ def load(path: Path) -> Report:
 
 
 def html(reports: list[Report]) -> str:
-    """One page that needs nothing else, for one implementation or several side by side.
+    """One self-contained page for one run, or for several side by side.
 
-    Raises ValueError if there is no report.
+    Raises ValueError without a report.
     """
     if not reports:
-        raise ValueError("no report to show")
+        raise ValueError("there is no report to show")
     page = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -157,10 +157,10 @@ def html(reports: list[Report]) -> str:
 
 
 def visible(text: str, lines: bool = False, limit: int = LIMIT) -> str:
-    """A text as it may be shown.
+    """A text that is safe to show.
 
-    What cannot be printed (control characters, marks of direction, halves of characters) becomes
-    an escape as in Python; ``lines`` keeps line feeds and tabs.  What is beyond ``limit`` is cut.
+    Characters that are not printable (control characters, direction marks, lone surrogates) become
+    Python escapes; ``lines`` keeps line feeds and tabs.  Text beyond ``limit`` characters is cut.
     """
     keep = "\n\t" if lines else ""
     shown = "".join(
@@ -172,9 +172,9 @@ def visible(text: str, lines: bool = False, limit: int = LIMIT) -> str:
 
 
 def conformance(report: Report) -> tuple[bool | None, str]:
-    """Whether the implementation conforms (None: cannot tell), and one sentence that says so.
+    """Whether the implementation conforms (None: cannot tell), and a sentence for the report.
 
-    Only MUST cases decide.  An expected failure is a failure here.
+    Only MUST cases decide.  An expected failure counts as a failure.
     """
     must = [case for case in report.cases if case.level == "MUST"]
     found = Counter(case.verdict for case in must)
@@ -203,7 +203,7 @@ def conformance(report: Report) -> tuple[bool | None, str]:
 
 
 def _roles(report: Report) -> str:
-    """In which roles the implementation was tested: those that it claims."""
+    """The roles in which the implementation was tested, which are those that it claims."""
     roles = [role for role in ("prescriber", "receiver") if role in report.implementation.features]
     return f"as {' and '.join(roles)}" if roles else "in neither role"
 
@@ -215,35 +215,35 @@ def group(case: CaseResult) -> str:
 
 
 def groups(reports: list[Report]) -> list[str]:
-    """The groups that the cases are of, in the order of the specification."""
+    """The groups of the cases, in the order of the specification."""
     found = {group(case) for report in reports for case in report.cases}
     return [name for name in GROUPS if name in found] + sorted(found - GROUPS.keys())
 
 
 def matrix(report: Report) -> Counter[tuple[str, Verdict]]:
-    """How many cases there are of each group and verdict."""
+    """The number of cases of each group and verdict."""
     return Counter((group(case), case.verdict) for case in report.cases)
 
 
 def levels(report: Report) -> Counter[tuple[Level, Verdict]]:
-    """How many cases there are of each level and verdict."""
+    """The number of cases of each level and verdict."""
     return Counter((case.level, case.verdict) for case in report.cases)
 
 
 def totals(report: Report) -> list[tuple[str, list[int]]]:
-    """What was reached of the specification, in the order in which it is shown."""
+    """The coverage of the specification, in the order in which it is shown."""
     return [(name, report.coverage[name]) for name in _ordered(set(report.coverage))]
 
 
 def share(pair: list[int]) -> str:
-    """[reached, total] as text with per cent, which are rounded down: 100.0 means all."""
+    """[reached, total] as text with a percentage, rounded down so that 100.0 means all."""
     reached, total = pair
     part = f" ({1000 * reached // total / 10:.1f} %)" if total else ""
     return f"{reached:,} of {total:,}{part}"
 
 
 def wrong(report: Report) -> dict[int, CaseResult]:
-    """The cases that need a word, by their number: something went wrong, or not as expected."""
+    """The cases to explain, by their number: those with a failure or an unexpected verdict."""
     return {
         number: case
         for number, case in enumerate(report.cases)
@@ -256,7 +256,7 @@ def _ordered(names: set[str]) -> list[str]:
 
 
 def _shown(value: object) -> object:
-    """What the template prints of a value: macros of its own as they are, texts as ``visible``."""
+    """A value as the template prints it: strings through ``visible``, its own macros unchanged."""
     return visible(value, lines=True) if type(value) is str else value
 
 
@@ -265,9 +265,9 @@ def _count(number: int, what: str) -> str:
 
 
 def _junit(report: Report) -> JUnitXml:
-    """What is not as expected is a failure or an error, as it is in the exit code.
+    """The report as JUnit XML, in which only unexpected verdicts are failures or errors.
 
-    Cases are driven together: only the whole has a time, in seconds.
+    Cases are run together, so only the whole run has a time in seconds.
     """
     who = report.implementation
     suites: dict[str, TestSuite] = {}
@@ -292,7 +292,7 @@ def _junit(report: Report) -> JUnitXml:
 
 
 def _junit_result(case: CaseResult) -> Skipped | Failed | Error | None:
-    """None for a case that passed."""
+    """The result of a case; None if it passed."""
     if case.expected:
         return None if case.verdict == "PASS" else Skipped(why(case), case.verdict)
     result = (Error if case.verdict in ("INCONC", "ERROR") else Failed)(why(case), case.verdict)
@@ -301,7 +301,7 @@ def _junit_result(case: CaseResult) -> Skipped | Failed | Error | None:
 
 
 def why(case: CaseResult) -> str:
-    """Why the verdict on a case is no PASS, or not as expected: one line."""
+    """One line: why the verdict on a case is not PASS, or is unexpected."""
     first = case.failures[0].what if case.failures else ""
     reason = visible(case.reason or first or case.verdict)
     if case.expected:
@@ -313,7 +313,7 @@ def why(case: CaseResult) -> str:
 
 
 def as_text(case: CaseResult) -> str:
-    """What a case is about, and each of its failures with the exchange that leads to it."""
+    """The purpose of a case, and each of its failures with the exchange that leads to it."""
     texts = [f"given {case.given}", f"when {case.when}", f"then {case.then}"]
     texts += [f"reason: {case.reason}", f"because: {case.because}"]
     about = "\n".join(visible(text) for text in texts if not text.endswith(": "))
@@ -323,8 +323,8 @@ def as_text(case: CaseResult) -> str:
 def _failure_text(failure: Failure) -> str:
     place = f" (Station.tla line {failure.line}, {failure.operator})" if failure.operator else ""
     lines = [f"{failure.rule}{place}: {failure.rule_text}", failure.what]
-    lines += ["The specification allows one of", *(f"  {text}" for text in failure.allowed)]
-    lines += ["What came", *(f"  {text}" for text in failure.came), "The exchange"]
+    lines += ["Expected one of", *(f"  {text}" for text in failure.allowed)]
+    lines += ["Received", *(f"  {text}" for text in failure.came), "Exchange"]
     lines += [f"  {line.now:>8} ms  {line.who:<7}  {line.text}" for line in failure.exchange]
     lines += [f"Replay: {failure.command}"] if failure.command else []
     return "\n".join(visible(line) for line in lines)

@@ -1,7 +1,7 @@
-"""A run on the terminal.
+"""The report of a run on the terminal.
 
-Texts of the station never reach it as they are: ``visible`` shows what is not printable as an
-escape, and nothing is read as markup.
+Texts of the station go through ``visible``, which escapes characters that are not printable, and
+are never interpreted as markup.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from automcm_conformance.report.report import (
 
 STYLES = {"PASS": "green", "FAIL": "red", "INCONC": "yellow", "SKIP": "dim", "ERROR": "magenta"}
 CASES = 10
-"""How many cases the summary names: it is to stay on one screen."""
+"""The summary names at most this many cases, so that it fits on one screen."""
 ORDER: tuple[Verdict, ...] = ("FAIL", "PASS", "ERROR", "INCONC", "SKIP")
-"""Which of the unexpected cases it names first."""
+"""The order in which it names unexpected cases."""
 WIDTH = 100
-"""Where the output is no terminal."""
+"""The width of output that is not a terminal."""
 LIMIT = 400
 SHORT = 120
 
 
 def summary(report: Report, console: Console, folder: Path | None = None) -> None:
-    """Print who was tested, the verdict, the counts, the coverage and what was not expected.
+    """Print the implementation, the verdict, the counts, the coverage and unexpected cases.
 
-    ``folder`` is where the files of the report are.  A console that is no terminal is set to a
-    width of 100.
+    ``folder`` has the files of the report.  A console that is not a terminal is set to a width of
+    100.
     """
     _prepare(console)
     who = report.implementation
@@ -61,9 +61,9 @@ def summary(report: Report, console: Console, folder: Path | None = None) -> Non
 
 
 def failure(case: CaseResult, failure: Failure, console: Console) -> None:
-    """Print one failure: the rule, the exchange that leads to it, what is allowed, what came.
+    """Print one failure: the rule, the exchange, and the expected and the received answer.
 
-    A console that is no terminal is set to a width of 100.
+    A console that is not a terminal is set to a width of 100.
     """
     _prepare(console)
     console.print(Text(case.verdict, STYLES[case.verdict]) + _text(f" {case.id}", "bold"))
@@ -82,10 +82,10 @@ def failure(case: CaseResult, failure: Failure, console: Console) -> None:
         table.add_row(Text(str(line.now), "dim"), *cells)
     console.print(table)
     console.print()
-    _list("The specification allows one of", failure.allowed, "green", console)
-    _list("What came", failure.came, "red", console)
+    _list("Expected one of", failure.allowed, "green", console)
+    _list("Received", failure.came, "red", console)
     if failure.command:
-        console.print(Text("Play it again:"))
+        console.print(Text("Replay it with:"))
         console.print(_text(failure.command, limit=10 * LIMIT), soft_wrap=True)
 
 
@@ -109,7 +109,7 @@ def _unexpected(report: Report, console: Console) -> None:
     if not cases:
         console.print(Text("Every verdict is as expected."))
         return
-    console.print(Text(f"Not as expected: {len(cases)} of {len(report.cases)} cases"))
+    console.print(Text(f"Unexpected: {len(cases)} of {len(report.cases)} cases"))
     table = _grid()
     table.add_column(no_wrap=True)
     table.add_column()  # rich shortens a column that may wrap before any that may not

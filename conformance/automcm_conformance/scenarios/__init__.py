@@ -1,5 +1,5 @@
 """Scenarios with several stations, each behind a process, on a scripted radio.
 
-For the cases that one station alone cannot show.
-The suite and ``replay`` import it.
+For cases that need more than one station.
+``suite`` and ``replay`` import this subpackage.
 """

@@ -1,8 +1,8 @@
-"""A station behind an adapter, followed on the oracle while it runs, with its log beside it.
+"""Follows a station behind an adapter on the specification while it runs, and writes its log.
 
-The adapter protocol tells what a station sends and says, and its next deadline; it does not tell
-which timers run.  The specification does: so it is asked, step by step, and what it arms and stops
-is what the log says and what the deadline is compared with.
+The adapter protocol reports messages, indications and the next deadline, but not which timers
+run.  The monitor takes the timers from the specification, step by step: they are written to the
+log, and the deadline is compared with them.
 """
 
 from __future__ import annotations
@@ -37,15 +37,16 @@ from automcm_traces.format.reader import read
 from automcm_traces.format.writer import LogWriter
 
 Json = Any
-SILENT_MS = 1_000
-"""The longest legal interval of CAMs (protocol.md, section 3, t_cam_loss)."""
+MAX_CAM_INTERVAL_MS = 1_000
+"""The longest allowed interval of CAMs in ms (protocol.md, section 3, t_cam_loss)."""
 
 
 class Monitor:
-    """One station from ``reset`` on.  Its log is written to ``path``; ``lines`` gets what is said.
+    """Follows one station from ``reset`` on.
 
-    ``parameters`` are those of ``reset``, ``now`` is the virtual time in ms.  What the
-    specification does not allow raises Diverges, here and in ``give``.
+    The log is written to ``path``, and ``lines`` gets the transcript.  ``parameters`` are those of
+    ``reset``; ``now`` is the virtual time in ms.  Raises Diverges, as ``give`` does, if the
+    specification does not allow an answer.
     """
 
     def __init__(
@@ -63,19 +64,19 @@ class Monitor:
     ) -> None:
         self.id = station
         self.deadline: int | None = None
-        """Of its next timer, as it told."""
+        """The deadline in ms that the station reported last."""
         self.excused: set[tuple[int, int]] = set()
-        """Sessions in which it aborted, lost CAMs or restarted (S-5)."""
+        """Sessions in which the station aborted, lost CAMs or restarted (S-5)."""
         self.last: Step | None = None
-        """The step of the specification that is looked at."""
+        """The last step of the specification."""
         self.sent: list[tuple[str, dict[str, Json]]] = []
-        """What the last answer held, CAMs too, each with the id of its transmission."""
+        """The messages and CAMs of the last answer, each with the id of its transmission."""
         self.indications: list[dict[str, Json]] = []
         """The indications of the last answer."""
         self.backoffs = 0
-        """How often a back-off was armed."""
+        """How many back-offs were armed."""
         self.backoff = 0
-        """How long each lasts, in ms; 0 if that is left to the station."""
+        """The duration of every back-off in ms; 0 if the station chooses it."""
         self._sends_cams = "cam" in hello.features
         self._process = process
         self._lines = lines
@@ -106,25 +107,25 @@ class Monitor:
 
     @property
     def track(self) -> Track:
-        """Where the specification says that it is."""
+        """The state of the station according to the specification."""
         return self._engine.track
 
     def give(
         self, now: int, command: dict[str, Json], tx: str | None = None, raw: str | None = None
     ) -> None:
-        """Say a line, ``now`` not in it, and follow the answer: it is in ``sent`` and ``told``.
-        ``tx`` is the transmission of a message received; ``raw`` is what the log is to hold, in
-        base64, if that is no message (END-5).
+        """Send a command at ``now`` (ms), and follow its answer.
 
-        Raises Diverges, CannotTell if the oracle knows no such situation, AdapterError and
-        ProtocolError.
+        The answer is then in ``sent``, ``indications`` and ``deadline``.  ``tx`` is the
+        transmission of a received message; ``raw`` is its base64 text for the log if it is
+        malformed (END-5).  Raises Diverges, CannotTell if the specification does not cover the
+        situation, AdapterError and ProtocolError.
         """
         command = {**command, "now": now}
         line = encode(command)
         self._lines.append(Line(now, "kit", f"{self.id}: {transcript.said(command)}"))
-        said = self._process.exchange([line])[0]
-        self._lines.append(Line(now, "station", f"{self.id}: {transcript.answered(said)}"))
-        answer = self._answer = read_answer(said)
+        answered = self._process.exchange([line])[0]
+        self._lines.append(Line(now, "station", f"{self.id}: {transcript.answered(answered)}"))
+        answer = self._answer = read_answer(answered)
         answer.indications = [bare(indication) for indication in answer.indications]
         self.sent, self.indications = [], list(answer.indications)
         self.deadline = answer.deadline
@@ -140,7 +141,7 @@ class Monitor:
             del self._lines[-2:]
 
     def set_backoff(self, ms: int) -> None:
-        """Every back-off from now on lasts so long; needs the feature ``durations``.
+        """Set the duration of every later back-off in ms.  Needs the feature ``durations``.
 
         Raises AdapterError and ProtocolError.
         """
@@ -149,11 +150,14 @@ class Monitor:
         self._backoff, self.backoff = (ms, ms), ms
 
     def end(self, reason: str) -> None:
-        """The log ends: ``clean``, or ``crash`` if the adapter broke."""
+        """End the log with the reason ``clean``, or ``crash`` if the adapter failed."""
         self._log.end(reason)
 
     def _follow(self, now: int, command: dict[str, Json], tx: str | None, raw: str | None) -> None:
-        """Timers that are due, then the command.  CAMs were due before that, or with the timers."""
+        """Follow the timers that are due, then the command.
+
+        CAMs with the marks of the old state come before both, the others after them.
+        """
         before = [cam for cam in self._answer.cams if self._marks(cam)]
         for cam in before:
             self._cam(now, cam)
@@ -170,7 +174,7 @@ class Monitor:
             self._input(now, kind, command=command["command"])
         elif kind == "restart":
             self._input(now, kind)
-        self._rest(now)
+        self._log_unexpected(now)
         self._engine.finish()
         for cam in self._answer.cams:
             if cam not in before:
@@ -180,7 +184,7 @@ class Monitor:
     # -- one step
 
     def _input(self, now: int, ev: str, **fields: Json) -> None:
-        """An input, and what the specification wants to follow it."""
+        """Follow an input and the effects that the specification requires."""
         self._engine.finish()
         session = self.track.session
         self._event(now, ev, **fields)
@@ -192,8 +196,8 @@ class Monitor:
         while (m := next(filter(self._engine.takes, self._answer.messages), None)) is not None:
             self._answer.messages.remove(m)
             self._send(now, m)
-        if step.messages:  # one is missing, or is not as it should be
-            self._rest(now)
+        if step.messages:  # a required message is missing or different
+            self._log_unexpected(now)
             self._engine.finish()
         stop, arm = self._engine.timers_to_change()
         for timer in list(self._clock.running) if ev == "restart" else stop:
@@ -206,7 +210,7 @@ class Monitor:
             self._event(now, "indication", indication=indication)
 
     def _malformed(self, now: int, tx: str | None, raw: str) -> None:
-        """What is no message has no effect (END-5): all that is answered is too much."""
+        """A malformed message has no effect (END-5), so no answer to it is allowed."""
         self._engine.finish()
         self.last = None
         self._event(now, "receive", tx=tx, raw=raw)
@@ -215,24 +219,24 @@ class Monitor:
             try:
                 self._send(now, m)
             except Diverges as d:
-                raise self._diverges(d.finding.observed, ["nothing is sent"], "END-5") from None
+                raise self._diverges(d.finding.observed, ["no message"], "END-5") from None
 
-    def _rest(self, now: int) -> None:
-        """What was answered and nothing called for."""
+    def _log_unexpected(self, now: int) -> None:
+        """Log the messages and indications of the answer that no step required."""
         for m in self._answer.messages:
             self._send(now, m)
         for indication in self._answer.indications:
             self._event(now, "indication", indication=indication)
 
     def _arm(self, now: int, timer: Timer, duration: int | None) -> None:
-        deadline = now + duration if duration is not None else self._unsettled(now, timer)
+        deadline = now + duration if duration is not None else self._variable_deadline(now, timer)
         self.backoffs += timer.name == "backoff"
         message = timer.message if isinstance(timer, MessageTimer) else None
         self._clock.arm(timer, deadline, message, message.type if message else "")
         self._event(now, "timer", op="arm", timer=timer, deadline=deadline)
 
-    def _unsettled(self, now: int, timer: Timer) -> int:
-        """When a timer expires whose duration is in no parameter: forget (ADV-8), back-off."""
+    def _variable_deadline(self, now: int, timer: Timer) -> int:
+        """The deadline in ms of a timer whose duration is not a parameter: forget, back-off."""
         if isinstance(timer, ForgetTimer) and timer.station is not None:
             return forgotten_at(self._known, self._joined_at[timer.station], now)
         low, high = (now + ms for ms in self._backoff)
@@ -240,7 +244,7 @@ class Monitor:
         if low == high:
             return low
         if others <= high and others == self._answer.deadline:
-            raise CannotTell("another deadline hides that of the back-off")
+            raise CannotTell("the deadline of the back-off is hidden by that of another timer")
         if self._answer.deadline is None or not low <= self._answer.deadline <= high:
             raise self._diverges(
                 f"deadline: the back-off ends at {self._answer.deadline}",
@@ -257,7 +261,7 @@ class Monitor:
         self._send(now, cam)
 
     def _marks(self, cam: dict[str, Json]) -> bool:
-        """Whether a CAM has the marks of the present state (ACT-5)."""
+        """Whether a CAM has the marks of the current state (ACT-5)."""
         marks = cam.get("marks")
         own = sorted(map(canonical, self.track.marks))
         return isinstance(marks, list) and sorted(map(canonical, marks)) == own
@@ -265,14 +269,14 @@ class Monitor:
     def _send(self, now: int, m: dict[str, Json]) -> None:
         self._transmissions += 1
         tx = f"{self.id}:{self._transmissions}"
-        if invalid := not_plain(m):  # the log cannot hold it
+        if invalid := not_plain(m):  # the log has no form for it
             text = f"send {m['type']}: {': '.join(invalid)}"
-            raise self._diverges(text, ["a message as section 2 has it"])
+            raise self._diverges(text, ["a message as in protocol.md section 2"])
         self._event(now, "send", tx=tx, message=m)
         self.sent.append((tx, m))
 
     def _event(self, now: int, ev: str, **fields: Json) -> None:
-        """Into the log, and to the engine."""
+        """Write an event to the log, and feed it to the engine."""
         observed = {name: value for name, value in fields.items() if value is not None}
         if "timer" in observed:
             observed["timer"] = observed["timer"].model_dump(exclude_none=True)
@@ -282,10 +286,10 @@ class Monitor:
         event = cast(Event, RECORD.validate_python(record))
         self._engine.feed(self._at, event)
 
-    # -- what is left to compare
+    # -- comparisons after the step
 
     def _compare(self, now: int) -> None:
-        """The phase if it is told, the next deadline, and whether CAMs come at all."""
+        """Compare the phase, if reported, and the deadline; check that CAMs are sent."""
         answer, phase = self._answer, self.track.state.phase
         if answer.phase not in (None, phase):
             raise self._diverges(f"phase: {phase} is expected, not {answer.phase}", [phase])
@@ -297,12 +301,12 @@ class Monitor:
                 self.last = self._expiry(first)
             text = f"deadline: {_number(wanted)} is expected, not {_number(answer.deadline)}"
             raise self._diverges(text, [f"next deadline {_number(wanted)} ({name})"])
-        if self._sends_cams and now > self._cam_ms + SILENT_MS:
-            text = f"no CAM since {self._cam_ms} ms"
+        if self._sends_cams and now > self._cam_ms + MAX_CAM_INTERVAL_MS:
+            text = f"no CAM after {self._cam_ms} ms"
             raise self._diverges(text, ["a CAM every t_cam"], "ACT-2")
 
     def _expiry(self, running: Running[Timer]) -> Step | None:
-        """The step that this timer would bring about: it is missing, or lasts too long."""
+        """The step of this timer's expiry, which the station missed or set too late."""
         engine = self._engine.copy()
         timer, t_ms = running.timer, running.deadline
         event = TimerEnd.model_construct(
@@ -312,14 +316,14 @@ class Monitor:
         return engine.step
 
     def _diverges(self, what: str, wanted: list[str], rule: str = "") -> Diverges:
-        """``rule`` is that of the last step if none is given."""
+        """The divergence; ``rule`` is by default that of the last step."""
         step = self.last
         guard = RULES[rule] if rule else "" if step is None else step.guard
         return Diverges(self._at, what, rule or (step.rule if step else ""), wanted, guard)
 
 
 def _is_no_op(command: dict[str, Json]) -> bool:
-    """Time passes, or a CAM arrives."""
+    """Whether a command only advances time or delivers a CAM."""
     kind: str = command.get("message", {}).get("type", command["cmd"])
     return kind in ("CAM", "advance")
 

@@ -1,7 +1,7 @@
 """The scenarios: several stations of one implementation on a scripted radio.
 
-A scenario is data: what the applications do, what the radio does, and what the applications must
-have been told in the end.
+A scenario is data: the actions of the applications, the rules of the radio, and the indications
+that the applications must have received at the end.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from automcm_conformance.scenarios.scenario_runner import (
     Application,
     Outcome,
     Play,
-    Stage,
+    PlayRun,
     When,
 )
 from automcm_conformance.scenarios.scripted_radio import Rule
@@ -40,15 +40,15 @@ def _both(*rules: Rule) -> Play:
 
 
 def _cut(*rules: Rule) -> Play:
-    """Nobody completes, and in the end both know that CAMs were lost."""
-    story = {P: ("choose", "accepted", "fallback cam_loss"), R: ("verify", "fallback cam_loss")}
-    return Play({P: Application((REQUEST,)), R: RECEIVER}, rules, story)
+    """No station completes the session, and both detect the loss of CAMs."""
+    expected = {P: ("choose", "accepted", "fallback cam_loss"), R: ("verify", "fallback cam_loss")}
+    return Play({P: Application((REQUEST,)), R: RECEIVER}, rules, expected)
 
 
 def _fin_lost(lease_ms: int, reason: str) -> Play:
     prescriber = Application((REQUEST, COMPLETE), lease_ms=lease_ms)
-    story = {P: DONE[P], R: ("verify", f"fallback {reason}")}
-    return Play({P: prescriber, R: RECEIVER}, (Rule("lose", ("Fin",)),), story)
+    expected = {P: DONE[P], R: ("verify", f"fallback {reason}")}
+    return Play({P: prescriber, R: RECEIVER}, (Rule("lose", ("Fin",)),), expected)
 
 
 LOSSY = Play(BOTH, (Rule("lose", chance=0.2),), seeds=6)
@@ -58,23 +58,23 @@ REORDERED = Play(
     {P: ("choose", "propose", "accepted"), R: ("verify", "verify", "finished")},
     seeds=4,
 )
-# The Intention is given up before the choice, and the Acceptance while both act.
+# The Intention is given up before the choice, and the Acceptance while both stations act.
 NO_ACKS = Play(
     {P: Application((REQUEST, When("ACTUATING", 3_000, "complete")), thinks_ms=250), R: RECEIVER},
     (Rule("lose", ("Ack",)),),
     DONE,
 )
-IN_STEP = Play(
+BOTH_PRESCRIBE = Play(
     {P: PRESCRIBER, Q: Application((REQUEST, COMPLETE, When("no_participants", 2_500, "request")))}
     | {R: RECEIVER},
-    story={
+    expected={
         P: DONE[P],
         Q: ("no_participants", "choose", "accepted"),
         R: ("verify", "finished", "verify", "finished"),
     },
 )
-# It joins both, one after the other, and the first never learns that it has left.
-CHANGES_ITS_MIND = Play(
+# The receiver leaves the first prescriber for the second, and the first does not learn of it.
+RECEIVER_LEAVES = Play(
     {
         P: Application((REQUEST, COMPLETE), thinks_ms=200),
         Q: Application((When("start", 550, "request"), COMPLETE)),
@@ -83,7 +83,7 @@ CHANGES_ITS_MIND = Play(
     (Rule("lose", ("Cancel",), src=R, dst=P),),
     {P: ("choose", "fallback no_agreement"), Q: DONE[P], R: DONE[R]},
 )
-# Both wait until neither is in quarantine any more, and the first request comes too early.
+# The first request after the restart comes during the quarantine, the second after it.
 RESTARTS = Play(
     {
         P: Application(
@@ -97,7 +97,7 @@ RESTARTS = Play(
         ),
         R: RECEIVER,
     },
-    story={
+    expected={
         P: ("choose", "accepted", "refused", "choose", "accepted"),
         R: ("verify", "fallback cam_loss", "verify", "finished"),
     },
@@ -107,10 +107,11 @@ ABORTS = Play(
         P: Application((REQUEST,)),
         R: Application((When("ACTUATING", 500, "abort"),), joins=True),
     },
-    story={P: ("choose", "accepted", "fallback abort"), R: ("verify",)},
+    expected={P: ("choose", "accepted", "fallback abort"), R: ("verify",)},
 )
-# It breaks off unheard, and is asked by another one while the first still acts on its word (ACT-6).
-LETS_DOWN = Play(
+# The receiver's Cancel is lost, and another prescriber advertises while the first still relies on
+# the receiver's commitment (ACT-6).
+ABORT_LOST = Play(
     {
         P: Application((REQUEST,)),
         Q: Application((When("start", 1_500, "request"),)),
@@ -127,20 +128,20 @@ LETS_DOWN = Play(
 )
 THREE = Play(
     {P: Application((REQUEST, COMPLETE), target=3003)} | dict.fromkeys((R, 3003, 4004), RECEIVER),
-    story={
+    expected={
         P: DONE[P],
         R: ("fallback not_selected",),
         3003: DONE[R],
         4004: ("fallback not_selected",),
     },
 )
-# The Cancels of those that were not chosen are sent till they are given up, and hold ends the wait.
-UNHEARD = Play(
+# The Cancels to the receivers that were not chosen are lost, and the hold timer ends their wait.
+CANCELS_LOST = Play(
     THREE.stations,
     (Rule("lose", ("Cancel",)),),
     {P: DONE[P], R: ("fallback timeout",), 3003: DONE[R], 4004: ("fallback timeout",)},
 )
-# A copy of each Acceptance comes when the next proposal is on its way.
+# A copy of each Acceptance arrives after the next proposal has been sent.
 TWICE_REFUSED = Play(
     {P: PRESCRIBER, R: Application(joins=True, refuses=2)},
     (Rule("again", ("Acceptance",), by_ms=60),),
@@ -165,21 +166,21 @@ NAMES: dict[str, tuple[Play, ...]] = {
         _cut(Rule("lose", CAM, src=P, acting_ms=500)),
         _cut(Rule("lose", CAM, src=R, acting_ms=500)),
     ),
-    "scenario two prescribers": (IN_STEP, CHANGES_ITS_MIND),
+    "scenario two prescribers": (BOTH_PRESCRIBE, RECEIVER_LEAVES),
     "scenario prescriber restarts": (RESTARTS,),
-    "scenario receiver aborts": (ABORTS, LETS_DOWN),
-    "scenario three receivers": (THREE, UNHEARD),
+    "scenario receiver aborts": (ABORTS, ABORT_LOST),
+    "scenario three receivers": (THREE, CANCELS_LOST),
     "scenario refused twice": (TWICE_REFUSED,),
     "scenario Fin lost": (_fin_lost(LEASE_MS, "cam_loss"), _fin_lost(3_000, "lease_expired")),
     "scenario late copies": (_both(Rule("late", MESSAGE_TYPES)),),
 }
-"""The plays of each scenario, by the case that it is bound to (suite/purposes.toml)."""
+"""The plays of each scenario, by the name of its case (suite/purposes.toml)."""
 
 
 def needs(plays: Sequence[Play]) -> list[str]:
-    """The features that an implementation must have."""
-    whens = [when for play in plays for a in play.stations.values() for when in a.whens]
-    restarts = any(when.action == "restart" for when in whens)
+    """The features that an implementation needs for these plays."""
+    actions = [when for play in plays for a in play.stations.values() for when in a.actions]
+    restarts = any(when.action == "restart" for when in actions)
     return ["prescriber", "receiver", "cam", *(["restart"] if restarts else [])]
 
 
@@ -192,11 +193,11 @@ def run(
     limit_s: float,
     seed: int,
 ) -> Outcome:
-    """Play the scenario ``name`` with stations of the adapter ``command``, whose hello is known.
+    """Run all plays of the scenario ``name`` with stations of the adapter ``command``.
 
-    ``limit_s`` is the real time that an answer may take.  Logs are written into ``folder``, under
-    ``scenarios``.  The same ``seed`` gives the same bytes.  Raises KeyError for an unknown name,
-    and OSError if a log cannot be written.
+    ``hello`` is its answer to hello; ``limit_s`` is the real time in seconds that an answer may
+    take.  Logs are written to the folder ``scenarios`` in ``folder``.  The same ``seed`` gives the
+    same bytes.  Raises KeyError for an unknown name, and OSError if a log cannot be written.
     """
     plays = NAMES[name]
     missing = [need for need in needs(plays) if need not in hello.features]
@@ -218,8 +219,8 @@ def run(
             for k in range(play.seeds):
                 at = place / f"{number}-{seed + k}"
                 at.mkdir(parents=True, exist_ok=True)
-                stage = Stage(play, processes, hello, at, seed + k)
-                outcomes.append(stage.outcome(folder))
+                running = PlayRun(play, processes, hello, at, seed + k)
+                outcomes.append(running.outcome(folder))
                 if outcomes[-1].verdict in ("FAIL", "ERROR"):
                     return outcomes[-1]
     logs = [log for outcome in outcomes for log in outcome.log]
@@ -227,5 +228,5 @@ def run(
     unclear = next((outcome for outcome in bad if outcome.verdict == "INCONC"), None)
     if unclear or len(bad) == len(outcomes):
         return unclear or bad[0]
-    left_out = f"left out, {len(bad)} of {len(outcomes)} plays: {bad[0].reason}" if bad else ""
-    return Outcome("PASS", left_out, log=logs)
+    skipped = f"skipped {len(bad)} of {len(outcomes)} plays: {bad[0].reason}" if bad else ""
+    return Outcome("PASS", skipped, log=logs)

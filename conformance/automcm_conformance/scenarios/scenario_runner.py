@@ -1,9 +1,9 @@
-"""Several stations, their applications and a radio, in virtual time: one play, and its outcome.
+"""Runs one play: several stations, their applications and a radio, in virtual time.
 
-Every step of every station is followed on the oracle (monitor.py).  That leaves three things to
-look at: hazards between the stations (S-4, S-5, S-8), sessions that do not end (L-1), and whether
-the play went where it must.  S-1, S-2 and S-3 are about one station, so a step that breaks them is
-not allowed.
+Every step of every station is followed on the specification (monitor.py).  Three things remain to
+be checked: hazards between stations (S-4, S-5, S-8), sessions that do not end (L-1), and the
+indications that the applications received.  S-1, S-2 and S-3 concern one station, so the
+specification allows no step that breaks them.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from automcm_traces.checker.track import CannotTell, Track
 START_MS = 1_000
 LEASE_MS = 20_000
 SHOWN = 60
-"""Lines of an exchange in an outcome; the logs have all."""
-CALM = 3
-"""Times t_cam for which nothing may happen any more before the end."""
+"""An outcome has this many of the last lines; the logs have all."""
+IDLE_PERIODS = 3
+"""A play ends after this many periods of t_cam in which all stations are idle."""
 
 
 @dataclass(frozen=True, slots=True)
 class When:
-    """``after_ms`` after each ``event`` there is the ``action``, ``times`` times at most.
+    """An action that the application takes ``after_ms`` after each ``event``.
 
     ``event``: a phase that the station enters, an indication, ``start`` or ``restart``.
-    ``action``: ``request``, ``complete`` or ``abort``, the last two only if the session is still
-    the same, or ``restart``: power fails.
+    ``action``: ``request``, ``complete``, ``abort`` or ``restart`` (loss of power).  ``complete``
+    and ``abort`` are left out if the session has changed.  ``times`` limits the number of actions.
     """
 
     event: str
@@ -51,17 +51,17 @@ class When:
 
 @dataclass(frozen=True, slots=True)
 class Application:
-    """What the application of one station does.  It never thinks longer than half of t_decide."""
+    """The behaviour of one station's application."""
 
-    whens: tuple[When, ...] = ()
+    actions: tuple[When, ...] = ()
     joins: bool = False
-    """Every Advertisement concerns it."""
+    """Whether every Advertisement concerns it."""
     target: int = 0
-    """Whom it prescribes; 0: the lowest recorded."""
+    """The station that it chooses; 0 means the lowest id recorded."""
     refuses: int = 0
-    """It refuses the first so many proposals of a session."""
+    """How many proposals of a session it refuses before it accepts."""
     thinks_ms: int = 20
-    """From a question (choose, verify, propose) to its answer."""
+    """Time from choose, verify or propose to the command that answers it; at most t_decide / 2."""
     lease_ms: int = LEASE_MS
 
 
@@ -69,39 +69,40 @@ class Application:
 class Play:
     """Stations on a radio; no lease is longer than LEASE_MS.
 
-    ``story`` says of a station what its application must have been told in the end, in order: the
-    name of each indication, of ``fallback`` with or without the reason.
+    ``expected`` are the indications that the application of a station must have received at the
+    end, by name and in order.  ``fallback`` may have its reason appended.
     """
 
     stations: Mapping[int, Application]
     radio: tuple[Rule, ...] = ()
-    story: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    expected: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     seeds: int = 1
-    """It is played so often, with a seed of its own each time."""
+    """How often the play is run, each time with another seed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a scenario came to."""
+    """The outcome of a scenario."""
 
     verdict: Verdict
     reason: str = ""
-    """Why it is neither PASS nor FAIL, in one line; of a PASS, what was left out."""
+    """One line: why the verdict is neither PASS nor FAIL, or which plays of a PASS were skipped."""
     finding: Finding = NOTHING_WRONG
-    """About the station ``at.file``, or the property that is broken: S-4, S-5, S-8, L-1."""
+    """The divergence of the station ``at.file``, or the broken property: S-4, S-5, S-8, L-1."""
     input: Input | None = None
     """The input that the rule decides."""
     came: list[str] = field(default_factory=list)
+    """The station's last answer, or the last lines of standard error."""
     lines: list[Line] = field(default_factory=list)
-    """The last lines of the play that is not PASS."""
+    """The last lines of the first play that did not pass."""
     log: list[str] = field(default_factory=list)
-    """Logs of all stations, relative to the folder; if a play is not PASS, of that one."""
+    """The logs of all stations relative to the folder; only those of a play that did not pass."""
 
 
 def hazard(
     tracks: Mapping[int, Track], excused: Mapping[int, set[tuple[int, int]]]
 ) -> Finding | None:
-    """What is broken of S-4, S-5 or S-8 at this moment.
+    """The first of S-4, S-5 and S-8 that is broken at this moment, or None.
 
     ``excused``: for each station the sessions in which it aborted, lost CAMs or restarted.
     """
@@ -114,19 +115,18 @@ def hazard(
                 t.state.proposal,
             )
             if not agreed and t.session not in excused[t.state.target]:
-                return _broken(
-                    "S-5", f"{me} acts, and its target {t.state.target} is not committed to that"
-                )
+                text = f"{me} acts, but its target {t.state.target} is not committed to it"
+                return _broken("S-5", text)
         for other, o in acting.items():
-            words = (
+            claimed = (
                 {o.state.target, other} if o.state.role == "prescriber" and other != me else set()
             )
-            if t.state.role == "prescriber" and t.state.target in words:
-                text = f"{me} and {other} act, both on what {t.state.target} has agreed to"
+            if t.state.role == "prescriber" and t.state.target in claimed:
+                text = f"{me} and {other} both act on a commitment of {t.state.target}"
                 return _broken("S-8", text)
             pair = {t.session[0], tracks[t.session[0]].state.target} if t.session else set()
             if o.session == t.session and other != me and pair != {me, other}:
-                text = f"{me} and {other} act in one session, and are no pair in it"
+                text = f"{me} and {other} act in one session but are not its pair"
                 return _broken("S-4", text)
     return None
 
@@ -135,11 +135,11 @@ def _broken(name: str, text: str) -> Finding:
     return Finding("property", property=name, observed=text)
 
 
-class Stage:
-    """One play.  The same ``seed`` gives the same bytes.
+class PlayRun:
+    """Runs one play.  The same ``seed`` gives the same bytes.
 
-    Time is a queue of deliveries and of what the applications do; at one time the stations' own
-    deadlines come first.  Logs are written into ``folder``, which is there.
+    A queue holds the deliveries and the actions of the applications; at the same time, deadlines of
+    the stations come first.  Logs are written to ``folder``, which must exist.
     """
 
     def __init__(
@@ -160,16 +160,17 @@ class Stage:
         self._queue: list[tuple[int, int, bool, Callable[[], None]]] = []
         self._order = 0
         self._pending = 0
-        """What is in the queue beside CAMs and the beat."""
-        self._calm = 0
+        """Entries of the queue other than CAMs and the tick."""
+        self._idle = 0
+        """Periods of t_cam in which all stations were idle."""
         self._now = START_MS
         self._done: dict[tuple[int, int], int] = {}
         self._indications: dict[int, list[str]] = {station: [] for station in play.stations}
         self._at = 0
-        """The station that is spoken to."""
+        """The station that gets the current command."""
 
     def outcome(self, folder: Path) -> Outcome:
-        """Play it, and judge.  Logs are named relative to ``folder``.
+        """Run the play and return its outcome.  Logs are named relative to ``folder``.
 
         Raises OSError.
         """
@@ -178,35 +179,33 @@ class Stage:
             self._run()
         except Diverges as d:
             return self._not_allowed(folder, d)
-        except _Unsafe as error:
-            return self._out(folder, Outcome("FAIL", finding=error.finding))
+        except _PropertyBroken as error:
+            return self._with_logs(folder, Outcome("FAIL", finding=error.finding))
         except CannotTell as error:
-            return self._elsewhere(folder, f"{self._at}: {error}")
+            return self._inconclusive(folder, f"{self._at}: {error}")
         except (AdapterError, ProtocolError) as error:
             end = "crash"
             came = list(getattr(error, "stderr", ()))
-            return self._out(folder, Outcome("ERROR", f"{self._at}: {error}", came=came))
+            return self._with_logs(folder, Outcome("ERROR", f"{self._at}: {error}", came=came))
         finally:
             for monitor in self._stations.values():
                 monitor.end(end)
-        for station, story in self._play.story.items():
-            indication = self._indications[station]
-            if len(indication) != len(story) or not all(map(_tells, story, indication)):
-                text = (
-                    f"every step is allowed, but {station} was told {', '.join(indication)}: this"
-                )
-                return self._elsewhere(folder, f"{text} scenario leads to {', '.join(story)}")
-        return self._out(folder, Outcome("PASS"))
+        for station, expected in self._play.expected.items():
+            found = self._indications[station]
+            if len(found) != len(expected) or not all(map(_matches, expected, found)):
+                text = f"every step is allowed, but {station} indicated {', '.join(found)}"
+                return self._inconclusive(folder, f"{text}; expected {', '.join(expected)}")
+        return self._with_logs(folder, Outcome("PASS"))
 
-    def _elsewhere(self, folder: Path, text: str) -> Outcome:
-        """Every step is allowed, so that only parameters can have led elsewhere."""
+    def _inconclusive(self, folder: Path, text: str) -> Outcome:
+        """Every step is allowed, so parameters that are not the default must be the reason."""
         fixed = [f"{n} {ms}" for n, ms in self._hello.fixed.items() if DEFAULTS[str(n)] != ms]
         if not fixed:
-            return self._out(folder, Outcome("INCONC", text))
-        text = f"{' and '.join(fixed)} would lead elsewhere: {text}"
-        return self._out(folder, Outcome("SKIP", text))
+            return self._with_logs(folder, Outcome("INCONC", text))
+        text = f"not applicable with {' and '.join(fixed)}: {text}"
+        return self._with_logs(folder, Outcome("SKIP", text))
 
-    def _out(self, folder: Path, outcome: Outcome) -> Outcome:
+    def _with_logs(self, folder: Path, outcome: Outcome) -> Outcome:
         logs = [str(path.relative_to(folder)) for path in self._logs.values() if path.exists()]
         lines = [] if outcome.verdict == "PASS" else self._lines[-SHOWN:]
         return replace(outcome, lines=lines, log=logs)
@@ -218,9 +217,9 @@ class Stage:
             "FAIL",
             finding=replace(d.finding, at=At(str(self._at), d.finding.at.line)),
             input=last.input if last is not None and d.finding.rule == last.rule else None,
-            came=[said.text for said in self._lines[-1:] if said.who == "station"],
+            came=[line.text for line in self._lines[-1:] if line.who == "station"],
         )
-        return self._out(folder, outcome)
+        return self._with_logs(folder, outcome)
 
     # -- time
 
@@ -238,12 +237,12 @@ class Stage:
                 seed=self._seed * 10_000 + station,
                 now=START_MS,
             )
-            self._happened(station, "start")
-        self._after(0, self._beat, counts=False)
+            self._schedule_actions(station, "start")
+        self._after(0, self._tick, counts=False)
         known = {**self._parameters, **derived(self._parameters)}
-        lasts = sum(durations(known)[name] or 0 for name in ("hold", "quarantine", "cam"))
-        end = START_MS + 3 * (LEASE_MS + lasts)
-        while self._calm < CALM:
+        timers_ms = sum(durations(known)[name] or 0 for name in ("hold", "quarantine", "cam"))
+        end = START_MS + 3 * (LEASE_MS + timers_ms)
+        while self._idle < IDLE_PERIODS:
             due = [s.deadline for s in self._stations.values() if s.deadline is not None]
             self._now = max(self._now, min([self._queue[0][0], *due]))
             if self._now > end:
@@ -262,37 +261,37 @@ class Stage:
         self._pending += counts
         heapq.heappush(self._queue, (self._now + ms, self._order, counts, action))
 
-    def _beat(self) -> None:
-        """CAMs come out in time: nobody sleeps longer than t_cam."""
+    def _tick(self) -> None:
+        """Advance all stations every t_cam, so that each sends its CAMs in time."""
         for station in self._stations:
             self._give(station, {"cmd": "advance"})
-        resting = all(
+        idle = all(
             monitor.track.state.phase == "STANDALONE" and not monitor.track.outbox
             for monitor in self._stations.values()
         )
-        self._calm = self._calm + 1 if resting and not self._pending else 0
-        self._after(self._parameters["t_cam"], self._beat, counts=False)
+        self._idle = self._idle + 1 if idle and not self._pending else 0
+        self._after(self._parameters["t_cam"], self._tick, counts=False)
 
     def _check_hazards(self) -> None:
         tracks = {station: monitor.track for station, monitor in self._stations.items()}
         excused = {station: monitor.excused for station, monitor in self._stations.items()}
         found = hazard(tracks, excused)
         if found is not None:
-            raise _Unsafe(found)
+            raise _PropertyBroken(found)
 
     def _check_ends(self) -> None:
-        """The play has lasted longer than its sessions may."""
+        """Report why the play takes longer than its sessions may.  Always raises."""
         for station, monitor in self._stations.items():
             t = monitor.track
             if t.state.phase != "STANDALONE":
                 text = f"{station} is still in {t.state.phase} at {self._now} ms"
-                raise _Unsafe(_broken("L-1", text))
+                raise _PropertyBroken(_broken("L-1", text))
         raise CannotTell(f"messages are still being sent at {self._now} ms")
 
     # -- stations, radio and applications
 
     def _give(self, station: int, command: Object, tx: str | None = None) -> None:
-        """Say it to a station; what it sends goes on the air, what it tells to its application."""
+        """Give a station a command, and handle the messages and indications of its answer."""
         self._at = station
         monitor = self._stations[station]
         phase = monitor.track.state.phase
@@ -303,15 +302,15 @@ class Stage:
         if now != phase:
             if now == "ACTUATING" and monitor.track.state.role == "prescriber":
                 self._radio.acting_at = self._radio.acting_at or self._now
-            self._happened(station, now)
+            self._schedule_actions(station, now)
         for indication in monitor.indications:
             name, more = (
                 indication["name"],
                 [indication["reason"]] if indication["name"] == "fallback" else [],
             )
             self._indications[station].append(" ".join([name, *more]))
-            self._happened(station, name)
-            self._asked(station, indication)
+            self._schedule_actions(station, name)
+            self._respond(station, indication)
 
     def _send(self, station: int, tx: str, m: Object) -> None:
         for other, application in self._play.stations.items():
@@ -324,8 +323,8 @@ class Stage:
                 arrives = partial(self._give, other, command, tx)
                 self._after(at - self._now, arrives, counts=m["type"] != "CAM")
 
-    def _asked(self, station: int, indication: Object) -> None:
-        """The application of a station answers a question, after thinking."""
+    def _respond(self, station: int, indication: Object) -> None:
+        """Schedule the command by which an application answers choose, verify or propose."""
         application, name = self._play.stations[station], indication["name"]
         if name not in ("choose", "verify", "propose"):
             return
@@ -342,12 +341,12 @@ class Stage:
             command |= {"target": target, "prescribed": _trajectory(session[1], k)}
             command |= {"hold_ms": HOLD_MS, "lease_ms": application.lease_ms}
         thinks = min(application.thinks_ms, self._parameters["t_decide"] // 2)
-        self._after(thinks, partial(self._wants, station, command))
+        self._after(thinks, partial(self._give_if_current, station, command))
 
-    def _happened(self, station: int, event: str) -> None:
-        """What is due after an event in the life of a station."""
+    def _schedule_actions(self, station: int, event: str) -> None:
+        """Schedule the actions of an application that follow this event."""
         session = self._stations[station].track.session
-        for place, when in enumerate(self._play.stations[station].whens):
+        for place, when in enumerate(self._play.stations[station].actions):
             done = self._done.get((station, place), 0)
             if when.event != event or done == when.times:
                 continue
@@ -355,7 +354,8 @@ class Stage:
             if when.action == "restart":
                 action = partial(self._restart, station)
             else:
-                action = partial(self._wants, station, self._command(when.action, session))
+                command = self._command(when.action, session)
+                action = partial(self._give_if_current, station, command)
             self._after(when.after_ms, action)
 
     def _command(self, name: str, session: tuple[int, int] | None) -> Object:
@@ -364,19 +364,19 @@ class Stage:
             return {"name": name, "scenario": scenario, "details": {"lane": 2}}
         return {"name": name, "session": list(session or ())}
 
-    def _wants(self, station: int, command: Object) -> None:
-        """A command, unless it is about a session that the application was told the end of."""
+    def _give_if_current(self, station: int, command: Object) -> None:
+        """Give a command, unless its session has ended."""
         session = self._stations[station].track.session
         if command["name"] == "request" or list(session or ()) == command["session"]:
             self._give(station, {"cmd": "command", "command": command})
 
     def _restart(self, station: int) -> None:
         self._give(station, {"cmd": "restart"})
-        self._happened(station, "restart")
+        self._schedule_actions(station, "restart")
 
 
-class _Unsafe(Exception):
-    """A property is broken."""
+class _PropertyBroken(Exception):
+    """A safety or liveness property does not hold."""
 
     def __init__(self, finding: Finding) -> None:
         super().__init__(finding.observed)
@@ -384,9 +384,9 @@ class _Unsafe(Exception):
 
 
 def _trajectory(a: int, b: int) -> Object:
-    """One that has these two numbers in it."""
+    """A trajectory that contains these two numbers."""
     return {"t0": 0, "points": [[0, 0, 0], [1000, 8000 + b, a]]}
 
 
-def _tells(wanted: str, indication: str) -> bool:
-    return indication == wanted or indication.split()[0] == wanted
+def _matches(expected: str, indication: str) -> bool:
+    return indication == expected or indication.split()[0] == expected

@@ -1,5 +1,5 @@
 """Test vectors for the trajectory kernels, with exact kernels of their own.
 
-For stations in other languages (docs/vectors.md).
-Independent of the reference on purpose. Only commands and maintenance import it.
+For stations in other languages (docs/vectors.md).  Intentionally independent of the reference.
+Only commands and maintenance import this subpackage.
 """

@@ -1,8 +1,8 @@
-"""The kernels once more (KIN-1 to KIN-7): slow, exact, written from the rules alone.
+"""A second, independent implementation of the kernels (KIN-1 to KIN-7): slow and exact.
 
-The test vectors take what they expect from here (automcm_conformance.vectors.vectors), never from
-the kernels they test.  All is computed in fractions; a number of the input is the decimal it is
-written as.  A square root is exact where it can be, else cut off after 60 decimals.
+The expected outputs of the test vectors are computed here, never by the kernels under test.  All
+numbers are fractions; an input has exactly its decimal value.  A square root is exact if it is
+rational, and otherwise truncated after 60 decimals.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ DIGITS = 60
 
 
 class Refused(ValueError):
-    """The input has no answer: the name of what is wrong, and the index where there is one."""
+    """An invalid input: its name, the index of the first invalid entry if any, and the reason."""
 
     def __init__(self, name: str, index: int | None, why: str) -> None:
         super().__init__(why)
@@ -28,12 +28,12 @@ class Refused(ValueError):
 
 
 def number(value: float) -> Fraction:
-    """A number of JSON as the fraction that its digits say."""
+    """The exact decimal value of a JSON number."""
     return Fraction(str(value))
 
 
 def root(value: Fraction) -> Fraction:
-    """The square root; exact for the square of a fraction."""
+    """The square root, exact if it is rational."""
     top, bottom = isqrt(value.numerator), isqrt(value.denominator)
     if top * top == value.numerator and bottom * bottom == value.denominator:
         return Fraction(top, bottom)
@@ -42,12 +42,12 @@ def root(value: Fraction) -> Fraction:
 
 
 def place(value: Sequence[float]) -> Place:
-    """A place of JSON, exactly."""
+    """The exact value of a place in JSON."""
     return number(value[0]), number(value[1])
 
 
 def minus(a: Place, b: Place) -> Place:
-    """The way from ``b`` to ``a``."""
+    """The vector from ``b`` to ``a``."""
     return a[0] - b[0], a[1] - b[1]
 
 
@@ -57,18 +57,18 @@ def dot(a: Place, b: Place) -> Fraction:
 
 
 def between(a: Place, b: Place, share: Fraction) -> Place:
-    """The place that ``share`` of the way from ``a`` to ``b`` leads to."""
+    """The place at the fraction ``share`` of the way from ``a`` to ``b``."""
     return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
 
 
 def distance(a: Place, b: Place) -> Fraction:
-    """How far apart two places are."""
+    """The distance of two places."""
     return root(dot(minus(a, b), minus(a, b)))
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Places over time, straight and even between them; ``stopped``: stays at the last one."""
+    """Places over time, with constant velocity between them; ``stopped``: stays at the last."""
 
     t: list[Fraction]
     xy: list[Place]
@@ -76,11 +76,11 @@ class Trajectory:
 
     @property
     def end(self) -> Fraction | None:
-        """When it is last known where it is; None: it stays known."""
+        """The last time at which the place is known; None if it is known forever."""
         return None if self.stopped else self.t[-1]
 
     def at(self, when: Fraction) -> Place:
-        """Where and how fast at this time."""
+        """The place at this time."""
         for n in range(len(self.t) - 1):
             if when <= self.t[n + 1]:
                 share = (when - self.t[n]) / (self.t[n + 1] - self.t[n])
@@ -88,28 +88,28 @@ class Trajectory:
         return self.xy[-1]
 
     def speeds(self) -> list[Fraction]:
-        """Of each part."""
+        """The speed of each segment."""
         return [
             distance(self.xy[n], self.xy[n + 1]) / (self.t[n + 1] - self.t[n])
             for n in range(len(self.t) - 1)
         ]
 
     def as_json(self) -> Json:
-        """As in a vector."""
+        """The trajectory as in a vector."""
         return {"t": self.t, "xy": [list(each) for each in self.xy], "stopped": self.stopped}
 
 
 def trajectory(value: Json) -> Trajectory:
-    """Raises Refused for none at all, places that are not as many, or times that do not rise."""
+    """Raises Refused for no points, an unequal number of places, or times that do not ascend."""
     t = [number(each) for each in value["t"]]
     xy = [place(each) for each in value["xy"]]
     if not t:
-        raise Refused("t", None, "there is no point")
+        raise Refused("t", None, "must have at least one point")
     if len(xy) != len(t):
-        raise Refused("xy", None, "not as many places as times")
+        raise Refused("xy", None, "must have as many places as there are times")
     for n, (before, after) in enumerate(pairwise(t), 1):
         if after <= before:
-            raise Refused("t", n, "not after the time before")
+            raise Refused("t", n, "must be after the previous time")
     return Trajectory(t, xy, value.get("stopped", False))
 
 
@@ -117,7 +117,7 @@ def trajectory(value: Json) -> Trajectory:
 
 
 def projection(path: list[Place], position: Place) -> tuple[int, Place]:
-    """Where the path comes closest, the earlier of several; and the last point up to there."""
+    """The last point up to the first closest place of the path, and that place."""
     best, found = None, (0, path[0])
     for n, (a, b) in enumerate(pairwise(path)):
         along = minus(b, a)
@@ -133,17 +133,17 @@ def projection(path: list[Place], position: Place) -> tuple[int, Place]:
 
 
 def convert(given: Json) -> Json:
-    """KIN-1: a path with speeds becomes places over time."""
+    """KIN-1: converts a path with speeds to places over time."""
     path = [place(each) for each in given["xy"]]
     speed = [number(each) for each in given["speed"]]
     v_eps = number(given["v_eps"])
     if not path:
-        raise Refused("xy", None, "there is no point")
+        raise Refused("xy", None, "must have at least one point")
     if len(speed) != len(path):
-        raise Refused("speed", None, "not as many speeds as points")
+        raise Refused("speed", None, "must have as many speeds as there are points")
     for n, v in enumerate(speed):
         if v < 0:
-            raise Refused("speed", n, "a speed is not negative")
+            raise Refused("speed", n, "must not be negative")
     if v_eps <= 0:
         raise Refused("v_eps", None, "must be above 0")
     first, here = projection(path, place(given["position"]))
@@ -166,13 +166,13 @@ def convert(given: Json) -> Json:
 
 
 def changes(drive: Trajectory) -> list[int]:
-    """The points before and after which the speed is not the same."""
+    """The points at which the speed changes."""
     speeds = drive.speeds()
     return [n for n in range(1, len(drive.t) - 1) if speeds[n - 1] != speeds[n]]
 
 
 def thin(given: Json) -> Json:
-    """KIN-2.  Which points go where the budget binds is open; the ends and the fit are not."""
+    """KIN-2.  If the budget is too small, only the first and the last point are determined."""
     drive = trajectory(given)
     every, budget = given["every"], given["budget"]
     overhead, each = given["size"]["overhead"], given["size"]["per_point"]
@@ -184,7 +184,7 @@ def thin(given: Json) -> Json:
     if len(kept) <= most:
         return {"kept": kept}
     if most < len({0, last}):
-        raise Refused("budget", None, "not even the first and the last point fit")
+        raise Refused("budget", None, "must have room for the first and the last point")
     return {"includes": sorted({0, last}), "at_most": most}
 
 
@@ -192,7 +192,7 @@ def thin(given: Json) -> Json:
 
 
 def common(a: Trajectory, b: Trajectory) -> list[Fraction]:
-    """The union of their times where both are known; empty if that is never."""
+    """The times of both, limited to those at which both places are known."""
     low = max(a.t[0], b.t[0])
     ends = [end for end in (a.end, b.end) if end is not None]
     high = min(ends) if ends else max(low, a.t[-1], b.t[-1])
@@ -201,7 +201,7 @@ def common(a: Trajectory, b: Trajectory) -> list[Fraction]:
 
 
 def closest(a: Trajectory, b: Trajectory) -> tuple[Fraction, Fraction] | None:
-    """When they are closest, the earliest of such times, and the square of the distance."""
+    """The earliest time at which they are closest, and the square of the distance then."""
     best = None
     grid = common(a, b)
     for begin, end in pairwise(grid if len(grid) > 1 else grid * 2):
@@ -217,7 +217,7 @@ def closest(a: Trajectory, b: Trajectory) -> tuple[Fraction, Fraction] | None:
 
 
 def first_below(a: Trajectory, b: Trajectory, limit: Fraction) -> Fraction | None:
-    """When they first come as close as ``limit``, if they come closer."""
+    """The time at which they first come as close as ``limit``, if they come closer."""
     grid = common(a, b)
     for begin, end in pairwise(grid if len(grid) > 1 else grid * 2):
         apart = minus(a.at(begin), b.at(begin))
@@ -242,13 +242,13 @@ def greatest(drive: Trajectory) -> Fraction:
 
 
 def collide(given: Json) -> Json:
-    """KIN-3: how close two come, and since when they are closer than is allowed."""
+    """KIN-3: the closest approach of two, and the start of the collision."""
     a, b = trajectory(given["a"]), trajectory(given["b"])
     threshold, clock_error = number(given["threshold"]), number(given["clock_error"])
     if threshold < 0:
-        raise Refused("threshold", None, "is not negative")
+        raise Refused("threshold", None, "must not be negative")
     if clock_error < 0:
-        raise Refused("clock_error", None, "is not negative")
+        raise Refused("clock_error", None, "must not be negative")
     found = closest(a, b)
     if found is None:
         return {"approach": None, "collision": None}
@@ -262,7 +262,7 @@ def collide(given: Json) -> Json:
 
 
 def places(a: Trajectory, b: Trajectory, when: Fraction) -> Json:
-    """Where both are at a time."""
+    """The places of both at a time."""
     return {"place_a": list(a.at(when)), "place_b": list(b.at(when))}
 
 
@@ -270,7 +270,7 @@ def places(a: Trajectory, b: Trajectory, when: Fraction) -> Json:
 
 
 def inside(zone: list[Place], point: Place) -> bool:
-    """Is it in the polygon, or on its boundary?"""
+    """Whether a point is in the polygon or on its boundary."""
     inside = False
     for a, b in zip(zone, zone[1:] + zone[:1], strict=True):
         along, to = minus(b, a), minus(point, a)
@@ -285,12 +285,12 @@ def inside(zone: list[Place], point: Place) -> bool:
 
 
 def discover(given: Json) -> Json:
-    """KIN-4: of the colliding vehicles in the zone, the one in front."""
+    """KIN-4: the foremost of the colliding vehicles in the zone."""
     zone = [place(each) for each in given["zone"]]
     if zone[:1] == zone[1:][-1:]:
-        zone.pop()  # the first corner once more
+        zone.pop()  # the last corner repeats the first
     if len(zone) < 3:
-        raise Refused("zone", None, "a polygon has at least three corners")
+        raise Refused("zone", None, "must have at least three corners")
     leader = None
     for one in given["candidates"]:
         if not inside(zone, place(one["xy"])):
@@ -308,25 +308,25 @@ def discover(given: Json) -> Json:
 
 
 def prescribe(given: Json) -> Json:
-    """KIN-5, from ``start`` to the end of the plan, for one that is even from ``start`` on: v.
+    """KIN-5 from ``start`` to the end of a plan that has a constant speed from ``start`` on.
 
-    What is prescribed for a plan of several speeds, and after its end, is open.
+    The rule leaves open plans with several speeds, and the motion after the end of the plan.
     """
     planned = trajectory(given["planned"])
     start, hold, gain = (number(given[name]) for name in ("start", "hold", "gain"))
     delta_v, v_min = number(given["delta_v"]), number(given["v_min"])
     if hold < 0:
-        raise Refused("hold", None, "is not negative")
+        raise Refused("hold", None, "must not be negative")
     if delta_v <= 0:
         raise Refused("delta_v", None, "must be above 0")
     if not planned.t[0] <= start <= planned.t[-1]:
-        raise Refused("start", None, "outside of the planned trajectory")
+        raise Refused("start", None, "must be within the planned trajectory")
     end = planned.t[-1]
     later = [n for n, when in enumerate(planned.t) if when > start]
     v = planned.speeds()[later[0] - 1]
     slow = max(v - delta_v, v_min)
     if slow >= v:
-        raise Refused("planned", None, "so slow that nothing can be gained")
+        raise Refused("planned", None, "is too slow to gain a gap")
     action = start + hold
     over = action + gain / (v - slow)
     if over > end:
@@ -351,17 +351,17 @@ def prescribe(given: Json) -> Json:
 # KIN-6
 
 PARTS = 64
-"""In so many parts of each segment its distance from a path is looked at.  A vector whose answer
-hangs on more than that is none to trust."""
+"""Each segment is divided into this many parts to measure its distance from a path.  The answer of
+a vector must not depend on a finer division."""
 
 
 def known(drive: Trajectory, when: Fraction) -> bool:
-    """Does the trajectory say where the vehicle is at that time?"""
+    """Whether the place of the vehicle is known at that time."""
     return drive.t[0] <= when and (drive.end is None or when <= drive.end)
 
 
 def follows(prescribed: Trajectory, planned: Trajectory, limit: Fraction) -> bool:
-    """Is it never further than ``limit`` from the path, nor further than that on its way back?"""
+    """Whether it is never more than ``limit`` from the path, nor moves back by more than that."""
     furthest = Fraction(0)
     for n in range(max(len(prescribed.xy) - 1, 1)):
         for part in range(PARTS + 1):
@@ -379,9 +379,9 @@ def follows(prescribed: Trajectory, planned: Trajectory, limit: Fraction) -> boo
 
 
 def steps(prescribed: Trajectory, planned: Trajectory, reaction: Fraction) -> list[Fraction]:
-    """By how much the speed changes within ``reaction``, at any time.
+    """The changes of speed within ``reaction``, at all times.
 
-    The planned speed comes before, and the last one goes on, or 0 where it stops.
+    The planned speed comes before the start; the last one, or 0 if stopped, after the end.
     """
     speeds = prescribed.speeds()
     n = sum(when <= prescribed.t[0] for when in planned.t)
@@ -397,7 +397,7 @@ def steps(prescribed: Trajectory, planned: Trajectory, reaction: Fraction) -> li
 
 
 def near(prescribed: Trajectory, other: Trajectory, since: Fraction, gap: Fraction) -> bool:
-    """Do the two come closer than ``gap``, from ``since`` on?"""
+    """Whether the two come closer than ``gap`` from ``since`` on."""
     at = prescribed.at(since)
     later = [(t, x) for t, x in zip(prescribed.t, prescribed.xy, strict=True) if t > since]
     rest = Trajectory(
@@ -408,13 +408,13 @@ def near(prescribed: Trajectory, other: Trajectory, since: Fraction, gap: Fracti
 
 
 def verify(given: Json) -> Json:
-    """KIN-6: every reason not to drive what is prescribed."""
+    """KIN-6: every reason not to drive the prescribed trajectory."""
     prescribed, planned = trajectory(given["prescribed"]), trajectory(given["planned"])
     now = number(given["now"])
     limits = {name: number(value) for name, value in given["limits"].items()}
     for name, value in limits.items():
         if value < 0:
-            raise Refused(name, None, "is not negative")
+            raise Refused(name, None, "must not be negative")
     reasons = set()
     since = max(now, prescribed.t[0])
     if now - prescribed.t[0] > limits["age"]:
@@ -445,15 +445,15 @@ def verify(given: Json) -> Json:
 
 
 def success(given: Json) -> Json:
-    """KIN-7: sendings, and the probabilities of a message, an exchange and a session."""
+    """KIN-7: the number of sendings, and the success of a message, an exchange and a session."""
     t_timeout, t_resend = given["t_timeout"], given["t_resend"]
     loss = number(given["loss"])
     if t_timeout < 0:
-        raise Refused("t_timeout", None, "is not negative")
+        raise Refused("t_timeout", None, "must not be negative")
     if t_resend <= 0:
         raise Refused("t_resend", None, "must be above 0")
     if not 0 <= loss <= 1:
-        raise Refused("loss", None, "is between 0 and 1")
+        raise Refused("loss", None, "must be from 0 to 1")
     sendings = 1 + t_timeout // t_resend
     both = (1 - loss) ** 2
     exchange = 1 - (1 - both) ** sendings
@@ -477,7 +477,7 @@ KERNELS: dict[str, Callable[[Json], Json]] = {
 
 
 def call(kernel: str, inputs: Json) -> Json:
-    """What is expected of the kernel: its outputs, or the error, in plain JSON."""
+    """The expected outputs of the kernel, or the error, as plain JSON."""
     try:
         return plain(KERNELS[kernel](inputs))
     except Refused as error:
@@ -488,7 +488,7 @@ def call(kernel: str, inputs: Json) -> Json:
 
 
 def plain(value: Json) -> Json:
-    """With the nearest float for each fraction."""
+    """The value with the nearest float for each fraction."""
     if isinstance(value, Fraction):
         return float(value)
     if isinstance(value, dict):

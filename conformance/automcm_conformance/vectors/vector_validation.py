@@ -22,7 +22,7 @@ Station = Annotated[int, Field(ge=1, le=2**32 - 1)]
 
 
 class Drive(_Strict):
-    """A trajectory: straight and even between its samples; ``stopped``: stays where it ends."""
+    """A trajectory with constant velocity between samples; ``stopped``: it stays at its end."""
 
     t: list[Number]
     xy: list[Place]
@@ -38,7 +38,7 @@ class ConvertInputs(_Strict):
 
 
 class Size(_Strict):
-    """Bytes of a message with n points: ``overhead + n * per_point``."""
+    """The size in bytes of a message with n points is ``overhead + n * per_point``."""
 
     overhead: Annotated[int, Field(ge=0)]
     per_point: Annotated[int, Field(ge=1)]
@@ -51,13 +51,13 @@ class ThinInputs(Drive):
 
 
 class Kept(_Strict):
-    """The indices of the points that stay: the rule says which."""
+    """The indices of the points that are kept, if the rule determines them."""
 
     kept: list[int]
 
 
 class Fits(_Strict):
-    """The budget binds: at most so many points, these among them; the others are free."""
+    """If the budget is too small: the required points and the maximum number; others are free."""
 
     includes: list[int]
     at_most: int
@@ -78,7 +78,7 @@ class Approach(_Strict):
 
 
 class Since(_Strict):
-    """When the distance first falls below the threshold, and where both are then."""
+    """The time at which the distance first falls below the threshold, and both places."""
 
     time: Number
     place_a: Place
@@ -117,15 +117,15 @@ class PrescribeInputs(_Strict):
 
 
 class Motion(_Strict):
-    """Places over time; where the samples are is free, and so is what comes before and after."""
+    """Places over time; the sample times are free, and so is the motion before and after."""
 
     t: list[Number]
     xy: list[Place]
 
 
 class Limits(_Strict):
-    """``acceleration`` and ``deceleration`` bound the mean change of speed over any time of
-    ``reaction``: what is prescribed changes its speed in steps."""
+    """``acceleration`` and ``deceleration`` limit the mean change of speed over any interval of
+    length ``reaction``, because prescribed trajectories change their speed in steps."""
 
     v_max: Number
     v_min: Number
@@ -149,7 +149,7 @@ class VerifyInputs(_Strict):
 
 
 class Reasons(_Strict):
-    """All of them, sorted; none: it is safe."""
+    """All reasons, sorted; empty if the trajectory is safe."""
 
     reasons: list[
         Literal["acceleration", "expired", "follower_gap", "leader_gap", "path", "speed", "start"]
@@ -170,7 +170,7 @@ class Success(_Strict):
 
 
 class Wrong(_Strict):
-    """Which input is wrong, and the first index that is; ``why`` is for the reader."""
+    """The name of the invalid input and its first invalid index; ``why`` is not compared."""
 
     name: Text
     index: Annotated[int, Field(ge=0)] | None = None
@@ -190,8 +190,8 @@ class Vector(_Strict, Generic[Inputs, Outputs]):
 
 
 class File(_Strict, Generic[Inputs, Outputs]):
-    """All vectors of a kernel.  ``tolerance`` is absolute, for each field of ``expected``; where
-    there is none the values must be equal."""
+    """All vectors of a kernel.  ``tolerance`` is absolute, for each field of ``expected``; fields
+    without a tolerance must be equal."""
 
     schema_: Literal["automcm.vectors/1"] = Field(alias="schema")
     units: dict[Text, Text]

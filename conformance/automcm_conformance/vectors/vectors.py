@@ -1,7 +1,7 @@
-"""Test vectors for the trajectory kernels (docs/vectors.md): read, write, hold against a kernel.
+"""Test vectors for the trajectory kernels (docs/vectors.md): read, generate, check a kernel.
 
-The inputs in ``conformance/vectors/*.json`` are written by hand.  What is expected is filled in
-by ``texts`` from automcm_conformance.vectors.exact_kernels, and never by hand.
+The inputs in ``conformance/vectors/*.json`` are written by hand.  ``texts`` fills in the expected
+outputs from automcm_conformance.vectors.exact_kernels; they are never written by hand.
 """
 
 from __future__ import annotations
@@ -22,20 +22,22 @@ from automcm_conformance.vectors.vector_validation import FILE, Motion
 
 Json = Any
 Call = Callable[[str, Json], Json]
-"""What an implementation offers: the outputs of a kernel for these inputs.  An input without an
-answer gives ``{"error": {"name": ..., "index": ...}}``, the index only where there is one."""
+"""An implementation: returns the outputs of a kernel for these inputs.
+
+For an invalid input it returns ``{"error": {"name": ..., "index": ...}}``; the index is optional.
+"""
 
 SCHEMA = "vectors-1.schema.json"
 KERNELS = ("convert", "thin", "collide", "discover", "prescribe", "verify", "success")
 
 
 class VectorError(ValueError):
-    """A file that holds no vectors; the text names the file, the vector and the field."""
+    """An invalid file of vectors; the text names the file, the vector and the field."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A vector, with what its file says of all its vectors."""
+    """A vector, with the properties that its file states for all vectors."""
 
     id: str
     kernel: str
@@ -49,16 +51,16 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What came of a vector."""
+    """The result of a vector."""
 
     case: Case
     problem: str
-    """The first difference; empty: none."""
+    """The first difference; empty if there is none."""
     got: Json = None
 
     @property
     def ok(self) -> bool:
-        """Whether the answer is right."""
+        """Whether the answer is correct."""
         return not self.problem
 
 
@@ -86,11 +88,11 @@ def _read(path: Path) -> Json:
     except OSError as error:
         raise VectorError(f"{path.name}: {error.strerror}") from None
     except ValueError as error:
-        raise VectorError(f"{path.name}: no JSON: {error}") from None
+        raise VectorError(f"{path.name}: not JSON: {error}") from None
 
 
 def _checked(path: Path, file: Json) -> Json:
-    """The file itself, if it is one.  Raises VectorError for the first fault."""
+    """The file itself, if it is valid.  Raises VectorError for the first error."""
     try:
         FILE.validate_python(file)
     except ValidationError as error:
@@ -105,16 +107,16 @@ def _checked(path: Path, file: Json) -> Json:
         problem = ": ".join(part for part in (path.name, *where, first["msg"]) if part)
         raise VectorError(problem) from None
     if path.stem != file["kernel"]:
-        raise VectorError(f"{path.name}: kernel: holds {file['kernel']}")
+        raise VectorError(f"{path.name}: kernel: expected {path.stem}, not {file['kernel']}")
     seen: set[str] = set()
     for vector in file["vectors"]:
         place = f"{path.name}: {vector['id']}"
         if vector["id"] in seen:
-            raise VectorError(f"{place}: id: used twice")
+            raise VectorError(f"{place}: id: another vector has the same id")
         if not vector["id"].startswith(file["kernel"] + "-"):
-            raise VectorError(f"{place}: id: does not start with {file['kernel']}-")
+            raise VectorError(f"{place}: id: must start with {file['kernel']}-")
         if vector["bug"] not in file["bugs"]:
-            raise VectorError(f"{place}: bug: {vector['bug']} is not among the bugs of the file")
+            raise VectorError(f"{place}: bug: {vector['bug']} is not in the file's table of bugs")
         seen.add(vector["id"])
     for bug in file["bugs"]:
         if all(vector["bug"] != bug for vector in file["vectors"]):
@@ -123,7 +125,7 @@ def _checked(path: Path, file: Json) -> Json:
 
 
 def check(call: Call, cases: Iterable[Case]) -> list[Result]:
-    """Hold an implementation against the vectors.  Whatever it raises is its own fault."""
+    """Check an implementation with the vectors.  An exception that it raises is a problem."""
     results = []
     for case in cases:
         try:
@@ -135,7 +137,7 @@ def check(call: Call, cases: Iterable[Case]) -> list[Result]:
 
 
 def difference(case: Case, got: Json) -> str:
-    """The first difference between what is expected and what there is; empty: none."""
+    """The first difference between the expected and the actual outputs; empty if there is none."""
     expected = case.expected
     if "error" in expected:
         named = {name: expected["error"].get(name) for name in ("name", "index")}
@@ -189,27 +191,27 @@ def _unequal(place: str, expected: Json, got: Json) -> str:
 
 
 def _fits(expected: Json, got: Json) -> str:
-    """Which points stay is free, but not how many, and not that some do."""
+    """Compare kept points: their number is bounded, some are required, the others are free."""
     kept = got.get("kept") if isinstance(got, dict) else None
     if not isinstance(kept, list) or any(type(n) is not int for n in kept):
         return f"kept: expected indices, got {kept}"
     if kept != sorted(set(kept)):
-        return f"kept: expected indices that rise, got {kept}"
+        return f"kept: expected ascending indices, got {kept}"
     if len(kept) > expected["at_most"]:
-        return f"kept: expected {expected['at_most']} points at most, got {len(kept)}"
+        return f"kept: expected at most {expected['at_most']} points, got {len(kept)}"
     missing = sorted(set(expected["includes"]) - set(kept))
-    return f"kept: expected also {missing}" if missing else ""
+    return f"kept: {missing} must be kept" if missing else ""
 
 
 def _moves(expected: Json, got: Json, tolerances: dict[str, float]) -> str:
-    """The same places at the same times; where the samples are is free."""
+    """Compare places at equal times; the sample times are free."""
     try:
         motion = Motion.model_validate(got, extra="ignore")
     except ValidationError as error:
-        return f"outputs: no motion: {error}"
+        return f"outputs: not a motion: {error}"
     t, begin, end = motion.t, expected["t"][0], expected["t"][-1]
     if not t or len(t) != len(motion.xy) or t != sorted(set(t)):
-        return "t: expected times that rise, as many as places"
+        return "t: expected ascending times, as many as places"
     if t[0] > begin + tolerances["t"] or t[-1] < end - tolerances["t"]:
         return f"t: expected times from {begin} to {end}, got {t[0]} to {t[-1]}"
     for when in sorted({*expected["t"], *(each for each in t if begin <= each <= end)}):
@@ -228,15 +230,14 @@ def _at(t: Sequence[float], xy: Sequence[Sequence[float]], when: float) -> list[
 
 
 def texts() -> dict[Path, str]:
-    """The files as they must be: what is expected comes from
-    automcm_conformance.vectors.exact_kernels.
+    """The texts of the files, with expected outputs from exact_kernels.
 
-    Raises VectorError for a file whose inputs are none.
+    Raises VectorError for a file with invalid inputs.
     """
     made = {VECTORS / SCHEMA: schema()}
     for path in paths():
         file = _read(path)
-        with suppress(KeyError, TypeError):  # whatever is missing there, _checked names
+        with suppress(KeyError, TypeError):  # _checked reports missing fields
             for vector in file["vectors"]:
                 vector["expected"] = {"error": {"name": "none", "why": "not known yet"}}
         _checked(path, file)
@@ -272,7 +273,7 @@ def _text(file: Json) -> str:
 def schema() -> str:
     """The JSON Schema of the files.
 
-    What it cannot say stays with ``load``: that ids are unique, and that bugs are in the table.
+    Only ``load`` checks that ids are unique and that bugs are in the table.
     """
     made = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -284,7 +285,7 @@ def schema() -> str:
 
 
 def _untitled(value: Json) -> Json:
-    """Without pydantic's titles, and without what is OpenAPI and not JSON Schema."""
+    """The schema without pydantic's titles and without keywords of OpenAPI."""
     if isinstance(value, list):
         return [_untitled(each) for each in value]
     if not isinstance(value, dict):

@@ -59,9 +59,9 @@ class _Recorder(Adapter):
         super().__init__(command, LIMIT_S)
         self.bulks: list[list[bytes]] = []
 
-    def send(self, lines: Sequence[bytes], *, on: bool = False) -> None:
+    def send(self, lines: Sequence[bytes], *, continued: bool = False) -> None:
         self.bulks.append(list(lines))
-        super().send(lines, on=on)
+        super().send(lines, continued=continued)
 
 
 def measure(

@@ -29,7 +29,7 @@ var about = map[string]any{
 	"fixed":     map[string]int64{},                 // TODO: parameters that cannot be changed
 }
 
-// Line is what the kit writes.
+// Line is a line from the kit.
 type Line struct {
 	Cmd        string           `json:"cmd"`
 	Now        int64            `json:"now"`
@@ -41,7 +41,7 @@ type Line struct {
 	Command    Object           `json:"command"`
 }
 
-// Station does nothing yet. TODO: replace it by your station.
+// Station does nothing yet. TODO: replace it with your station.
 type Station struct {
 	messages    []any // TODO: add each message that is sent
 	indications []any // TODO: add each indication to the application

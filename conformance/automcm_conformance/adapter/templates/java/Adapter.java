@@ -24,7 +24,7 @@ public class Adapter {
         "scenarios", List.of("lane_change"), // TODO: scenarios that a request may name
         "fixed", Map.of()); // TODO: parameters that cannot be changed
 
-    /** TODO: replace this by your station. */
+    /** TODO: replace this with your station. */
     static class Station {
         private List<Object> messages = new ArrayList<>(); // TODO: add each message that is sent
         private List<Object> indications = new ArrayList<>(); // TODO: add each indication

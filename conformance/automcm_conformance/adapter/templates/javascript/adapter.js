@@ -28,7 +28,7 @@ function parse(line) {
     token[0] === '"' || !/[.eE]/.test(token) ? token : JSON.stringify({ not_an_integer: token })));
 }
 
-// TODO: replace this by your station.
+// TODO: replace this with your station.
 class Station {
   constructor(now, stationId, seed, parameters) {
     this.messages = []; // TODO: add each message that is sent

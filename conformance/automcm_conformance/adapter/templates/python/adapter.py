@@ -1,9 +1,9 @@
-"""An adapter for the AutoMCM conformance kit: from lines to your station and back.
+"""An adapter for the AutoMCM conformance kit: it translates lines to calls of your station.
 
-    automcm conform check-adapter -- ./run      # is each line right?
-    automcm conform run -- ./run                # is the station right?
+    automcm conform check-adapter -- ./run      # is each line valid?
+    automcm conform run -- ./run                # is the station correct?
 
-It speaks the whole protocol; the station in it does nothing yet.  Go through the TODOs.
+It implements the whole adapter protocol, but the station is empty.  Work through the TODOs.
 """
 
 from __future__ import annotations
@@ -20,41 +20,41 @@ ABOUT: Json = {
     "version": "0.1",  # TODO
     "issues": "where to report a bug in it",  # TODO
     "features": ["prescriber", "receiver"],  # TODO: restart, durations, cam
-    "scenarios": ["lane_change"],  # TODO: what it takes in a request
-    "fixed": {},  # TODO: parameters that it cannot change, such as {"t_resend": 100}
+    "scenarios": ["lane_change"],  # TODO: scenarios that a request may name
+    "fixed": {},  # TODO: parameters that cannot be changed, such as {"t_resend": 100}
 }
 
 
 class Station:
-    """TODO: your station in the place of this one, which hears nothing and says nothing."""
+    """TODO: replace this with your station."""
 
     def __init__(self, now: int, station_id: int, seed: int, parameters: Json) -> None:
-        self.messages: list[Json] = []  # TODO: put here what is sent, as JSON objects
-        self.indications: list[Json] = []  # TODO: and here what the application is told
+        self.messages: list[Json] = []  # TODO: add each message that is sent
+        self.indications: list[Json] = []  # TODO: add each indication to the application
 
     def advance(self, now: int) -> None:
-        """TODO: fire each timer that is due at ``now`` or was before, in the order of time."""
+        """TODO: fire each timer due at ``now`` or earlier, as protocol.md section 3 orders them."""
 
     def receive(self, message: Json, planned: Json | None) -> None:
-        """TODO: a message; without ``planned`` an Advertisement does not concern the station."""
+        """TODO: handle a message.  ``planned`` is None unless an Advertisement concerns you."""
 
     def command(self, name: str, command: Json) -> None:
-        """TODO: request, prescribe, proceed, complete, abort, accept or refuse."""
+        """TODO: handle request, prescribe, proceed, complete, abort, accept and refuse."""
 
     def deadline(self) -> int | None:
-        """TODO: the time (not the duration) at which the next timer is due; None if none is."""
+        """TODO: the time (not the duration) of the earliest armed timer, or None."""
         return None
 
     def answer(self) -> Json:
-        """All that happened since the last answer."""
+        """Everything since the last answer."""
         messages, self.messages = self.messages, []
         indications, self.indications = self.indications, []
-        # TODO: add "phase" if the station can tell it.
+        # TODO: add "phase" if the station can report it.
         return {"messages": messages, "indications": indications, "deadline": self.deadline()}
 
 
 class Adapter:
-    """Turns a command into calls of the station."""
+    """Translates a command to calls of the station."""
 
     def __init__(self) -> None:
         self.station: Station | None = None
@@ -72,7 +72,7 @@ class Adapter:
             raise ValueError("reset comes first")
         if cmd not in ("receive", "command", "advance"):
             raise ValueError(f"unknown command {cmd!r}")
-        self.station.advance(line["now"])  # timers before anything else of the same instant
+        self.station.advance(line["now"])  # timers come before any other input of the instant
         if cmd == "receive":
             self.station.receive(line["message"], line.get("planned"))
         elif cmd == "command":

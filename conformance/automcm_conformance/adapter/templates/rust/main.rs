@@ -23,7 +23,7 @@ fn about() -> Json {
     ])
 }
 
-/// TODO: replace this by your station.
+/// TODO: replace this with your station.
 struct Station {
     messages: Vec<Json>,    // TODO: add each message that is sent
     indications: Vec<Json>, // TODO: add each indication to the application
