@@ -1,4 +1,4 @@
-"""Lets the tests import agreement, edits, log_slices and others, which stand beside them."""
+"""Lets the tests import the helpers that stand beside them."""
 
 import sys
 from pathlib import Path
