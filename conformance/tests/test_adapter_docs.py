@@ -82,7 +82,7 @@ def told() -> set[tuple[str, str]]:
     found = set()
     for graph in (TWO_PEERS, TIGHT):
         for effect in load(graph.path).effects:
-            name, *reason = effect.told
+            name, *reason = effect.indication
             if effect.rule == "END-2" and reason:
                 reason = ["reason"]  # whatever the Cancel says
             if name != "nothing":

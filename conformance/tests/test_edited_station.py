@@ -89,7 +89,7 @@ EDITS = {
         'If(st.phase = "WAITING", {Timer("hold")})',
         'If(st.phase \\in {"INTENDING", "WAITING"}, {Timer("hold")})',
         "ADV-3",
-        "receive Advertisement from 1001: not everything followed",
+        "receive Advertisement from 1001: effects are missing",
         by=2002,
         played="deadline:",
     ),

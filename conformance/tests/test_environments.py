@@ -96,4 +96,4 @@ except tlc.TlcError as error:
         timeout=LIMIT_S,
     )
     assert done.stdout.count("\n") == 1 and done.stderr == ""
-    assert "could not be resolved" in done.stdout and "AUTOMCM_TLA2TOOLS" in done.stdout
+    assert "could not be downloaded" in done.stdout and "AUTOMCM_TLA2TOOLS" in done.stdout

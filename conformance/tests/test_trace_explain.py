@@ -90,7 +90,7 @@ def test_several_logs_are_judged_together() -> None:
 def test_a_folder_stands_for_its_logs(tmp_path: Path) -> None:
     assert explained(CORPUS)[1] == explained(*LOGS)[1]
     answer = automcm("trace", "explain", tmp_path)
-    assert answer.exit_code == 3 and "holds no log" in answer.output
+    assert answer.exit_code == 3 and "contains no log" in answer.output
 
 
 def test_no_line_is_told_of_what_is_about_the_whole_log(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_no_line_is_told_of_what_is_about_the_whole_log(tmp_path: Path) -> None:
     header = Path(LOGS[0]).read_text().splitlines()[0]
     log.write_text(header + '\n{"rec":"end","seq":0,"reason":"clean","lost_records":0}\n')
     answer = automcm("trace", "explain", log)
-    assert f"{log}: CANNOT TELL: the log holds no event" in answer.output
+    assert f"{log}: CANNOT TELL: the log contains no events" in answer.output
 
 
 def test_the_worst_verdict_is_the_exit_code(wrong: Path, tmp_path: Path) -> None:

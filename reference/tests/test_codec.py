@@ -151,7 +151,7 @@ def test_end_5_details_in_uper_are_compact_json() -> None:
         (b'{"a":2}', ""),
         (b'{"a" 1}', "Advertisement.details: Invalid JSON"),
         (b'{"\xff":1}', "no UTF-8"),
-        (b"[[[1]]]", "details: an object"),
+        (b"[[[1]]]", "details: must be an object"),
         (b'{ "":1}', "one encoding"),
         (b'{"a":-}', "details"),
         (b'{"":.5}', "details"),

@@ -221,8 +221,8 @@ WRONG: list[tuple[Message | Cam, str, Any]] = [
     (intention(), "planned", {"points": [[0, 0, 0]]}),
     (intention(), "planned", {"t0": 0, "points": [[0, 0, 0]], "v": 1}),
 ]
-ANSWER = "seq: 0 if and only if"
-TOGETHER = "present if and only if"
+ANSWER = "seq: must be 0 if and only if"
+TOGETHER = "must be present if and only if"
 REFUSED: list[tuple[bytes, str]] = [
     *((without(m, n), n) for m, n in NEEDED),
     *((without(ack(fin()), n), n) for n in ("v", "seq")),

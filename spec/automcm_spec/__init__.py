@@ -1,5 +1,5 @@
-"""The specification as a package: its vocabulary, its graphs, and TLC, which checks it.
+"""The specification: its vocabulary, the graphs of one station, and model checking with TLC.
 
-For every other package.
-Subpackages, from the bottom: support, vocabulary, graph, model_checking, compilation.
+Used by every other package. Subpackages, from the bottom: support, vocabulary, model_checking,
+graph, compilation.
 """

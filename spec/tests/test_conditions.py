@@ -12,9 +12,9 @@ from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary import conditions
 from automcm_spec.vocabulary.conditions import (
     Condition,
-    Taken,
+    Evaluated,
+    blocking_conditions,
     decided_at,
-    in_the_way,
     record,
     recording,
 )
@@ -33,16 +33,16 @@ def advertisement(session: tuple[int, int]) -> Receive:
     return Receive("receive", LIMITS.advertisement(session[0], session), True)
 
 
-def decide(st: State, asked: Receive | Command) -> tuple[Effect, list[Taken]]:
+def decide(st: State, asked: Receive | Command) -> tuple[Effect, list[Evaluated]]:
     return record(LIMITS, lambda station: station.decide(ME, st, asked))
 
 
 def test_a_condition_has_its_line_its_text_and_its_values() -> None:
     complete = Command("command", "complete", (815, 2), 0, 0)
     st = INTENDING._replace(phase="ACTUATING", role="prescriber")
-    effect, taken = decide(st, complete)
+    effect, evaluated = decide(st, complete)
     assert effect.rule == "PRE-5"
-    (stale,) = (t for t in taken if t.condition.text == "c.session # st.session")
+    (stale,) = (t for t in evaluated if t.condition.text == "c.session # st.session")
     assert stale.condition.operator == "OnComplete" and stale.condition.kind == "guard"
     line = (TLA / "Station.tla").read_text().splitlines()[stale.condition.line - 1]
     assert stale.condition.text in line
@@ -51,15 +51,15 @@ def test_a_condition_has_its_line_its_text_and_its_values() -> None:
 
 def test_an_index_is_shown_as_in_tla_and_a_limit_with_its_name() -> None:
     fin = Receive("receive", LIMITS.fin(815, ME, (815, 3)), False)
-    _, taken = decide(INTENDING, fin)
-    shown = {name: value for t in taken for name, value in t.values}
+    _, evaluated = decide(INTENDING, fin)
+    shown = {name: value for t in evaluated for name, value in t.values}
     assert "Peer(st)" not in shown and shown["m.src"] == 815
     refusal = Receive("receive", LIMITS.refusal(815, (ME, 3), 2, "unsafe"), False)
     st = INTENDING._replace(
         phase="PRESCRIBING", role="prescriber", session=(ME, 3), target=815, proposal=2
     )
-    _, taken = decide(st, refusal)
-    shown = {name: value for t in taken for name, value in t.values}
+    _, evaluated = decide(st, refusal)
+    shown = {name: value for t in evaluated for name, value in t.values}
     assert shown["MaxRounds"] == 7 and shown["m.session[1]"] == ME
 
 
@@ -96,9 +96,9 @@ def test_the_line_that_decides() -> None:
         (INTENDING, Receive("receive", LIMITS.prescription(9, ME, (9, 1), 1), False)),
         (LIMITS.initial, Receive("receive", LIMITS.prescription(9, ME, (9, 1), 1), False)),
     ):
-        effect, taken = decide(st, asked)
-        assert f'"{effect.rule}"' in lines[decided_at(taken, effect.rule) - 1]
-        assert decided_at(taken, "NEG-0") == 0
+        effect, evaluated = decide(st, asked)
+        assert f'"{effect.rule}"' in lines[decided_at(evaluated, effect.rule) - 1]
+        assert decided_at(evaluated, "NEG-0") == 0
 
 
 def test_every_condition_is_where_the_table_says() -> None:
@@ -128,7 +128,7 @@ def test_every_condition_is_where_the_table_says() -> None:
 def in_way(
     st: State, asked: Receive | Command, wanted: str, most: int = 3
 ) -> list[list[tuple[str, bool]]]:
-    found = in_the_way(
+    found = blocking_conditions(
         LIMITS,
         lambda station: station.decide(ME, st, asked),
         lambda effect: any(m.type == wanted for m in effect.out),
@@ -165,7 +165,7 @@ def test_every_smallest_choice_is_found() -> None:
 
 def test_parts_are_chosen_from_if_asked_for() -> None:
     """Those of what no guard decides, such as which timers are armed."""
-    found = in_the_way(
+    found = blocking_conditions(
         LIMITS, lambda s: s.armed(ME, INTENDING), lambda armed: ("hold",) in armed, kind="part"
     )
     assert [[t.condition.text for t in choice] for choice in found] == [['st.phase = "WAITING"']]

@@ -145,9 +145,11 @@ def test_the_models_of_one_station_are_those_that_extend_open_station() -> None:
 
 def test_the_models_with_a_liar_are_those_that_extend_it() -> None:
     texts = {path.stem: path.read_text() for path in TLA.glob("*.tla")}
-    assert {name for name in texts if "Liar" in models.extended(name, texts)} == set(models.LIED_TO)
+    assert {name for name in texts if "Liar" in models.extended(name, texts)} == set(
+        models.WITH_LIAR
+    )
     lied_to = [m for m in models.load() if "Liar" in constants(m.cfg)]
-    assert lied_to == [m for m in models.load() if m.module in models.LIED_TO]
+    assert lied_to == [m for m in models.load() if m.module in models.WITH_LIAR]
     assert all(m.unsent for m in lied_to)
 
 
@@ -222,7 +224,7 @@ def test_a_probe_turns_when_its_action_is_deleted(
         text = f'{text[:start]}{condition}-> Ignore(st, "deleted"){text[end:]}'
     (tla / "Station.tla").write_text(text)
     problem = models.check(model(probe), tla_dir=tla).problem or ""
-    assert problem.startswith("reached no more: ")
+    assert problem.startswith("no longer reached: ")
     for gone in deleted.values():
         assert gone in problem.partition(";")[0]
 
@@ -244,10 +246,19 @@ def test_the_hazard_reaches_its_bound_in_every_fault_class() -> None:
         (lambda d: edit(d, "[[model]]", "[[model"), "expectations.toml: "),
         (lambda d: edit(d, "[[model]]", "version = 1\n[[model]]"), "unknown key version"),
         (lambda d: edit(d, "depth = ", "deep = "), "deep: Extra inputs"),
-        (lambda d: edit(d, "depth = ", "length = "), "a model that holds needs depth"),
-        (lambda d: edit(d, "depth = ", "length = 3\ndepth = "), "holds has no length"),
-        (lambda d: edit(d, 'module = "System"', 'module = "Sistem"'), "no module Sistem"),
-        (lambda d: edit(d, 'property = "S-3"', 'property = "S-4"'), "S-4 is not AcceptedInv"),
+        (lambda d: edit(d, "depth = ", "length = "), "depth: required in a model that holds"),
+        (
+            lambda d: edit(d, "depth = ", "length = 3\ndepth = "),
+            "length: not allowed in a model that holds",
+        ),
+        (
+            lambda d: edit(d, 'module = "System"', 'module = "Sistem"'),
+            "module Sistem does not exist",
+        ),
+        (
+            lambda d: edit(d, 'property = "S-3"', 'property = "S-4"'),
+            "AcceptedInv is not the name of S-4",
+        ),
         (lambda d: edit(d, 'cfg = "rejoin"', 'cfg = "retarget"'), "lists retarget twice"),
         (
             lambda d: shutil.copy(d / "unreduced.cfg", d / "rejoin.cfg"),
@@ -294,22 +305,22 @@ NO_FAILS, NO_HOLDS = dict.fromkeys(FAILS), dict.fromkeys(HOLDS)
 @pytest.mark.parametrize(
     ("cfg", "changes", "problem"),
     [
-        ("restarts", {"distinct_states": 7}, r"distinct_states is \d{3,}, 7 expected"),
-        ("bare_ack", {"length": 99}, r"length is \d, 99 expected"),
+        ("restarts", {"distinct_states": 7}, r"distinct_states is \d{3,}, expected 7"),
+        ("bare_ack", {"length": 99}, r"length is \d, expected 99"),
         (
             "bare_ack",
             {"property": "S-5", "breaks": "NoHazardInv"},
-            "S-6 is violated; S-5 was to be",
+            "S-6 is violated; expected a violation of S-5",
         ),
         (
             "bare_ack",
             {"expect": "holds"} | HOLDS | NO_FAILS,
-            "S-6 is violated; everything was to hold",
+            "S-6 is violated; expected no violation",
         ),
         (
             "restarts",
             {"expect": "violates", "why": "One. Two."} | FAILS | NO_HOLDS,
-            "nothing is violated; S-6 was to be",
+            "nothing is violated; expected a violation of S-6",
         ),
     ],
 )

@@ -118,7 +118,7 @@ def test_a_file_that_is_no_oracle_is_named(content: bytes, problem: str, tmp_pat
 def test_a_graph_of_other_values_than_the_compiled_station_has_is_named() -> None:
     data = json.loads(oracle.content(oracle_generation.TIGHT.path))
     data["states"][0].append(False)
-    with pytest.raises(oracle.OracleError, match=r"tight: other values.*make generate"):
+    with pytest.raises(oracle.OracleError, match=r"tight: its values.*make generate"):
         oracle.parse(oracle.dump(data), "tight")
 
 

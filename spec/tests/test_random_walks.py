@@ -97,6 +97,6 @@ def test_the_time_ends_the_behaviours() -> None:
 
 
 def test_a_module_that_does_not_extend_system_is_refused() -> None:
-    model = random_walks.Walked("open", KNOWN["one_by_two"].cfg, "OpenStation")
-    with pytest.raises(random_walks.WalkError, match="does not extend System"):
+    model = random_walks.WalkModel("open", KNOWN["one_by_two"].cfg, "OpenStation")
+    with pytest.raises(random_walks.WalkError, match="must extend System"):
         random_walks.run(model, number=1)

@@ -44,7 +44,7 @@ def test_a_jar_that_cannot_be_resolved(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RuntimeError("no network")
 
     monkeypatch.setitem(sys.modules, "jgo", SimpleNamespace(build=fails))
-    with pytest.raises(ToolError, match=rf"no network.*{OVERRIDE} a tla2tools.jar"):
+    with pytest.raises(ToolError, match=rf"no network.*{OVERRIDE} to use a local tla2tools.jar"):
         toolchain._resolve()
     empty = SimpleNamespace(build=lambda _: SimpleNamespace(all_jars=[]))
     monkeypatch.setitem(sys.modules, "jgo", empty)

@@ -263,7 +263,7 @@ REFUSED = {
     "\\E n : n = 1": "a bound name without a set",
     "\\E <<a, b>> \\in {<<1, 2>>} : a = b": "a tuple of bound names",
     "LET f(n) == n + 1 IN f(1)": "LET of an operator with parameters",
-    "<<1, 2>>[Limit]": "a function applied to something else than a number",
+    "<<1, 2>>[Limit]": "a function applied to an argument that is not a number",
     "[<<1, 2>> EXCEPT ![1] = 2]": "EXCEPT of a function",
     "[[a |-> 1] EXCEPT !.a = 1, !.a = 2]": "EXCEPT of one field twice",
     "Len(<<1>>)": "Len",
@@ -292,8 +292,8 @@ REFUSED = {
     "[a |-> 1].b": "a record without a field b",
     "[[a |-> 1] EXCEPT !.b = 2]": "a record without a field b",
     "<<1>>[2]": "no tuple with 2 elements",
-    "A = B": "records that nothing tells apart",
-    "{A, B}": "records that nothing tells apart",
+    "A = B": "records that no tag distinguishes",
+    "{A, B}": "records that no tag distinguishes",
     "[a |-> [b |-> 1]]": "two classes of records with the name",
 }
 

@@ -1,5 +1,5 @@
-"""What happened: logs of stations, checked against the specification.
+"""Log tools: they check the logs of stations against the specification.
 
-For anyone with a log.
-Subpackages, from the bottom: format, checker, system, explain, edit, export, viewer.
+For anyone with a log. Subpackages, from the bottom: format, checker, system, explain, edit, export,
+viewer.
 """

@@ -113,7 +113,7 @@ def states_from_deltas_are_those_of_the_log(browser: Browser, folder: Path) -> N
     with browser.page(browser.write("states", FOUR[0])) as page:
         log, states = read(FOUR[0]), States(range(10**9))
         follow(log, watchers=[states])
-        followed = states.followed(log)
+        followed = states.history(log)
         for step in range(len(followed.steps)):
             assert page.evaluate(f"stateAfter(0, {step}).state") == followed.state(step), step
         events = page.evaluate("Array.from({length: COUNT}, (_, row) => logged(row))")

@@ -19,8 +19,8 @@ from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.export import behaviour_to_log
-from automcm_traces.export.behaviour_effects import Question, ask
-from automcm_traces.export.behaviour_steps import Move, happenings
+from automcm_traces.export.behaviour_effects import Question, effects_of
+from automcm_traces.export.behaviour_steps import Move, steps_of
 
 Json = Any
 Lines = list[str]
@@ -47,13 +47,13 @@ def _told(found: Sequence[Any], run: str) -> list[Lines]:
     def asker(questions: Any) -> dict[Question, behaviour_to_log.Effects]:
         missing = [q for q in questions if q not in effects]
         for first in range(0, len(missing), 1500):
-            effects.update(ask("Simulation", cfg, missing[first : first + 1500]))
+            effects.update(effects_of("Simulation", cfg, missing[first : first + 1500]))
         return effects
 
-    happenings([move for moves in stories for move in moves], asker, False)
+    steps_of([move for moves in stories for move in moves], asker, False)
     logs = []
     for n, moves in enumerate(stories):
-        told = happenings(moves, asker, False)
+        told = steps_of(moves, asker, False)
         written = behaviour_to_log.logs(f"{run}-{n}", told, STATIONS, {"max_rounds": 3})
         logs += [text.decode().splitlines() for text in written.values()]
     return [lines for lines in logs if len(lines) > 2]

@@ -10,7 +10,7 @@ from typing import Any
 
 from automcm_traces.checker.follow import follow
 from automcm_traces.format.reader import Log
-from automcm_traces.viewer.page_follow import Followed, States
+from automcm_traces.viewer.page_follow import StateHistory, States
 from automcm_traces.viewer.page_pack import Shapes
 
 Json = Any
@@ -68,10 +68,10 @@ def number(value: Json) -> int:
     return int(value["#bigint"]) if isinstance(value, dict) else int(value)
 
 
-def followed_by(log: Log) -> Followed:
+def followed_by(log: Log) -> StateHistory:
     states = States(range(sys.maxsize))
     follow(log, watchers=[states])
-    return states.followed(log)
+    return states.history(log)
 
 
 def fives(numbers: list[int]) -> list[tuple[int, ...]]:

@@ -15,7 +15,7 @@ from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.messages import Ack, Fin, MessageId
 from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, State, Station
 from automcm_traces.checker import divergence
-from automcm_traces.checker.divergence import Question, Words
+from automcm_traces.checker.divergence import Action, Question
 from automcm_traces.checker.input_alphabet import alphabet
 from automcm_traces.checker.track import ROUNDS, Entry, Limits, Track
 from automcm_traces.explain.explain import explain_file, text
@@ -126,7 +126,7 @@ def test_what_the_input_does_anyway_or_never() -> None:
     ],
 )
 def test_neg_1_messages_indications_timers_and_phases(
-    wanted: Words, named: list[tuple[str, bool]]
+    wanted: Action, named: list[tuple[str, bool]]
 ) -> None:
     again = RECEIVER[2]
     refused = [*RECEIVER[:3], command("refuse", THEIRS, 1)]

@@ -87,7 +87,7 @@ def test_where_a_message_may_be_missing_nothing_is_concluded_from_it() -> None:
     log = a_log()
     header = log.header.model_copy(update={"complete": ("command", "receive")})
     engine = Engine(header)
-    with pytest.raises(CannotTell, match="line 2: the log does not hold: send Advertisement"):
+    with pytest.raises(CannotTell, match="line 2: the log does not contain: send Advertisement"):
         for at, event in log.events:
             if event.ev in header.complete:
                 engine.feed(at, event)

@@ -230,7 +230,7 @@ def test_what_is_called_for_by_a_malformed_message_is_said(
     wrong.write_text(wrong.read_text().replace(',"phase":"NEGOTIATING","role":"receiver"', ""))
     verdict = explain(read(wrong))
     assert (verdict.finding.at.line, verdict.finding.rule) == (number + 1, "END-5")
-    assert verdict.finding.observed == f"send Ack to 1001: nothing called for it{why}"
+    assert verdict.finding.observed == f"send Ack to 1001: no input calls for it{why}"
 
 
 def test_a_missing_ack_is_named_by_its_rule(logs: list[Path], tmp_path: Path) -> None:
@@ -272,7 +272,10 @@ def test_an_incomplete_log_cannot_be_told(logs: list[Path], tmp_path: Path) -> N
     path = tmp_path / "partial.ndjson"
     path.write_text(json.dumps(header) + "\n" + rest)
     verdict = explain(read(path))
-    assert verdict.verdict == "cannot_tell" and "sends" in verdict.finding.observed
+    assert (
+        verdict.verdict == "cannot_tell"
+        and "sent messages may be missing" in verdict.finding.observed
+    )
     assert exit_code([verdict]) == 4 and "CANNOT TELL" in text(verdict)
 
 
@@ -335,6 +338,6 @@ def test_a_late_timer_is_told_with_what_the_station_says_of_it(
     path = edited(late, tmp_path, lambda log: log.at(n).update(late_ms=900))
     verdict = explain_file(path)
     assert verdict.verdict == "diverges"
-    hint = f"the station says that it was 900 ms late (late_ms, line {n})"
+    hint = f"the station reports that it was 900 ms late (late_ms, line {n})"
     assert hint in verdict.finding.observed
     assert "late_ms" not in explain_file(path, 1000).finding.observed

@@ -151,7 +151,7 @@ def test_t_2_cannot_be_told_where_the_clocks_leave_the_bound_open(
         return span and Span(span.low - 200, span.high + 200, span.best)
 
     monkeypatch.setattr(world, "elapsed", vague)
-    (acts,) = world.timelines[1].spells("ACTUATING", "prescriber")
+    (acts,) = world.timelines[1].periods("ACTUATING", "prescriber")
     found = hazard_of(world, acts)
     assert found is not None and found.outcome == "cannot_tell" and "clocks" in found.why
 
@@ -278,7 +278,7 @@ def test_s_5_an_acceptance_forged_before_the_true_one_is_the_excuse(tmp_path: Pa
     run.simulation.clock.at(early, lambda: run.simulation.services[1].receive(data) and None)
     report = judge(run.logs())
     (hazard,) = report.hazards
-    assert hazard.since_ms == early and "has not accepted" in hazard.fault
+    assert hazard.since_ms == early and "acts before station 2 accepts" in hazard.fault
     assert hazard.excused and hazard.begun_by.startswith("Acceptance from 2, at ")
     assert hazard.outcome == "within" and property_of(report, "S-5") == "holds"
 

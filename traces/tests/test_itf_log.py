@@ -14,8 +14,8 @@ from automcm_cli.main import app
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.explain.explain import explain
 from automcm_traces.export import itf
-from automcm_traces.export.behaviour_steps import NOTHING, Move, happenings
-from automcm_traces.export.behaviour_to_log import Happening, StoryError
+from automcm_traces.export.behaviour_steps import NOTHING, Move, steps_of
+from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep
 from automcm_traces.export.behaviour_to_log import _times as story_times
 from automcm_traces.export.itf_log import TICK_MS, behaviour, from_log
 from automcm_traces.format.log import TimerArm
@@ -87,7 +87,8 @@ def test_a_slow_station_counts_its_deadlines_and_its_steps_on_its_own_clock(tmp_
     now = last.at_ms - TICK_MS
     assert last.deadlines["lease",] == now + TICK_MS
     happened = [
-        Happening(0, INITIAL, None, NOTHING, move.at_ms, move.behind_ms) for move in (slow, last)
+        BehaviourStep(0, INITIAL, None, NOTHING, move.at_ms, move.behind_ms)
+        for move in (slow, last)
     ]
     _, times = story_times(happened, [1, 2], 600)
     assert times == {1: [now, now], 2: [last.at_ms, last.at_ms]}
@@ -144,7 +145,7 @@ def test_the_command_writes_the_itf_of_a_log(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "place"),
     [
-        (lambda v: "[]", "not an object"),
+        (lambda v: "[]", "must be a JSON object"),
         (lambda v: v[:-9], "not JSON"),
         (lambda v: v.replace("spec/models/", "models/"), "#meta: source"),
         (lambda v: v.replace('"index":2,"input":', '"index":2,"output":'), "state 2"),
@@ -165,7 +166,7 @@ def test_a_counterexample_of_one_station_has_no_logs(tmp_path: Path) -> None:
     """What it receives, nobody has sent."""
     source = COUNTEREXAMPLES / "finishes_silently.itf.json"
     answer = run.invoke(app, ["trace", "itf", str(source), "--out", str(tmp_path)])
-    assert answer.exit_code == 3 and "receives what nobody has sent" in answer.output
+    assert answer.exit_code == 3 and "receives messages that nobody has sent" in answer.output
     assert not list(tmp_path.iterdir())
     assert not (CORPUS / "counterexamples" / "finishes_silently").exists()
 
@@ -186,7 +187,7 @@ def test_a_log_that_cannot_be_told_is_4(tmp_path: Path) -> None:
 def test_a_message_received_that_nobody_sent_is_no_story() -> None:
     found = behaviour(COUNTEREXAMPLES / "bare_ack.itf.json")
     found.moves[0:1] = []  # the request, and with it the Advertisement
-    with pytest.raises(StoryError, match="never sent"):
+    with pytest.raises(BehaviourError, match="never sent"):
         found.logs()
 
 
@@ -196,17 +197,17 @@ def test_a_step_that_the_model_does_not_take_is_no_story() -> None:
     wrong = Move(1, move.input, move.before, move.before)
     from functools import partial
 
-    from automcm_traces.export.behaviour_effects import ask
+    from automcm_traces.export.behaviour_effects import effects_of
 
-    with pytest.raises(StoryError, match="leads to"):
-        happenings([wrong], partial(ask, found.module, found.cfg), False)
+    with pytest.raises(BehaviourError, match="leads to"):
+        steps_of([wrong], partial(effects_of, found.module, found.cfg), False)
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
         (lambda s: s["st"]["#tup"][0].pop("phase"), "state 1: not a step of a station: st.0.phase"),
-        (lambda s: s["st"]["#tup"].pop(), "state 1: not a step of a station: st: not of"),
+        (lambda s: s["st"]["#tup"].pop(), "state 1: not a step of a station: st: must have"),
         (lambda s: s["#meta"].pop("input"), "state 1: not a step of a station: input"),
         (lambda s: s["#meta"].update(station=9), "state 1: not a step of a station: station"),
     ],

@@ -187,7 +187,7 @@ def test_a_missing_file_or_a_folder_is_unreadable(tmp_path: Path) -> None:
     none = tmp_path / "a: b"
     assert text(report(none)) == f"{none}: UNREADABLE: no such file"
     assert report(none).as_dict()["unreadable"] == f"{none}: no such file"
-    assert text(report(tmp_path)) == f"{tmp_path}: UNREADABLE: is a directory, not a log"
+    assert text(report(tmp_path)) == f"{tmp_path}: UNREADABLE: is a directory; name a log file"
 
 
 def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> None:
@@ -206,8 +206,8 @@ def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> 
 def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> None:
     path = write(tmp_path, HEADER, event(1), event(2), event(2), event(1), event(2), end(2))
     assert [finding.observed for finding in lint(path) if finding.rule == "seq"] == [
-        "2 a second time",
-        "goes back from 2 to 1",
+        "2 is repeated; expected 3",
+        "must not decrease, from 2 to 1",
     ]
 
 

@@ -11,7 +11,7 @@ import pytest
 from edits import Edited, edited
 
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.edit.log_diff import Compared, diff, text
+from automcm_traces.edit.log_diff import StationDiff, diff, text
 
 Json = Any
 CORPUS = Path(__file__).parents[1] / "corpus"
@@ -20,7 +20,7 @@ FOUR = CORPUS / "four-vehicles"
 INDEX = {e["file"]: e for e in json.loads((CORPUS / "index.json").read_text())}
 
 
-def one(a: Path, b: Path) -> Compared:
+def one(a: Path, b: Path) -> StationDiff:
     (found,) = diff([a], [b]).stations
     return found
 
@@ -157,8 +157,8 @@ def test_every_seeded_fault_is_the_first_difference(entry: dict[str, Json]) -> N
         assert d is None or d.a is None or d.a.fields.get("timer")
         return
     assert d is not None
-    lines = [deed.line for step in d.steps_b[-1:] for deed in step.deeds]
-    lines += [deed.line for step in d.steps_a[-1:] for deed in step.deeds]
+    lines = [event.line for step in d.steps_b[-1:] for event in step.events]
+    lines += [event.line for step in d.steps_a[-1:] for event in step.events]
     assert entry["line"] in lines or entry["line"] - 1 in lines
     assert f"DIFFERS after {found.steps} step" in next(text(diff([base], [bad])))
 
@@ -261,7 +261,7 @@ def test_parameters_that_differ_are_told() -> None:
 
 
 def test_two_logs_of_one_station_and_an_unreadable_one_are_refused() -> None:
-    with pytest.raises(BadInput, match="is the station of"):
+    with pytest.raises(BadInput, match="is also the station of"):
         diff([PAIR / "2002.ndjson", CORPUS / "bad/ack_twice.ndjson"], of(PAIR))
     with pytest.raises(BadInput, match="empty"):
         diff(of(PAIR), [CORPUS / "bad/empty.ndjson"])

@@ -18,7 +18,7 @@ from automcm_spec.graph.oracle_generation import ONE_PEER
 from automcm_spec.vocabulary.rules import kind
 from automcm_spec.vocabulary.station import Cam, Entry, Expire, Input
 from automcm_traces.edit.log_shrinking import NothingToShrink, Shrunk, masked, shrink
-from automcm_traces.edit.log_slice import Sublog
+from automcm_traces.edit.log_slice import LogSlice
 from automcm_traces.explain.explain import explain_file, explain_files
 from automcm_traces.explain.lint import report
 from automcm_traces.format.reader import read
@@ -143,7 +143,7 @@ def shortest_ways() -> dict[int, int]:
 
 def events_of(answer: Answer, value: Input) -> int:
     effect = answer.effect
-    told = effect.told[0] != "nothing"
+    told = effect.indication[0] != "nothing"
     copies = 3 * COPIES if value == Expire("expire", ("advertise",)) else 0
     return 1 + len(effect.messages) + len(effect.arm) + len(effect.stop) + told + copies
 
@@ -222,7 +222,7 @@ def test_every_bad_log_keeps_its_fault(entry: dict[str, Json], tmp_path: Path) -
 
 
 def explain_steps(paths: list[Path]) -> dict[str, list[set[int]]]:
-    logs = [Sublog.read(path) for path in paths]
+    logs = [LogSlice.read(path) for path in paths]
     return {log.file: [{item.line for item in step} for step in log.steps()] for log in logs}
 
 

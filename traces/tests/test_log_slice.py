@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from automcm_traces.edit.log_slice import Sublog
+from automcm_traces.edit.log_slice import LogSlice
 from automcm_traces.format.log import TimerArm
 
 CORPUS = Path(__file__).parents[1] / "corpus"
@@ -13,20 +13,20 @@ PRESCRIBER, RECEIVER = CORPUS / "pair/1001.ndjson", CORPUS / "pair/2002.ndjson"
 
 
 def test_a_whole_log_is_as_it_was() -> None:
-    assert Sublog.read(PRESCRIBER).text() == PRESCRIBER.read_bytes()
-    log = Sublog.read(PRESCRIBER)
+    assert LogSlice.read(PRESCRIBER).text() == PRESCRIBER.read_bytes()
+    log = LogSlice.read(PRESCRIBER)
     assert log.closed_up(log.items).text() == PRESCRIBER.read_bytes()
 
 
 def test_the_first_lines_have_the_end_of_the_log() -> None:
-    lines = Sublog.read(PRESCRIBER, 20).text().splitlines()
+    lines = LogSlice.read(PRESCRIBER, 20).text().splitlines()
     assert len(lines) == 21
     assert json.loads(lines[-1])["seq"] == 19
     assert json.loads(lines[-1])["reason"] == "clean"
 
 
 def test_a_step_is_an_input_with_its_effects_and_a_cam_stands_alone() -> None:
-    log = Sublog.read(RECEIVER)
+    log = LogSlice.read(RECEIVER)
     steps = [[item.line for item in step] for step in log.steps()]
     assert [3, 4, 5, 6] in steps  # Advertisement, Intention, two timers
     assert sorted(line for step in steps for line in step) == [i.line for i in log.items]
@@ -36,7 +36,7 @@ def test_a_step_is_an_input_with_its_effects_and_a_cam_stands_alone() -> None:
 
 def test_later_events_come_earlier_but_an_expiry_when_it_is_due() -> None:
     """PRE-1: the window closes when its timer says so, whatever is left out before."""
-    log = Sublog.read(PRESCRIBER)
+    log = LogSlice.read(PRESCRIBER)
     window = next(i for i in log.items if i.record.get("timer") == {"name": "advertise"}
                   and isinstance(i.event, TimerArm))  # fmt: skip
     assert isinstance(window.event, TimerArm)
@@ -55,7 +55,7 @@ def test_later_events_come_earlier_but_an_expiry_when_it_is_due() -> None:
 
 
 def test_a_timer_still_runs_as_long_as_it_did() -> None:
-    log = Sublog.read(RECEIVER)
+    log = LogSlice.read(RECEIVER)
     left = [i for i in log.items if i.line > 40]
     closed = log.closed_up(left)
     was = {i.line: i.event.deadline - i.event.t_ms for i in left if isinstance(i.event, TimerArm)}
@@ -65,7 +65,7 @@ def test_a_timer_still_runs_as_long_as_it_did() -> None:
 
 def test_numbers_that_nothing_names_any_more_are_not_counted() -> None:
     """The second proposal is the first if nothing names the first; END-6: 0 stays 0."""
-    log = Sublog.read(RECEIVER)
+    log = LogSlice.read(RECEIVER)
     gone = {id(i) for items in log.by_number()[:1] for i in items}
     closed = log.closed_up([i for i in log.items if id(i) not in gone])
     messages = [i.record["message"] for i in closed.items if "message" in i.record]

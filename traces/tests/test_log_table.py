@@ -16,8 +16,8 @@ from merged_runs import records, simulated
 from rich.cells import cell_len
 
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.log_table import Filter, Logs, Row, Shown, before, columns
-from automcm_traces.format.event_text import fitted, safe, said
+from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row, before, columns
+from automcm_traces.format.event_text import fitted, safe, summary
 from automcm_traces.format.log import RECORD, Receive, Send
 
 KINDS = ["command", "indication", "receive", "restart", "send", "timer"]
@@ -46,7 +46,7 @@ def log(folder: Path, station: int, *events: Line, end: bool = True, **head: Any
 
 
 def rows(*paths: Path, **wanted: Any) -> list[Row]:
-    return list(Shown(Logs(paths), Filter(**wanted)))
+    return list(FilteredRows(Logs(paths), Filter(**wanted)))
 
 
 def placed(shown: list[Row]) -> list[tuple[int, int]]:
@@ -144,7 +144,7 @@ def test_of_a_log_that_may_lack_it_nothing_is_said(tmp_path: Path, head: dict[st
 
 def test_msg_1_what_is_overheard_is_marked(tmp_path: Path) -> None:
     path = log(tmp_path, 9, event("receive", tx="7:1", message=fin(7, 8)))
-    assert rows(path)[0].words == "for 8 <- Fin 7 7/1#1"
+    assert rows(path)[0].full_text == "for 8 <- Fin 7 7/1#1"
 
 
 def test_columns_are_as_wide_as_they_may_be(tmp_path: Path) -> None:
@@ -187,8 +187,8 @@ def test_the_end_a_gap_and_a_line_that_cannot_be_read_are_rows(tmp_path: Path) -
     path = log(tmp_path, 7, event("restart"), event("restart"), event("restart"))
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join([*lines[:2], lines[3], "rubbish\n"]))
-    shown = Shown(Logs([path]), Filter())
-    words = [row.words for row in shown]
+    shown = FilteredRows(Logs([path]), Filter())
+    words = [row.full_text for row in shown]
     assert words[1].startswith("-- seq: 3 after 1, expected 2: 1 missing")
     assert words[3].startswith("-- UNREADABLE: not JSON") and not shown.good
 
@@ -221,22 +221,24 @@ def test_filters(tmp_path: Path) -> None:
     assert lines(from_line=7) == [7, 8, 10]
     assert lines(stations=frozenset({8})) == []
     wanted = Filter()
-    list(Shown(Logs([path]), wanted))
+    list(FilteredRows(Logs([path]), wanted))
     assert wanted.hidden_cams == 2
 
 
 def test_the_last_rows_know_the_phase_before_them(tmp_path: Path) -> None:
     path = log(tmp_path, 7, event("restart", phase="WAITING"), event("restart", phase="WAITING"))
-    shown = Shown(Logs([path]), Filter(), last=2)
+    shown = FilteredRows(Logs([path]), Filter(), last=2)
     assert [(row.line, shown.phases) for row in shown] == [(3, {7: "WAITING"}), (4, {7: "WAITING"})]
 
 
 def test_two_logs_of_one_station_are_refused_and_two_runs_are_warned_of(tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     one, same = log(tmp_path, 7), log(tmp_path / "b", 7)
-    with pytest.raises(BadInput, match="7 is the station of"):
+    with pytest.raises(BadInput, match="7 is also the station of"):
         Logs([one, same])
-    assert Logs([one, log(tmp_path, 8, run="s")]).warnings == ["not one run: 'r' and 's'"]
+    assert Logs([one, log(tmp_path, 8, run="s")]).warnings == [
+        "the logs are of different runs: 'r' and 's'"
+    ]
 
 
 def test_a_pipe_is_refused_before_it_is_read(tmp_path: Path) -> None:
@@ -280,7 +282,7 @@ def test_any_message_has_words(tmp_path: Path, message: Line) -> None:
     for ev in ("send", "receive"):
         one = RECORD.validate_json(json.dumps(event(ev, seq=1, tx="7:1", message=message)))
         assert isinstance(one, Send | Receive)
-        assert said(one).isprintable() and len(said(one)) <= 300
+        assert summary(one).isprintable() and len(summary(one)) <= 300
     both = [log(tmp_path, s, event("send", tx=f"{s}:1", message=message)) for s in (7, 8)]
     assert len(placed(rows(*both, session=(7, 1), cams=True))) in (0, 2)
     assert len(placed(rows(*both, cams=True))) == 2
@@ -293,7 +295,7 @@ def test_long_logs_are_merged_in_bounded_memory(tmp_path: Path) -> None:
     received = [event("receive", n, tx=f"7:{n}", **said_) for n in range(800)]
     paths = [log(tmp_path, 7, *sent), log(tmp_path, 8, *received)]
     tracemalloc.start()
-    assert sum(1 for _ in Shown(Logs(paths), Filter(), last=3)) == 3
+    assert sum(1 for _ in FilteredRows(Logs(paths), Filter(), last=3)) == 3
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1_000_000

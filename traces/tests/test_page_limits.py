@@ -14,12 +14,12 @@ from page_rows import CORPUS, FOUR, Json, fives
 
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.explain import explain_file, explain_files
-from automcm_traces.format.event_text import said
+from automcm_traces.format.event_text import summary
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_arrows import DELIVERED, FORGED, LOST
 from automcm_traces.viewer.page_data import as_dict, load
-from automcm_traces.viewer.page_follow import Followed
+from automcm_traces.viewer.page_follow import StateHistory
 from automcm_traces.viewer.page_run import MOST_EVENTS, MOST_LOGS, PageError, Part
 
 
@@ -146,13 +146,13 @@ def test_a_part_may_not_be_too_long_either(tmp_path: Path, monkeypatch: pytest.M
     assert len(load([path], part=Part(50, 149)).nodes) == 100
     with pytest.raises(PageError, match="more than 100 events in this part"):
         load([path], part=Part(50, 150))
-    with pytest.raises(PageError, match="no event that can be read in lines 400 to 500"):
+    with pytest.raises(PageError, match="no readable event in lines 400 to 500"):
         load([path], part=Part(400, 500))
 
 
-def states(followed: Followed) -> dict[int, Json]:
+def states(history: StateHistory) -> dict[int, Json]:
     """By line the station after the step."""
-    return {line: followed.state(n) for n, line in enumerate(followed.steps)}
+    return {line: history.state(n) for n, line in enumerate(history.steps)}
 
 
 @pytest.mark.parametrize("last", range(12, 20))
@@ -163,13 +163,13 @@ def test_a_part_shows_what_the_whole_page_shows_there(last: int) -> None:
     assert [log.header.station for log in part.logs] == [log.header.station for log in whole.logs]
     own = next(n for n, log in enumerate(part.logs) if log.file == str(FOUR[1]))
     assert [line for line, _ in part.logs[own].events] == list(range(first, last + 1))
-    rows = {(log.file, line): said(e) for log in whole.logs for line, e in log.events}
-    shown = {(log.file, line): said(e) for log in part.logs for line, e in log.events}
+    rows = {(log.file, line): summary(e) for log in whole.logs for line, e in log.events}
+    shown = {(log.file, line): summary(e) for log in part.logs for line, e in log.events}
     assert shown.items() < rows.items()
-    for log, followed, old in zip(part.logs, part.followed, whole.followed, strict=True):
+    for log, history, old in zip(part.logs, part.histories, whole.histories, strict=True):
         lines = {line for line, _ in log.events}
         wanted = {line: state for line, state in states(old).items() if line in lines}
-        assert states(followed) == wanted and followed.why_not == old.why_not
+        assert states(history) == wanted and history.why_not == old.why_not
         assert lines == set(range(min(lines), max(lines) + 1))
     assert [v.as_dict() for v in part.runs[0].verdicts] == [
         explain_file(path).as_dict() for path in (FOUR[1], FOUR[0], *FOUR[2:])
@@ -206,7 +206,7 @@ def test_a_divergence_before_a_part_is_the_reason_that_no_state_is_known() -> No
     log = CORPUS / "bad" / "wrong_proposal.ndjson"
     (verdict,) = explain_files([log])
     page = load([log], part=Part(verdict.finding.at.line + 1, len(records(log))))
-    assert page.followed[0].steps == [] and page.followed[0].why_not.endswith(
+    assert page.histories[0].steps == [] and page.histories[0].why_not.endswith(
         str(verdict.finding.at.line)
     )
     assert as_dict(page)["logs"][0]["diverges"] == -1

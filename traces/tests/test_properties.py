@@ -167,8 +167,8 @@ def test_what_messages_order_needs_no_clock(
     run.simulation.request(1, at=7000)
     world = World(run.logs(until=14_000))
     monkeypatch.setattr(world, "elapsed", lambda *_: None)
-    first, second = world.timelines[1].spells("ACTUATING", "prescriber")
-    one, two = world.timelines[2].spells("ACTUATING", "receiver")
+    first, second = world.timelines[1].periods("ACTUATING", "prescriber")
+    one, two = world.timelines[2].periods("ACTUATING", "receiver")
     assert world.apart(first, two) is True and world.apart(second, one) is True
     assert world.apart(first, one) is not True
 
@@ -275,7 +275,7 @@ def test_two_prescribers_at_once_are_judged_each(tmp_path: Path) -> None:
 def test_logs_of_two_runs_are_one_clear_line(tmp_path: Path) -> None:
     logs = Run(tmp_path / "a", seed=1).logs() + Run(tmp_path / "b", seed=2).logs()
     report = judge(logs)
-    assert report.verdict == "cannot_tell" and "is of run 'seed-1'" in report.problem
+    assert report.verdict == "cannot_tell" and "must be of run 'seed-1'" in report.problem
     assert report.text().startswith("together: CANNOT TELL: ") and "\n" not in report.text()
 
 
@@ -329,7 +329,7 @@ def test_logs_that_promise_nothing_are_not_judged(tmp_path: Path) -> None:
         lines[0]["complete"] = []
         logs.append(rewritten(tmp_path / f"{n}.ndjson", lines))
     report = judge(logs)
-    assert report.verdict == "cannot_tell" and "does not promise" in report.text()
+    assert report.verdict == "cannot_tell" and "in its header lacks command" in report.text()
     assert {j.outcome for j in report.properties if j.property != "T-3"} == {"cannot_tell"}
 
 

@@ -91,8 +91,8 @@ class Behaviour(World):
         return found
 
     def hazards(self) -> list[Hazard]:
-        spells = (s for line in self.lines for s in line.spells("ACTUATING", "prescriber"))
-        return [h for h in (hazard(self, s) for s in spells) if h is not None]
+        periods = (s for line in self.lines for s in line.periods("ACTUATING", "prescriber"))
+        return [h for h in (hazard(self, s) for s in periods) if h is not None]
 
 
 def session_of(x: Any) -> Session | None:

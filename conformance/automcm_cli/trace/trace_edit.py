@@ -38,7 +38,7 @@ def shrink(
     logs = files_of("shrink", logs)
     try:
         with code_3("shrink", OSError), progress() as status:
-            found = shrink_.shrink(logs, late_ms=late, tries=tries, say=status)
+            found = shrink_.shrink(logs, late_ms=late, tries=tries, on_progress=status)
             written = _written(found, logs, out)
     except shrink_.NothingToShrink as error:
         typer.echo(f"shrink: {error}", err=True)

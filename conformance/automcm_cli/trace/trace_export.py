@@ -59,14 +59,14 @@ def _write(
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.support.bad_input import BadInput
     from automcm_traces.checker.track import CannotTell
-    from automcm_traces.export.behaviour_to_log import StoryError
+    from automcm_traces.export.behaviour_to_log import BehaviourError
     from automcm_traces.export.itf import ItfError
     from automcm_traces.export.mcap_file import McapError
     from automcm_traces.system.log_merge import MergeError
 
     try:
         with code_3(
-            command, BadInput, ItfError, McapError, MergeError, OSError, StoryError, TlcError
+            command, BadInput, ItfError, McapError, MergeError, OSError, BehaviourError, TlcError
         ):
             contents = {out / name: data for name, data in make().items()}
             out.mkdir(parents=True, exist_ok=True)

@@ -57,7 +57,7 @@ def html(
     """
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.support.bad_input import BadInput
-    from automcm_traces.export.behaviour_to_log import StoryError
+    from automcm_traces.export.behaviour_to_log import BehaviourError
     from automcm_traces.export.itf import ItfError
     from automcm_traces.viewer.page import html as html_
     from automcm_traces.viewer.page_data import judged
@@ -70,7 +70,7 @@ def html(
     if part and compare:
         raise typer.BadParameter("not with --compare", param_hint="--from-line, --to-line")
     logs, other = (files_of("html", paths) for paths in (logs, compare or []))
-    with code_3("html", ItfError, BadInput, OSError, PageError, StoryError, TlcError):
+    with code_3("html", ItfError, BadInput, OSError, PageError, BehaviourError, TlcError):
         page = page_of(logs, late, other, pairs, part)
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -116,7 +116,7 @@ def _part(first: int | None, last: int | None) -> Part | None:
 
 def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple[Run, str]:
     """A run, and its title."""
-    from automcm_spec.support.bad_input import Kept
+    from automcm_spec.support.bad_input import SpooledInput
     from automcm_traces.export.itf_log import behaviour
     from automcm_traces.viewer.page_run import PageError, load
 
@@ -132,7 +132,7 @@ def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple
     with scratch.folder("html") as folder:
         logs = []
         for station, text in found.logs().items():
-            log = Kept(folder, f"{station}.ndjson")
+            log = SpooledInput(folder, f"{station}.ndjson")
             log.given = f"{itf[0].name.removesuffix('.itf.json')}-{station}.ndjson"
             log.write_bytes(text)
             logs.append(log)

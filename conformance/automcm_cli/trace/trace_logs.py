@@ -12,7 +12,7 @@ import typer
 from automcm_cli.shared.common import Json, Late, code_3, progress, write_json
 
 if TYPE_CHECKING:
-    from automcm_traces.explain.log_table import Shown
+    from automcm_traces.explain.log_table import FilteredRows
 
 Logs = Annotated[
     list[Path],
@@ -41,12 +41,12 @@ def _kept(log: Path) -> Path:
     from shutil import copyfileobj
 
     from automcm_spec.support import scratch
-    from automcm_spec.support.bad_input import Kept
+    from automcm_spec.support.bad_input import SpooledInput
 
     kept = ExitStack()
     atexit.register(kept.close)
     folder = kept.enter_context(scratch.folder("logs"))
-    path = Kept(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
+    path = SpooledInput(folder, "standard-input.ndjson" if stdin else f"pipe-{log.name}.ndjson")
     path.given = str(log)
     with path.open("wb") as out, nullcontext(sys.stdin.buffer) if stdin else log.open("rb") as pipe:
         copyfileobj(pipe, out)
@@ -133,7 +133,7 @@ def show(
         typer.echo(f"show: warning: {warning}", err=True)
     for missing in sorted(wanted.stations - set(together.stations)):
         typer.echo(f"show: warning: no log of station {missing}", err=True)
-    shown = show_.Shown(together, wanted, last)
+    shown = show_.FilteredRows(together, wanted, last)
     if json_ is not None:
         write_json(json_, {"rows": [row.as_dict() for row in shown]})
     else:
@@ -143,7 +143,7 @@ def show(
     raise typer.Exit(0 if shown.good else 3)
 
 
-def _print(shown: Shown, stations: Sequence[int], width: int) -> None:
+def _print(shown: FilteredRows, stations: Sequence[int], width: int) -> None:
     from rich.console import Console
     from rich.text import Text
 

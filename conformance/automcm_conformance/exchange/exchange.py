@@ -20,7 +20,7 @@ from automcm_conformance.exchange.wire import LONG_MS, ME, PLAIN, Expected, Valu
 from automcm_spec.graph.oracle import Answer, Oracle
 from automcm_spec.vocabulary.parameters import derived, durations, forgotten_at, lease_lasts
 from automcm_spec.vocabulary.station import Entry, Expire, Message, Receive, Restart, Timer
-from automcm_traces.checker.track import NOTHING_TOLD
+from automcm_traces.checker.track import NO_INDICATION
 
 Json = Any
 
@@ -382,11 +382,11 @@ class Exchange:
     def _refuse(self, command: dict[str, Json], answer: Answer) -> None:
         """Queue a line that changes nothing and sends nothing while no timer is due. Such lines
         share one ``Expected``, so that an equal answer is not parsed again (``_judge``)."""
-        rule, indication, first = answer.effect.rule, answer.effect.told, self.clock.first
+        rule, indication, first = answer.effect.rule, answer.effect.indication, self.clock.first
         key = rule, indication, self.state, None if first is None else first.deadline
         expected = self._refusals.get(key)
         if expected is None:
-            indications = [] if indication == NOTHING_TOLD else [{"name": indication[0]}]
+            indications = [] if indication == NO_INDICATION else [{"name": indication[0]}]
             expected = self._refusals[key] = Expected(rule, indications=indications)
         step = Step(self.now, command, expected, before=self.state)
         step.pairs.append((answer.state, answer.input))

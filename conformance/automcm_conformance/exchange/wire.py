@@ -320,7 +320,7 @@ class Wire:
                     new.append((key, message))
         if answer.changes:
             self._remember(before, after, new, value)
-        return messages, self._indications(effect.told, before, after, lease_left)
+        return messages, self._indications(effect.indication, before, after, lease_left)
 
     def _sent(self, m: Message) -> dict[str, Json]:
         """A new message, or an answer, of the station."""

@@ -97,7 +97,7 @@ def expected_of(oracle: Oracle, answer: Answer) -> dict[str, Any]:
     return {
         "state": oracle.states[answer.next],
         "messages": effect.messages,
-        "told": effect.told,
+        "told": effect.indication,
         "arm": effect.arm,
         "stop": effect.stop,
     }

@@ -205,7 +205,7 @@ class Monitor:
             self._event(now, "timer", op="stop", timer=timer)
         for armed, duration in arm:
             self._arm(now, armed, duration)
-        for indication in [i for i in self._answer.indications if i["name"] in step.told]:
+        for indication in [i for i in self._answer.indications if i["name"] in step.indications]:
             self._answer.indications.remove(indication)
             self._event(now, "indication", indication=indication)
 

@@ -282,7 +282,7 @@ def features(state: State, i: Input, effect: Effect, changes: bool, third: bool)
     sends = _sent(effect.messages) if effect.messages else "nothing"
     return (
         *(effect.rule, state.role, state.phase, input_kind(i), changes, own, accepted, answer),
-        *(reason, of, state.deciding, effect.told[0], sends, why, third),
+        *(reason, of, state.deciding, effect.indication[0], sends, why, third),
     )
 
 

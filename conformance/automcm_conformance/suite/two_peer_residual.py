@@ -124,7 +124,7 @@ def _image(two: Oracle, one: Oracle, answer: Answer, state: State, i: Input, awa
         return False
     mine, its = answer.effect, image.effect
     return (
-        (mine.rule, mine.told) == (its.rule, its.told)
+        (mine.rule, mine.indication) == (its.rule, its.indication)
         and {renumbering.message(m, to) for m in mine.messages} == {*its.messages}
         and {renumbering.timer(t, to) for t in mine.arm} == {*its.arm}
         and {renumbering.timer(t, to) for t in mine.stop} == {*its.stop}

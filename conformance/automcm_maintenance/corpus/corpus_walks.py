@@ -29,8 +29,8 @@ from automcm_spec.vocabulary import renumbering
 from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Input, Message, Receive, Session, State
 from automcm_traces.export import behaviour_to_log
-from automcm_traces.export.behaviour_effects import Question, ask, cfg_of
-from automcm_traces.export.behaviour_steps import Move, happenings_of_all
+from automcm_traces.export.behaviour_effects import Question, cfg_of, effects_of
+from automcm_traces.export.behaviour_steps import Move, steps_of_all
 
 MODULE = """---- MODULE Graph ----
 EXTENDS {module}, Simulation, TLC
@@ -225,15 +225,15 @@ class Graph:
         return None
 
     def logs(self, run: str, walk: Walk) -> dict[int, bytes]:
-        """The logs of a walk, by station.  Raises tlc.TlcError, story.StoryError."""
+        """The logs of a walk, by station.  Raises tlc.TlcError, BehaviourError."""
         return self.all_logs([(run, walk)])[0]
 
     def all_logs(self, walks: list[tuple[str, Walk]]) -> list[dict[int, bytes]]:
         """The logs of several named walks; TLC is asked about all of them at once."""
         reduced = "Reduced = TRUE" in self.cfg
-        asker = _Cached(partial(ask, self.model.module, self.cfg))
+        asker = _Cached(partial(effects_of, self.model.module, self.cfg))
         moves = [[self._move(*step) for step in walk] for _, walk in walks]
-        told = happenings_of_all(moves, asker, reduced)
+        told = steps_of_all(moves, asker, reduced)
         return [
             behaviour_to_log.logs(
                 run, some, sorted(self.nodes[0].st), {"max_rounds": self.max_rounds}

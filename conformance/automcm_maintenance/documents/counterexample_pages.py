@@ -13,7 +13,7 @@ from automcm_spec.model_checking import models
 from automcm_spec.model_checking.tlc import TlcError
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.export.behaviour_to_log import StoryError
+from automcm_traces.export.behaviour_to_log import BehaviourError
 from automcm_traces.export.itf import ItfError
 from automcm_traces.viewer.page import html
 from automcm_traces.viewer.page_run import PageError
@@ -53,7 +53,7 @@ def failed(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Pa
         trace = model_output.write_trace(verdict, folder)
         try:
             data = html(trace_html.page_of([trace], None))
-        except (ItfError, BadInput, PageError, StoryError, TlcError):
+        except (ItfError, BadInput, PageError, BehaviourError, TlcError):
             written.append(trace)
             continue
         path = folder / f"{verdict.model.cfg}.html"

@@ -69,7 +69,7 @@ def edges(oracle: Oracle) -> set[Edge]:
             after.phase,
             event(oracle.inputs[step.input]),
             step.effect.rule,
-            _told(step.effect.told),
+            _told(step.effect.indication),
         )
         for number, before in enumerate(oracle.states)
         for step in oracle.changes(number)

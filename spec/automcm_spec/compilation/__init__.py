@@ -1,5 +1,5 @@
 """Compiles Station.tla to ``vocabulary/station.py``.
 
-For ``make generate`` and for the check that the committed file is up to date.
-Only maintenance imports it.
+Used by ``make generate``, and to check that the committed file is up to date. Only maintenance
+imports it.
 """

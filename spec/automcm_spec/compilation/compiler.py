@@ -1,8 +1,8 @@
 """Compiles Station.tla and OpenStation.tla to automcm_spec/vocabulary/station.py, which needs no
 Java.
 
-The subset of TLA+ that it takes is in docs/oracle.md; anything else is refused with its name and
-line.  ``source`` compiles any module, for tests.
+docs/oracle.md describes the supported subset of TLA+. Anything else is rejected with its name and
+line. ``source`` compiles any module, for tests.
 """
 
 from __future__ import annotations
@@ -40,20 +40,21 @@ PATH = Path(__file__).parents[1] / "vocabulary" / "station.py"
 
 @dataclass(frozen=True)
 class Plan:
-    """What of a module is compiled, and how it is called."""
+    """What to compile from a module, and the Python names."""
 
     module: str
     roots: Mapping[str, Sequence[str]]
-    """Operators, with the types of their parameters: see ``Types.infer``."""
+    """The operators to compile, with the types of their parameters: see ``Types.infer``."""
     constants: Mapping[str, Type] = field(default_factory=dict)
     classes: Mapping[str, str] = field(default_factory=dict)
-    """The class of the records that an operator makes, where it is not the operator's name."""
+    """The class of the records that an operator makes, if it differs from the operator's name."""
     aliases: Mapping[str, str] = field(default_factory=dict)
-    """Names for types: that of an operator's value, or with * of its elements."""
+    """Names for types: the type of an operator's value, or with * of its elements."""
     decides: str = ""
-    """An operator: where one with the same type of value chooses by IF, that is a guard."""
+    """An operator. In operators with the same type of value, the conditions of IF are guards."""
     arguments: Sequence[str] = ()
-    """Operators without parameters that the constructor takes, with their value as default."""
+    """Operators without parameters that become constructor arguments, with their value as
+    default."""
 
 
 PLAN = Plan(
@@ -78,29 +79,29 @@ PLAN = Plan(
 
 
 def text(tla: Path = TLA, xml: bytes | None = None) -> str:
-    """What automcm_spec/vocabulary/station.py must be.
+    """The required contents of automcm_spec/vocabulary/station.py.
 
-    ``xml`` is SANY's of OpenStation, if it is there already.  Raises tlc.TlcError if SANY cannot
-    parse the module, sany.Refused for what is not in the subset, ToolError without ruff.
+    ``xml`` is SANY's XML of OpenStation, if available. Raises tlc.TlcError if SANY cannot parse the
+    module, sany.Refused for an unsupported construct, ToolError if ruff fails.
     """
     return formatted(source(PLAN, xml or sany.export(PLAN.module, tla), tla))
 
 
 def is_fresh() -> bool:
-    """Whether the committed module is what the compiler makes of the specification now.
+    """Whether the committed module is what the compiler makes from the specification now.
 
-    Raises as ``text``.
+    Raises the exceptions of ``text``.
     """
     return PATH.exists() and PATH.read_text(encoding="utf-8") == text()
 
 
 def source(plan: Plan, xml: bytes, tla: Path) -> str:
-    """The Python module, not yet formatted."""
+    """The Python module, unformatted."""
     return _Writer(plan, sany.read(xml), tla).module()
 
 
 def formatted(code: str) -> str:
-    """The module as ruff writes it, without imports that it does not need."""
+    """The module formatted by ruff, without unused imports."""
     for command in (["check", "--select", "F401,UP034", "--fix", "--quiet"], ["format"]):
         done = subprocess.run(
             [sys.executable, "-m", "ruff", *command, "--isolated", "--line-length", "100", "-"],
@@ -156,7 +157,7 @@ class _Writer:
         return found.item if text.startswith("*") and isinstance(found, SetOf) else found
 
     def module(self) -> str:
-        """All of it."""
+        """The complete module."""
         parts = [HEAD.format(modules=" and ".join(f"{m}.tla" for m in self.modules))]
         parts += [self._class_of_records(name) for name in self.types.classes]
         for name, found in self.aliases.items():
@@ -168,7 +169,7 @@ class _Writer:
         return "\n\n".join(parts)
 
     def python(self, t: Type, alias: bool = True) -> str:
-        """The annotation for a type."""
+        """The annotation of a type."""
         for name, known in self.aliases.items() if alias else ():
             if known == t or (isinstance(known, Alt) and _is_part(t, known)):
                 return name

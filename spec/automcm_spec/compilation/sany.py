@@ -1,8 +1,8 @@
-"""TLA+ modules as SANY understands them: its XML, read into operators and expressions.
+"""TLA+ modules as parsed by SANY: its XML, read into operators and expressions.
 
-SANY is the parser of the TLA+ tools.  ``export`` has it write its XML (half a second of Java);
-``read`` makes a ``Specification`` of that.  Names are resolved, operators have their canonical
-spelling, every node knows its place.
+SANY is the parser of the TLA+ tools. ``export`` runs it to write its XML (half a second of Java);
+``read`` converts the XML to a ``Specification``. Names are resolved, operators have their canonical
+spelling, and every node has its location.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from automcm_spec.support import scratch
 from automcm_spec.support.paths import TLA
 
 OTHER = "OTHER"
-"""The operation of the test of a CASE arm that is written OTHER."""
+"""The op of the test of a CASE arm written as OTHER."""
 
 
-_WORDS = {
+_CONSTRUCTS = {
     "$BoundedChoose": "CHOOSE",
     "$UnboundedChoose": "CHOOSE",
     "$FcnConstructor": "a function [x \\in S |-> e]",
@@ -35,30 +35,30 @@ _WORDS = {
     "'": "a primed expression",
     "OpArgNode": "an operator as argument",
 }
-"""What SANY calls otherwise than TLA+."""
+"""TLA+ names for SANY's names of constructs."""
 
 
 class Refused(ValueError):
-    """Something that the compiler does not take; the text names it and its line."""
+    """A construct that the compiler does not support; the text names it and its line."""
 
     def __init__(self, construct: str, at: Location) -> None:
-        self.construct = _WORDS.get(construct, construct)
+        self.construct = _CONSTRUCTS.get(construct, construct)
         self.at = at
         super().__init__(f"{at.module}.tla:{at.line}: cannot be compiled: {self.construct}")
 
 
 @dataclass(frozen=True)
 class Node:
-    """An expression.  ``op`` is one of
+    """An expression. ``op`` is one of
 
     - ``number``, ``string``: a literal, in ``name``;
     - ``name``: a parameter, a bound name or a LET definition;
     - ``constant``: a CONSTANT;
     - ``call``: an operator of the specification, applied to ``args``;
     - ``let``: the definitions are ``bounds``, the body is ``args[0]``;
-    - else an operator of TLA+ as SANY spells it (``=``, ``$IfThenElse``, ``Cardinality``).
+    - otherwise a TLA+ operator in SANY's spelling (``=``, ``$IfThenElse``, ``Cardinality``).
 
-    ``bounds`` of a quantifier or a set are the names it binds and where each ranges.
+    The ``bounds`` of a quantifier or a set are the bound names and their ranges.
     """
 
     op: str
@@ -68,7 +68,7 @@ class Node:
     bounds: tuple[tuple[str, Node], ...] = ()
 
     def walk(self) -> Iterator[Node]:
-        """The node and all below it."""
+        """The node and all nodes below it."""
         yield self
         for child in (*self.args, *(where for _, where in self.bounds)):
             yield from child.walk()
@@ -94,23 +94,23 @@ class Operator:
 
 @dataclass(frozen=True)
 class Specification:
-    """The operators by name, in the order of the text, and the constants with their module."""
+    """The operators by name, in textual order, and the module of each constant."""
 
     operators: dict[str, Operator]
     constants: dict[str, str]
 
 
 def export(module: str, tla: Path = TLA) -> bytes:
-    """SANY's XML of a module of the folder and of all it extends.
+    """SANY's XML of a module in the folder and of all modules it extends.
 
-    Raises tlc.TlcError if there is no Java or the module cannot be parsed.
+    Raises tlc.TlcError if Java is missing or the module cannot be parsed.
     """
     java, jar = tlc.tools()
     command = [str(java), "-XX:TieredStopAtLevel=1", "-XX:+UseSerialGC", "-XX:-UsePerfData"]
     command += ["-Dfile.encoding=UTF-8", "-Duser.language=en", *tlc.quick_start()]
     program = ["-cp", str(jar), "tla2sany.xml.XMLExporter", "-o", f"{module}.tla"]
     try:
-        # It unpacks the standard modules there, and takes them away at its end.
+        # SANY unpacks the standard modules there, and removes them at the end.
         with scratch.folder("sany") as place:
             done = subprocess.run(
                 [*command, f"-Djava.io.tmpdir={place}", *program],
@@ -123,7 +123,7 @@ def export(module: str, tla: Path = TLA) -> bytes:
         raise tlc.TlcError("java", f"SANY could not be started: {error}") from error
     except subprocess.TimeoutExpired:
         raise tlc.TlcError("timeout", "SANY did not end within 120 s") from None
-    # It writes its XML, and ends with 0, in spite of many errors.
+    # SANY writes its XML and exits with 0 despite many kinds of errors.
     failed = done.returncode or b"*** Errors:" in done.stderr
     if failed or not done.stdout.startswith(b"<?xml"):
         raise _complaint(module, (done.stderr or done.stdout).decode(errors="replace"))
@@ -134,18 +134,18 @@ _LINE = re.compile(r"line (\d+),? col(?:umn)? \d+.*?(?: of module (\w+))?$", re.
 
 
 def _complaint(module: str, text: str) -> tlc.TlcError:
-    said, _, _ = re.sub(r"Semantic processing.*\n", "", text).partition("failed for node")
-    said = re.sub(r"\n\s*(at tla2sany.*)?", "\n", said).strip()
-    where = _LINE.search(said)
+    message, _, _ = re.sub(r"Semantic processing.*\n", "", text).partition("failed for node")
+    message = re.sub(r"\n\s*(at tla2sany.*)?", "\n", message).strip()
+    where = _LINE.search(message)
     line = int(where[1]) if where else None
-    return tlc.TlcError("parse", f"SANY: {said}", (where and where[2]) or module, line)
+    return tlc.TlcError("parse", f"SANY: {message}", (where and where[2]) or module, line)
 
 
 def read(xml: bytes) -> Specification:
-    """The operators of the modules in SANY's XML, but for the standard modules' own.
+    """The operators of the modules in SANY's XML, except those of the standard modules.
 
-    What is not part of ``Node`` becomes a node with SANY's name as ``op``; refusing it is the
-    compiler's affair.
+    A construct that ``Node`` does not list becomes a node with SANY's name as ``op``; the compiler
+    rejects it.
     """
     return _Reader(ElementTree.fromstring(xml)).specification()
 
@@ -156,7 +156,7 @@ STANDARD = {"Naturals", "Integers", "Sequences", "FiniteSets", "TLC", "Bags"}
 class _Reader:
     def __init__(self, root: Element) -> None:
         self._known = {_text(entry, "UID"): entry[1] for entry in root.iterfind("context/entry")}
-        # Those that are extended come first.
+        # Extended modules come first.
         self._modules = [_name(self._of(ref)) for ref in root.iterfind("ModuleNodeRef")]
 
         self._inner = {
@@ -164,7 +164,7 @@ class _Reader:
         }
 
     def specification(self) -> Specification:
-        """All operators and constants, in the order of the modules and their lines."""
+        """All operators and constants, ordered by module and line."""
         operators, constants = [], []
         for uid, element in self._known.items():
             if element.tag == "OpDeclNode" and element.findtext("kind") == "2":
@@ -216,7 +216,7 @@ class _Reader:
         return Node(element.tag, at)
 
     def _at(self, element: Element, at: Location) -> Node:
-        """The ``@`` of an EXCEPT as what it stands for."""
+        """The expression that the ``@`` of an EXCEPT stands for."""
         *_, base, path = element
         node = self._node(base)
         for step in map(self._node, _child(path, "operands")):

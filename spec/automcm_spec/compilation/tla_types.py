@@ -1,8 +1,8 @@
 """The types of TLA+ expressions, as far as the compiled subset needs them.
 
-TLA+ has no types, and TLC stops where it compares unlike values; Python says False, and takes TRUE
-for 1 and a record for a tuple.  So the compiler infers the type of every expression, from those
-of a few operators that it is asked for, and refuses to compare or to mix unlike ones.
+TLA+ has no types, and TLC stops when it compares values of different types. Python returns False,
+and treats TRUE like 1 and a record like a tuple. So the compiler infers the type of every
+expression from the types of a few root operators, and rejects comparing or mixing different types.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from automcm_spec.compilation.sany import OTHER, Node, Operator, Refused, Specif
 from automcm_spec.model_checking.tlc import Location
 
 TAG = "kind"
-"""The field by which records in one set are told apart."""
+"""The field that distinguishes records in one set."""
 
 
 @dataclass(frozen=True)
 class Basic:
-    """An integer, a truth value, or nothing: an element of the empty set."""
+    """An integer, a truth value, or Never: the element type of the empty set."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Str:
-    """A string, and which ones it can be."""
+    """A string, with its possible values."""
 
     literals: frozenset[str]
 
 
 @dataclass(frozen=True)
 class SetOf:
-    """A finite set; ``item`` is NEVER for one that is always empty."""
+    """A finite set; ``item`` is NEVER for a set that is always empty."""
 
     item: Type
 
@@ -48,7 +48,7 @@ class Tup:
 
 @dataclass(frozen=True)
 class Alt:
-    """Tuples of different forms, which differ in length or in the string they begin with."""
+    """Tuples of different forms, which differ in length or in their first string."""
 
     forms: frozenset[Tup]
 
@@ -65,11 +65,11 @@ INT, BOOL, NEVER = Basic("int"), Basic("bool"), Basic("Never")
 
 
 class Unlike(Exception):
-    """Two types that have no value in common and that TLC does not compare."""
+    """Two types without a common value, which TLC cannot compare."""
 
 
 def join(a: Type, b: Type) -> Type:
-    """The type of what is of one type or the other.  Raises Unlike."""
+    """The common type of values of either type. Raises Unlike."""
     if NEVER in (a, b):
         return b if a == NEVER else a
     match a, b:
@@ -92,7 +92,7 @@ def _forms(t: Type) -> Sequence[Tup]:
 
 def _tuples(forms: Sequence[Tup]) -> Type:
     found: list[Tup] = []
-    # There is no tuple with an element of the empty set.
+    # No tuple has an element of the empty set.
     for form in [form for form in forms if NEVER not in form.items] or forms[:1]:
         for n, other in enumerate(found):
             if len(other.items) != len(form.items):
@@ -111,7 +111,7 @@ def _tuples(forms: Sequence[Tup]) -> Type:
 
 @dataclass
 class Class:
-    """The records with the same fields, and where one is first made."""
+    """A class of records with equal fields, and the place where one is first made."""
 
     name: str
     at: Location
@@ -120,7 +120,7 @@ class Class:
 
 @dataclass
 class Signature:
-    """What an operator takes and gives."""
+    """The types of an operator's parameters and result."""
 
     params: list[Type]
     result: Type
@@ -134,11 +134,11 @@ _SETS = {"\\union", "\\intersect", "\\"}
 _BINDERS = {"$SetOfAll", "$SubsetOf", "$BoundedExists", "$BoundedForall"}
 
 Env: TypeAlias = Mapping[str, Type]
-"""The types of names, and of paths such as ``i.timer`` where a test has told more of them."""
+"""The types of names, and of paths such as ``i.timer`` that a test has narrowed."""
 
 
 def path(node: Node) -> str | None:
-    """``st.session[1]``: the text of a name, or of what is selected from one."""
+    """``st.session[1]``: the text of a name, or of a selection from one."""
     if node.op in ("name", "constant"):
         return node.name
     if node.op in ("$RcdSelect", "$FcnApply") and (base := path(node.args[0])) is not None:
@@ -149,7 +149,8 @@ def path(node: Node) -> str | None:
 
 @dataclass
 class Types:
-    """Infers.  ``names`` names the class of the records that an operator makes, if not itself."""
+    """Infers types. ``names`` maps an operator to the class of the records it makes, if they
+    differ."""
 
     spec: Specification
     constants: Mapping[str, Type]
@@ -157,18 +158,18 @@ class Types:
     classes: dict[str, Class] = field(default_factory=dict)
     signatures: dict[str, Signature] = field(default_factory=dict)
     partial: set[Location] = field(default_factory=set)
-    """Selections that not every possible value has."""
+    """Selections that not every possible value supports."""
     made: dict[Location, str] = field(default_factory=dict)
-    """The class of the record that is made at a place."""
+    """The class of the record made at a place."""
     _known: dict[tuple[str, tuple[Type, ...]], Type] = field(default_factory=dict)
     _inside: str = ""
     _mixed: dict[frozenset[str], Location] = field(default_factory=dict)
 
     def infer(self, roots: Mapping[str, Sequence[str]]) -> None:
-        """The types of everything that these operators need.
+        """Infer the types of all expressions that these operators need.
 
-        Given are the types of their parameters: ``int``, an operator for the type of its value,
-        ``*`` and an operator for that of the elements of its value.  Raises Refused.
+        The types of their parameters are given: ``int``; an operator, for the type of its value;
+        ``*`` and an operator, for the type of the elements of its value. Raises Refused.
         """
         before = None
         while before != (now := {name: dict(c.fields) for name, c in self.classes.items()}):
@@ -177,7 +178,7 @@ class Types:
             for name, params in roots.items():
                 self._apply(self._operator(name), [self._given(text) for text in params])
         for classes, at in self._mixed.items():
-            self._told_apart(classes, at)
+            self._check_distinguishable(classes, at)
 
     def _operator(self, name: str) -> Operator:
         if name not in self.spec.operators:
@@ -193,16 +194,16 @@ class Types:
         assert isinstance(found, SetOf)
         return found.item
 
-    def _told_apart(self, classes: frozenset[str], at: Location) -> None:
+    def _check_distinguishable(self, classes: frozenset[str], at: Location) -> None:
         seen: set[str] = set()
         for name in classes:
             first = next(iter(self.classes[name].fields.values()))
             if not isinstance(first, Str) or first.literals & seen:
-                raise Refused(f"records that nothing tells apart: {sorted(classes)}", at)
+                raise Refused(f"records that no tag distinguishes: {sorted(classes)}", at)
             seen |= first.literals
 
     def _apply(self, operator: Operator, args: list[Type], call: Node | None = None) -> Type:
-        """The type of the operator's value; all that call it give the same types."""
+        """The type of the operator's value; all its callers must give the same types."""
         call = call or operator.body
         key = operator.name, tuple(args)
         if key not in self._known:
@@ -233,7 +234,7 @@ class Types:
 
     def _must(self, node: Node, env: Env, wanted: Type) -> None:
         if self.of(node, env) not in (wanted, NEVER):
-            raise Refused(f"unlike values, {wanted} is needed", node.at)
+            raise Refused(f"unlike values, must be {wanted}", node.at)
 
     def _item(self, node: Node, env: Env) -> Type:
         """The type of the elements of a set."""
@@ -243,11 +244,11 @@ class Types:
         if isinstance(found, SetOf):
             return found.item
         if found != NEVER:
-            raise Refused(f"unlike values, a set is needed, not {found}", node.at)
+            raise Refused(f"unlike values, must be a set, not {found}", node.at)
         return NEVER
 
     def of(self, node: Node, env: Env) -> Type:
-        """The type of an expression.  Raises Refused, naming what is not taken, and its line."""
+        """The type of an expression. Raises Refused with the unsupported construct and its line."""
         where = path(node)
         if where is not None and where in env:
             return env[where]
@@ -329,7 +330,7 @@ class Types:
         return self.of(node.bounds[0][1], env) if node.op == "$SubsetOf" else BOOL
 
     def _narrow(self, test: Node, env: Env) -> Env:
-        """What is known where a test holds: which record, which tuple it is."""
+        """The types that hold if a test is true: which record, which tuple it is."""
         if test.op in _CONJUNCTION:
             for arg in test.args:
                 env = self._narrow(arg, env)
@@ -342,7 +343,7 @@ class Types:
             return env
         found = self.of(base, env)
         step = chosen.args[1].name
-        # Only what tells the values of a set apart; NEVER where no value is left.
+        # Only tests that distinguish the values of a set; NEVER if no value is left.
         if isinstance(found, Rec) and step == TAG:
             tags = {name: self.classes[name].fields.get(TAG) for name in found.classes}
             left = frozenset(name for name, tag in tags.items() if _can_be(tag, literal))
@@ -387,7 +388,7 @@ class Types:
         if found == NEVER:
             return NEVER
         if not isinstance(found, Rec):
-            raise Refused(f"unlike values, a record is needed, not {found}", node.at)
+            raise Refused(f"unlike values, must be a record, not {found}", node.at)
         fields = [
             self.classes[name].fields[step]
             for name in sorted(found.classes)
@@ -405,7 +406,7 @@ class Types:
     def _index(self, node: Node, env: Env) -> Type:
         base, index = node.args
         if index.op != "number":
-            raise Refused("a function applied to something else than a number", node.at)
+            raise Refused("a function applied to an argument that is not a number", node.at)
         found = self.of(base, env)
         if found == NEVER:
             return NEVER
@@ -428,7 +429,7 @@ class Types:
                 if step.op != "string":
                     raise Refused("EXCEPT of a function", pair.at)
                 if not isinstance(found, Rec) or len(found.classes) != 1:
-                    raise Refused("EXCEPT of something else than one record", pair.at)
+                    raise Refused("EXCEPT of a value that is not one record", pair.at)
                 fields = self.classes[next(iter(found.classes))].fields
                 if step.name not in fields:
                     raise Refused(f"a record without a field {step.name}", pair.at)

@@ -1,11 +1,11 @@
-"""TLA+ expressions as Python expressions, operators as methods.
+"""Translates TLA+ expressions to Python expressions, and operators to methods.
 
-Evaluation is as lazy as TLA+'s: a LET definition is bound where it is certainly needed, and put in
-place where it is not; an operator is expanded in place if an argument could fail or cost something
+Evaluation is as lazy as in TLA+. A LET definition is bound where it is certainly needed, and
+substituted where it may not be. An operator is inlined if an argument could fail or is expensive
 and the operator does not always need it.
 
-Conditions are marked, for automcm_spec.vocabulary.conditions: ``_mark(n, condition)`` is the
-condition.
+Conditions are marked for automcm_spec.vocabulary.conditions: ``_mark(n, condition)`` has the value
+of the condition.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ SURE = {
     "$RcdSelect",
     "$FcnApply",
 }
-"""What costs next to nothing."""
+"""Constructs that cost next to nothing."""
 MARK = "_mark"
 RULE = re.compile(r"[A-Z]{3}-\d+")
-"""A string that is the id of a rule."""
+"""Matches a string that is a rule id."""
 
 
 class Row(NamedTuple):
-    """A condition, or the id of a rule, in the text of an operator: see conditions.Condition."""
+    """A condition, or a rule id, in an operator: see conditions.Condition."""
 
     operator: str
     line: int
@@ -67,13 +67,13 @@ class Row(NamedTuple):
 
 @dataclass
 class Translator:
-    """Writes the body of one operator after the other; ``rows`` is what it marked."""
+    """Translates the bodies of operators; ``rows`` are the marked conditions."""
 
     types: Types
     sources: Mapping[str, Sequence[str]]
     """The lines of each module."""
     decision: Type | None = None
-    """The type of an operator's value where the IFs in it are guards."""
+    """The type of value of the operators whose IF conditions are guards."""
     rows: list[Row] = field(default_factory=list)
     _strict: dict[tuple[str, str], bool] = field(default_factory=dict)
     _operator: str = ""
@@ -94,7 +94,7 @@ class Translator:
         return tree
 
     def statements(self, node: Node, pending: Sequence[tuple[str, Node]]) -> list[str]:
-        """The lines that return the value; ``pending`` are LET definitions not needed yet."""
+        """The lines that return the value; ``pending`` are LET definitions not needed so far."""
         if node.op == "let":
             return self.statements(node.args[0], (*pending, *node.bounds))
         if node.op == "$IfThenElse":
@@ -121,7 +121,8 @@ class Translator:
     def _bind(
         self, node: Node, pending: Sequence[tuple[str, Node]]
     ) -> tuple[list[str], Node, Sequence[tuple[str, Node]]]:
-        """Bind what the expression certainly needs; put in place what it needs perhaps."""
+        """Bind the definitions that the expression certainly needs; substitute those it may
+        need."""
         bound: list[tuple[str, Node]] = []
         left: list[tuple[str, Node]] = []
         for name, value in reversed(pending):
@@ -136,7 +137,7 @@ class Translator:
         return lines, node, left
 
     def needs(self, node: Node, name: str) -> bool:
-        """Whether the value of the expression cannot be had without that of the name."""
+        """Whether the value of the expression always depends on the name."""
         if node.op == "name":
             return node.name == name
         if node.op == "$IfThenElse":
@@ -170,7 +171,7 @@ class Translator:
         ) and self._total(node)
 
     def _total(self, node: Node) -> bool:
-        """Whether the expression has a value, whatever the values of its names are."""
+        """Whether the expression has a value for all values of its names."""
         return all(
             part.op != "$Case"
             and part.at not in self.types.partial
@@ -179,7 +180,7 @@ class Translator:
         )
 
     def condition(self, node: Node, kind: str) -> str:
-        """A truth value; what it is made of by logic alone is marked."""
+        """A truth value; its atomic conditions are marked."""
         if node.op in AND or node.op in OR:
             word = " and " if node.op in AND else " or "
             parts = _flat(node, AND if node.op in AND else OR)
@@ -202,7 +203,7 @@ class Translator:
         return f"{MARK}({len(self.rows) - 1}, {python})"
 
     def text(self, node: Node) -> str:
-        """The expression as it stands in the module."""
+        """The text of the expression in the module."""
         at = node.at
         lines = list(self.sources[at.module][at.line - 1 : at.end_line])
         lines[-1] = lines[-1][: at.end_column]
@@ -210,7 +211,7 @@ class Translator:
         return " ".join(" ".join(line.partition("\\*")[0].split()) for line in lines).strip()
 
     def expression(self, node: Node) -> str:
-        """A Python expression in brackets, or one that needs none."""
+        """A Python expression in parentheses, or one that needs none."""
         op, args = node.op, node.args
         if op in LOGIC:
             return self.condition(node, "part")
@@ -286,7 +287,7 @@ class Translator:
         raise Refused(op, node.at)
 
     def _range(self, node: Node, brackets: str) -> str:
-        """A set that is only asked for its elements."""
+        """A set that is only iterated over."""
         if node.op == "..":
             first, last = map(self.expression, node.args)
             return f"range({first}, {last} + 1)"
@@ -359,13 +360,13 @@ class Translator:
 
 
 class _Unmark(ast.NodeTransformer):
-    """Takes the marks away; ``found`` are their numbers by the id of what they marked."""
+    """Removes the marks; ``found`` are their numbers by the id of the marked node."""
 
     def __init__(self) -> None:
         self.found: dict[int, list[int]] = {}
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
-        """A mark is what it marks."""
+        """Replace a mark by the marked expression."""
         self.generic_visit(node)
         if not (isinstance(node.func, ast.Name) and node.func.id == MARK):
             return node
@@ -376,7 +377,7 @@ class _Unmark(ast.NodeTransformer):
 
 
 def _unfolded(let: Node) -> Node:
-    """The body of a LET with the definitions in place."""
+    """The body of a LET with its definitions substituted."""
     body = let.args[0]
     for name, value in reversed(let.bounds):
         body = body.put({name: value})

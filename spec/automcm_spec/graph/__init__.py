@@ -1,5 +1,5 @@
-"""The graph of one station: each state, each input, and what must follow.
+"""The graph of one station: every state, every input, and the required outcome.
 
-For the kit, and for the comparison of the reference with the specification.
-The kit, the commands and maintenance import it; the log tools do not.
+Used by the kit, and to compare the reference with the specification. The kit, the commands and
+maintenance import it; the log tools do not.
 """

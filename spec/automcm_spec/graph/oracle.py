@@ -1,8 +1,8 @@
-"""The oracle: the whole graph of one station, refusals included, and questions to it.
+"""The oracle: the complete graph of one station, including refusals, with queries.
 
-It answers "in this state, given this input: what must happen, by which rule, at which line of
-Station.tla?".  Values are those of the compiled station (automcm_spec.vocabulary.station), in the
-file in the form of automcm_spec.vocabulary.json_forms.  The station's own id is 1; ids of peers
+It answers: in this state, given this input, what must happen, by which rule, at which line of
+Station.tla? Its values are those of the compiled station (automcm_spec.vocabulary.station), in the
+file in the form of automcm_spec.vocabulary.json_forms. The station's own id is 1; the ids of peers
 start at 2; 9 is a stranger.
 """
 
@@ -30,31 +30,31 @@ class OracleError(Exception):
 
 
 class Effect(NamedTuple):
-    """What a step puts out: ``told`` is ``("nothing",)`` where the application hears nothing.
+    """The effects of a step; ``indication`` is ``("nothing",)`` if there is none.
 
     Messages and timers are in the order of their JSON text.
     """
 
     messages: tuple[Message, ...]
-    told: tuple[str, ...]
+    indication: tuple[str, ...]
     rule: str
     arm: tuple[Timer, ...]
     stop: tuple[Timer, ...]
 
 
 class Answer(NamedTuple):
-    """The answer to an input in a state.  ``next`` is ``state`` itself for a refusal."""
+    """The outcome of an input in a state. For a refusal, ``next`` equals ``state``."""
 
     state: int
     input: int
     next: int
     effect: Effect
     changes: bool
-    """A transition (the state or a timer changes), not a refusal."""
+    """Whether it is a transition (the state or a timer changes), not a refusal."""
 
 
 class Oracle:
-    """A graph in memory.  ``data`` is the JSON object that ``dump`` writes."""
+    """A graph in memory. ``data`` is the JSON object that ``dump`` writes."""
 
     def __init__(self, data: dict[str, Json]) -> None:
         self.name: str = data["name"]
@@ -88,17 +88,17 @@ class Oracle:
 
     @property
     def transitions(self) -> int:
-        """How many pairs of state and input change something."""
+        """The number of pairs of state and input that change something."""
         return sum(len(moves) for moves in self._moves)
 
     @cached_property
     def refusals(self) -> int:
-        """How many pairs of state and offered input change nothing."""
+        """The number of pairs of state and offered input that change nothing."""
         of_pattern = [sum(effect >= 0 for effect in effects) for effects in self._patterns]
         return sum(of_pattern[pattern] for patterns in self._answers for pattern in patterns)
 
     def answer(self, state: int, i: int) -> Answer | None:
-        """What must happen; None if the environment does not offer this input here."""
+        """The outcome; None if the environment does not offer this input in this state."""
         move = self._moves[state].get(i)
         if move is not None:
             return Answer(state, i, move[0], self.effects[move[1]], True)
@@ -109,32 +109,34 @@ class Oracle:
         return Answer(state, i, state, self.effects[effect], False)
 
     def ask(self, state: State, i: Input) -> Answer:
-        """The same for values.  Raises KeyError if state or input are not in the graph."""
+        """As ``given``, for values. Raises KeyError if the state or the input is not in the
+        graph."""
         return self.given(self.state_index[state], self.input_index[i])
 
     def given(self, state: int, i: int) -> Answer:
-        """The answer to an input that is offered in this state.  Raises KeyError if it is not."""
+        """The outcome of an input that is offered in this state. Raises KeyError if it is not
+        offered."""
         answer = self.answer(state, i)
         if answer is None:
             raise KeyError(f"not offered: {canonical(self.inputs[i])}")
         return answer
 
     def way(self, inputs: Iterable[int]) -> list[int]:
-        """The states that these inputs lead through, from the initial one on."""
+        """The states that these inputs lead through, from the initial state on."""
         states = [0]
         for i in inputs:
             states.append(self.given(states[-1], i).next)
         return states
 
     def answers(self, state: int) -> Iterator[Answer]:
-        """Every offered input, in the order of the alphabet."""
+        """The outcomes of all offered inputs, in the order of the alphabet."""
         for i in range(len(self.inputs)):
             answer = self.answer(state, i)
             if answer is not None:
                 yield answer
 
     def decided_by(self, rules: Set[str]) -> Iterator[Answer]:
-        """Every pair of a state and an offered input that one of these rules decides: state by
+        """The outcomes of all states and offered inputs that one of these rules decides: state by
         state, in the order of the alphabet."""
         wanted = [effect.rule in rules for effect in self.effects]
         refused = [
@@ -152,18 +154,18 @@ class Oracle:
                 yield Answer(state, i, to, self.effects[e], changes)
 
     def changes(self, state: int) -> Iterator[Answer]:
-        """The transitions alone."""
+        """The outcomes that change something."""
         for i in self._moves[state]:
             answer = self.answer(state, i)
             assert answer is not None
             yield answer
 
     def moves(self, state: int) -> dict[int, int]:
-        """The inputs that change something, and where each leads."""
+        """The inputs that change something, each with the next state."""
         return {i: move[0] for i, move in self._moves[state].items()}
 
     def next(self, state: int, i: int) -> int:
-        """The state that a transition leads to."""
+        """The next state of a transition."""
         return self._moves[state][i][0]
 
     def is_move(self, state: int, i: int) -> bool:
@@ -179,24 +181,24 @@ class Oracle:
         return inputs[::-1]
 
 
-def _effect(messages: Json, told: list[str], rule: str, arm: Json, stop: Json) -> Effect:
+def _effect(messages: Json, indication: list[str], rule: str, arm: Json, stop: Json) -> Effect:
     timers = (tuple(map(json_forms.timer, of)) for of in (arm, stop))
-    return Effect(tuple(map(json_forms.message, messages)), tuple(told), rule, *timers)
+    return Effect(tuple(map(json_forms.message, messages)), tuple(indication), rule, *timers)
 
 
 def dump(data: dict[str, Json]) -> bytes:
-    """The bytes that drift is judged by: canonical JSON, one line a section."""
+    """The bytes to compare for drift: canonical JSON, one line per section."""
     lines = (f"{json.dumps(name)}:{canonical(data[name])}" for name in data)
     return ("{" + ",\n".join(lines) + "}\n").encode()
 
 
 def write(path: Path, content: bytes) -> None:
-    """Write ``dump``'s bytes compressed."""
+    """Write the bytes of ``dump`` compressed."""
     files.write(path, lzma.compress(content, preset=6))
 
 
 def content(path: Path) -> bytes:
-    """The uncompressed bytes.  Raises OracleError if there is no such file or it is corrupt."""
+    """The uncompressed bytes. Raises OracleError if the file is missing or corrupt."""
     try:
         return lzma.decompress(path.read_bytes())
     except OSError as error:
@@ -206,13 +208,14 @@ def content(path: Path) -> bytes:
 
 
 def parse(data: bytes, path: Path | str, spec_hash: str | None = None) -> Oracle:
-    """An oracle from its bytes.  Raises OracleError: no JSON, another format or spec version."""
+    """An oracle from its bytes. Raises OracleError if they are not JSON, or for another format or
+    specification version."""
     try:
         value = json.loads(data)
     except ValueError as error:
         raise OracleError(f"{path}: not JSON: {error}") from None
     if not isinstance(value, dict) or value.get("format") != FORMAT:
-        raise OracleError(f"{path}: format: {FORMAT} is needed")
+        raise OracleError(f"{path}: format: must be {FORMAT}; run make generate")
     if spec_hash is not None and value.get("spec_hash") != spec_hash:
         raise OracleError(
             f"{path}: spec_hash: made from another version of the specification "
@@ -222,7 +225,7 @@ def parse(data: bytes, path: Path | str, spec_hash: str | None = None) -> Oracle
         return Oracle(value)
     except (KeyError, ValueError) as error:
         raise OracleError(
-            f"{path}: other values than those of automcm_spec/vocabulary/station.py ({error}); "
+            f"{path}: its values do not match automcm_spec/vocabulary/station.py ({error}); "
             "run make generate"
         ) from None
 

@@ -1,7 +1,7 @@
-"""Compares the compiled station with a graph that TLC wrote: every state, every input.
+"""Compares the compiled station with a graph written by TLC, for every state and every input.
 
-In each state: its invariant, its marks, which inputs are offered; and for each input that is, the
-next state, the messages, what the application is told, the rule, the timers.
+For each state it compares the invariant, the marks, and the offered inputs; for each offered input
+the next state, the messages, the indication, the rule, and the timers.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Input, OpenStation, State
 
 LIMIT = 20
-"""Differences kept; the comparison goes on counting."""
+"""The maximum number of differences kept; all are counted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where the two differ: TLC's value and the compiled one.  ``input`` is None for what is a
-    matter of the state, ``state`` too for the alphabet."""
+    """A difference: TLC's value and the compiled one. ``input`` is None for a property of the
+    state; ``state`` is also None for the alphabet."""
 
     state: State | None
     input: Input | None
@@ -38,7 +38,7 @@ class Difference:
 
 @dataclass(slots=True)
 class Agreement:
-    """What was compared."""
+    """The result of a comparison."""
 
     states: int = 0
     inputs: int = 0
@@ -55,7 +55,7 @@ def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = Fa
         if len(result.found) < LIMIT:
             result.found.append(Difference(state, value, expected, actual))
 
-    # The armed timers of a state are asked for at each of its inputs.
+    # The armed timers of a state are computed for each of its inputs.
     station = copy(station)
     station.__dict__["armed"] = lru_cache(maxsize=8)(station.armed)
     alphabet = _tried(lambda: station.alphabet)
@@ -68,26 +68,26 @@ def compare(oracle: Oracle, station: OpenStation, *, transitions_only: bool = Fa
         if facts != wanted or _kinds(facts) != _kinds(wanted):
             differ(st, None, wanted, facts)
         for i in sorted(oracle.moves(n)) if transitions_only else range(len(oracle.inputs)):
-            answer, asked = oracle.answer(n, i), oracle.inputs[i]
-            offered = _tried(partial(station.offered, st, asked))
+            answer, given = oracle.answer(n, i), oracle.inputs[i]
+            offered = _tried(partial(station.offered, st, given))
             if offered is not (answer is not None):
-                differ(st, asked, {"offered": answer is not None}, offered)
+                differ(st, given, {"offered": answer is not None}, offered)
             if answer is None:
                 continue
             result.inputs += 1
             if id(answer.effect) not in effects:
                 effects[id(answer.effect)] = _typed(answer.effect)
             expected = (oracle.states[answer.next], *effects[id(answer.effect)])
-            outcome = _tried(partial(station.step, station.me, st, asked))
+            outcome = _tried(partial(station.step, station.me, st, given))
             if outcome != expected or not _is_exact(outcome, expected, st):
-                differ(st, asked, expected, outcome)
+                differ(st, given, expected, outcome)
     return result
 
 
-def _tried(ask: Callable[[], Any]) -> Any:
-    """What is returned, or the error: a wrong compiler makes anything."""
+def _tried(call: Callable[[], Any]) -> Any:
+    """The result, or the exception as text: a wrong compiler may cause any exception."""
     try:
-        return ask()
+        return call()
     except Exception as error:
         return (f"{type(error).__name__}: {error}",)
 
@@ -98,17 +98,17 @@ def _facts(station: OpenStation, st: State) -> tuple[Any, ...]:
 
 def _typed(effect: Effect) -> tuple[Any, ...]:
     arm, stop = frozenset(effect.arm), frozenset(effect.stop)
-    return frozenset(effect.messages), effect.told, effect.rule, arm, stop
+    return frozenset(effect.messages), effect.indication, effect.rule, arm, stop
 
 
 def _is_exact(outcome: tuple[Any, ...], expected: tuple[Any, ...], st: State) -> bool:
-    """Whether equal values are the same: Python takes True for 1."""
+    """Whether equal values also have equal types: Python treats True and 1 as equal."""
     new, out, _, _, arm, stop = outcome
     return (new is st and not (out or arm or stop)) or _kinds(outcome) == _kinds(expected)
 
 
 def _kinds(value: Any) -> Any:
-    """The types in a value, in its shape."""
+    """The types of a value's parts, in its shape."""
     if isinstance(value, tuple):
         return tuple(map(_kinds, value))
     if isinstance(value, frozenset):

@@ -1,4 +1,4 @@
-"""Writes the oracle: runs TLC on OpenStation and puts its print-out in canonical order."""
+"""Writes the oracle: runs TLC on OpenStation and puts its output in canonical order."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from automcm_spec.support.paths import ORACLES, TLA
 from automcm_spec.vocabulary.json_forms import Json, canonical
 
 MODULES = ("Station", "OpenStation")
-"""The modules an oracle depends on."""
+"""The modules that an oracle depends on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """An open model: which graph is written out."""
+    """The constants of one graph."""
 
     name: str
     peers: Sequence[int]
@@ -55,16 +55,16 @@ class Graph:
 ONE_PEER = Graph("one-peer", (2,), 2, 2, 3, 5, 1)
 TWO_PEERS = Graph("two-peers", (2, 3), 2, 2, 3, 5, 2)
 TIGHT = Graph("tight", (2, 3), 1, 1, 1, 3, 1, memory_limit=1)
-"""Two peers, and memory for one: where MEM-1 binds."""
+"""Two peers, and memory for one, so that MEM-1 applies."""
 GRAPHS = {graph.name: graph for graph in (ONE_PEER, TWO_PEERS, TIGHT)}
-"""The graphs that are written to disk."""
+"""The graphs stored on disk."""
 SMALL = Graph("small", (2,), 2, 2, 2, 3, 1)
-"""For the short loop of ``automcm verify --rule``: TLC takes a second or two, and the comparison
-misses every rule that is taken away, as it does in ONE_PEER.  Never on disk."""
+"""For the short loop of ``automcm verify --rule``, never on disk. TLC needs a second or two, and
+the comparison detects the removal of any rule, as with ONE_PEER."""
 
 
 def spec_hash(tla: Path = TLA) -> str:
-    """Identifies the version of the specification an oracle was made from."""
+    """The hash of the specification that an oracle is made from."""
     digest = hashlib.sha256()
     for module in MODULES:
         digest.update((tla / f"{module}.tla").read_bytes())
@@ -72,9 +72,9 @@ def spec_hash(tla: Path = TLA) -> str:
 
 
 def recorded_hash() -> str | None:
-    """The version of the specification that the committed one-peer graph was made from.
+    """The hash of the specification that the committed one-peer graph was made from.
 
-    None if there is no such graph that can be read.
+    None if that graph is missing or unreadable.
     """
     try:
         return load(ONE_PEER.path).spec_hash
@@ -111,7 +111,7 @@ def _state(value: list[Json]) -> list[Json]:
 
 
 class _Print:
-    """Collects what OpenStation prints."""
+    """Collects the output of OpenStation."""
 
     def __init__(self) -> None:
         self.inputs: dict[int, Json] = {}
@@ -123,8 +123,8 @@ class _Print:
         self.answers: dict[str, list[tuple[int, int]]] = {}
         self.missing: dict[str, list[int]] = {}
 
-    def effect(self, out: Json, told: Json, rule: str, arm: Json, stop: Json) -> int:
-        value = [_sorted(out), told, rule, _sorted(arm), _sorted(stop)]
+    def effect(self, out: Json, indication: Json, rule: str, arm: Json, stop: Json) -> int:
+        value = [_sorted(out), indication, rule, _sorted(arm), _sorted(stop)]
         text = canonical(value)
         if text not in self._effect_index:
             self._effect_index[text] = len(self.effects)
@@ -138,18 +138,19 @@ class _Print:
                 value[2] = _sorted(value[2])
             self.inputs[j] = value
             if base:
-                out, told, rule = base
-                self.base[j] = self.effect(out, told, rule, [], [])
+                out, indication, rule = base
+                self.base[j] = self.effect(out, indication, rule, [], [])
         elif line.startswith('"<<\\"STATE'):
             _, state, marks, changes, answers, missing = _untla(line)
             key = canonical(_state(state))
             self.marks[key] = _sorted(marks)
             self.moves[key] = [
-                (j, canonical(_state(after)), self.effect(out, told, rule, arm, stop))
-                for j, after, out, told, rule, arm, stop in changes
+                (j, canonical(_state(after)), self.effect(out, indication, rule, arm, stop))
+                for j, after, out, indication, rule, arm, stop in changes
             ]
             self.answers[key] = [
-                (j, self.effect(out, told, rule, [], [])) for j, (out, told, rule) in answers
+                (j, self.effect(out, indication, rule, [], []))
+                for j, (out, indication, rule) in answers
             ]
             self.missing[key] = missing
 
@@ -163,9 +164,9 @@ def build(
     on_progress: Callable[[tlc.Progress], None] | None = None,
     stop: tlc.Stop | None = None,
 ) -> tuple[dict[str, Json], tlc.Result]:
-    """The oracle's data (see ``oracle.dump``) and TLC's result; ``short`` as for ``tlc.run``.
+    """The oracle's data (see ``oracle.dump``) and TLC's result; ``short`` is as for ``tlc.run``.
 
-    Raises tlc.TlcError if TLC fails, ValueError if the print-out is not the whole graph.
+    Raises tlc.TlcError if TLC fails, ValueError if its output is not the complete graph.
     """
     printed = _Print()
     with scratch.folder("oracle") as folder:
@@ -185,13 +186,13 @@ def build(
         raise ValueError(f"OpenStation: {result.property} is violated")
     if len(printed.moves) != result.distinct_states:
         raise ValueError(
-            f"OpenStation: {len(printed.moves)} states printed, {result.distinct_states} found"
+            f"OpenStation: printed {len(printed.moves)} states; expected {result.distinct_states}"
         )
     return _data(graph, printed, spec_hash(tla)), result
 
 
 def _data(graph: Graph, printed: _Print, version: str) -> dict[str, Json]:
-    """Canonical order: inputs by their text, states as breadth-first search meets them."""
+    """Canonical order: inputs by their text, states in the order of a breadth-first search."""
     by_text = sorted(printed.inputs, key=lambda j: canonical(printed.inputs[j]))
     number = {j: n for n, j in enumerate(by_text)}
     inputs = [printed.inputs[j] for j in by_text]
@@ -202,7 +203,7 @@ def _data(graph: Graph, printed: _Print, version: str) -> dict[str, Json]:
     initial = next((key for key in printed.moves if key.startswith(_INITIAL)), None)
     if initial is None:
         raise ValueError(
-            f"OpenStation: no state is {_INITIAL}, the initial one (oracle_generation.py)"
+            f"OpenStation: printed no initial state; expected {_INITIAL} (oracle_generation.py)"
         )
     order, parents = {initial: 0}, [[0, 0]]
     queue = deque([initial])
@@ -259,7 +260,7 @@ _INITIAL = '["STANDALONE","none",[0,0],[],[],0,0,false,false,0,[],[],false,false
 
 
 def _group(value: Json) -> list[str]:
-    """Inputs whose answers go together."""
+    """The group of an input; the outcomes of a group are stored together."""
     if value[0] == "receive":
         return ["receive", value[1][0], str(value[1][1])]
     if value[0] == "command":
@@ -268,5 +269,5 @@ def _group(value: Json) -> list[str]:
 
 
 def generate(graph: Graph, **options: Any) -> bytes:
-    """The bytes of the oracle."""
+    """The oracle as bytes."""
     return dump(build(graph, **options)[0])

@@ -1,5 +1,5 @@
-"""TLC: fetches it, runs the models of spec/models, and reads what it found.
+"""TLC: downloads it, runs the models of spec/models, and interprets the results.
 
-For the commands ``spec`` and ``verify``, and for the log tools' second engine.
-Needs the extra ``tlc``; whatever runs without Java does not import it.
+Used by the commands ``spec`` and ``verify``, and by the second engine of the log tools. Needs the
+extra ``tlc``; code that runs without Java does not import it.
 """

@@ -1,4 +1,4 @@
-"""The steps of a counterexample: the action, who took which input, the rule, and what changed."""
+"""The steps of a counterexample: action, station, input, rule, and changes."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.rules import handler, line
 from automcm_spec.vocabulary.station import Input, Message, State
 
-#: What happens in a model that is no step of a station.
+#: The events of a model that are not steps of a station.
 EVENTS = {
     "tick": "a tick passes",
     "slow tick": "a tick passes, and a slow clock does not count it",
     "cut": "the radio is cut",
-    "silence": "no CAM is heard from here on",
+    "silence": "no CAM is received from here on",
     "lose": "a message is lost",
 }
 
@@ -30,10 +30,10 @@ Event: TypeAlias = tuple[str] | tuple[str, Message]
 class Step:
     """One step.
 
-    index counts from 1. action is that of the model's next-state relation, as TLC names it. station
-    is its id, or None for an event of the radio or of time. input has the model's ids. line is that
-    of Station.tla where the rule decided, 0 for an event. changes maps the changed fields of the
-    station to before and after.
+    index counts from 1. action is the name of the action in the next-state relation, as TLC prints
+    it. station is its id, or None for an event of the radio or of time. input has the model's ids.
+    line is the line of Station.tla where the rule decided, 0 for an event. changes maps each
+    changed field of the station to its values before and after.
     """
 
     index: int
@@ -46,7 +46,7 @@ class Step:
 
     @property
     def text(self) -> str:
-        """The step in one line, and what it changed in another."""
+        """The step on one line, and its changes on another."""
         if not isinstance(self.input, Input):
             event, *about = self.input
             return ": ".join([self.action, EVENTS[event], *map(canonical, about)])
@@ -58,8 +58,8 @@ class Step:
 
 
 def steps(trace: Sequence[TraceState]) -> list[Step]:
-    """The steps of a trace of any model: its variable ``last`` has the arguments of each, which TLC
-    does not print."""
+    """The steps of a trace of any model. TLC does not print the arguments of actions; the variable
+    ``last`` contains them."""
     return [_step(before, after) for before, after in pairwise(trace)]
 
 
@@ -78,7 +78,8 @@ def _step(before: TraceState, after: TraceState) -> Step:
 
 
 def _of(stations: Any, who: Any) -> Any:
-    """The station ``who`` of the variable st: a sequence, a function of ids, or the only one."""
+    """The state of station ``who`` in the variable st: a sequence, a function of ids, or the only
+    one."""
     if isinstance(stations, Mapping) and "phase" in stations:
         return stations
     return stations[who] if isinstance(stations, Mapping) else stations[who - 1]

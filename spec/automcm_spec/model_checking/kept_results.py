@@ -1,7 +1,7 @@
-"""Results of TLC kept from run to run, each with a hash of everything that it depends on.
+"""Keeps results of TLC from run to run, each with a hash of everything that it depends on.
 
-A file has a hash of all that and of the result, then the result.  So a damaged file, one of another
-version of this code and one of another specification are the same thing: no result.
+A file contains a hash of the dependencies and the result, then the result. So a damaged file, a
+file of another code version and a file of another specification are all treated as missing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from automcm_spec.support import files
 from automcm_spec.support.paths import MODELS, TLA
 
 CODE = (models, tlc, toolchain, tla_values, sys.modules[__name__])
-"""What starts TLC, with its options, what interprets its output, and what keeps it."""
+"""The code that starts TLC with its options, interprets its output, and keeps its results."""
 
 
 def check_all(
@@ -33,11 +33,11 @@ def check_all(
     models_dir: Path = MODELS,
     tla_dir: Path = TLA,
 ) -> None:
-    """As ``models.check_all``, but models with a result in the folder are not run.
+    """As ``models.check_all``, but models with a kept result are not run.
 
-    ``fresh`` runs them too.  A result as expected is put into the folder, under the key from before
-    TLC was started, and only if that has not changed meanwhile: TLC may have read either text.
-    What cannot be written is not kept.
+    ``fresh`` runs them too. An expected result is kept under the key computed before TLC started,
+    and only if the key is unchanged at the end, because TLC may have read either version. Results
+    that cannot be written are not kept.
     """
     keys = {model.cfg: _key(model, models_dir, tla_dir) for model in chosen}
     rest = []
@@ -59,10 +59,10 @@ def check_all(
 
 
 def _key(model: models.Model, models_dir: Path, tla_dir: Path) -> str | None:
-    """The hash of what the result of a model depends on: its entry in the list, its cfg, each
-    module that TLC reads, TLC, Java, Java's options in the environment, and our code.
+    """The hash of everything that the result of a model depends on: its entry in the list, its cfg,
+    each module that TLC reads, TLC, Java, Java's options in the environment, and our code.
 
-    None if some of that cannot be read: nothing is kept, and the run says what is wrong.
+    None if any of these cannot be read: then nothing is kept, and the run reports the error.
     """
     try:
         java, jar = tlc.tools()
@@ -85,7 +85,7 @@ def _path(folder: Path, model: models.Model) -> Path:
 
 
 def _read(model: models.Model, key: str | None, folder: Path) -> models.Verdict | None:
-    """The verdict of the result kept under this key, judged once more; None if there is none."""
+    """The verdict of the result kept under this key, judged again; None if there is none."""
     try:
         digest, text = _path(folder, model).read_bytes().decode().split("\n", 1)
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""The models: which there are, what TLC must find in each, and whether it does."""
+"""The models: their expected results, and whether TLC confirms them."""
 
 import builtins
 import re
@@ -55,19 +55,19 @@ PROPERTIES = {
 #: The properties of System, which each model of it checks; together they are called S.
 SAFETY = tuple(f"S-{n}" for n in range(1, 9))
 
-#: The modules of one station to which anything may happen.
+#: The modules of one station in an arbitrary environment.
 ALONE = ("OpenStation", "ProbeStation", "StationProperties")
 
-#: The modules of stations that are lied to by one that takes no step.
-LIED_TO = ("Liar", "TimedLiar")
+#: The modules with a liar: it sends forged messages and takes no step itself.
+WITH_LIAR = ("Liar", "TimedLiar")
 
-#: The id of a property by its name in the modules, or by that of its version with time.
+#: The id of a property by its name in the modules, or by the name of its timed version.
 PROPERTY_IDS = {name: id_ for id_, name in PROPERTIES.items()} | {"SettledHazardInv": "S-5"}
 
-#: The profiles, each with the models of those before it.
+#: The profiles; each includes the models of the previous ones.
 PROFILES = ("quick", "full", "deep")
 
-#: Below this many seconds a run is too short for Java to optimise it well.
+#: A run of fewer seconds is too short for Java to optimise it well.
 SHORT_S = 10.0
 
 _SENTENCE = re.compile(r"[.?!](?=\s|$)")
@@ -80,14 +80,14 @@ _INSTANCE = re.compile(r"\bINSTANCE\s+(\w+)")
 
 
 class ModelError(Exception):
-    """The list of models and the files do not fit together."""
+    """The list of models and the files are inconsistent."""
 
 
 class Model(BaseModel):
-    """A cfg and what TLC must find with it: a pass with these counts, or a counterexample.
+    """A cfg and its expected result: a pass with these counts, or a counterexample.
 
-    reaches: what a model that holds must print as reached (modules Probe and TimedSystem), all
-    of it and nothing else. The why of a must-fail model is its story, in two sentences.
+    reaches lists all that a passing model must print as reached (modules Probe and TimedSystem).
+    The why of a must-fail model tells its story in two sentences.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -108,10 +108,9 @@ class Model(BaseModel):
 
     @builtins.property
     def unsent(self) -> bool:
-        """Does a station receive what nobody has sent, since it is alone or lied to?  Then its
-        counterexample has no logs and no page.
-        """
-        return self.module in (*ALONE, *LIED_TO)
+        """Whether a station receives messages that nobody has sent, because the environment or a
+        liar makes them up. Then the counterexample has no logs and no page."""
+        return self.module in (*ALONE, *WITH_LIAR)
 
     @model_validator(mode="after")
     def _fields_fit(self) -> "Model":
@@ -119,29 +118,29 @@ class Model(BaseModel):
         violates = ("property", "breaks", "length")
         needed, barred = (holds, violates) if self.expect == "holds" else (violates, holds)
         if self.expect == "violates" and self.reaches is not None:
-            raise ValueError("a model that violates reaches nothing")
+            raise ValueError("reaches: not allowed in a model that violates")
         if self.expect == "violates" and len(_SENTENCE.findall(self.why)) != 2:
-            raise ValueError("the why of a model that violates is a story of two sentences")
+            raise ValueError("why: must be two sentences in a model that violates")
         for name in needed:
             if getattr(self, name) is None:
-                raise ValueError(f"a model that {self.expect} needs {name}")
+                raise ValueError(f"{name}: required in a model that {self.expect}")
         for name in barred:
             if getattr(self, name) is not None:
-                raise ValueError(f"a model that {self.expect} has no {name}")
+                raise ValueError(f"{name}: not allowed in a model that {self.expect}")
         if self.expect == "violates" and PROPERTY_IDS.get(self.breaks or "") != self.property:
-            raise ValueError(f"the property {self.property} is not {self.breaks}")
+            raise ValueError(f"breaks: {self.breaks} is not the name of {self.property}")
         return self
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What TLC found in a model, and whether that was expected.
+    """TLC's result for a model, compared with the expected one.
 
-    problem says what was not. With the outcome "error" TLC gave no verdict: error is why, and
-    result is None. "incomplete" is an error that came after part of the states had been looked
-    at without a violation (time, memory or disk ran out): partial says how many.
-    property is the id of what is violated, or its TLA+ name if it has no id. reached is what the
-    model printed as reached. kept: the result is that of an earlier run.
+    problem describes the difference; None if there is none. With the outcome "error", TLC gave no
+    verdict: error is the reason, and result is None. "incomplete" is an error after part of the
+    states had been checked without a violation (time, memory or disk ran out): partial counts them.
+    property is the id of the violated property, or its TLA+ name if it has no id. reached is what
+    the model printed as reached. kept: the result is from an earlier run.
     """
 
     model: Model
@@ -155,12 +154,12 @@ class Verdict:
 
     @builtins.property
     def ok(self) -> bool:
-        """Is it as expected?"""
+        """Whether the result is as expected."""
         return self.problem is None
 
     @builtins.property
     def partial(self) -> tlc.Progress | None:
-        """How far TLC came, if it was stopped."""
+        """The progress of TLC, if it was stopped."""
         return self.error.partial if self.error else None
 
     @builtins.property
@@ -172,8 +171,8 @@ class Verdict:
 def load(models_dir: Path = MODELS, tla_dir: Path = TLA) -> list[Model]:
     """The models of a folder, in the order of its list.
 
-    Raises ModelError if the list cannot be read or has something unknown in it, if a cfg is
-    not listed or missing, or if a cfg checks something else than the list says.
+    Raises ModelError if the list cannot be read or contains an unknown key, if a cfg is missing or
+    not listed, or if a cfg does not check what the list states.
     """
     path = models_dir / EXPECTATIONS
     try:
@@ -217,14 +216,14 @@ def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
     try:
         texts = [path.read_text(encoding="utf-8") for path in sorted(tla_dir.glob("*.tla"))]
     except OSError as error:
-        raise ModelError(f"a module cannot be read: {error}") from error
+        raise ModelError(f"cannot read a module: {error}") from error
     defined = set(re.findall(r"^(\w+) +==", "\n".join(texts), re.MULTILINE))
     for name in PROPERTIES.values():
         if name not in defined:
             raise ModelError(f"no module defines the property {name}")
     for model in models:
         if not (tla_dir / f"{model.module}.tla").is_file():
-            raise ModelError(f"model {model.cfg}: there is no module {model.module}")
+            raise ModelError(f"model {model.cfg}: module {model.module} does not exist")
         checked = checked_in(models_dir / f"{model.cfg}.cfg")
         if model.expect == "holds" and not checked:
             raise ModelError(f"{model.cfg}.cfg checks nothing")
@@ -233,7 +232,7 @@ def _check_names(models: list[Model], models_dir: Path, tla_dir: Path) -> None:
 
 
 def split(cfg: str) -> tuple[str, list[tuple[str, str]]]:
-    """The text of a cfg without comments and what it checks, and that: (keyword, name)."""
+    """The text of a cfg without comments and checks, and its checks as (keyword, name)."""
     rest, *sections = _KEYWORD.split(_COMMENT.sub("", cfg))
     checked: list[tuple[str, str]] = []
     for keyword, body in zip(sections[::2], sections[1::2], strict=True):
@@ -250,10 +249,10 @@ def checked_in(cfg: Path) -> list[str]:
 
 
 def extended(module: str, texts: Mapping[str, str], *, instances: bool = False) -> set[str]:
-    """The modules a module extends, at whatever remove, itself included.
+    """The modules that a module extends, directly or indirectly, including itself.
 
-    texts are the modules there are; others, such as Naturals, are left out. With instances, also
-    what is instantiated: all that TLC reads.
+    texts are the available modules; others, such as Naturals, are left out. With instances,
+    instantiated modules are included: all that TLC reads.
     """
     found: set[str] = set()
     left = {module}
@@ -269,7 +268,7 @@ def extended(module: str, texts: Mapping[str, str], *, instances: bool = False) 
 
 
 def of_profile(models: Sequence[Model], profile: str) -> list[Model]:
-    """The models of a profile and of those before it."""
+    """The models of a profile and of the previous profiles."""
     return [m for m in models if PROFILES.index(m.profile) <= PROFILES.index(profile)]
 
 
@@ -283,9 +282,10 @@ def check(
     on_progress: Callable[[tlc.Progress], None] | None = None,
     stop: tlc.Stop | None = None,
 ) -> Verdict:
-    """Run TLC on a model, with one worker, and compare what it finds with what is expected.
+    """Run TLC on a model, with one worker, and compare the result with the expected one.
 
-    With more workers the depth differs from run to run, and with SYMMETRY also the states.
+    With more workers, the depth differs from run to run, and with SYMMETRY also the number of
+    states.
     """
     reached: list[str] = []
 
@@ -308,17 +308,17 @@ def check(
         )
     except tlc.TlcError as error:
         if error.partial and error.kind in ("timeout", "memory", "disk"):
-            seen = f"incomplete: {error.partial.distinct_states:,} states looked at"
+            seen = f"incomplete: {error.partial.distinct_states:,} states checked"
             return Verdict(model, "incomplete", None, None, f"{seen}; {error}", error)
         return Verdict(model, "error", None, None, f"TLC gave no verdict: {error}", error)
     return judged(model, result, reached)
 
 
 def judged(model: Model, result: tlc.Result, reached: Sequence[str]) -> Verdict:
-    """What TLC found in a model, compared with what is expected."""
+    """TLC's result for a model, compared with the expected one."""
     name = result.property
     if name and name.startswith("line "):
-        name = None  # a part of a property, named by its place
+        name = None  # a part of a property, identified by its place
     if name is None and result.outcome == "violates" and model.expect == "violates":
         name = model.breaks  # the cfg lists only this one
     violated = None if name is None else PROPERTY_IDS.get(name, name)
@@ -333,21 +333,21 @@ def _problem(
     wrong: list[str] = []
     if model.expect == "holds":
         if result.outcome == "violates":
-            return f"{violated or 'a temporal property'} is violated; everything was to hold"
+            return f"{violated or 'a temporal property'} is violated; expected no violation"
         counts = ("distinct_states", "states", "depth")
         found = {name: getattr(result, name) for name in counts}
         if missed := sorted(set(model.reaches or ()) - set(reached)):
-            wrong.append(f"reached no more: {', '.join(missed)}")
+            wrong.append(f"no longer reached: {', '.join(missed)}")
         if new := sorted(set(reached) - set(model.reaches or ())):
-            wrong.append(f"reached, and not expected: {', '.join(new)}")
+            wrong.append(f"reached unexpectedly: {', '.join(new)}")
     else:
         if result.outcome == "holds":
-            return f"nothing is violated; {model.property} was to be"
+            return f"nothing is violated; expected a violation of {model.property}"
         if violated != model.property:
-            return f"{violated} is violated; {model.property} was to be"
+            return f"{violated} is violated; expected a violation of {model.property}"
         found = {"length": len(result.trace)}
     wrong += [
-        f"{name} is {value}, {getattr(model, name)} expected"
+        f"{name} is {value}, expected {getattr(model, name)}"
         for name, value in found.items()
         if value != getattr(model, name)
     ]
@@ -364,10 +364,11 @@ def check_all(
     heap_mb: int | None = None,
     timeout_s: float | None = None,
 ) -> list[Verdict]:
-    """Check the models, some at a time, the longest first; the verdicts in the order given.
+    """Check the models, several at a time, the longest first; returns the verdicts in the given
+    order.
 
     on_done is called in the calling thread as each one ends. If it raises, or on Ctrl-C, the
-    runs that go on are killed.
+    remaining runs are killed.
     """
     order = sorted(models, key=lambda model: -model.seconds)
     verdicts: dict[str, Verdict] = {}

@@ -1,4 +1,4 @@
-"""Random behaviours of a model: is a property violated, and which rules decided how often?"""
+"""Random behaviours of a model: whether a property is violated, and how often each rule decided."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from automcm_spec.support import scratch
 from automcm_spec.support.paths import MODELS, SIMULATION, TLA
 from automcm_spec.vocabulary.rules import RULES
 
-Ended = Literal["time", "number", "violation"]
+EndReason = Literal["time", "number", "violation"]
 
 MODULE = """---- MODULE Walk ----
 EXTENDS {module}, Simulation, TLC
@@ -29,22 +29,22 @@ WalkNext ==
 WalkSpec == WalkInit /\\ [][WalkNext]_<<vars, walked>>
 ====
 """
-"""The AnyNext of Simulation.tla, which first says how the state it is asked about was reached.
+"""The AnyNext of Simulation.tla, which first prints how the current state was reached.
 
-TLC chooses the station first; only the state a walk is in is asked for its successors, at most
-once per station.  (An invariant would also see the successors that are not chosen.)
+TLC chooses the station first. It computes successors only for the current state of a walk, at most
+once per station. (An invariant would also see successors that are not chosen.)
 """
 
-_SAID = re.compile(r'<<"walk", (\d+), "([^"]+)">>$')
+_REACHED_BY = re.compile(r'<<"walk", (\d+), "([^"]+)">>$')
 
 
 class WalkError(Exception):
-    """A model that cannot be walked through."""
+    """A model that does not support random walks."""
 
 
 @dataclass(frozen=True)
-class Walked:
-    """A model to walk through: its cfg, its module, and the property it must break, if any."""
+class WalkModel:
+    """A model for random walks: its cfg, its module, and the property it must violate, if any."""
 
     name: str
     cfg: Path
@@ -54,21 +54,21 @@ class Walked:
 
 @dataclass(frozen=True)
 class Walks:
-    """What the behaviours showed.
+    """The result of the walks.
 
-    ``ended`` is why there are no more of them.  A behaviour that the time cut off is not counted.
-    ``rules`` says how many steps each rule decided; rules of no step are left out.  A step that
-    changes nothing is no step of System, nor is a CAM; so what a rule only ignores is not here.
-    ``property`` is the id of what is violated, and ``trace`` the behaviour that violates it.
+    ``ended`` is the reason for the end. A behaviour that the time limit interrupted is not counted.
+    ``rules`` is the number of steps that each rule decided, without zeros. Inputs that change
+    nothing and CAMs are not steps of System, so rules that only ignore an input do not appear.
+    ``property`` is the id of the violated property, and ``trace`` the behaviour that violates it.
     """
 
-    model: Walked
+    model: WalkModel
     seed: int
     depth: int
     behaviours: int
     steps: int
     rules: dict[str, int]
-    ended: Ended
+    ended: EndReason
     property: str | None = None
     trace: tuple[tlc.TraceState, ...] = ()
 
@@ -79,13 +79,14 @@ class Walks:
 
     @builtins.property
     def exit_code(self) -> int:
-        """0 as expected; 1 if something is violated that was to hold; 4 if that is open."""
+        """0 as expected; 1 if a property is violated unexpectedly; 4 if the result is
+        inconclusive."""
         if self.property is not None:
             return 0 if self.property == self.model.breaks else 1
         return 4 if self.model.breaks or not self.behaviours else 0
 
     def as_dict(self) -> dict[str, Any]:
-        """The report as JSON; the same for the same behaviours."""
+        """The report as JSON; equal for equal behaviours."""
         return {
             "model": self.model.name,
             "seed": self.seed,
@@ -100,21 +101,21 @@ class Walks:
         }
 
 
-def known(models_dir: Path = MODELS, simulation: Path = SIMULATION) -> dict[str, Walked]:
-    """What can be walked through by name: the listed models and those of spec/simulation.
+def known(models_dir: Path = MODELS, simulation: Path = SIMULATION) -> dict[str, WalkModel]:
+    """The models for random walks by name: the listed models and those of spec/simulation.
 
     Raises models.ModelError.
     """
     listed = [
-        Walked(m.cfg, models_dir / f"{m.cfg}.cfg", m.module, m.property)
+        WalkModel(m.cfg, models_dir / f"{m.cfg}.cfg", m.module, m.property)
         for m in models.load(models_dir)
     ]
-    larger = [Walked(path.stem, path, "System") for path in sorted(simulation.glob("*.cfg"))]
+    larger = [WalkModel(path.stem, path, "System") for path in sorted(simulation.glob("*.cfg"))]
     return {model.name: model for model in [*listed, *larger]}
 
 
 def run(
-    model: Walked,
+    model: WalkModel,
     *,
     seed: int = 1,
     depth: int = 100,
@@ -126,17 +127,17 @@ def run(
 ) -> Walks:
     """Random behaviours of a model, of at most ``depth`` steps, until one violates a property.
 
-    They end after ``seconds`` (with the start of Java) or ``number`` behaviours, whichever comes
-    first.  The same seed gives the same behaviours; the time only cuts how many there are.
-    ``lively`` leaves out what ends sessions early (Simulation.tla).  on_progress gets the number
-    of behaviours so far.  Raises WalkError for a model that is not one of System, tlc.TlcError
-    if TLC fails.
+    They end after ``seconds`` (including the start of Java) or ``number`` behaviours, whichever
+    comes first. Equal seeds give equal behaviours; the time limit only affects their number.
+    ``lively`` excludes inputs that end sessions early (Simulation.tla). on_progress receives the
+    number of behaviours so far. Raises WalkError for a model that does not extend System,
+    tlc.TlcError if TLC fails.
     """
     if seconds is None and number is None:
-        raise ValueError("neither a time nor a number of behaviours is given")
+        raise ValueError("seconds or number is required")
     texts = {path.stem: path.read_text(encoding="utf-8") for path in tla.glob("*.tla")}
     if "System" not in models.extended(model.module, texts):
-        raise WalkError(f"{model.name}: the module {model.module} does not extend System")
+        raise WalkError(f"{model.name}: the module {model.module} must extend System")
     count = _Count(on_progress)
     result = None
     with scratch.folder("walks") as place:
@@ -163,7 +164,7 @@ def run(
     if result is None or result.outcome == "holds":
         if result is not None:
             count.end()
-        ended: Ended = "time" if result is None else "number"
+        ended: EndReason = "time" if result is None else "number"
         return Walks(model, seed, depth, *count.counts(), ended)
     name = result.property or model.breaks or "a property"
     trace = tuple(_named(state) for state in result.trace)
@@ -174,7 +175,7 @@ def run(
 
 
 class _Count:
-    """Behaviours, steps and rules from what a walk prints: (step, rule that decided it)."""
+    """Counts behaviours, steps and rules from the lines of a walk: (step, rule that decided it)."""
 
     def __init__(self, on_progress: Callable[[int], None] | None) -> None:
         self._on_progress = on_progress
@@ -183,7 +184,7 @@ class _Count:
         self._current: list[str] = []
 
     def line(self, text: str) -> None:
-        if not (match := _SAID.match(text)):
+        if not (match := _REACHED_BY.match(text)):
             return
         step, rule = int(match[1]), match[2]
         if step == 0 and self._current:
@@ -192,7 +193,7 @@ class _Count:
             self._current.append(rule)
 
     def end(self, rules: list[str] | None = None) -> None:
-        """The behaviour is over; rules is what decided its steps, if that is known better."""
+        """End the behaviour; rules decided its steps, if they are known more precisely."""
         self._rules.update(self._current if rules is None else rules)
         self._behaviours += 1
         self._current = []
@@ -208,16 +209,16 @@ def _last(state: tlc.TraceState) -> Any:
 
 
 def _named(state: tlc.TraceState) -> tlc.TraceState:
-    """The state with the action of System that led to it: it has the name of the kind of input.
+    """The state with the action of System that led to it, named after the kind of input.
 
-    TLC has only seen WalkNext.
+    TLC only knows the action WalkNext.
     """
     return replace(state, action=str(_last(state)["input"]["kind"]).capitalize())
 
 
-def _config(model: Walked) -> str:
+def _config(model: WalkModel) -> str:
     text = model.cfg.read_text(encoding="utf-8")
     text, found = re.subn(r"^SPECIFICATION Spec$", "SPECIFICATION WalkSpec", text, flags=re.M)
     if found != 1:
-        raise WalkError(f"{model.name}: its cfg does not say SPECIFICATION Spec, as System does")
+        raise WalkError(f"{model.name}: its cfg must contain SPECIFICATION Spec, as System's does")
     return text

@@ -1,4 +1,4 @@
-"""TLA+ values as Python values: a parser of what TLC prints, and the canonical text of a value.
+"""TLA+ values as Python values: a parser for TLC's output, and the canonical text of a value.
 
     3, -1          int          <<1, 2>>            tuple
     "a"            str          {1, 2}, 1..2        frozenset
@@ -6,7 +6,7 @@
                                 (1 :> 2 @@ 3 :> 4)  Function
 
 All of them are hashable. As in TLA+, a function on 1..n is a tuple and a function on names is a
-record; the parser makes them so. Python takes TRUE and 1 for equal, TLA+ does not compare them.
+record; the parser converts them. Python treats TRUE and 1 as equal; TLA+ cannot compare them.
 """
 
 import re
@@ -18,7 +18,7 @@ V = TypeVar("V")
 
 
 class ValueSyntaxError(ValueError):
-    """The text is not a TLA+ value; offset is where the reading stopped."""
+    """The text is not a TLA+ value; offset is where parsing stopped."""
 
     def __init__(self, problem: str, offset: int) -> None:
         super().__init__(f"{problem} at offset {offset}")
@@ -26,7 +26,7 @@ class ValueSyntaxError(ValueError):
 
 
 class _Frozen(dict[K, V]):
-    """A dict that does not change and can be hashed."""
+    """An immutable, hashable dict."""
 
     __slots__ = ("_hash",)
     _hash: int
@@ -45,7 +45,7 @@ class _Frozen(dict[K, V]):
         return f"{type(self).__name__}({dict(self)!r})"
 
     def _refuse(self, *_: object, **__: object) -> NoReturn:
-        raise TypeError(f"a {type(self).__name__} does not change")
+        raise TypeError(f"a {type(self).__name__} is immutable")
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse
@@ -84,9 +84,9 @@ def parse(text: str) -> Value:
 
 
 def parse_state(text: str) -> dict[str, Value]:
-    """The variables of a state as TLC prints it: "/\\ x = 1", and so on for each variable.
+    """The variables of a state as printed by TLC: "/\\ x = 1", and so on for each variable.
 
-    A state of one variable may lack the "/\\". Raises ValueSyntaxError.
+    A state with one variable may omit the "/\\". Raises ValueSyntaxError.
     """
     reader = _Reader(text)
     state: dict[str, Value] = {}
@@ -101,7 +101,7 @@ def parse_state(text: str) -> dict[str, Value]:
 
 
 class _Reader:
-    """A recursive-descent reader; token is the next one, "" at the end."""
+    """A recursive-descent parser; token is the next token, "" at the end."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -120,7 +120,7 @@ class _Reader:
             if i == self._position:
                 offset = match.start()
         found = repr(self.token) if self.token else "the end"
-        raise ValueSyntaxError(f"{expected} expected, {found} found", offset)
+        raise ValueSyntaxError(f"expected {expected}, found {found}", offset)
 
     def skip(self, token: str) -> bool:
         if self.token == token:
@@ -208,7 +208,7 @@ class _Reader:
 
 
 def function(pairs: dict[Value, Value]) -> Value:
-    """The function with these pairs: a tuple on 1..n, a record on names, else a Function."""
+    """The function with these pairs: a tuple on 1..n, a record on names, otherwise a Function."""
     if all(type(key) is int for key in pairs) and set(pairs) == set(range(1, len(pairs) + 1)):
         return tuple(pairs[i] for i in range(1, len(pairs) + 1))
     names = {
@@ -226,7 +226,7 @@ def _unquoted(token: str) -> str:
 
 
 def show(value: Value) -> str:
-    """The canonical TLA+ text: elements of sets, fields and arguments in a fixed order."""
+    """The canonical TLA+ text: set elements, fields and arguments in a fixed order."""
     if isinstance(value, bool):
         return "TRUE" if value else "FALSE"
     if isinstance(value, int):
@@ -245,7 +245,7 @@ def show(value: Value) -> str:
 
 
 def _sorted(values: Iterable[Value]) -> list[Value]:
-    """Integers by size, then everything else by its text."""
+    """Integers by value, then all other values by their text."""
 
     def order(value: Value) -> tuple[bool, int, str]:
         return (False, value, "") if isinstance(value, int) else (True, 0, show(value))

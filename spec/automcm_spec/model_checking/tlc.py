@@ -1,4 +1,4 @@
-"""Runs TLC and reads what it says (its "-tool" output: blocks with a message code)."""
+"""Runs TLC and parses its output (its "-tool" format: blocks with a message code)."""
 
 import re
 import subprocess
@@ -23,9 +23,9 @@ INITIAL = "Initial predicate"
 
 
 class TlcError(Exception):
-    """TLC gave no verdict. module and line say where the fault is, if TLC said so.
+    """TLC gave no verdict. module and line locate the error, if TLC reported them.
 
-    partial is how far TLC had come, if it had begun.
+    partial is the progress of TLC, if it had begun.
     """
 
     partial: "Progress | None" = None
@@ -41,7 +41,7 @@ class TlcError(Exception):
 
 
 class Location(NamedTuple):
-    """Where something stands; lines and columns count from 1, the last column is included."""
+    """A place in a module; lines and columns count from 1, the last column is included."""
 
     module: str
     line: int
@@ -62,7 +62,8 @@ class TraceState:
 
 @dataclass(frozen=True)
 class Progress:
-    """How far TLC is: the depth reached, states generated, distinct states, states to visit."""
+    """The progress of TLC: depth reached, states generated, distinct states, states left to
+    visit."""
 
     depth: int
     states: int
@@ -74,9 +75,9 @@ class Progress:
 class Result:
     """A verdict of TLC.
 
-    property is the TLA+ name of what is violated, "Deadlock", or None: TLC does not name a
-    violated temporal property. loop is the index of the state a temporal counterexample goes
-    back to. seconds is the time it took, with the start of Java.
+    property is the TLA+ name of the violated property, "Deadlock", or None: TLC does not name a
+    violated temporal property. loop is the index of the state to which a temporal counterexample
+    returns. seconds includes the start of Java.
     """
 
     outcome: Outcome
@@ -90,7 +91,7 @@ class Result:
 
 
 class Stop:
-    """Ends runs from another thread: those that go on, and those that start later."""
+    """Stops runs from another thread: current ones, and those started later."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -118,7 +119,7 @@ class Stop:
 _SHORT = ("-XX:TieredStopAtLevel=1", "-XX:+UseSerialGC")
 _LONG = ("-XX:+UseParallelGC",)
 ARCHIVE_MB = 16
-"""A heap in which the archive has room."""
+"""The smallest heap that has room for the archive."""
 
 
 def run(
@@ -137,11 +138,11 @@ def run(
 ) -> Result:
     """Check a module of tla_dir with a cfg.
 
-    short is for runs of seconds: Java then compiles fast instead of well, and uses one core.
-    on_print gets each line that the specification prints, as it comes; nothing of it is kept.
-    With one worker the counts, the depth and the counterexample are the same in every run.
-    Raises TlcError for whatever is neither a clean pass nor a violation. Whatever happens,
-    Java is not running and nothing of it is on disk afterwards.
+    short is for runs of a few seconds: Java then compiles fast instead of well, and uses one core.
+    on_print receives each line that the specification prints, immediately; lines are not kept. With
+    one worker, the counts, the depth and the counterexample are equal in every run. Raises TlcError
+    for any result that is neither a clean pass nor a violation. In any case, afterwards Java is not
+    running and has left nothing on disk.
     """
     java, jar = tools()
     with scratch.folder("tlc") as place:
@@ -176,7 +177,7 @@ def run(
 
 
 def tools() -> tuple[Path, Path]:
-    """Java and TLC's jar. Raises TlcError if there is none."""
+    """Java and TLC's jar. Raises TlcError if either is missing."""
     try:
         return toolchain.java(), toolchain.tla2tools()
     except toolchain.ToolError as error:
@@ -184,7 +185,7 @@ def tools() -> tuple[Path, Path]:
 
 
 def quick_start(heap_mb: int | None = None) -> list[str]:
-    """Options with which Java loads TLC faster, if there is an archive of its classes."""
+    """Java options that load TLC faster, if there is an archive of its classes."""
     archive = toolchain.archive()
     if archive is None or (heap_mb is not None and heap_mb < ARCHIVE_MB):
         return []
@@ -201,10 +202,10 @@ def execute(
     stop: Stop | None = None,
     name: str = "TLC",
 ) -> int:
-    """Run the command, have its lines read as they come, and return its exit code.
+    """Run the command, pass its lines to ``read`` as they come, and return its exit code.
 
-    Raises TlcError if it cannot be started, is stopped or does not end in time.  It ends with this
-    process, and with the thread that calls.
+    Raises TlcError if it cannot be started, is stopped, or does not end in time. It ends with this
+    process and with the calling thread.
     """
     stop = stop or Stop()
     try:
@@ -287,7 +288,7 @@ _TLC_CHATTER = re.compile(
 
 @dataclass
 class _Block:
-    """A message of TLC; the messages inside it stand in text as well."""
+    """A message of TLC; its text includes nested messages."""
 
     code: int
     severity: int
@@ -299,7 +300,7 @@ class _Block:
 
 
 class _Reader:
-    """Takes the output line by line and keeps what the result needs."""
+    """Parses the output line by line and keeps what the result needs."""
 
     def __init__(
         self,
@@ -374,7 +375,7 @@ class _Reader:
         elif block.severity == 1 and code not in _TRACE_HEADINGS:
             self._errors.append(block)
         if code not in _VIOLATIONS and self._open and self._open[-1].severity == 1:
-            self._open[-1].code = code  # the inner message is the one that says what is wrong
+            self._open[-1].code = code  # the inner message describes the error
 
     def _progress(self, text: str) -> None:
         match = re.search(
@@ -391,7 +392,7 @@ class _Reader:
         head, _, state = block.text.partition("\n")
         match = _HEAD.match(head)
         if not match:
-            raise TlcError("other", f"TLC printed a state that cannot be read: {head}")
+            raise TlcError("other", f"cannot parse a state that TLC printed: {head}")
         index, action, line, column, end_line, end_column, module = match.groups()
         location = None
         if module:
@@ -399,7 +400,7 @@ class _Reader:
         self._trace.append(TraceState(int(index), action, location, _parse_state(state)))
 
     def result(self, cfg: Path, code: int, complaint: str, seconds: float) -> Result:
-        """What TLC found, once it has ended. Raises TlcError if that is no verdict."""
+        """The result, once TLC has ended. Raises TlcError if it is not a verdict."""
         if error := self._error(cfg, code, complaint):
             raise error
         outcome: Outcome = "holds"
@@ -424,22 +425,22 @@ class _Reader:
     def _error(self, cfg: Path, code: int, complaint: str) -> TlcError | None:
         if _PARSE_FAILED in self._codes:
             return _parse_error("\n".join(self._sany))
-        said = "\n".join([complaint, *self._loose])
-        if "OutOfMemoryError" in said or "insufficient memory for the Java" in said:
+        output = "\n".join([complaint, *self._loose])
+        if "OutOfMemoryError" in output or "insufficient memory for the Java" in output:
             return TlcError("memory", "TLC ran out of memory (the heap of Java is too small)")
         if self._errors:
             return _tlc_error(self._errors, cfg)
         if _FINISHED in self._codes and (self._violation or self._codes & _ENDED_WELL):
             return None
-        kind: ErrorKind = "disk" if _is_disk(said) else "java"
-        return TlcError(kind, f"TLC broke off with exit code {code}: {said.strip()}")
+        kind: ErrorKind = "disk" if _is_disk(output) else "java"
+        return TlcError(kind, f"TLC failed with exit code {code}: {output.strip()}")
 
 
 def _parse_state(text: str) -> dict[str, values.Value]:
     try:
         return values.parse_state(text)
     except values.ValueSyntaxError as error:
-        raise TlcError("other", f"TLC printed a state that cannot be read: {error}") from error
+        raise TlcError("other", f"cannot parse a state that TLC printed: {error}") from error
 
 
 def _numbers(text: str) -> list[int]:
@@ -466,10 +467,10 @@ def _where(module: str | None, line: int | None) -> str:
 
 
 def _parse_error(sany: str) -> TlcError:
-    """The error SANY has printed, without its chatter and its repetitions."""
+    """The error printed by SANY, without progress lines and repetitions."""
     module, line = _place(sany)
-    said = sany.partition("Residual stack trace")[0].replace("***Parse Error***", "")
-    text = [x for x in dict.fromkeys(said.splitlines()) if x and not _SANY_CHATTER.match(x)]
+    output = sany.partition("Residual stack trace")[0].replace("***Parse Error***", "")
+    text = [x for x in dict.fromkeys(output.splitlines()) if x and not _SANY_CHATTER.match(x)]
     return TlcError("parse", _where(module, line) + "\n".join(text), module, line)
 
 

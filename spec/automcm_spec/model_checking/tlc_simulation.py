@@ -1,4 +1,4 @@
-"""Random behaviours of a closed model, as TLC's simulation mode walks them."""
+"""Random behaviours of a closed model, from TLC's simulation mode."""
 
 from __future__ import annotations
 
@@ -38,12 +38,13 @@ SPECIFICATION {spec}
 CHECK_DEADLOCK FALSE
 INVARIANTS TypeInv AcceptedInv AgreementInv NoHazardInv
 """
-"""Four stations, two of them in either role, nothing reduced: too large to exhaust."""
+"""Four stations, two of them in either role, without reductions: too large to check
+exhaustively."""
 
 CONSTANTS = {"MaxRounds": 3, "MaxParticipants": 3, "OutboxLimit": 12, "MemoryLimit": 4}
 
 Behaviour = list[tuple[int, Input, State]]
-"""Steps: a station, its input, its next state."""
+"""Steps: station, input, next state."""
 
 
 def state(value: Any) -> State:
@@ -77,8 +78,8 @@ def behaviours(
 ) -> list[Behaviour]:
     """``number`` behaviours of ``depth`` steps.
 
-    The same seed gives the same behaviours.  ``lively`` leaves out what ends sessions early
-    (Simulation.tla).  Raises tlc.TlcError.
+    Equal seeds give equal behaviours. ``lively`` excludes inputs that end sessions early
+    (Simulation.tla). Raises tlc.TlcError.
     """
     with scratch.folder("simulate") as folder:
         cfg = folder / "Simulated.cfg"

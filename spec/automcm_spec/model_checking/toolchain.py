@@ -1,4 +1,5 @@
-"""The Java runtime and the TLA+ tools, both from packages: nothing else has to be installed."""
+"""The Java runtime and the TLA+ tools, both from packages, so that nothing else has to be
+installed."""
 
 import hashlib
 import locale
@@ -29,11 +30,11 @@ Next == \\E n \\in {1, 2} : \\E a \\in x[n] :
 TypeInv == DOMAIN x = {1, 2}
 ====
 """
-"""Has TLC load what it needs for most models."""
+"""Makes TLC load the classes that most models need."""
 
 
 class ToolError(Exception):
-    """A foreign tool is missing or is not the one expected."""
+    """A required tool is missing or is not the expected one."""
 
 
 def java() -> Path:
@@ -52,25 +53,24 @@ def java() -> Path:
 
 
 def environment() -> dict[str, str]:
-    """The environment for Java, which reads paths by the locale: one of UTF-8, as Python does."""
+    """The environment for Java with a UTF-8 locale, which it uses to decode paths."""
     if locale.getencoding().upper() == "UTF-8":
         return dict(os.environ)
     return os.environ | {"LC_ALL": "C.UTF-8"}
 
 
 def tla2tools() -> Path:
-    """The TLA+ tools: the jar that AUTOMCM_TLA2TOOLS names, else the pinned and verified one.
+    """The TLA+ tools: the jar that AUTOMCM_TLA2TOOLS names, or the pinned and verified one.
 
-    The pinned jar is downloaded once and a copy kept in the environment. A jar named by the
-    environment variable is taken as it is. Raises ToolError if there is no jar or its digest
-    differs.
+    The pinned jar is downloaded once, and a copy is kept in the environment. A jar named by the
+    environment variable is not verified. Raises ToolError if there is no jar or its digest differs.
     """
     override = os.environ.get(OVERRIDE)
     if override:
         if not Path(override).is_file():
             raise ToolError(f"{OVERRIDE} names {override}, which is not a file")
         return Path(override).resolve()
-    with _lock:  # or two threads would download it at the same time
+    with _lock:  # so that only one thread downloads it
         return _pinned()
 
 
@@ -90,9 +90,10 @@ def _pinned() -> Path:
 
 
 def _keep(jar: Path, kept: Path) -> Path:
-    """A copy of the jar where nobody touches it; jgo takes its own away and lays it again at
-    each call, under the feet of a Java that is just starting.  The jar itself if there is no
-    place for a copy."""
+    """A copy of the jar where nobody changes it, or the jar itself if no copy can be written.
+
+    jgo removes and rewrites its own copy at each call, even while Java is starting from it.
+    """
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
         files.write(kept, jar.read_bytes())
@@ -102,10 +103,11 @@ def _keep(jar: Path, kept: Path) -> Path:
 
 
 def archive() -> Path | None:
-    """TLC's classes as Java loads them fastest (-XX:AOTCache): half of a run of a second.
+    """TLC's classes in the form that Java loads fastest (-XX:AOTCache): it halves a run of a
+    second.
 
-    Made once and kept beside the pinned jar.  None for another jar, for a Java without such
-    archives, and where there is no place for one.
+    Made once and kept beside the pinned jar. None for another jar, for a Java without such
+    archives, and if it cannot be written.
     """
     if os.environ.get(OVERRIDE):
         return None
@@ -129,7 +131,8 @@ def _archive(java: Path, jar: Path) -> Path | None:
 
 
 def _make(java: Path, jar: Path, kept: Path) -> None:
-    """Run TLC once and keep the classes that it loaded; an empty file if Java cannot do that."""
+    """Run TLC once and keep the classes that it loaded; writes an empty file if Java does not
+    support that."""
     with scratch.folder("archive") as folder:
         (folder / "Tiny.tla").write_text(_TINY, encoding="utf-8")
         (folder / "Tiny.cfg").write_text("INIT Init\nNEXT Next\nINVARIANT TypeInv\n")
@@ -149,7 +152,8 @@ def _make(java: Path, jar: Path, kept: Path) -> None:
 
 @contextmanager
 def _one_process() -> Iterator[None]:
-    """Where the system has flock, let one process in at a time: jgo downloads without a lock."""
+    """Admit one process at a time, where the system has flock, because jgo downloads without a
+    lock."""
     try:
         import fcntl
     except ImportError:
@@ -161,7 +165,7 @@ def _one_process() -> Iterator[None]:
 
 
 def _resolve() -> Path:
-    """The pinned jar in the cache of jgo, downloaded if it is not there."""
+    """The pinned jar in the cache of jgo, downloaded if necessary."""
     logging.getLogger("jgo").setLevel(logging.ERROR)
     try:
         import jgo
@@ -169,11 +173,11 @@ def _resolve() -> Path:
         jars = jgo.build(COORDINATES).all_jars
     except ModuleNotFoundError as error:
         raise ToolError("TLC needs jgo: pip install 'automcm[tlc]'") from error
-    except Exception as error:  # jgo and what is below it raise many unrelated types
+    except Exception as error:  # jgo and its dependencies raise many unrelated types
         raise ToolError(
-            f"the TLA+ tools {COORDINATES} could not be resolved "
-            f"({type(error).__name__}: {error}); M2_REPO and JGO_CACHE_DIR name other folders for "
-            f"the download, {OVERRIDE} a tla2tools.jar"
+            f"the TLA+ tools {COORDINATES} could not be downloaded "
+            f"({type(error).__name__}: {error}); set M2_REPO and JGO_CACHE_DIR to use other "
+            f"folders, or {OVERRIDE} to use a local tla2tools.jar"
         ) from error
     name = COORDINATES.split(":")[1]
     for jar in jars:

@@ -1,5 +1,5 @@
-"""Files, folders, child processes, bad input: what every package needs of the system.
+"""System support for every package: files, folders, child processes, bad input.
 
-Knows nothing of the protocol.
-Anything may import it; it imports nothing of ours.
+It knows nothing of the protocol.
+Any package may import it; it imports no other package.
 """

@@ -1,23 +1,23 @@
-"""What is wrong with a file of the user's, and how messages name its place."""
+"""Errors in input files, and how messages name their place."""
 
 from pathlib import Path, PosixPath
 
 
-class Kept(PosixPath):
-    """A file that keeps input that cannot be read again, or that was not a file: messages name it
-    as ``given``, and never the file."""
+class SpooledInput(PosixPath):
+    """A temporary copy of input that cannot be read again, such as a pipe. Messages name ``given``
+    instead of the copy."""
 
     given = ""
 
 
 class BadInput(Exception):
-    """Input that breaks its format; the text is one line and names file, line, field and rule.
+    """Input that breaks its format; the text is one line with file, line, field and rule.
 
-    The only exception that blames the user's file. Anything else that is raised is a fault of
-    AutoMCM (exit code 70).
+    It is the only exception that blames the user's file. Any other exception is a fault of AutoMCM
+    (exit code 70).
 
-    `line` is 0 if the whole file is meant, `field` is "" if a whole line is. `rule` names the rule
-    of the format, in a log one of ``automcm_traces.explain.lint.CHECKS``; it is "" if the file has
+    `line` is 0 for the whole file, `field` is "" for a whole line. `rule` names the rule of the
+    format; for a log it is one of ``automcm_traces.explain.lint.CHECKS``. It is "" if the file has
     no such format or cannot be opened.
     """
 
@@ -30,29 +30,29 @@ class BadInput(Exception):
         self.problem = problem
         self.rule = rule
         self.where = one_line(at_line(self.path, line))
-        """The file, and the line if one is meant."""
+        """The file, and the line if there is one."""
         named = one_line(f"{field}: {problem}" if field else problem)
         self.what = f"{named} [{rule}]" if rule else named
-        """The field, if one is meant, what is wrong there, and the rule."""
+        """The field if there is one, the problem, and the rule."""
         super().__init__(f"{self.where}: {self.what}")
 
 
 def name_of(path: str | Path) -> str:
-    """How messages name a file."""
-    return path.given if isinstance(path, Kept) else str(path)
+    """The name of a file in messages."""
+    return path.given if isinstance(path, SpooledInput) else str(path)
 
 
 def at_line(file: str, line: int) -> str:
-    """FILE:LINE, or the file alone if no line is meant (0)."""
+    """FILE:LINE, or only the file if the line is 0."""
     return f"{file}:{line}" if line else file
 
 
 def printable(text: str) -> str:
-    """`text` with control characters and the like escaped."""
+    """`text` with escapes for unprintable characters."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def one_line(text: str) -> str:
-    """`text` with control characters and the like escaped, and not longer than a screen's worth."""
+    """`text` with escapes for unprintable characters, cut after 1000 characters."""
     safe = printable(text)
     return safe if len(safe) <= 1000 else safe[:1000] + "..."

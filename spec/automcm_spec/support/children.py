@@ -1,7 +1,7 @@
-"""Child processes that end when this process ends, also when it is killed (SIGKILL).
+"""Child processes that end with this process, even if it is killed (SIGKILL).
 
-Commands are tied on Linux only; elsewhere a process that is killed leaves them behind.  The start
-of a command takes some 15 ms longer.
+Commands are tied only on Linux; elsewhere a killed process leaves them running. Starting a command
+takes about 15 ms longer.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ _LINUX = sys.platform == "linux"
 def tied(command: Sequence[str], *, link: int = -1, group: bool = False) -> list[str]:
     """The command line that runs ``command`` as a child that ends with this process.
 
-    The kernel ends it when the *thread* that starts it ends: start it from one that lives longer.
-    ``group``: the command is started in a session of its own, and all of its process group ends.
-    ``link`` is for ``popen``.
+    The kernel ends it when the *thread* that started it ends, so start it from a long-lived thread.
+    With ``group``, the command gets its own session, and its whole process group ends. ``link`` is
+    for ``popen``.
     """
     if not _LINUX:
         return list(command)
@@ -35,15 +35,15 @@ def tied(command: Sequence[str], *, link: int = -1, group: bool = False) -> list
 
 
 def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> subprocess.Popen[Any]:
-    """``subprocess.Popen`` of a command that is ``tied``; ``group`` gives it a session of its own.
+    """``subprocess.Popen`` of a ``tied`` command; with ``group``, in its own session.
 
-    Returns when the command runs.  Raises what Popen raises if it cannot be started.
+    Returns when the command runs. Raises the exceptions of Popen if it cannot be started.
     """
     if not _LINUX:
         return subprocess.Popen(command, start_new_session=group, **options)
     name = command[0]
     ours, theirs = socket.socketpair()
-    with ours, theirs:  # if this is interrupted, the launcher gives up
+    with ours, theirs:  # if interrupted, the closed link makes the launcher exit
         link = theirs.fileno()
         process = subprocess.Popen(
             tied(command, link=link, group=group), pass_fds=(link,), **options
@@ -63,7 +63,7 @@ def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> sub
 
 
 def end_with_parent() -> None:
-    """In a process of multiprocessing, as its first act: it ends when its parent has ended."""
+    """Call first in a process of multiprocessing: makes it end when its parent ends."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Writes files atomically: completely or not at all."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from pathlib import Path
 from typing import BinaryIO
 
 _NOT_BESIDE = {errno.EACCES, errno.EPERM, errno.EROFS}
-"""The folder takes no new file; one that is there may be written all the same."""
+"""The folder does not allow new files, but an existing file may still be writable."""
 
 
 def write(path: Path, data: str | bytes, *, durable: bool = False) -> None:
-    """Write a file as ``writing`` does; text as UTF-8.  Raises OSError."""
+    """Write a file like ``writing``; text as UTF-8. Raises OSError."""
     with writing(path, durable=durable) as file:
         file.write(data.encode() if isinstance(data, str) else data)
 
 
 @contextmanager
 def writing(path: Path, *, durable: bool = False) -> Iterator[BinaryIO]:
-    """A file that becomes ``path`` at the end; if anything fails, ``path`` is as it was.
+    """A file that replaces ``path`` at the end; if anything fails, ``path`` is unchanged.
 
-    It is written beside it, under a name of its own, and renamed.  A symbolic link stays, and its
-    target is written.  Devices, pipes and what is open (/dev/stdout) are written directly, and so
-    is a file whose folder takes no new one.  ``durable``: it is on the disk on return.  Raises
+    It is written beside ``path`` under a unique name, then renamed. If ``path`` is a symbolic link,
+    its target is replaced. Devices, pipes and open files (/dev/stdout) are written directly, as are
+    files in a folder that allows no new ones. With ``durable``, it is on disk on return. Raises
     OSError.
     """
     target = _target(path)
@@ -47,7 +47,7 @@ def writing(path: Path, *, durable: bool = False) -> Iterator[BinaryIO]:
         except OSError as error:
             if error.errno != errno.EBUSY:
                 raise
-            target.write_bytes(new.read_bytes())  # a file that is mounted, as containers do
+            target.write_bytes(new.read_bytes())  # a bind-mounted file, as in containers
             new.unlink()
     except BaseException:
         with suppress(OSError):
@@ -56,7 +56,7 @@ def writing(path: Path, *, durable: bool = False) -> Iterator[BinaryIO]:
 
 
 def _target(path: Path) -> Path | None:
-    """The file that a path names, through links; None for what is to be written directly."""
+    """The file that a path names, through links; None if it must be written directly."""
     with suppress(FileNotFoundError):
         if not stat.S_ISREG(path.stat().st_mode):
             return None
@@ -68,8 +68,10 @@ def _target(path: Path) -> Path | None:
 
 
 def _beside(target: Path) -> Path | None:
-    """A new empty file in the folder of the target, with its permissions; None if there is no
-    place for it, and the target is there."""
+    """A new empty file in the folder of the target, with its permissions.
+
+    None if the folder allows no new file but the target exists.
+    """
     new = target.with_name(f".{target.name[:40]}.{secrets.token_hex(4)}.new")
     try:
         os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))

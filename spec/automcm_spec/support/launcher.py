@@ -1,11 +1,11 @@
-"""Becomes the command that it is given, as a child that ends with its parent (``children``).
+"""Executes a command as a child that ends with its parent (``children``).
 
     python -I -S launcher.py PARENT LINK GROUP COMMAND...
 
-PARENT is the process id of the parent; LINK a socket to it, or -1; GROUP is 1 for a command in a
-session of its own, all of whose process group ends.  Over the link comes a byte when the command
-may run, and the errno goes back if it cannot be started.
-Linux only.  It is run as a file, without any package.
+PARENT is the process id of the parent. LINK is a socket to it, or -1. GROUP is 1 to run the command
+in its own session and end its whole process group. The parent sends a byte over the link when the
+command may run; if it cannot be started, the errno is sent back. Linux only. It is run as a file,
+without any package.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ def _main() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     watched = _opened(parent) if group else None
     if os.getppid() != parent:
-        os._exit(_NOT_STARTED)  # it ended before the kernel was asked
+        os._exit(_NOT_STARTED)  # the parent ended before prctl
     if group:
         os.setsid()
     if watched is not None:
@@ -32,9 +32,9 @@ def _main() -> None:
     if link >= 0:
         os.set_inheritable(link, False)
         if not os.read(link, 1):
-            os._exit(_NOT_STARTED)  # the parent has given up
+            os._exit(_NOT_STARTED)  # the parent was interrupted
     for number in (signal.SIGPIPE, signal.SIGXFSZ):
-        signal.signal(number, signal.SIG_DFL)  # Python ignores them, and exec keeps that
+        signal.signal(number, signal.SIG_DFL)  # Python ignores them, and exec would keep that
     try:
         os.execvp(command[0], command)
     except OSError as problem:
@@ -54,10 +54,10 @@ def _opened(process: int) -> int | None:
 
 
 def _watch(parent: int) -> None:
-    """Leave a process in this group that kills the group when the parent ends.
+    """Start a process in this group that kills the group when the parent ends.
 
-    The kernel's signal reaches the leader alone.  The watcher is no child of the command, which
-    may wait for all of its children, and holds none of its pipes.
+    The kernel's signal reaches only the leader. The watcher is not a child of the command, which
+    may wait for all its children, and holds none of its pipes.
     """
     child = os.fork()
     if child:

@@ -1,4 +1,4 @@
-"""Pages of Markdown, made from templates of Jinja."""
+"""Markdown pages from Jinja templates."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 
 def page(template: Path, **values: Any) -> str:
-    """The page; a value that the template needs and is not given is an error of jinja2.
+    """The rendered page. A missing value raises an exception of jinja2.
 
-    Beside Jinja's own filters there is ``fmt``, Python's ``format``.
+    Besides Jinja's own filters there is ``fmt``, Python's ``format``.
     """
     environment = Environment(
         loader=FileSystemLoader(template.parent),

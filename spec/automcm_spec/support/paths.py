@@ -1,10 +1,10 @@
-"""Where data is that belongs to a package: the TLA+ modules, the models, the oracle."""
+"""The paths of a package's data: the TLA+ modules, the models, the oracle."""
 
 from pathlib import Path
 
 
 def data(name: str, package: Path) -> Path:
-    """The copy of a folder that a wheel carries, else the one beside ``package`` in a checkout."""
+    """The copy of a folder inside a wheel, or the folder beside ``package`` in a checkout."""
     packaged = package / "_data" / name
     return packaged if packaged.is_dir() else package.parent / name
 

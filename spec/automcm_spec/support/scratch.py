@@ -1,7 +1,7 @@
-"""Folders for a while, and locks between processes, in the user's own directory.
+"""Temporary folders and inter-process locks, in the user's own directory.
 
-That is ``automcm`` in $XDG_CACHE_HOME, else in ~/.cache.  Without a home that can be written, a
-temporary folder of this process is taken, and nothing is kept apart from other processes.
+The directory is ``automcm`` in $XDG_CACHE_HOME, or in ~/.cache. Without a writable home directory,
+a temporary folder of this process is used, and there is no locking between processes.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # where there is no flock, all is as without a home
+except ImportError:  # without flock, proceed as without a home directory
     fcntl = None  # type: ignore[assignment]
 
 
 def own() -> Path | None:
-    """The user's own directory, made with mode 0700 if need be; None if there is none."""
+    """The user's own directory, created with mode 0700 if necessary; None if there is none."""
     given, home = os.environ.get("XDG_CACHE_HOME", ""), os.environ.get("HOME", "")
     try:
         if os.path.isabs(given):
@@ -42,7 +42,7 @@ def own() -> Path | None:
 
 @contextmanager
 def alone(name: str) -> Iterator[None]:
-    """One process of the user at a time in here, by that name.  Its lock file stays."""
+    """A lock by name between the processes of the user. Its lock file stays."""
     folder = own()
     if folder is None:
         yield
@@ -56,7 +56,7 @@ def alone(name: str) -> Iterator[None]:
 def folder(name: str) -> Iterator[Path]:
     """A new folder, removed at the end.
 
-    What processes that were killed have left is removed at the first call.  Raises OSError.
+    The first call removes the folders of killed processes. Raises OSError.
     """
     base = own()
     if base is None:
@@ -64,7 +64,7 @@ def folder(name: str) -> Iterator[Path]:
             yield Path(private)
         return
     _sweep(base)
-    with alone("scratch"):  # or another process would take it for a left one before it is locked
+    with alone("scratch"):  # another process must not remove it before it is locked
         made = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=_scratch(base)))
         lock = os.open(made, os.O_RDONLY)
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -83,7 +83,7 @@ def _scratch(base: Path) -> Path:
 
 @cache
 def _sweep(base: Path) -> None:
-    """Remove the folders whose processes have ended: nobody holds their locks."""
+    """Remove the folders whose processes have ended, so that nobody holds their locks."""
     with alone("scratch"):
         for path in _scratch(base).iterdir():
             with suppress(OSError):

@@ -1,5 +1,5 @@
 """The protocol's values: messages, inputs, effects, timers, parameters, rules.
 
-Also the compiled station (``station``), which says what follows an input.
-Anything may import it; the reference only what architecture.md names.
+It includes the compiled station (``station``), which computes the outcome of an input. Any package
+may import it; the reference imports only the modules named in architecture.md.
 """

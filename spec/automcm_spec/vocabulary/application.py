@@ -1,6 +1,6 @@
-"""What passes between a station and its application: commands in, indications out.
+"""The interface between a station and its application: commands in, indications out.
 
-The application layer computes, verifies and drives trajectories; the station carries them.
+The application computes, verifies and drives trajectories; the station carries them.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Request(_Command):
 
 
 class Prescribe(_Command):
-    """The choice of a target (PRE-2), or the next proposal to it (NEG-7)."""
+    """Prescribe to the chosen target (PRE-2), or send it the next proposal (NEG-7)."""
 
     name: Literal["prescribe"] = "prescribe"
     session: Session
@@ -65,7 +65,7 @@ class Prescribe(_Command):
 
 
 class Proceed(_Command):
-    """Nobody is in the way: go alone (PRE-3)."""
+    """No station is in the way: maneuver alone (PRE-3)."""
 
     name: Literal["proceed"] = "proceed"
     session: Session
@@ -89,14 +89,14 @@ class Refuse(_Command):
 
 
 class Complete(_Command):
-    """The prescriber's maneuver is done (ACT-3)."""
+    """The prescriber's maneuver is complete (ACT-3)."""
 
     name: Literal["complete"] = "complete"
     session: Session
 
 
 class Abort(_Command):
-    """Break off, in any phase (END-1)."""
+    """Abort the session, in any phase (END-1)."""
 
     name: Literal["abort"] = "abort"
     session: Session
@@ -107,13 +107,16 @@ COMMAND: TypeAdapter[Command] = TypeAdapter(Annotated[Command, Field(discriminat
 
 
 class _Indication(BaseModel):
-    """What the application is told.  The fields are those of an adapter's line (docs/adapter.md),
-    but for the excluded ones, which a log has as well."""
+    """An indication to the application.
+
+    Its fields are those of the adapter protocol (docs/adapter.md), except the excluded ones, which
+    only a log contains.
+    """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     def as_dict(self) -> dict[str, Any]:
-        """As a log has it: its own fields, with messages whole."""
+        """The indication as logged: its own fields, with complete messages."""
         return {name: _json(getattr(self, name)) for name in type(self).model_fields}
 
 
@@ -124,7 +127,7 @@ def _json(value: Any) -> Any:
 
 
 class Choose(_Indication):
-    """The window is closed, these Intentions were recorded: choose (PRE-1)."""
+    """The window is closed and these Intentions were recorded: choose a target (PRE-1)."""
 
     name: Literal["choose"] = "choose"
     session: Session
@@ -133,19 +136,19 @@ class Choose(_Indication):
     @computed_field  # type: ignore[prop-decorator]
     @property
     def stations(self) -> tuple[StationId, ...]:
-        """Those recorded, ascending."""
+        """The recorded stations, in ascending order."""
         return tuple(sorted(intention.src for intention in self.intentions))
 
 
 class NoParticipants(_Indication):
-    """Nobody answered, which is not "the lane is free" (PRE-1)."""
+    """No station answered, which does not mean that the lane is free (PRE-1)."""
 
     name: Literal["no_participants"] = "no_participants"
     session: Session
 
 
 class Verify(_Indication):
-    """Is this safe? (NEG-1)"""
+    """Verify whether this proposal is safe (NEG-1)."""
 
     name: Literal["verify"] = "verify"
     session: Session
@@ -155,12 +158,12 @@ class Verify(_Indication):
     @computed_field  # type: ignore[prop-decorator]
     @property
     def prescribed(self) -> Trajectory:
-        """The trajectory."""
+        """The prescribed trajectory."""
         return self.prescription.prescribed
 
 
 class Undecided(_Indication):
-    """There was no verdict in time (NEG-3)."""
+    """The application gave no verdict in time (NEG-3)."""
 
     name: Literal["undecided"] = "undecided"
     session: Session
@@ -168,25 +171,25 @@ class Undecided(_Indication):
 
 
 class Accepted(_Indication):
-    """The proposal is accepted; ``lease_left_ms`` is left of the lease (NEG-6)."""
+    """The proposal is accepted; ``lease_left_ms`` of the lease remain (NEG-6)."""
 
     name: Literal["accepted"] = "accepted"
     session: Session
     proposal: Positive
     acceptance: Acceptance = Field(exclude=True)
     lease_left_ms: Natural = 0
-    """Filled in by the station, which has the clock."""
+    """Set by the station, which has the clock."""
 
     @computed_field  # type: ignore[prop-decorator]
     @property
     def selected(self) -> Trajectory:
-        """The trajectory that the receiver drives."""
-        assert self.acceptance.selected is not None, "an Acceptance that accepts has one"
+        """The trajectory that the receiver will drive."""
+        assert self.acceptance.selected is not None, "an accepting Acceptance has a trajectory"
         return self.acceptance.selected
 
 
 class Propose(_Indication):
-    """Refused for this reason: compute proposal ``proposal`` (NEG-7)."""
+    """The proposal was refused for this reason: compute proposal ``proposal`` (NEG-7)."""
 
     name: Literal["propose"] = "propose"
     session: Session
@@ -195,7 +198,7 @@ class Propose(_Indication):
 
 
 class Fallback(_Indication):
-    """The session is over for this reason: drive alone."""
+    """The session ended for this reason: drive alone."""
 
     name: Literal["fallback"] = "fallback"
     session: Session
@@ -203,21 +206,21 @@ class Fallback(_Indication):
 
 
 class Finished(_Indication):
-    """The session is over by Fin (ACT-3)."""
+    """The session ended with a Fin (ACT-3)."""
 
     name: Literal["finished"] = "finished"
     session: Session
 
 
 class Refused(_Indication):
-    """The command ``detail`` changed nothing (CMD-1)."""
+    """The command ``detail`` had no effect (CMD-1)."""
 
     name: Literal["refused"] = "refused"
     detail: str = Field(exclude=True)
 
 
 class Discarded(_Indication):
-    """A message broke the protocol; ``detail`` says how (END-5)."""
+    """A message broke the protocol; ``detail`` explains how (END-5)."""
 
     name: Literal["discarded"] = "discarded"
     detail: str = Field(exclude=True)

@@ -1,7 +1,7 @@
-"""How often each condition of Station.tla was true and false: coverage of the specification.
+"""Coverage of the specification: how often each condition of Station.tla was true and false.
 
-What counts is what a step, or the marks of a CAM, may ask; not what only the type invariant or the
-alphabet of the models asks.
+It counts the conditions that a step, or the marks of a CAM, may evaluate. Conditions that only the
+type invariant or the alphabet of the models evaluates do not count.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ BOTH = (False, True)
 
 
 class Reached(NamedTuple):
-    """What of CONDITIONS the roots may ask, in the order of the specification.
+    """The entries of CONDITIONS that the roots may evaluate, in the order of the specification.
 
-    A definition of LET may stand in several places of the source: of equal text at one line of an
-    operator, the first stands for all.
+    A LET definition may occur several times in the compiled source. Of occurrences with equal text
+    at the same line of an operator, the first represents all.
     """
 
     conditions: tuple[Condition, ...]
     rules: tuple[Condition, ...]
-    """Where a rule is named that decides."""
+    """The places where a rule is named as deciding."""
     first: dict[Condition, Condition]
     last_arms: frozenset[Condition]
-    """Of a CASE without OTHER: true, or TLC stops there."""
+    """The last arms of CASE expressions without OTHER. They must be true, otherwise TLC stops."""
 
     def values(self, condition: Condition) -> tuple[bool, ...]:
-        """Those that a condition can have."""
+        """The possible values of a condition."""
         return (True,) if condition in self.last_arms else BOTH
 
 
 @cache
 def reached() -> Reached:
-    """From the source of the compiled station."""
+    """The reachable conditions, from the source of the compiled station."""
     tree = ast.parse(Path(str(station.__file__)).read_text(encoding="utf-8"))
     methods = {
         node.name: node
@@ -54,18 +54,18 @@ def reached() -> Reached:
         for node in body.body
         if isinstance(node, ast.FunctionDef)
     }
-    asked, following = set[str](), list(ROOTS)
+    called, following = set[str](), list(ROOTS)
     while following:
         name = following.pop()
-        if name in methods and name not in asked:
-            asked.add(name)
+        if name in methods and name not in called:
+            called.add(name)
             following += [
                 node.attr
                 for node in ast.walk(methods[name])
                 if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "self"
             ]
-    own = [c for c in station.CONDITIONS if snake(c.operator) in asked]
-    last = {name: set(_last_arms(methods[name])) for name in asked}
+    own = [c for c in station.CONDITIONS if snake(c.operator) in called]
+    last = {name: set(_last_arms(methods[name])) for name in called}
     places: dict[Condition, Condition] = {}
     first = {c: places.setdefault(c._replace(node=0), c) for c in own}
     return Reached(
@@ -77,7 +77,7 @@ def reached() -> Reached:
 
 
 def _last_arms(method: ast.FunctionDef) -> Iterator[int]:
-    """The tests that are followed by NoArm only: as places in the order of ast.walk."""
+    """The tests followed only by NoArm, as indices in the order of ast.walk."""
     place = {id(node): n for n, node in enumerate(ast.walk(method))}
     for node in ast.walk(method):
         body = getattr(node, "body", [])
@@ -88,29 +88,30 @@ def _last_arms(method: ast.FunctionDef) -> Iterator[int]:
 
 @dataclass(slots=True)
 class ConditionCoverage:
-    """Counts the conditions that a recording station meets: ``recording(station, coverage.meet)``
+    """Counts the conditions evaluated by a recording station: ``recording(station, coverage.meet)``
     (automcm_spec.vocabulary.conditions)."""
 
     ways: Counter[tuple[Condition, bool]] = field(default_factory=Counter)
-    """How often a condition had a value; of a rule, how often it decided there."""
+    """How often a condition had a value; for a rule, how often it decided there."""
     times: int = 1
-    """How often what is asked now counts."""
+    """How many evaluations the current one counts for."""
 
     def meet(self, condition: Condition, value: bool, _: Callable[[], object]) -> bool:
-        """Count it (automcm_spec.vocabulary.conditions.Hook)."""
+        """Count an evaluation (a Hook of automcm_spec.vocabulary.conditions)."""
         self.ways[reached().first.get(condition, condition), value] += self.times
         return value
 
     def missing(self, condition: Condition) -> list[bool]:
-        """The values that a condition could have, and had not."""
+        """The possible values that a condition did not have."""
         return [value for value in reached().values(condition) if not self.ways[condition, value]]
 
     def both_ways(self) -> int:
-        """How many conditions had every value that they can have."""
+        """The number of conditions that had all their possible values."""
         return sum(not self.missing(c) for c in reached().conditions)
 
     def as_list(self) -> list[dict[str, str | int | None]]:
-        """Each condition with how often it was true and false; null where it cannot be."""
+        """Each condition with the number of times it was true and false; null for an impossible
+        value."""
         found: list[dict[str, str | int | None]] = []
         for c in reached().conditions:
             can_be = reached().values(c)
@@ -120,8 +121,8 @@ class ConditionCoverage:
 
 
 def lacking(coverage: ConditionCoverage) -> list[str]:
-    """A line for each condition that was ``never`` met or had only one value, and one for an
-    operator of which none was met."""
+    """A line for each condition that was ``never`` evaluated or had only one value, and one line
+    for an operator of which none was evaluated."""
     lines = []
     by_operator: dict[str, list[Condition]] = {}
     for c in reached().conditions:
@@ -137,11 +138,11 @@ def lacking(coverage: ConditionCoverage) -> list[str]:
 
 
 def annotated(coverage: ConditionCoverage) -> list[str]:
-    """The operators of Station.tla that a step asks, each line with what was taken of it.
+    """The operators of Station.tla that a step evaluates, each line with its coverage.
 
-    ``both``: every condition had each value that it can have; ``true``, ``false``: its condition
-    had that value only; ``part``: so has one that is named below; ``never``: not reached.  Of a
-    line without a condition that names a rule: ``met``, or ``never``.
+    ``both``: every condition had all its possible values; ``true``, ``false``: its condition had
+    only that value; ``part``: so had the conditions listed below it; ``never``: not reached. A line
+    without a condition that names a rule has ``met`` or ``never``.
     """
     conditions, deciding = _by_line(reached().conditions), _by_line(reached().rules)
     operators = {c.operator for c in (*reached().conditions, *reached().rules)}
@@ -157,7 +158,7 @@ def annotated(coverage: ConditionCoverage) -> list[str]:
                 met = any(coverage.ways[c, True] for c in deciding[number])
                 mark = "met" if met else "never"
             if mark in ("true", "false") and f"~{here[0].text}" in written:
-                mark = "part"  # the condition is what is negated
+                mark = "part"  # the line negates the condition
             lines.append(f"{mark:>5} {number:>4} {written}".rstrip())
             if mark == "part":
                 lines += [
@@ -175,7 +176,7 @@ def _by_line(conditions: Iterable[Condition]) -> dict[int, list[Condition]]:
 
 
 def _without_what_follows(text: str) -> list[str]:
-    """The lines of an operator without the comment before the next."""
+    """The lines of an operator, without the comment before the next operator."""
     lines = text.splitlines()
     while not lines[-1] or lines[-1].startswith(("(*", "\\*", "===")):
         lines.pop()
@@ -183,7 +184,7 @@ def _without_what_follows(text: str) -> list[str]:
 
 
 def _mark(coverage: ConditionCoverage, conditions: list[Condition]) -> str:
-    """What was taken of some conditions."""
+    """The coverage of some conditions as one word."""
     met = [[value for value in BOTH if coverage.ways[c, value]] for c in conditions]
     if not any(met):
         return "never"

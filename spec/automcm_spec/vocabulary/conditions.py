@@ -1,8 +1,7 @@
-"""What the compiled specification decides on the way: conditions, recorded and flipped.
+"""The conditions that the compiled specification evaluates, recorded and flipped.
 
-automcm_spec/vocabulary/station.py pays nothing for this.  ``recording`` makes a copy of a station
-out of the same source with a hook at every condition; the table ``CONDITIONS`` there says where
-they are.
+They cost nothing in automcm_spec/vocabulary/station.py. ``recording`` makes a copy of a station
+from the same source, with a hook at every condition; its table ``CONDITIONS`` lists their places.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ EMPTY: frozenset[Any] = frozenset()
 
 
 class NoArm(Exception):
-    """No arm of a CASE holds; TLC stops there."""
+    """No arm of a CASE holds; TLC would stop there."""
 
 
 def no_arm(where: str) -> NoReturn:
@@ -30,33 +29,34 @@ def no_arm(where: str) -> NoReturn:
 
 
 class Condition(NamedTuple):
-    """A truth value that the specification takes apart no further, or the id of a rule.
+    """An atomic condition of the specification, or the id of a rule.
 
-    ``kind`` is ``guard`` (of an IF that chooses what happens), ``case`` (of an arm of CASE),
-    ``part`` (inside a named condition, a set, a message) or ``rule``.
+    ``kind`` is ``guard`` (of an IF that chooses an outcome), ``case`` (of an arm of CASE), ``part``
+    (inside a named condition, a set or a message) or ``rule``.
     """
 
     operator: str
     line: int
-    """Of the module where the operator stands."""
+    """The line in the operator's module."""
     kind: str
     node: int
-    """Its place in the method: the number in the order of ast.walk."""
+    """Its index in the method, in the order of ast.walk."""
     text: str
-    """As the specification has it."""
+    """The text in the specification."""
 
 
 Values: TypeAlias = "tuple[tuple[str, Any], ...]"
-"""What stands in a condition, in TLA+, with its value: no records."""
+"""The TLA+ names and paths inside a condition with their values, without records."""
 Hook: TypeAlias = "Callable[[Condition, bool, Callable[[], Values]], bool]"
-"""Gets a condition, its value and, if asked at once, what stands in it; returns the value to go on
-with.  Of a rule the value is true, and nothing is done with what is returned."""
+"""Receives a condition, its value, and a function that returns the values inside it, which may be
+called only at once. Returns the value to use instead. For a rule the value is true, and the
+returned value is ignored."""
 S = TypeVar("S")
 T = TypeVar("T")
 
 
-class Taken(NamedTuple):
-    """A condition as it was met."""
+class Evaluated(NamedTuple):
+    """An evaluated condition."""
 
     condition: Condition
     value: bool
@@ -64,14 +64,14 @@ class Taken(NamedTuple):
 
 
 def recording(station: S, hook: Hook) -> S:
-    """A copy of a station that asks the hook at every condition.
+    """A copy of a station that calls the hook at every condition.
 
-    Raises TypeError for a station of a class that is not of the compiled module itself.
+    Raises TypeError if the station's class is not one of the compiled module.
     """
     made = type(station)
     module = sys.modules[made.__module__]
     if getattr(module, made.__name__, None) is not made or not hasattr(module, "CONDITIONS"):
-        raise TypeError(f"{made.__name__} is no class of a compiled module")
+        raise TypeError(f"{made.__name__} must be a class of the compiled module")
     recorded = copy(station)
     recorded.__class__ = _recording_class(made)  # type: ignore[arg-type]
     recorded._hook = hook  # type: ignore[attr-defined]
@@ -79,35 +79,35 @@ def recording(station: S, hook: Hook) -> S:
 
 
 def record(
-    station: S, ask: Callable[[S], T], flipped: Collection[Condition] = ()
-) -> tuple[T, list[Taken]]:
-    """What ``ask`` returns for the station, and the conditions met on the way.
+    station: S, query: Callable[[S], T], flipped: Collection[Condition] = ()
+) -> tuple[T, list[Evaluated]]:
+    """The result of ``query`` for the station, and the conditions evaluated on the way.
 
-    Those in ``flipped`` count as what they are not; ``value`` is what they are.
+    The conditions in ``flipped`` are negated; ``value`` is their value before that.
     """
-    taken: list[Taken] = []
+    evaluated: list[Evaluated] = []
 
     def hook(condition: Condition, value: bool, values: Callable[[], Values]) -> bool:
-        taken.append(Taken(condition, value, values()))
+        evaluated.append(Evaluated(condition, value, values()))
         return value is not (condition in flipped)
 
-    return ask(recording(station, hook)), taken
+    return query(recording(station, hook)), evaluated
 
 
-def in_the_way(
+def blocking_conditions(
     station: S,
-    ask: Callable[[S], T],
+    query: Callable[[S], T],
     wanted: Callable[[T], bool],
     most: int = 3,
     kind: str = "guard",
-) -> list[list[Taken]]:
-    """The fewest guards that would have to be otherwise for ``ask`` to return what is wanted.
+) -> list[list[Evaluated]]:
+    """The smallest sets of guards to negate so that ``query`` returns a wanted result.
 
-    All smallest choices of at most ``most``, each in the order in which the guards are met; [[]]
-    if it is what is returned anyway, [] if there is none.  ``kind`` is that of the conditions to
-    choose from: ``part`` for a question that no guard decides.
+    Returns all smallest sets of at most ``most`` guards, each in evaluation order; [[]] if the
+    result is wanted anyway, [] if there is no such set. ``kind`` is the kind of conditions to
+    choose from: ``part`` for a query that no guard decides.
     """
-    found: list[list[Taken]] = []
+    found: list[list[Evaluated]] = []
     tried: set[frozenset[Condition]] = {frozenset()}
     level = [frozenset[Condition]()]
     met: dict[Condition, None] = {}
@@ -123,9 +123,9 @@ def in_the_way(
         following: list[frozenset[Condition]] = []
         for flipped in level:
             met.clear()
-            if wanted(ask(hooked)):
-                _, taken = record(station, ask, flipped)
-                chosen = {t.condition: t for t in taken if t.condition in flipped}
+            if wanted(query(hooked)):
+                _, evaluated = record(station, query, flipped)
+                chosen = {t.condition: t for t in evaluated if t.condition in flipped}
                 found.append([chosen[c] for c in met if c in flipped])
             for condition in met if size < most and not found else ():
                 more = flipped | {condition}
@@ -138,16 +138,17 @@ def in_the_way(
     return found
 
 
-def decided_at(taken: list[Taken], rule: str) -> int:
-    """The line that gave the rule of an effect; 0 if none of these did."""
-    lines = (t.condition.line for t in reversed(taken))
-    said = (t.condition.kind == "rule" and t.condition.text == rule for t in reversed(taken))
-    return next((line for line, it in zip(lines, said, strict=True) if it), 0)
+def decided_at(evaluated: list[Evaluated], rule: str) -> int:
+    """The line that named the rule of an outcome; 0 if there is none."""
+    lines = (t.condition.line for t in reversed(evaluated))
+    is_rule = (t.condition.kind == "rule" and t.condition.text == rule for t in reversed(evaluated))
+    return next((line for line, it in zip(lines, is_rule, strict=True) if it), 0)
 
 
 @cache
 def _recording_class(made: type) -> type:
-    """A subclass that asks ``_hook`` at every condition: a method from its first call on."""
+    """A subclass that calls ``_hook`` at every condition; each method is compiled at its first
+    use."""
     module = sys.modules[made.__module__]
     rows: dict[str, dict[int, int]] = {}
     for row, condition in enumerate(module.CONDITIONS):
@@ -165,7 +166,7 @@ def _recording_class(made: type) -> type:
 
 
 class _Lazy:
-    """Stands for a method, or a cached property, until it is asked for."""
+    """Stands for a method or a cached property until its first use."""
 
     def __init__(self, name: str, method: Any, rows: dict[int, int], names: dict[str, Any]) -> None:
         self._name, self._method, self._rows, self._names = name, method, rows, names
@@ -186,7 +187,7 @@ class _Lazy:
 
 
 def _plain(name: str) -> str:
-    """The same for OnCamLoss and on_cam_loss."""
+    """A name without case and underscores: equal for OnCamLoss and on_cam_loss."""
     return name.replace("_", "").lower()
 
 
@@ -195,13 +196,13 @@ def _shown(*pairs: tuple[str, Any]) -> Values:
 
 
 class _Hooks(ast.NodeTransformer):
-    """Puts the hook around the nodes that are given with their rows."""
+    """Wraps the hook around the nodes listed in ``rows``."""
 
     def __init__(self, rows: dict[int, int]) -> None:
         self._rows = rows
 
     def visit(self, node: ast.AST) -> ast.AST:
-        """The node, or the hook with the node in it."""
+        """The node, or a call of the hook with the node."""
         row = self._rows.get(id(node))
         if row is None:
             return self.generic_visit(node)
@@ -219,8 +220,7 @@ class _Hooks(ast.NodeTransformer):
 
 
 def _terms(node: ast.AST, bound: Collection[str] = ("self",)) -> Iterator[tuple[str, str]]:
-    """The names and paths in a condition that do not depend on names bound in it: in TLA+, in
-    Python."""
+    """The names and paths in a condition, in TLA+ and in Python, without names bound inside it."""
     if isinstance(node, (ast.GeneratorExp, ast.SetComp)):
         bound = {
             *bound,

@@ -1,7 +1,7 @@
 """The JSON form of the specification's values, and back (docs/oracle.md).
 
-A NamedTuple or a tuple becomes a list, a set a sorted one.  Which class a list is read as follows
-from the annotations of automcm_spec.vocabulary.station.
+A NamedTuple or a tuple becomes a list, a set becomes a sorted list. The annotations of
+automcm_spec.vocabulary.station determine the class of a list when reading.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ Json = Any
 
 
 def canonical(value: Any) -> str:
-    """The text by which values are printed and sorted: of JSON, or of the specification."""
+    """The text by which values are printed and sorted: for JSON and for values of the
+    specification."""
     return json.dumps(value, separators=(",", ":"), default=_listed)
 
 
@@ -45,7 +46,7 @@ def to_json(value: Any) -> Json:
 
 
 def open_station(constants: Mapping[str, Json]) -> OpenStation:
-    """The compiled station with these constants of OpenStation, as a graph names them."""
+    """The compiled station with these constants of OpenStation, in the form of a graph."""
     given: dict[str, Any] = {
         snake(name): frozenset(value) if isinstance(value, list) else value
         for name, value in constants.items()
@@ -54,24 +55,24 @@ def open_station(constants: Mapping[str, Json]) -> OpenStation:
 
 
 def state(value: Json) -> State:
-    """The state of this JSON form."""
+    """The state with this JSON form."""
     made: State = _reader(State)(value)
     return made
 
 
 def message(value: Json) -> Message:
-    """The message of this JSON form."""
+    """The message with this JSON form."""
     made: Message = _reader(Message)(value)
     return made
 
 
 def sessions(value: Json) -> frozenset[Session]:
-    """The sessions of a list of them."""
+    """The set of the sessions in a list."""
     return frozenset(map(tuple, value))
 
 
 def timer(value: Json) -> Timer:
-    """The timer of this JSON form."""
+    """The timer with this JSON form."""
     name, *about = value
     if not about:
         return (name,)
@@ -80,7 +81,7 @@ def timer(value: Json) -> Timer:
 
 
 def input_of(value: Json) -> Input:
-    """The input of this JSON form.  Raises KeyError if there is no such kind."""
+    """The input with this JSON form. Raises KeyError for an unknown kind."""
     made: Input = _reader(_inputs()[value[0]])(value)
     return made
 
@@ -93,13 +94,13 @@ def _inputs() -> dict[str, Any]:
 
 @cache
 def _reader(annotation: Any) -> Callable[[Json], Any]:
-    """How a value with this annotation is read."""
+    """A function that reads values with this annotation."""
     if annotation == Timer:
         return timer
     args = get_args(annotation)
     if get_origin(annotation) is frozenset:
         (item,) = map(_reader, args)
-        # Equal sets of a graph are one object.
+        # Equal sets of a graph share one object.
         kept: dict[frozenset[Any], frozenset[Any]] = {}
 
         def of(value: Json) -> Any:

@@ -1,7 +1,7 @@
-"""JSON Schemas from the models: of the messages, and what those of a log and of the adapter share.
+"""JSON Schemas generated from the models: of messages, and the common parts of log and adapter
+schemas.
 
-``python -m automcm_spec.vocabulary.json_schema`` prints the first as it is committed in
-``messages.schema.json``.
+``python -m automcm_spec.vocabulary.json_schema`` prints the contents of ``messages.schema.json``.
 """
 
 from __future__ import annotations
@@ -16,38 +16,42 @@ from automcm_spec.vocabulary.messages import ANSWER_REASONS, MESSAGE, RefusalRea
 
 
 class Generator(GenerateJsonSchema):
-    """Pydantic's schema without titles and defaults.  A field whose default is None may be absent,
-    and is never null; one whose default is an empty list may be absent."""
+    """Pydantic's schema without titles and defaults.
+
+    A field with the default None may be absent but never null; a field with the default [] may be
+    absent.
+    """
 
     def field_title_should_be_set(self, schema: Any) -> bool:
-        """Never."""
+        """Always False."""
         return False
 
     def field_is_required(self, field: Any, total: bool) -> bool:
-        """Whether it stands in every object: pydantic means, whether Python wants it."""
+        """Whether the field is in every object; pydantic asks whether the constructor requires
+        it."""
         inner = field["schema"]
         return inner["type"] != "default" or inner.get("default", ...) not in (None, [])
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
-        """Without the default, and without null where that is the default."""
+        """The inner schema without the default, and without null if null is the default."""
         inner = self.generate_inner(schema["schema"])
         if schema.get("default", ...) is None:
             [inner] = [each for each in inner["anyOf"] if each != {"type": "null"}]
         return inner
 
     def computed_field_schema(self, schema: core_schema.ComputedField) -> JsonSchemaValue:
-        """As that of any other field."""
+        """The schema of an ordinary field."""
         return self.generate_inner(schema["return_schema"])
 
     def tagged_union_schema(self, schema: core_schema.TaggedUnionSchema) -> JsonSchemaValue:
-        """Without the discriminator, which is of OpenAPI and not of JSON Schema."""
+        """The schema without the discriminator, which belongs to OpenAPI and not to JSON Schema."""
         union = super().tagged_union_schema(schema)
         union.pop("discriminator", None)
         return union
 
 
 def document(name: str, title: str, generated: dict[str, Any]) -> dict[str, Any]:
-    """A whole schema: ``generated``, with the id ``urn:automcm:`` and this name."""
+    """A complete schema: ``generated``, with the id ``urn:automcm:`` and this name."""
     for definition in generated["$defs"].values():
         definition.pop("title", None)
     about = {"$schema": GenerateJsonSchema.schema_dialect, "$id": f"urn:automcm:{name}"}
@@ -55,12 +59,13 @@ def document(name: str, title: str, generated: dict[str, Any]) -> dict[str, Any]
 
 
 def text(schema: dict[str, Any]) -> str:
-    """A schema as committed: keys sorted, indented by two, a newline at the end."""
+    """A schema as committed: sorted keys, indented by two, a newline at the end."""
     return json.dumps(schema, indent=2, sort_keys=True) + "\n"
 
 
 def _forms() -> dict[str, list[dict[str, Any]]]:
-    """What belongs together in a message (END-5, END-6): it has exactly one of these forms."""
+    """Combinations of fields in a message (END-5, END-6): a message has exactly one of these
+    forms."""
     later = {"minimum": 1}
     answers = [reason for reason in get_args(RefusalReason) if reason in ANSWER_REASONS]
     others = [reason for reason in get_args(RefusalReason) if reason not in ANSWER_REASONS]
@@ -91,13 +96,13 @@ def _forms() -> dict[str, list[dict[str, Any]]]:
 def messages() -> dict[str, Any]:
     """The JSON Schema of a message.
 
-    What it cannot say stays with ``decode``: that 1.0 is no integer, how deep ``details`` may
-    nest, and how many bytes a message may have.
+    ``decode`` checks what it cannot express: that 1.0 is not an integer, the nesting depth of
+    ``details``, and the size of a message in bytes.
     """
     generated = MESSAGE.json_schema(schema_generator=Generator)
     for name, definition in generated["$defs"].items():
         if "dst" in definition.get("required", ()):
-            definition["required"].remove("dst")  # a broadcast has none
+            definition["required"].remove("dst")  # broadcasts omit it
         if name in _forms():
             definition["oneOf"] = _forms()[name]
     return document("message:1", "A message of AutoMCM, version 1, or a CAM", generated)

@@ -1,9 +1,9 @@
 """The seven messages, the CAM, and their JSON form (docs/protocol.md, section 2).
 
-Integers on the wire: millimetres, milliseconds, mm/s, milliradians.  A message that is
-broadcast has no ``dst`` on the wire; inside it is ``BROADCAST``.  The models are frozen and
-strict and refuse unknown fields, so whatever ``decode`` returns is well formed (END-5) and
-within the bounds of docs/messages.md.
+All numbers on the wire are integers: millimetres, milliseconds, mm/s, milliradians. A broadcast
+message has no ``dst`` on the wire and the value ``BROADCAST`` here. The models are frozen and
+strict and reject unknown fields. So every message that ``decode`` returns is well formed (END-5)
+and within the bounds of docs/messages.md.
 """
 
 from __future__ import annotations
@@ -26,39 +26,40 @@ from typing_extensions import TypeAliasType
 
 BROADCAST = 0
 LIMIT = 2**53 - 1
-"""The largest integer that every JSON reader holds exactly; the smallest is its negative."""
+"""The largest integer that every JSON reader represents exactly; the smallest is its negative."""
 MAX_BYTES = 65_507
-"""Bytes of the largest UDP datagram, and so of a message; no text has more characters."""
+"""The size of the largest UDP datagram, and so the maximum size of a message and length of a
+text."""
 MAX_MARKS = 255
-"""Sessions in a CAM: more than a station can be in and have Fins of in its outbox (MEM-1)."""
+"""The maximum number of sessions in a CAM: more than a station can name (MEM-1)."""
 MAX_DEPTH = 32
-"""How deep lists and objects may nest in ``details``, itself included."""
+"""The maximum nesting depth of lists and objects in ``details``, including itself."""
 
-Whole = Annotated[int, Field(ge=-LIMIT, le=LIMIT)]
+Integer = Annotated[int, Field(ge=-LIMIT, le=LIMIT)]
 Natural = Annotated[int, Field(ge=0, le=LIMIT)]
 Positive = Annotated[int, Field(ge=1, le=LIMIT)]
-# With the bound pydantic also refuses a text that is no Unicode (a lone surrogate).
+# With the bound, pydantic also rejects invalid Unicode (a lone surrogate).
 Text = Annotated[str, Field(max_length=MAX_BYTES)]
 StationId = Annotated[int, Field(ge=1, le=2**32 - 1)]
 Array = Strict(False)
-"""For a tuple, which stands as an array in JSON; its items stay strict."""
+"""For a tuple that is an array in JSON; its items stay strict."""
 Session = Annotated[tuple[StationId, Positive], Array]
 """A session is ``(prescriber's station_id, number)``."""
 
-Point = Annotated[tuple[Whole, Whole, Whole], Array]
+Point = Annotated[tuple[Integer, Integer, Integer], Array]
 Version = Annotated[int, Field(ge=1, le=1)]
-Plain = TypeAliasType("Plain", "Text | Whole | bool | list[Plain] | dict[Text, Plain]")
+Plain = TypeAliasType("Plain", "Text | Integer | bool | list[Plain] | dict[Text, Plain]")
 """JSON without floats and nulls."""
 
 
 def _details(value: Any) -> dict[str, Plain]:
-    """A copy of an object of ``Plain`` within the bounds; stops at the first fault.
+    """A copy of an object of ``Plain`` within the bounds; stops at the first error.
 
-    Not left to pydantic: its union copies what is below once for each level and choice, so one
-    bad value deep in many good ones kept it busy for seconds (END-5).
+    Pydantic's own validation would be slow: its union copies nested values once per level and
+    choice, so one invalid value deep inside takes seconds (END-5).
     """
     if type(value) is not dict:
-        raise _fault((), "an object is needed")
+        raise _fault((), "must be an object")
     copy: dict[str, Plain] = _plain(value, ())
     return copy
 
@@ -67,36 +68,38 @@ def _plain(value: Any, path: tuple[str | int, ...]) -> Any:
     kind = type(value)
     if kind is str:
         if len(value) > MAX_BYTES:
-            raise _fault(path, f"a text of more than {MAX_BYTES} characters")
+            raise _fault(path, f"must have at most {MAX_BYTES} characters")
         if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
-            raise _fault(path, "a text that is no Unicode")
+            raise _fault(path, "must be valid Unicode")
         return value
     if kind is int:
         if not -LIMIT <= value <= LIMIT:
-            raise _fault(path, f"an integer beyond {LIMIT}")
+            raise _fault(path, f"must be between -{LIMIT} and {LIMIT}")
         return value
     if kind is bool:
         return value
+    if kind is float:
+        raise _fault(path, f"must be an integer, not {value}")
     if kind is not dict and kind is not list:
-        what = {float: "a float", type(None): "null"}.get(kind, kind.__name__)
+        what = "null" if value is None else kind.__name__
         raise _fault(path, f"{what} is not allowed")
     if len(path) >= MAX_DEPTH:
-        raise _fault(path, f"nested more than {MAX_DEPTH} deep")
+        raise _fault(path, f"nested more than {MAX_DEPTH} levels deep")
     if kind is list:
         return [_plain(each, (*path, index)) for index, each in enumerate(value)]
     for name in value:
         if type(name) is not str:
-            raise _fault(path, "a name that is no text")
+            raise _fault(path, "a field name must be a string")
         _plain(name, path)
     return {name: _plain(each, (*path, name)) for name, each in value.items()}
 
 
 Fields: TypeAlias = Mapping[str, object]
-"""A message or a command as JSON has it, well formed or not."""
+"""The JSON fields of a message or a command, well formed or not."""
 
 
 def same(one: object, other: object) -> bool:
-    """Whether two values of JSON are equal, and of the same types: 1 is neither 1.0 nor true."""
+    """Whether two JSON values are equal and of equal types: 1 equals neither 1.0 nor true."""
     if type(one) is not type(other):
         return False
     if isinstance(one, dict) and isinstance(other, dict):
@@ -111,7 +114,7 @@ def _fault(path: tuple[str | int, ...], problem: str) -> PydanticCustomError:
 
 
 def fault(field: str, problem: str) -> PydanticCustomError:
-    """An error at ``field`` of what is being validated."""
+    """An error at ``field`` of the validated value."""
     return PydanticCustomError("fault", "{problem}", {"field": field, "problem": problem})
 
 
@@ -134,11 +137,12 @@ CancelReason = Literal[
     "closed",
 ]
 ANSWER_REASONS = frozenset({"busy", "unknown_session", "closed"})
-"""With these a message is an answer: sent once for each copy, seq 0, never acknowledged."""
+"""A message with one of these reasons is an answer: sent once per received copy, with seq 0, never
+acknowledged."""
 
 
 class MessageError(ValueError):
-    """Bytes that are no message; the text names the first offending field (END-5)."""
+    """Bytes that are not a message; the text names the first wrong field (END-5)."""
 
 
 class _Frozen(BaseModel):
@@ -146,14 +150,14 @@ class _Frozen(BaseModel):
 
 
 class Trajectory(_Frozen):
-    """Positions over time: ``t0`` in ms, points ``(dt_ms, x_mm, y_mm)``.  Opaque to the service."""
+    """Positions over time: ``t0`` in ms, points ``(dt_ms, x_mm, y_mm)``. Opaque to the service."""
 
-    t0: Whole
+    t0: Integer
     points: Annotated[tuple[Point, ...], Array] = Field(min_length=1, fail_fast=True)
 
 
 class MessageId(_Frozen):
-    """What an Ack acknowledges (END-6)."""
+    """The message that an Ack acknowledges (END-6)."""
 
     type: MessageType
     seq: Natural
@@ -168,7 +172,8 @@ class _Message(_Frozen):
 
 
 class Advertisement(_Message):
-    """prescriber → all: who is concerned?  Repeated, never acknowledged (ADV-2)."""
+    """Prescriber to all: asks which stations are concerned. Repeated, never acknowledged
+    (ADV-2)."""
 
     type: Literal["Advertisement"] = "Advertisement"
     scenario: Text
@@ -177,14 +182,14 @@ class Advertisement(_Message):
 
 
 class Intention(_Message):
-    """receiver → prescriber: what I plan to drive (ADV-3)."""
+    """Receiver to prescriber: the trajectory that the receiver plans to drive (ADV-3)."""
 
     type: Literal["Intention"] = "Intention"
     planned: Trajectory
 
 
 class Prescription(_Message):
-    """prescriber → target: drive this instead (PRE-2).  ``hold_ms`` is Δt1."""
+    """Prescriber to target: a trajectory to drive instead (PRE-2). ``hold_ms`` is Δt1."""
 
     type: Literal["Prescription"] = "Prescription"
     proposal: Positive
@@ -194,7 +199,7 @@ class Prescription(_Message):
 
 
 class Acceptance(_Message):
-    """receiver → prescriber: yes, or no and why (NEG-2 … NEG-5)."""
+    """Receiver to prescriber: accepts, or refuses with a reason (NEG-2 … NEG-5)."""
 
     type: Literal["Acceptance"] = "Acceptance"
     seq: Natural
@@ -206,22 +211,22 @@ class Acceptance(_Message):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.accepted != (self.reason is None):
-            raise fault("reason", "present if and only if not accepted")
+            raise fault("reason", "must be present if and only if not accepted")
         if self.accepted != (self.selected is not None):
-            raise fault("selected", "present if and only if accepted")
+            raise fault("selected", "must be present if and only if accepted")
         if (self.reason in ANSWER_REASONS) != (self.seq == 0):
-            raise fault("seq", "0 if and only if the reason is busy or unknown_session")
+            raise fault("seq", "must be 0 if and only if the reason is busy or unknown_session")
         return self
 
 
 class Fin(_Message):
-    """prescriber → target: the maneuver is done (ACT-3)."""
+    """Prescriber to target: the maneuver is complete (ACT-3)."""
 
     type: Literal["Fin"] = "Fin"
 
 
 class Cancel(_Message):
-    """either → the other: the session is over, and why (END-1, END-2)."""
+    """Either to the other: the session ended, with the reason (END-1, END-2)."""
 
     type: Literal["Cancel"] = "Cancel"
     seq: Natural
@@ -230,12 +235,12 @@ class Cancel(_Message):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.reason == "closed") != (self.seq == 0):
-            raise fault("seq", "0 if and only if the reason is closed")
+            raise fault("seq", "must be 0 if and only if the reason is closed")
         return self
 
 
 class Ack(_Message):
-    """either: I have received that message (END-6)."""
+    """Either to the other: acknowledges the receipt of a message (END-6)."""
 
     type: Literal["Ack"] = "Ack"
     seq: int = Field(default=0, ge=0, le=0)
@@ -243,16 +248,16 @@ class Ack(_Message):
 
 
 class Cam(_Frozen):
-    """The periodic position message, with the sessions its sender is in (ACT-2, ACT-5)."""
+    """The periodic position message, which names the sessions of its sender (ACT-2, ACT-5)."""
 
     v: Version = 1
     type: Literal["CAM"] = "CAM"
     src: StationId
     generation_ms: Natural
-    x_mm: Whole
-    y_mm: Whole
-    heading_mrad: Whole
-    speed_mm_s: Whole
+    x_mm: Integer
+    y_mm: Integer
+    heading_mrad: Integer
+    speed_mm_s: Integer
     marks: Annotated[tuple[Session, ...], Array] = Field(fail_fast=True, max_length=MAX_MARKS)
 
 
@@ -266,7 +271,7 @@ MESSAGE: TypeAdapter[Message | Cam] = TypeAdapter(
 
 
 def decode(data: bytes | str) -> Message | Cam:
-    """The message in ``data``.  Raises MessageError, naming the first field that is wrong."""
+    """The message in ``data``. Raises MessageError, naming the first wrong field."""
     try:
         message = MESSAGE.validate_json(data)
     except ValidationError as error:
@@ -276,7 +281,7 @@ def decode(data: bytes | str) -> Message | Cam:
         raise MessageError(f"{message.type}.{name}: Field required")
     for name in _OPTIONAL[type(message)]:
         if name in given and getattr(message, name) is None:
-            raise MessageError(f"{message.type}.{name}: null is not allowed: leave the field out")
+            raise MessageError(f"{message.type}.{name}: null is not allowed: omit the field")
     return message
 
 
@@ -285,7 +290,7 @@ _MODELS: tuple[type[_Frozen], ...] = (
     Cam,
 )
 _REQUIRED = {model: frozenset({"v", "seq"} & model.model_fields.keys()) for model in _MODELS}
-"""Fields that have a default here but not on the wire."""
+"""Fields that have a default here but are required on the wire."""
 _OPTIONAL = {
     model: tuple(name for name, field in model.model_fields.items() if field.default is None)
     for model in _MODELS
@@ -294,12 +299,12 @@ _OPTIONAL = {
 
 
 def missing(message: Message | Cam) -> frozenset[str]:
-    """Fields that every message has on the wire and this one was made without."""
+    """Fields that are required on the wire but were not given for this message."""
     return _REQUIRED[type(message)] - message.model_fields_set
 
 
 def from_dict(fields: dict[str, Any]) -> Message | Cam:
-    """The message with these fields, as Python values.  Raises MessageError as ``decode``."""
+    """The message with these fields, as Python values. Raises MessageError like ``decode``."""
     try:
         return MESSAGE.validate_python(fields)
     except ValidationError as error:
@@ -307,7 +312,8 @@ def from_dict(fields: dict[str, Any]) -> Message | Cam:
 
 
 def refusal(error: ValidationError, *outer: str) -> MessageError:
-    """What pydantic found first, as a MessageError; ``outer`` is where the value stands."""
+    """The first error of pydantic as a MessageError; ``outer`` is the path of the validated
+    value."""
     first = error.errors(include_url=False, include_input=False)[0]
     within = first.get("ctx", {}).get("field")
     place = ".".join(
@@ -317,19 +323,19 @@ def refusal(error: ValidationError, *outer: str) -> MessageError:
 
 
 def short(place: str, problem: str) -> str:
-    """One line of at most 200 printable characters, whatever the sender wrote."""
+    """One line of at most 200 printable characters, whatever the input contains."""
     text = f"{place}: {problem}"
     text = text if len(text) <= 200 else text[:199] + "…"
     return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def encode(message: Message | Cam) -> bytes:
-    """Canonical compact JSON: field order of the model, absent fields left out."""
+    """Canonical compact JSON: fields in the order of the model, absent fields omitted."""
     return message.__pydantic_serializer__.to_json(message, exclude=_absent(message))
 
 
 def to_dict(message: Message | Cam) -> dict[str, Any]:
-    """The JSON object of a message, as Python values."""
+    """A message as a JSON object of Python values."""
     return message.model_dump(mode="json", exclude=_absent(message))
 
 

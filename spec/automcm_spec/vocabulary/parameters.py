@@ -1,9 +1,8 @@
-"""The parameters of a station, the times that follow from them, and the order in which timers fire
-(docs/protocol.md, section 3).
+"""The parameters of a station, the derived times, and the firing order of timers (docs/protocol.md,
+section 3).
 
-The formulas are the same in milliseconds and in the ticks of TimedSystem.tla.  They serve a
-station, which knows all parameters, the kit, which gives them to one, and a log, whose header may
-leave some out.
+The formulas are the same in milliseconds and in the ticks of TimedSystem.tla. They serve a station,
+which knows all parameters; the kit, which sets them; and a log, whose header may lack some.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import Final, Literal
 
 Unit = Literal["ms", "percent", "count"]
 Known = Mapping[str, int]
-"""Parameters and derived times by name, as far as they are known."""
+"""Known parameters and derived times by name."""
 Formula = Callable[[Known], int]
 
 
@@ -35,11 +34,11 @@ def _derived(formula: Formula) -> int:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Parameters:
-    """What a station is configured with, and the times derived from it.  Defaults: Table I of the
-    paper where it has them.
+    """The configuration of a station, and the times derived from it.
 
-    Raises ParameterError for what is no integer or out of its bounds, an ``outbox_limit`` that
-    leaves no room (MEM-1), and a ``backoff_max`` below ``backoff_min``.
+    Defaults are those of Table I of the paper where it has them. Raises ParameterError for a value
+    that is not an integer or out of bounds, for an ``outbox_limit`` that is too small (MEM-1), and
+    for a ``backoff_max`` below ``backoff_min``.
     """
 
     t_timeout: int = _given(2000, "ms", "from the first to the last sending of a message, at most")
@@ -69,7 +68,7 @@ class Parameters:
                 object.__setattr__(self, row.name, about["formula"](known))
             known[row.name] = value = getattr(self, row.name)
             if type(value) is not int:
-                raise ParameterError(f"{row.name}: an integer is needed, not {value!r}")
+                raise ParameterError(f"{row.name}: must be an integer, not {value!r}")
             if row.init and not about["least"] <= value <= about["most"]:
                 bound = f"at most {about['most']}" if value > about["most"] else ""
                 bound = bound or f"at least {about['least']}"
@@ -80,11 +79,11 @@ class Parameters:
                 "outbox_limit: must exceed max_participants and max_rounds (MEM-1)"
             )
         if self.backoff_max < self.backoff_min:
-            raise ParameterError("backoff_max: below backoff_min")
+            raise ParameterError("backoff_max: must be at least backoff_min")
 
     @property
     def known(self) -> dict[str, int]:
-        """All of them by name, the derived ones too."""
+        """All parameters and derived times by name."""
         return {name: getattr(self, name) for name in UNITS}
 
 
@@ -96,9 +95,9 @@ DERIVED: Final[dict[str, Formula]] = {
 }
 UNITS: Final[dict[str, Unit]] = {row.name: row.metadata["unit"] for row in fields(Parameters)}
 LIMITS: Final = tuple(name for name, unit in UNITS.items() if unit == "count")
-"""Those that the rules look at: the constants of Station.tla, in its order."""
+"""The parameters that the rules use: the constants of Station.tla, in its order."""
 IN_HEADER: Final = tuple(n for n in UNITS if n not in ("t_cam", "backoff_min", "backoff_max"))
-"""Those that the header of a log may hold."""
+"""The parameters that the header of a log may contain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +105,13 @@ class TimerRow:
     """One kind of timer."""
 
     rank: int
-    """Of timers due together the one of the lower rank fires first, of one rank the older."""
+    """Of timers due at the same time, the one with the lowest rank fires first; of equal rank, the
+    oldest."""
     rule: str
-    """The rule that is broken if it expires too early or too late."""
+    """The rule that an early or late expiry violates."""
     lasts: Callable[[Known], int | None] | None = None
-    """None: a lease, or what counts from joining; see below.  A back-off of one length alone is
-    known before it is over."""
+    """The duration. None for a lease and for a forget timer, which depend on the session (see
+    below). The duration of a back-off is known only if its minimum and maximum are equal."""
 
 
 TIMERS: Final = {
@@ -134,26 +134,26 @@ TIMERS: Final = {
     ),
 }
 ADVERTISED_RANK = 2
-"""Of the resend timer of an Advertisement."""
+"""The rank of an Advertisement's resend timer."""
 
 
 def rank(name: str, advertises: bool) -> int:
-    """The rank of a timer; ``advertises``: it is of an Advertisement."""
+    """The rank of a timer; ``advertises`` means that it belongs to an Advertisement."""
     return ADVERTISED_RANK if advertises else TIMERS[name].rank
 
 
 def longest_delay(p: Known) -> int:
-    """D, how long a copy is under way at most."""
+    """D, the maximum delay of a copy."""
     return p["t_resend"] // 2
 
 
 def in_header(p: Known) -> dict[str, int]:
-    """Of these parameters those that the header of a log may hold."""
+    """Those of these parameters that the header of a log may contain."""
     return {name: value for name, value in p.items() if name in IN_HEADER}
 
 
 def derived(p: Known) -> dict[str, int]:
-    """The derived times of parameters that are all known."""
+    """The derived times; all parameters must be known."""
     known = dict(p)
     for name, formula in DERIVED.items():
         known[name] = formula(known)
@@ -161,7 +161,7 @@ def derived(p: Known) -> dict[str, int]:
 
 
 def durations(p: Known) -> dict[str, int | None]:
-    """How long timers last, by name; None if that is not known, or has no formula."""
+    """The duration of each timer by name; None if it is unknown or has no formula."""
     return {name: _lasts(row, p) for name, row in TIMERS.items()}
 
 
@@ -173,9 +173,10 @@ def _lasts(row: TimerRow, p: Known) -> int | None:
 
 
 def lease_lasts(clock_drift: int, role: str, lease_ms: int) -> int:
-    """How long the lease timer lasts, ms, with the lease of a Prescription (ACT-4).
+    """The duration of the lease timer in ms, for the lease of a Prescription (ACT-4).
 
-    The prescriber's is shorter by what its clock may lose meanwhile, and 1 ms for rounding.
+    The prescriber's is shorter by the maximum clock drift during the lease, and by 1 ms for
+    rounding.
     """
     if role != "prescriber" or clock_drift == 0:
         return lease_ms
@@ -184,12 +185,13 @@ def lease_lasts(clock_drift: int, role: str, lease_ms: int) -> int:
 
 
 def forgotten_at(p: Known, joined: int, now: int) -> int:
-    """When forget(p) expires if the session that was joined then is left now (ADV-8)."""
+    """The time at which forget(p) expires, if the session joined at ``joined`` ends at ``now``
+    (ADV-8)."""
     return max(joined + p["t_advertise"] + p["t_life"], now + p["t_life"])
 
 
 def longest_session(p: Known, role: str, lease: int) -> int:
-    """How long a session lasts at most (T-1), if the longest of its leases is this."""
+    """The maximum duration of a session (T-1), where ``lease`` is the longest of its leases."""
     decide, rounds = p["t_decide"], p["max_rounds"]
     if role == "prescriber":
         one = min(lease, 2 * p["t_giveup"] + decide)

@@ -1,4 +1,4 @@
-"""Every step of a compiled station from every state that it reaches: for few ids, low limits."""
+"""All steps of a compiled station from all reachable states, for few ids and low limits."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Step: TypeAlias = tuple[State, Input, Outcome]
 
 
 def steps(station: OpenStation, recorded: OpenStation | None = None) -> Iterator[Step]:
-    """Each state with each input that is offered there, and what follows.
+    """Each reachable state with each input offered there, and the outcome.
 
-    ``recorded`` is asked instead, if there is one (automcm_spec.vocabulary.conditions.recording).
+    ``recorded``, if given, computes the outcomes (automcm_spec.vocabulary.conditions.recording).
     """
-    asked = recorded or station
+    stepper = recorded or station
     given = [i for i in station.alphabet if not isinstance(i, Expire)]
     seen, following = {station.initial}, [station.initial]
     while following:
@@ -23,7 +23,7 @@ def steps(station: OpenStation, recorded: OpenStation | None = None) -> Iterator
         expiries = [Expire("expire", timer) for timer in station.armed(station.me, st)]
         for i in (*given, *expiries):
             if station.offered(st, i):
-                outcome = asked.step(station.me, st, i)
+                outcome = stepper.step(station.me, st, i)
                 yield st, i, outcome
                 if outcome.st not in seen:
                     seen.add(outcome.st)

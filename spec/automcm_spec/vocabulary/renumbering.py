@@ -1,4 +1,4 @@
-"""The specification's values with other ids of stations."""
+"""Replaces station ids in values of the specification."""
 
 from __future__ import annotations
 
@@ -18,26 +18,27 @@ from automcm_spec.vocabulary.station import (
 )
 
 Rename = Callable[[Session], Session]
-"""What a session becomes.  A station becomes the prescriber of what its session 1 becomes."""
+"""Maps a session to a session. A station maps to the prescriber of the session that its session 1
+maps to."""
 
 
 def station(p: int, to: Rename) -> int:
-    """A station under its other id."""
+    """A station with its new id."""
     return to((p, 1))[0]
 
 
 def entry(e: Entry, to: Rename) -> Entry:
-    """An entry of the outbox."""
+    """An outbox entry with new ids."""
     return e._replace(to=station(e.to, to), session=to(e.session))
 
 
 def message(m: Message, to: Rename) -> Message:
-    """A message."""
+    """A message with new ids."""
     return m._replace(src=station(m.src, to), dst=station(m.dst, to), session=to(m.session))
 
 
 def timer(t: Timer, to: Rename) -> Timer:
-    """A timer."""
+    """A timer with new ids."""
     match t:
         case (name, Entry() as e):
             return name, entry(e, to)
@@ -47,7 +48,7 @@ def timer(t: Timer, to: Rename) -> Timer:
 
 
 def state(st: State, to: Rename) -> State:
-    """The state of a station."""
+    """A state with new ids."""
     return st._replace(
         session=to(st.session),
         recorded=frozenset(station(p, to) for p in st.recorded),
@@ -59,7 +60,7 @@ def state(st: State, to: Rename) -> State:
 
 
 def input_of(i: Input, to: Rename) -> Input:
-    """An input."""
+    """An input with new ids."""
     match i:
         case Receive(message=m):
             return i._replace(message=message(m, to))

@@ -1,4 +1,4 @@
-"""The rules by id, and where Station.tla states them (docs/protocol.md)."""
+"""The rules by id, and their places in Station.tla (docs/protocol.md)."""
 
 from __future__ import annotations
 
@@ -51,26 +51,26 @@ RULES: dict[str, str] = {
     "MSG-1": "what is addressed to another is dropped silently",
     "MEM-1": "memory is bounded: outbox, participants, sessions remembered",
 }
-"""Every rule, and what it says in one line."""
+"""Every rule, in one line."""
 
 NO_GRAPH: dict[str, str] = {
     "ACT-1": "reference/tests/test_station.py::test_act_1_one_trajectory_is_handed_over_and_kept",
     "END-5 (malformed bytes)": "reference/tests/test_station.py::test_end_5_malformed_bytes",
 }
-"""What no graph of one station can show, and the test that shows it."""
+"""The rules that no graph of one station can show, with the tests that show them."""
 
 OPERATOR = re.compile(r"^(\w+)(?:\([^=]*\))? +==", re.MULTILINE)
-"""Where an operator of a module is defined, and its name."""
+"""Matches the definition of an operator; group 1 is its name."""
 _EXPIRED = {
     **{name: f"On{name.capitalize()}" for name in ("resend", "decide", "hold", "forget")},
     **{"advertise": "OnAdvertiseEnd", "giveup": "GiveUpEntry", "cam": "OnCamLoss"},
 }
-"""The operator that a timer goes to, if it is not OnExpiry."""
+"""The operator that handles a timer, if it is not OnExpiry."""
 
 
 @cache
 def _lines(tla: Path) -> list[tuple[int, str, str]]:
-    """(line number, operator, text) of every line of Station.tla."""
+    """Line number, operator and text of every line of Station.tla."""
     operator, lines = "", []
     for number, text in enumerate((tla / "Station.tla").read_text().splitlines(), 1):
         if match := OPERATOR.match(text):
@@ -80,7 +80,7 @@ def _lines(tla: Path) -> list[tuple[int, str, str]]:
 
 
 def handler(i: Input) -> str:
-    """The operator of Station.tla that an input goes to first."""
+    """The operator of Station.tla that first handles an input."""
     match i:
         case Receive(message=message):
             return "On" + message.type
@@ -92,7 +92,7 @@ def handler(i: Input) -> str:
 
 
 def kind(i: Input) -> str:
-    """What sort of input it is: ``receive Fin``, ``command abort``, ``restart``."""
+    """The kind of an input: ``receive Fin``, ``command abort``, ``restart``."""
     match i:
         case Receive(message=message):
             return f"receive {message.type}"
@@ -106,20 +106,20 @@ def kind(i: Input) -> str:
 
 
 def line(rule: str, i: Input, tla: Path = TLA) -> int:
-    """The line of Station.tla where ``rule`` decides input ``i``; 0 if it is nowhere."""
+    """The line of Station.tla where ``rule`` decides input ``i``; 0 if there is none."""
     where, wanted = _deciding(rule, tla), handler(i)
     return next((n for n, operator in where if operator == wanted), where[0][0] if where else 0)
 
 
 @cache
 def _deciding(rule: str, tla: Path) -> list[tuple[int, str]]:
-    """Where Station.tla names a rule: line and operator."""
+    """The lines of Station.tla that name a rule, with their operators."""
     return [(n, operator) for n, operator, text in _lines(tla) if f'"{rule}"' in text]
 
 
 @cache
 def operators(tla: Path) -> dict[str, tuple[int, str]]:
-    """Of every operator of Station.tla the line where it begins, and its text."""
+    """Each operator of Station.tla: its first line, and its text."""
     found: dict[str, tuple[int, list[str]]] = {}
     for number, operator, text in _lines(tla):
         found.setdefault(operator, (number, []))[1].append(text)
@@ -127,5 +127,5 @@ def operators(tla: Path) -> dict[str, tuple[int, str]]:
 
 
 def cited(text: str) -> set[str]:
-    """The rule ids that a text names."""
+    """The rule ids in a text."""
     return set(re.findall(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM)-\d\b", text))

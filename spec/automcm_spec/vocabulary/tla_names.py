@@ -1,4 +1,4 @@
-"""Names of TLA+ as names of Python."""
+"""Converts TLA+ names to Python names."""
 
 import keyword
 import re
@@ -22,7 +22,7 @@ _TAKEN = {
 
 
 def snake(name: str) -> str:
-    """OnCamLoss is on_cam_loss."""
+    """The snake-case name: on_cam_loss for OnCamLoss."""
     return _free(re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower())
 
 

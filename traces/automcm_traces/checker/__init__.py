@@ -1,5 +1,5 @@
-"""Follows one station's log on the specification, to its end or to where it diverges.
+"""Checks one station's log against the specification, up to its end or the first divergence.
 
-For the log tools, and for the kit's monitor of a scenario.
-Everything above imports it; it imports ``format`` alone.
+Used by the log tools and by the kit's scenario monitor. Every subpackage above imports it; it
+imports only ``format``.
 """

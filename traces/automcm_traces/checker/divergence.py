@@ -1,7 +1,7 @@
-"""Why a log diverges: the nearest thing that was allowed, the guard in the way, what else fits.
+"""Explains a divergence: the nearest allowed behaviour, the blocking guard, other possible causes.
 
-The compiled specification is asked what would have to be otherwise in it for what the log says
-(``automcm_spec.vocabulary.conditions``).
+It searches for the conditions of the compiled specification that would have to be different to
+allow the logged event (``automcm_spec.vocabulary.conditions``).
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from automcm_spec.vocabulary.conditions import Condition, Taken, in_the_way, record
+from automcm_spec.vocabulary.conditions import Condition, Evaluated, blocking_conditions, record
 from automcm_spec.vocabulary.messages import Ack, Cam, Fields, Message
 from automcm_spec.vocabulary.rules import handler
 from automcm_spec.vocabulary.station import Entry, Expire, Input, Outcome, Station, Timer
 from automcm_traces.checker.finding import Diverges, Why
 from automcm_traces.checker.input_alphabet import SOMEBODY, alphabet
 from automcm_traces.checker.track import (
-    NOTHING_TOLD,
+    NO_INDICATION,
     NUMBERED,
     PHASES,
     ROLES,
@@ -26,33 +26,34 @@ from automcm_traces.checker.track import (
 )
 from automcm_traces.format.log import ForgetTimer, MessageKey, MessageTimer, Part
 
-Words = tuple[str, ...]
-"""Something that a station does: ``("send", "Acceptance", "refused", "busy")``, ``("indication",
-"verify")``, ``("arm", "hold")``, ``("phase", "WAITING")``; or ``("without", …)``."""
+Action = tuple[str, ...]
+"""An effect or state of a station: ``("send", "Acceptance", "refused", "busy")``, ``("indication",
+"verify")``, ``("arm", "hold")``, ``("phase", "WAITING")``; or the lack of one: ``("without",
+…)``."""
 MOST = 8
-"""Inputs that are named."""
+"""The maximum number of inputs listed."""
 KINDS = ("expire", "command", "receive", "cam", "restart")
-"""Of inputs, in the order in which they are named."""
+"""The kinds of input, in listing order."""
 
 
 def why(d: Diverges, track: Track) -> Why:
-    """What is known of a divergence of a station that was in the state of ``track``."""
-    told, wanted = Why(d.finding.why.guard, state=_state(track)), _wanted(d)
+    """Explain a divergence of a station that was in the state of ``track``."""
+    known, wanted = Why(d.finding.why.guard, state=_state(track)), _wanted(d)
     if not wanted or wanted == ("send", "CAM"):
-        return told
+        return known
     question = Question(track, d.step.given, d.step.content) if d.step else Question(track)
     seen = d.seen[1] if d.seen is not None else ""
     if wanted[0] == "expire" and isinstance(seen, Part):
         timer = timer_of(track, seen)
         if timer is None or not (nearest := question.unarmed(timer)):
-            return told
+            return known
         phases = question.arms(timer) if len(timer) == 1 else []
         into = (f"a step into {', '.join(phases)}",) if phases else ()
-        return replace(told, nearest=nearest, causes=into)
+        return replace(known, nearest=nearest, causes=into)
     if d.step is not None and (nearest := question.nearest(d.step.input, wanted)):
-        return replace(told, nearest=nearest)
+        return replace(known, nearest=nearest)
     if wanted[0] == "without" or wanted[1] in track.state[:2]:
-        return told
+        return known
     named: set[int] = set()
     dst: object = 0
     match seen:
@@ -64,23 +65,25 @@ def why(d: Diverges, track: Track) -> Why:
     near = sorted(alphabet(track, named), key=_order)
     causes = question.causes(near, wanted, dst)
     nearest = "" if causes else Question(track).elsewhere(near, wanted)
-    return replace(told, nearest=nearest, causes=causes, of_last_input=False)
+    return replace(known, nearest=nearest, causes=causes, of_last_input=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """The guards between a station and what was observed, and what would follow without them."""
+    """The guards that block the observed event, and the outcome without them."""
 
     outcome: Outcome
-    guards: list[Taken]
-    """In the order in which they are met, with the values of what is inside them."""
+    guards: list[Evaluated]
+    """The guards in evaluation order, with the values inside them."""
     distance: tuple[bool, bool, int]
-    """What makes another one better: it is smaller."""
+    """The sort key: the block with the smallest distance is the best."""
 
 
 class Question:
-    """Asks the specification about a station; ``given`` is the message received, if one was, and
-    ``content`` what the application gave."""
+    """Queries to the specification about one state of a station.
+
+    ``given`` is the received message, if any, ``content`` the content from the application.
+    """
 
     def __init__(
         self, track: Track, given: Message | Cam | None = None, content: Fields | None = None
@@ -90,32 +93,32 @@ class Question:
         for name in ("seq", "reason"):
             value = getattr(given, name, (content or {}).get(name))
             self._given |= {} if value is None else {name: value}
-        if isinstance(given, Ack):  # one not logged names nothing
+        if isinstance(given, Ack):  # an unlogged Ack names nothing
             self._given |= {"of": f"{given.of.type} seq={given.of.seq}", "of[2]": given.of.seq}
         self._station = Station(track.max_rounds, *track.limits)
 
-    def nearest(self, i: Input, wanted: Words) -> str:
-        """How this input could have led to what is wanted; empty if it never does."""
+    def nearest(self, i: Input, wanted: Action) -> str:
+        """How this input could have led to the wanted action; empty if it never does."""
         block = self._block(i, wanted, 3)
-        return "" if block is None else self._told(block, i, wanted)
+        return "" if block is None else self._nearest_text(block, i, wanted)
 
     def unarmed(self, timer: Timer) -> str:
-        """What keeps a timer from being armed; empty if nothing does that the state decides."""
+        """The conditions that keep a timer from being armed; empty if the state decides none."""
         me, st = self._track.me, self._track.state
 
-        def ask(station: Station) -> frozenset[Timer]:
+        def query(station: Station) -> frozenset[Timer]:
             return station.armed(me, st)
 
-        found = in_the_way(self._station, ask, lambda armed: timer in armed, kind="part")
+        found = blocking_conditions(self._station, query, lambda armed: timer in armed, kind="part")
         if not found or not found[-1]:
             return ""
         flipped = {t.condition for t in found[-1]}
-        guards = _with_values(record(self._station, ask, flipped)[1], flipped)
+        guards = _with_values(record(self._station, query, flipped)[1], flipped)
         to = handler(Expire("expire", timer))
         return f"nearest allowed: expire {short(timer)} ({to}) {self._blocked(guards, to)}"
 
     def arms(self, timer: Timer) -> list[str]:
-        """The phases in which this timer is armed, whatever else the state is."""
+        """The phases in which this timer can be armed."""
         me, st = self._track.me, self._track.state
         other = [
             st._replace(phase=phase, role=role, deciding=deciding)
@@ -125,9 +128,11 @@ class Question:
         ]
         return sorted({each.phase for each in other if timer in self._station.armed(me, each)})
 
-    def causes(self, near: Sequence[Input], wanted: Words, dst: object) -> tuple[str, ...]:
-        """Which of these inputs would have led to what is wanted, at most ``MOST``: first those
-        that change something.  ``dst`` is whom a message must go to."""
+    def causes(self, near: Sequence[Input], wanted: Action, dst: object) -> tuple[str, ...]:
+        """Those of these inputs that would have led to the wanted action, at most ``MOST``.
+
+        Inputs that change something come first. ``dst`` is the required addressee of a message.
+        """
         me, st = self._track.me, self._track.state
         found: list[tuple[bool, str]] = []
         for i in near:
@@ -138,54 +143,59 @@ class Question:
         found.sort(key=lambda one: one[0])
         return tuple(dict.fromkeys(text for _, text in found))[:MOST]
 
-    def elsewhere(self, near: Sequence[Input], wanted: Words) -> str:
-        """Which of these inputs comes nearest to what is wanted, and what blocks it; empty if
-        nothing does, or more than two guards."""
+    def elsewhere(self, near: Sequence[Input], wanted: Action) -> str:
+        """Which of these inputs comes nearest to the wanted action, and the guards that block it.
+
+        Empty if none does, or if more than two guards block it.
+        """
         for most in range(3):
             blocks = [(b, i) for i in near if (b := self._block(i, wanted, most))]
             if blocks:
                 block, i = min(blocks, key=lambda found: found[0].distance)
-                return self._told(block, i, wanted, f" by {_input(i)},") if most else ""
+                return self._nearest_text(block, i, wanted, f" by {_input(i)},") if most else ""
         return ""
 
-    def _block(self, i: Input, wanted: Words, most: int) -> Block | None:
-        """The fewest guards; of several choices not one for want of memory (MEM-1) or by a message
-        that breaks the protocol (END-5), and the one that gets as far as possible."""
+    def _block(self, i: Input, wanted: Action, most: int) -> Block | None:
+        """The smallest set of blocking guards.
+
+        Of several sets, those that involve the memory limits (MEM-1) or a message that breaks the
+        protocol (END-5) come last; then the one whose first guard is evaluated latest comes first.
+        """
         me, st = self._track.me, self._track.state
 
-        def ask(station: Station) -> Outcome:
+        def query(station: Station) -> Outcome:
             return station.step(me, st, i)
 
         blocks = []
-        for choice in in_the_way(self._station, ask, lambda o: _does(wanted, o), most):
+        for choice in blocking_conditions(self._station, query, lambda o: _does(wanted, o), most):
             flipped = {t.condition for t in choice}
-            outcome, taken = record(self._station, ask, flipped)
-            first = next((n for n, t in enumerate(taken) if t.condition in flipped), 0)
+            outcome, evaluated = record(self._station, query, flipped)
+            first = next((n for n, t in enumerate(evaluated) if t.condition in flipped), 0)
             broken = any(t.condition.operator == "OnMessage" for t in choice)
             distance = outcome.rule == "MEM-1", broken, -first
-            blocks.append(Block(outcome, _with_values(taken, flipped), distance))
+            blocks.append(Block(outcome, _with_values(evaluated, flipped), distance))
         return min(blocks, key=lambda block: block.distance, default=None)
 
-    def _told(self, block: Block, i: Input, wanted: Words, by: str = "") -> str:
+    def _nearest_text(self, block: Block, i: Input, wanted: Action, by: str = "") -> str:
         to = handler(i)
         what = f"nearest allowed: {block.outcome.rule} {' '.join(wanted)} ({to}){by}"
         if not block.guards:
             return f"{what}, but not in this form, or not again"
         return f"{what} {self._blocked(block.guards, to)}"
 
-    def _blocked(self, guards: Sequence[Taken], to: str) -> str:
+    def _blocked(self, guards: Sequence[Evaluated], to: str) -> str:
         return "blocked " + "; and ".join(f"by guard {self._guard(t, to)}" for t in guards)
 
-    def _guard(self, taken: Taken, to: str) -> str:
-        operator, line, _, _, text = taken.condition
+    def _guard(self, evaluated: Evaluated, to: str) -> str:
+        operator, line, _, _, text = evaluated.condition
         inside = f" of {operator}" if operator != to else ""
-        must = "must not hold" if taken.value else "must hold"
-        values = [f"{name} = {self._value(name, value)}" for name, value in taken.values]
+        must = "must not hold" if evaluated.value else "must hold"
+        values = [f"{name} = {self._value(name, value)}" for name, value in evaluated.values]
         shown = f": {', '.join(values)}" if values else ""
         return f"{text}{inside}, which {must}{shown}  Station.tla:{line}"
 
     def _value(self, name: str, value: object) -> str:
-        """A value as the log has it, where it has it."""
+        """A value in the form of the log, if it has one."""
         record_, _, field = name.rpartition(".")
         value = self._given.get(field, value) if record_ == "m" else value
         if field in ("target", "dst", "to") and value == 0:
@@ -214,11 +224,11 @@ class Question:
         return f"{e.type} to {e.to} session={self._plain(e.session)}{number} seq={sent}"
 
 
-def _with_values(taken: Sequence[Taken], flipped: set[Condition]) -> list[Taken]:
-    """Those of the conditions that were flipped, with the values of the parts met on the way to
-    each: what is inside of the operators that it names."""
+def _with_values(evaluated: Sequence[Evaluated], flipped: set[Condition]) -> list[Evaluated]:
+    """The flipped conditions, each with the values of the parts evaluated before it: these show
+    what is inside the operators that it names."""
     found, inside = [], dict[str, object]()
-    for t in taken:
+    for t in evaluated:
         inside |= {name: value for name, value in t.values if _lasting(name)}
         if t.condition in flipped:
             found.append(t._replace(values=tuple((dict(t.values) | inside).items())))
@@ -232,11 +242,11 @@ def _lasting(name: str) -> bool:
     return name[0].isupper() or name.split(".")[0] in ("st", "m", "c", "i")
 
 
-# -- what is observed, and what is done
+# -- the observed event, and the effects of an input
 
 
-def _wanted(d: Diverges) -> Words:
-    """What the log has instead of what must come, or the first thing that it lacks."""
+def _wanted(d: Diverges) -> Action:
+    """The logged event that is not expected, or the first expected effect that is missing."""
     match d.seen:
         case ("send", {**m}):
             return ("send", *_message(m.get))
@@ -254,11 +264,11 @@ def _wanted(d: Diverges) -> Words:
     for op, pool in (("arm", step.arm), ("stop", step.stop)):
         if pool:
             return ("without", op, short(pool[0]))
-    return ("without", "indication", *step.told[:1])
+    return ("without", "indication", *step.indications[:1])
 
 
 def _message(get: Callable[[str], object]) -> Iterator[str]:
-    """A message in words, by its fields."""
+    """The words for a message, from its fields."""
     yield str(get("type"))
     if get("type") == "Acceptance":
         yield "accepted" if get("accepted") else "refused"
@@ -266,8 +276,9 @@ def _message(get: Callable[[str], object]) -> Iterator[str]:
         yield str(get("reason"))
 
 
-def _does(wanted: Words, outcome: Outcome) -> bool:
-    """Whether this is what is wanted; less words are a question about all that begins so."""
+def _does(wanted: Action, outcome: Outcome) -> bool:
+    """Whether an outcome includes the wanted action; a shorter action matches all that begin with
+    it."""
     if wanted[0] == "without":
         return not _does(wanted[1:], outcome)
     return any(
@@ -277,10 +288,10 @@ def _does(wanted: Words, outcome: Outcome) -> bool:
     )
 
 
-def _done(outcome: Outcome) -> Iterator[Words]:
+def _done(outcome: Outcome) -> Iterator[Action]:
     for m in outcome.out:
         yield ("send", *_message(m._asdict().get))
-    if outcome.told != NOTHING_TOLD:
+    if outcome.told != NO_INDICATION:
         yield ("indication", *outcome.told)
     yield ("phase", outcome.st.phase)
     yield ("role", outcome.st.role)
@@ -289,12 +300,12 @@ def _done(outcome: Outcome) -> Iterator[Words]:
 
 
 def _order(i: Input) -> tuple[int, str]:
-    """The same for every run."""
+    """A fixed sort key."""
     return KINDS.index(i.kind), repr(i)
 
 
 def _input(i: Input) -> str:
-    """An input in words, without what seldom matters."""
+    """An input as text, without details that seldom matter."""
     match i.kind:
         case "receive":
             m = i.message
@@ -316,7 +327,7 @@ def _station(p: int) -> str:
 
 
 def _state(t: Track) -> str:
-    """A station in one line, only what is not empty."""
+    """A station's state on one line, without empty fields."""
     st = t.state
     words = [st.phase]
     if t.session is not None:

@@ -1,8 +1,7 @@
-"""Follows a station's log on the compiled specification, event by event.
+"""Checks a station's log against the compiled specification, event by event.
 
-Of an input (a message, a command, an expiry) the specification says what must follow; what the log
-says followed is held against that.  Kinds of event that the log does not promise are not missed
-where they are missing.
+The specification computes the effects of each input (a message, a command, an expiry). They are
+compared with the logged effects. Events of a kind that the log does not promise may be absent.
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ from automcm_spec.vocabulary.rules import RULES
 from automcm_spec.vocabulary.station import Input, Outcome, State, Station
 from automcm_traces.checker.finding import Diverges, Late, Seen, Supposition
 from automcm_traces.checker.track import (
-    NOTHING_TOLD,
+    NO_INDICATION,
     RESTARTED,
-    Asked,
     CannotTell,
     Limits,
+    SpecInput,
     Step,
     Track,
     armed_name,
@@ -32,8 +31,8 @@ from automcm_traces.checker.track import (
     lift,
     marked_and_newer,
     match,
+    mismatch,
     named,
-    off,
     received,
     short,
     timer_name,
@@ -52,23 +51,23 @@ from automcm_traces.format.log import (
     typed,
 )
 
-NOTHING = "nothing more"
-"""What a step wants that has all that it calls for."""
+NOTHING = "no further effect"
+"""The expected effect of a step whose effects have all been observed."""
 REMEMBERED = 20_000
-"""Answers of the specification that are kept in memory."""
-QUIET = 1000
-"""Senders of CAMs whose question is remembered."""
+"""The maximum number of answers of the specification kept in memory."""
+NO_OP_CAMS = 1000
+"""The maximum number of cached steps for CAMs that change nothing."""
 
 
 class Specification:
-    """The compiled station, and its answers: kept until there are too many, then it starts anew."""
+    """The compiled station with a cache of its answers, which is cleared when it is full."""
 
     def __init__(self, *limits: int) -> None:
         self._station = Station(*limits)
         self._answers: dict[tuple[int, State, Input], tuple[Outcome, bool]] = {}
 
     def answer(self, me: int, st: State, i: Input) -> tuple[Outcome, bool]:
-        """What ``Step`` says, and whether the state stays as it is."""
+        """The outcome of ``Step``, and whether the state stays the same."""
         found = self._answers.get((me, st, i))
         if found is None:
             if len(self._answers) >= REMEMBERED:
@@ -79,33 +78,30 @@ class Specification:
 
 
 specification = cache(Specification)
-"""With these rounds, participants, outbox and memory, for every log that has them."""
+"""The ``Specification`` for these rounds, participants, outbox and memory, shared by all logs."""
 
 
 class Malformed(NamedTuple):
-    """A message that is no input of the specification: only ``discarded`` follows (END-5)."""
+    """A malformed message, no input of the specification: it causes only ``discarded`` (END-5)."""
 
     line: int
-    must: bool
-    """Whether it must be reported."""
+    must_report: bool
+    """Whether the station must report it."""
     why: str
     reported: bool = False
 
 
 class Deadline(NamedTuple):
-    """When an armed timer expires, in ms of the station's clock: not before ``first``, and at
-    ``last`` at the latest; None if that is not known."""
+    """When an armed timer expires, in ms of the station's clock: not before ``first``, at the
+    latest at ``last``, which is None if unknown."""
 
     first: int
     last: int | None
 
 
 class Engine:
-    """Follows one station's log.
-
-    A timer may expire up to ``late_ms`` after its deadline, by default half of t_resend: what
-    section 3 allows a copy to be under way.
-    """
+    """Checks one station's log. A timer may expire up to ``late_ms`` after its deadline, by default
+    half of t_resend, the longest delay of a copy (docs/protocol.md, section 3)."""
 
     def __init__(self, header: Header, late_ms: int | None = None) -> None:
         p = header.known
@@ -118,40 +114,40 @@ class Engine:
         self._specification = specification(self.track.max_rounds, *limits)
         self.timers: dict[Timer, Deadline] = {}
         self.since_ms = 0
-        """The time of the last event but CAMs: what was not observed happened later."""
+        """The time of the last event other than a CAM; unobserved inputs happened later."""
         self.observer: Callable[[Step, Track], None] | None = None
-        """Called after each step is complete, with the station as it is then."""
+        """Called after each complete step, with the station after it."""
         self.step: Step | None = None
-        """The last input and what is still expected to follow it; None after ``finish``."""
-        self.odd: Malformed | None = None
-        """The last input, if it is a message that is malformed."""
-        self._quiet: dict[tuple[int, bool, bool], Step] = {}
-        """CAMs that change nothing as the station is: by sender, marked, newer."""
+        """The last input and the effects still expected; None after ``finish``."""
+        self.malformed: Malformed | None = None
+        """The last input, if it was a malformed message."""
+        self._no_op_cams: dict[tuple[int, bool, bool], Step] = {}
+        """Steps for CAMs that change nothing in the current state, by sender, marked, newer."""
 
     def copy(self) -> Self:
-        """The same, to go on from here on its own."""
+        """A copy that can continue independently."""
         other = self.__class__.__new__(self.__class__)
         other.__dict__.update(self.__dict__)
         other.track = self.track.copy()
         other.timers = dict(self.timers)
-        other._quiet = {}
+        other._no_op_cams = {}
         other.step = None if self.step is None else self.step.copy()
         return other
 
-    # -- what may follow, for who drives a station and writes its log meanwhile
+    # -- the expected effects, for callers that drive a station while they write its log
 
     @property
     def states(self) -> int:
-        """How many states of the specification are possible: one, if nothing is unseen."""
+        """The number of possible states of the specification, always 1 here."""
         return 1
 
     @property
     def only_if(self) -> tuple[Supposition, ...]:
-        """What must have happened unseen for the log to be allowed."""
+        """The unobserved events without which the log would not be allowed, none here."""
         return ()
 
     def takes(self, fields: Fields) -> bool:
-        """Whether the current step calls for this message to be sent."""
+        """Whether the current step expects this message to be sent."""
         step, m = self.step, typed(fields)
         if step is None or isinstance(m, list | Cam):
             return False
@@ -160,7 +156,7 @@ class Engine:
 
     def timers_to_change(self) -> tuple[list[Timer], list[tuple[Timer, int | None]]]:
         """The timers that the current step still stops, and those that it arms, each with its
-        duration in ms: None for backoff, forget, and what the header does not tell.
+        duration in ms: None for backoff and forget, and if the header lacks the parameter.
 
         They are named as in a log, so the messages of the step must have been fed before.
         """
@@ -175,7 +171,7 @@ class Engine:
         )
 
     def outstanding(self) -> list[str]:
-        """What the last input calls for, the log promises to hold, and has not come yet."""
+        """The missing effects of the last input, of the kinds that the log promises."""
         step = self.step
         if step is None:
             return []
@@ -183,13 +179,13 @@ class Engine:
         if "timer" in self.promised:
             missing += [f"arm {short(t)}" for t in step.arm]
             missing += [f"stop {short(t)}" for t in step.stop]
-        missing += [f"indication {t}" for t in step.told if "indication" in self.promised]
+        missing += [f"indication {t}" for t in step.indications if "indication" in self.promised]
         return missing
 
     # -- events
 
     def feed(self, at: int, event: Event) -> None:
-        """The next event.  Raises Diverges, CannotTell."""
+        """Check the next event. Raises Diverges, CannotTell."""
         match event:
             case Send(message=message) if message["type"] == "CAM":
                 self.finish()
@@ -202,8 +198,8 @@ class Engine:
             case TimerArm() | TimerEnd(op="stop"):
                 self._timer_changed(at, event)
             case ApplicationIndication():
-                self._told(at, event)
-            case Restart():  # what was due before is lost (END-8)
+                self._indicated(at, event)
+            case Restart():  # timers that were due before are lost (END-8)
                 self.finish()
                 self._input(at, event)
             case _:
@@ -216,22 +212,23 @@ class Engine:
             self._phase_is(at, event)
 
     def finish(self) -> None:
-        """No more effects of the last input: what is still expected is missing."""
-        step, odd = self.step, self.odd
-        self.odd = None
-        if odd is not None and odd.must and "indication" in self.promised:
-            text = "receive a malformed message: not everything followed"
-            raise Diverges(odd.line, text, "END-5", ["indication discarded"], _by("END-5"))
+        """End the last step. Raises Diverges if expected effects are missing."""
+        step, malformed = self.step, self.malformed
+        self.malformed = None
+        if malformed is not None and malformed.must_report and "indication" in self.promised:
+            text = "receive a malformed message: effects are missing"
+            raise Diverges(malformed.line, text, "END-5", ["indication discarded"], _by("END-5"))
         if step is None:
             return
-        missing = self.outstanding() if step.messages or step.arm or step.stop or step.told else []
+        left = step.messages or step.arm or step.stop or step.indications
+        missing = self.outstanding() if left else []
         if missing:
-            text = f"{step.what}: not everything followed"
+            text = f"{step.what}: effects are missing"
             raise Diverges(step.at, text, step.rule, missing, step.guard, step)
-        if step.messages:  # the log may lack it; but then its seq is not known
-            raise CannotTell(f"line {step.at}: the log does not hold: send {step.messages[0]}")
+        if step.messages:  # allowed to be missing, but then its seq is unknown
+            raise CannotTell(f"line {step.at}: the log does not contain: send {step.messages[0]}")
         if "timer" not in self.promised:
-            self._timers_as_told(step)
+            self._assume_timers(step)
         self.step = None
         self._lift(step)
         if self.observer is not None:
@@ -242,7 +239,7 @@ class Engine:
         if step.input[0] == "restart":
             self.timers = {k: d for k, d in self.timers.items() if k.name == "quarantine"}
         if step.changes or step.sent:
-            self._quiet.clear()
+            self._no_op_cams.clear()
         after = step.after
         if after is not t.state or step.sent:
             was = t.state.phase
@@ -251,10 +248,10 @@ class Engine:
             if prescribed and t.state.phase == "NEGOTIATING" != was:
                 t.lease_ms = m.lease_ms if isinstance(m, Prescription) else 0
         if step.input.kind == "cam" and step.changes:
-            t.heard_ms = m.generation_ms if isinstance(m, Cam) else t.heard_ms or 0
+            t.last_cam_ms = m.generation_ms if isinstance(m, Cam) else t.last_cam_ms or 0
 
     def _phase_is(self, at: int, event: Event) -> None:
-        """Phase and role after the step, where the log has them, are those of the specification."""
+        """Check the phase and the role after the step, where the log states them."""
         step = self.step
         wanted = (self.track.state if step is None else step.after)[:2]
         found = event.phase, event.role
@@ -262,7 +259,7 @@ class Engine:
             if is_ is not None and is_ != should:
                 rule, guard = self._last_rule()
                 wants = [f"{name} {should}"]
-                text = f"{name} {is_}{'' if step else self._but_odd()}"
+                text = f"{name} {is_}{'' if step else self._malformed_note()}"
                 raise Diverges(at, text, rule, wants, guard, step, (name, is_))
 
     # -- inputs
@@ -270,34 +267,35 @@ class Engine:
     def _input(self, at: int, event: Event) -> None:
         match event:
             case Receive(message=None):
-                self.odd = Malformed(at, False, "raw bytes")
+                self.malformed = Malformed(at, False, "raw bytes")
             case Receive(message=dict(fields)):
                 m = typed(fields)
-                if isinstance(m, list):  # END-5: nothing may follow but "discarded"
+                if isinstance(m, list):  # END-5: the only effect is "discarded"
                     mine = fields.get("dst", self.track.me) == self.track.me
-                    self.odd = Malformed(at, mine, ": ".join(m[0]))
+                    self.malformed = Malformed(at, mine, ": ".join(m[0]))
                 elif isinstance(m, Cam):
                     self._cam_received(at, event, m)
                 else:
-                    self._ask(at, event.t_ms, event, received(self.track, event, m))
+                    self._begin_step(at, event.t_ms, event, received(self.track, event, m))
             case TimerEnd(timer=timer):
                 self._expired(at, event, timer)
             case ApplicationCommand(command=command):
-                self._ask(at, event.t_ms, event, commanded(command))
+                self._begin_step(at, event.t_ms, event, commanded(command))
             case _:
-                self._ask(at, event.t_ms, event, RESTARTED)
+                self._begin_step(at, event.t_ms, event, RESTARTED)
 
     def _cam_received(self, at: int, event: Receive, m: Cam) -> None:
-        """A CAM.  Most change nothing, and then the same one again is no new question."""
+        """A received CAM. Most change nothing, so the step of an equal CAM is reused."""
         key = m.src, *marked_and_newer(self.track, m)
-        k, t_ms = self._quiet.get(key), event.t_ms
+        k, t_ms = self._no_op_cams.get(key), event.t_ms
         if k is None:
-            step = self._ask(at, t_ms, event, received(self.track, event, m))
-            if not step.changes and len(self._quiet) < QUIET:
-                self._quiet[key] = step
+            step = self._begin_step(at, t_ms, event, received(self.track, event, m))
+            if not step.changes and len(self._no_op_cams) < NO_OP_CAMS:
+                self._no_op_cams[key] = step
             return
-        parts = k.input, k.what, k.rule, k.after, False, k.says, k.messages, k.arm, k.stop, k.told
-        self.step = Step(at, t_ms, event, *parts, m, k.content, t_ms)
+        decided = k.input, k.what, k.rule, k.after, False, k.indication
+        effects = k.messages, k.arm, k.stop, k.indications
+        self.step = Step(at, t_ms, event, *decided, *effects, m, k.content, t_ms)
 
     def _expired(self, at: int, event: Event, timer: Timer) -> None:
         what, rule = f"expire {timer_name(timer)}", TIMERS[timer.name].rule
@@ -305,7 +303,7 @@ class Engine:
         seen = ("expire", timer)
         if deadline is None:
             armed = ", ".join(sorted(map(armed_name, self.timers)))
-            wanted = [f"one of the armed: {armed or 'none'}"]
+            wanted = [f"an armed timer: {armed or 'none is armed'}"]
             raise Diverges(at, f"{what}: not armed", rule, wanted, "", None, seen)
         if event.t_ms < deadline.first:
             early = f"{what}: {deadline.first - event.t_ms} ms too early"
@@ -315,10 +313,10 @@ class Engine:
         if question is None:
             gone = f"{what}: no such message in the outbox"
             raise Diverges(at, gone, "END-6", [], "", None, seen)
-        self._ask(at, event.t_ms, event, question)
+        self._begin_step(at, event.t_ms, event, question)
 
-    def _ask(self, at: int, t_ms: int, event: Event | None, question: Asked) -> Step:
-        """An input, and what must follow it."""
+    def _begin_step(self, at: int, t_ms: int, event: Event | None, question: SpecInput) -> Step:
+        """Begin the step of an input: work out its expected effects."""
         t, value, given = self.track, question.value, question.given
         found, stays = self._specification.answer(t.me, t.state, value)
         step = self.step = Step(
@@ -333,9 +331,9 @@ class Engine:
             found.told,
             [expected(t, m, value, given) for m in sorted(found.out)],
             sorted(found.arm),
-            # After a restart everything stops, whether the log says so or not.
+            # A restart stops every timer, logged or not.
             sorted(found.stop) if value.kind != "restart" else [],
-            [] if found.told == NOTHING_TOLD else [found.told[0]],
+            [] if found.told == NO_INDICATION else [found.told[0]],
             given,
             question.content,
             t_ms,
@@ -345,11 +343,10 @@ class Engine:
     # -- effects
 
     def _current(self, at: int, t_ms: int, event: str, seen: Seen) -> Step:
-        """The step that an effect belongs to.  The first effect tells when an unseen input was:
-        less than late_ms before."""
+        """The step of an effect. The first effect bounds the time of an unobserved input."""
         step = self.step
         if step is None:
-            text = f"{event}: nothing called for it{self._but_odd()}"
+            text = f"{event}: no input calls for it{self._malformed_note()}"
             rule, guard = self._last_rule()
             raise Diverges(at, text, rule, [], guard, None, seen)
         if step.unseen:
@@ -361,22 +358,22 @@ class Engine:
             step.unseen, step.since_ms = False, first
         return step
 
-    def _but_odd(self) -> str:
-        """That nothing follows from the last message, if it is malformed."""
-        if self.odd is None:
+    def _malformed_note(self) -> str:
+        """A note that the last message is malformed and has no effect; empty if it is not."""
+        if self.malformed is None:
             return ""
-        return f"; the message of line {self.odd.line} is malformed ({self.odd.why})"
+        return f"; the message of line {self.malformed.line} is malformed ({self.malformed.why})"
 
     def _last_rule(self) -> tuple[str, str]:
-        """The rule that decided the last input, and what it says; empty if nothing was decided."""
+        """The rule that decided the last input, and its guard text; both empty if there is none."""
         if self.step is not None:
             return self.step.rule, self.step.guard
-        return ("END-5", _by("END-5")) if self.odd is not None else ("", "")
+        return ("END-5", _by("END-5")) if self.malformed is not None else ("", "")
 
     def _sent(self, at: int, t_ms: int, fields: Fields) -> None:
         event, seen = f"send {fields['type']} to {fields.get('dst', 'all')}", ("send", fields)
         step, m = self._current(at, t_ms, event, seen), typed(fields)
-        assert not isinstance(m, Cam), "feed gives those to _cam_sent"
+        assert not isinstance(m, Cam), "feed passes CAMs to _cam_sent"
         problems: list[tuple[int, str]] = []
         for e in step.messages:
             problem: str | None
@@ -388,14 +385,15 @@ class Engine:
                 step.fresh += bool(e.k and e.copy_of is None)
                 return
             if e.type == fields["type"]:
-                problems.append((off(e, fields), problem))
+                problems.append((mismatch(e, fields), problem))
         least, problem = min(problems, key=lambda p: p[0], default=(0, None))
         why = f" ({problem})" if problem else ""
         wanted = self.outstanding() or [NOTHING]
         raise Diverges(at, f"{event}{why}", step.rule, wanted, step.guard, step, seen, least)
 
     def _cam_sent(self, at: int, fields: Fields) -> None:
-        """ACT-5: the marks are the bound session and those whose Fin is still being sent."""
+        """Check a sent CAM (ACT-5): it marks the session and those whose Fin is still being
+        sent."""
         m, wanted, rule, wants = typed(fields), self.track.marks, "ACT-5", list[str]()
         if isinstance(m, list):
             text, rule = f"send CAM ({': '.join(m[0])})", "END-5"
@@ -408,22 +406,22 @@ class Engine:
             return
         raise Diverges(at, text, rule, wants, _by(rule), None, ("send", fields))
 
-    def _told(self, at: int, event: ApplicationIndication) -> None:
-        name = event.indication.name
-        may_be_odd = (self.odd and not self.odd.reported) or "receive" not in self.promised
-        if self.step is None and name == "discarded" and may_be_odd:
-            self.odd = self.odd and self.odd._replace(must=False, reported=True)
+    def _indicated(self, at: int, event: ApplicationIndication) -> None:
+        name, m = event.indication.name, self.malformed
+        may_be_reported = (m and not m.reported) or "receive" not in self.promised
+        if self.step is None and name == "discarded" and may_be_reported:
+            self.malformed = m and m._replace(must_report=False, reported=True)
             return
         seen = ("indication", name)
         step = self._current(at, event.t_ms, f"indication {name}", seen)
-        if name not in step.told:
-            wanted = self.outstanding() or step.told or [NOTHING]
+        if name not in step.indications:
+            wanted = self.outstanding() or step.indications or [NOTHING]
             text = f"indication {name}"
             raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
-        step.told.remove(name)
+        step.indications.remove(name)
         fields = event.indication.model_extra or {}
         if name == "fallback" and "reason" in fields:
-            reason = step.says[1]
+            reason = step.indication[1]
             if reason == "as_sent":
                 given = step.content.get("reason", fields["reason"])
                 reason = getattr(step.given, "reason", None) or str(given)
@@ -456,13 +454,13 @@ class Engine:
         self._arm(timer, event.deadline, event.deadline)
 
     def _arm(self, timer: Timer, first: int, last: int | None) -> None:
-        """Note a deadline; CAMs that were not observed may put off theirs without end (ACT-5)."""
+        """Record a deadline; unobserved CAMs may postpone that of the timer cam (ACT-5)."""
         if timer.name == "cam" and not {"receive", "timer"} & self.promised:
             last = None
         self.timers[timer] = Deadline(first, last)
 
-    def _timers_as_told(self, step: Step) -> None:
-        """What the step stops and arms, where the log does not promise to say it."""
+    def _assume_timers(self, step: Step) -> None:
+        """Stop and arm the timers of the step, in a log that does not promise timer events."""
         stop, arm = self.timers_to_change()
         if step.input[0] == "restart":
             self.timers.clear()
@@ -484,7 +482,7 @@ class Engine:
         return self.track.lease_ms or None
 
     def _missed(self, at: int, t_ms: int) -> None:
-        """A timer that should have fired long before: the first of them."""
+        """Raise Late for the first timer that should have expired more than late_ms before."""
         late = [
             (d.last, armed_name(timer), TIMERS[timer.name].rule)
             for timer, d in self.timers.items()

@@ -1,4 +1,4 @@
-"""What is wrong, as a value: texts, JSON and exit codes are made of it where they are printed."""
+"""Findings as values: text, JSON and exit codes are made from them at the edge."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Kind = Literal[
     "cannot_tell",
     "unreadable",
 ]
-"""``missing``: not all that an input calls for followed.  ``unexpected``: something that nothing
-called for, or not in this form.  ``state``: another phase or role.  ``overdue``: a timer did not
-expire.  ``forged``: received, and not what its sender sent.  ``property``: one of the system
-(S-*, T-*).  ``format``: a check of lint."""
+"""``missing``: an expected effect is missing. ``unexpected``: an event that no input calls for, or
+not in this form. ``state``: another phase or role. ``overdue``: a timer did not expire. ``forged``:
+a received message differs from the sent one. ``property``: a system property (S-*, T-*) is
+violated. ``format``: a check of lint failed."""
 
 
 class At(NamedTuple):
-    """A place in a file; line 0 is all of it, an empty field is the whole line."""
+    """A place in a file; line 0 means the whole file, an empty field the whole line."""
 
     file: str = ""
     line: int = 0
@@ -42,26 +42,25 @@ NOWHERE = At()
 
 @dataclass(frozen=True, slots=True)
 class Why:
-    """What decided, and what would have been allowed instead; texts for a person, empty where
-    nothing is known."""
+    """The deciding rule, and the nearest allowed behaviour. Texts for people; empty if unknown."""
 
     guard: str = ""
-    """The rule, what it says, and where it stands."""
+    """The rule, its meaning, and its location in Station.tla."""
     nearest: str = ""
     causes: tuple[str, ...] = ()
-    """Inputs that would have led to what the log says."""
+    """Inputs that would have led to the logged event."""
     state: str = ""
-    """The station before the event."""
+    """The state of the station before the event."""
     of_last_input: bool = True
-    """Whether the last input leads to what the log says, but for a guard.  If not, the rule that
-    decided it has nothing to do with that."""
+    """Whether the last input could have led to the logged event, had a guard been different. If
+    not, the rule that decided that input is not the cause."""
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {"nearest": self.nearest, "causes": list(self.causes), "state": self.state}
 
     def lines(self) -> list[str]:
-        """One thing a line."""
+        """The text, one fact per line."""
         found = [self.nearest] if self.nearest else []
         if self.causes:
             found.append(f"allowed after: {'; '.join(self.causes)}")
@@ -70,16 +69,16 @@ class Why:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is wrong."""
+    """One problem in a log."""
 
     kind: Kind
     rule: str = ""
-    """Of docs/protocol.md; of a ``format``, the check."""
+    """A rule id of docs/protocol.md; for the kind ``format``, the name of the check."""
     property: str = ""
     at: At = NOWHERE
     expected: tuple[str, ...] = ()
     observed: str = ""
-    """What there is instead, in words."""
+    """The event observed instead, as text."""
     why: Why = field(default_factory=Why)
 
 
@@ -87,12 +86,12 @@ NOTHING_WRONG = Finding("nothing")
 
 
 def cannot_tell(file: str, line: int, why: str) -> Finding:
-    """It is not known whether anything is wrong."""
+    """A finding for a log that is insufficient for a verdict."""
     return Finding("cannot_tell", at=At(file, line), observed=why)
 
 
 def unreadable(error: BadInput) -> Finding:
-    """A file cannot be read, from some line on."""
+    """A finding for a file that cannot be read, from some line on."""
     return Finding("unreadable", at=At(error.path, error.line, error.field), observed=error.what)
 
 
@@ -102,11 +101,12 @@ Seen = tuple[str, Fields | Timer | str]
 
 
 class Diverges(Exception):
-    """The log leaves the specification here: the finding, without its file.
+    """The log diverges from the specification here. Its finding does not name the file yet.
 
-    ``step`` is the step that did not go on as it must, None if nothing called for anything, and
-    ``seen`` what the log has instead, None if something is missing.  ``off`` says of a message of
-    which another form was called for in how many fields it is not that; 0 if none was.
+    ``step`` is the step whose effects are not as expected, or None if no input calls for the event.
+    ``seen`` is the observed event, or None if an effect is missing. ``mismatch`` is the number of
+    fields in which a message differs from the expected one of its type, or 0 if none of its type is
+    expected.
     """
 
     kind: Kind = "missing"
@@ -120,36 +120,36 @@ class Diverges(Exception):
         guard: str,
         step: Step | None = None,
         seen: Seen | None = None,
-        off: int = 0,
+        mismatch: int = 0,
     ) -> None:
         super().__init__(event)
         found = Finding(self.kind, rule, "", At("", at), tuple(wanted), event, Why(guard))
         if seen is not None and self.kind == "missing":
             found = replace(found, kind="state" if seen[0] in ("phase", "role") else "unexpected")
         self.finding = found
-        self.step, self.seen, self.off = step, seen, off
+        self.step, self.seen, self.mismatch = step, seen, mismatch
 
 
 class Late(Diverges):
-    """Something happens long after a timer should have expired."""
+    """An event that happens long after a timer should have expired."""
 
     kind = "overdue"
 
 
 class Supposition(NamedTuple):
-    """A restart, or an expiry by which the application falls back, that is not in the log."""
+    """An unlogged restart, or an unlogged expiry that makes the application fall back."""
 
     what: str
-    """``restart``, or the timer."""
+    """``restart``, or the name of the timer."""
     after: int
-    """The line after which it happened."""
+    """It happened after this line."""
     before: int
-    """The line before which it happened."""
+    """It happened before this line."""
 
     def __str__(self) -> str:
         what = "it restarted" if self.what == "restart" else f"its {self.what} expired"
         return f"{what} unseen between lines {self.after} and {self.before}"
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {"what": self.what, "after_line": self.after, "before_line": self.before}

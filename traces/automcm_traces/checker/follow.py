@@ -1,6 +1,6 @@
-"""Follows a log on the specification, to its end or to where that is not possible any more.
+"""Checks a log against the specification in one pass, up to its end or the first divergence.
 
-All that looks at a log's steps watches one pass: the verdict, the timeline, a page, coverage.
+Everything that needs the steps of a log watches this pass: verdict, timeline, page, coverage.
 """
 
 from __future__ import annotations
@@ -20,50 +20,51 @@ from automcm_traces.format.log import Event
 from automcm_traces.format.reader import Log, LogStream
 
 NEEDED = ("command", "receive", "restart", "send", "timer")
-"""Kinds of event with all of which a log says what the one state of its station is."""
+"""The event kinds that a log must promise for the state of its station to be known."""
 Follower: TypeAlias = Engine | Possible
 RECENT = 8
-"""Events that are remembered."""
+"""The number of recent events kept."""
 
 
 @dataclass(slots=True)
 class Ending:
-    """Where and how the following of a log ended."""
+    """Where and how the check of a log ended."""
 
-    lacking: tuple[str, ...]
-    """Of ``NEEDED``, what the log does not promise to hold: no step is known for certain."""
+    unpromised: tuple[str, ...]
+    """The kinds of ``NEEDED`` that the log does not promise; if there are any, no step is
+    certain."""
     finding: Finding = NOTHING_WRONG
     diverges: Diverges | None = None
-    followed: bool = False
-    """To its end, or to where it diverges."""
+    decided: bool = False
+    """Whether the check reached the end of the log or a divergence."""
     engine: Follower | None = None
     events: int = 0
     recent: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=RECENT))
     """The last events, with their lines."""
     end: bool = False
-    """The log has an end."""
+    """Whether the log has an end record."""
     crashed: bool = False
-    """The log has none, or says that its station crashed."""
+    """Whether the end record is missing or reports a crash."""
     lost: int = 0
-    """Records that the log says are not in it."""
+    """The number of records that the log reports as lost."""
 
     @property
     def line(self) -> int:
-        """Of the last event; 0 if there is none."""
+        """The line of the last event; 0 if there is none."""
         return self.recent[-1][0] if self.recent else 0
 
 
 class Watcher:
-    """Watches while a log is followed.  Steps are those of a log that lacks nothing."""
+    """Watches the check of a log. It gets steps only from logs that promise all of ``NEEDED``."""
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
-        """After each event."""
+        """Called after each event."""
 
     def step(self, step: Step, track: Track) -> None:
-        """After each step that is complete."""
+        """Called after each complete step."""
 
     def ended(self, ending: Ending) -> None:
-        """At the end."""
+        """Called at the end."""
 
 
 def follow(
@@ -74,10 +75,10 @@ def follow(
     events: Iterable[tuple[int, Event]] | None = None,
     one: bool = False,
 ) -> Ending:
-    """Follow a log; of a LogStream no more than the last events is kept in memory.
+    """Check a log. Of a LogStream, only the last events are kept in memory.
 
-    ``late_ms`` is as for ``Engine``.  ``events`` stand for those of the log.  With ``one``, one
-    state is followed whatever the log lacks.
+    ``late_ms`` is as for ``Engine``. ``events`` replaces the events of the log. With ``one``, a
+    single state is tracked even if the log does not promise all of ``NEEDED``.
     """
     ending = Ending(tuple(kind for kind in NEEDED if kind not in log.header.complete))
 
@@ -88,7 +89,7 @@ def follow(
     events = iter(log if events is None else events)
     try:
         engine: Follower
-        if one or not ending.lacking:
+        if one or not ending.unpromised:
             engine = Engine(log.header, late_ms)
             engine.observer = after
         else:
@@ -109,9 +110,9 @@ def follow(
         elif isinstance(engine, Engine):
             with suppress(Diverges, CannotTell):  # effects of the last input may be missing
                 engine.finish()
-        ending.followed = ending.finding.kind == "nothing"
+        ending.decided = ending.finding.kind == "nothing"
     except Diverges as d:
-        ending.diverges, ending.followed = d, True
+        ending.diverges, ending.decided = d, True
         ending.finding = replace(
             d.finding,
             at=d.finding.at._replace(file=log.file),
@@ -126,7 +127,7 @@ def follow(
     ending.crashed = log.end is None or log.end.reason == "crash"
     ending.lost = 0 if log.end is None else log.end.lost_records
     if ending.lost and ending.finding.kind not in ("cannot_tell", "unreadable"):
-        but = f"; but for that: {ending.finding.observed}" if ending.diverges else ""
+        but = f"; apart from that: {ending.finding.observed}" if ending.diverges else ""
         text = f"the log lost {ending.lost} records{but}"
         where = ending.finding.at._replace(file=log.file)
         ending.finding = replace(ending.finding, kind="cannot_tell", at=where, observed=text)
@@ -137,13 +138,13 @@ def follow(
 
 def _late(line: int, event: Event) -> str:
     ms = event.late_ms
-    return f"; the station says that it was {ms} ms late (late_ms, line {line})" if ms else ""
+    return f"; the station reports that it was {ms} ms late (late_ms, line {line})" if ms else ""
 
 
 def _read_to_the_end(log: Log | LogStream, events: Iterable[tuple[int, Event]]) -> None:
-    """What the log says of itself at its end counts for the whole of it."""
+    """Read the rest of the log: its end record applies to the whole log."""
     if isinstance(log, LogStream):
-        with suppress(BadInput):  # it has been found, or comes after the divergence
+        with suppress(BadInput):  # already reported, or after the divergence
             for _ in events:
                 pass
             for _ in log if log.gap is not None else ():

@@ -1,7 +1,7 @@
-"""What a station of a log may get: the alphabet of OpenStation.tla on ids that the log names.
+"""The possible inputs of a logged station: the alphabet of OpenStation.tla over the ids of its log.
 
-Its stations, sessions and proposals are those that the state of the station and an event name; no
-others could show, in what it does or in what is unseen.
+Only stations, sessions and proposals that the state or an event names are used. No others could
+make an observable difference.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from automcm_traces.format.log import (
 )
 
 AHEAD = 3
-"""By how much the proposal of an unseen Prescription may be above the last one."""
+"""The maximum difference between the proposal of an unlogged Prescription and the last proposal."""
 SOMEBODY = -1
-"""Stands for a station that nothing is known of."""
+"""A placeholder for an unknown station."""
 STRANGER = -2
-"""Of OpenStation; no id of a log."""
+"""The stranger of OpenStation; no log uses this id."""
 
 
 class Alphabet(OpenStation):
-    """OpenStation.tla on these ids and limits.  No session is a stranger's."""
+    """OpenStation.tla over these ids and limits. A stranger has no session."""
 
     def __init__(
         self,
@@ -57,26 +57,26 @@ class Alphabet(OpenStation):
 
     @cached_property
     def rounds(self) -> frozenset[int]:
-        """The proposals that matter."""
+        """The relevant proposals."""
         return self._proposals
 
     @cached_property
     def beyond(self) -> int:
-        """One that does not: a log may hold proposals above max_rounds."""
+        """An irrelevant proposal; a log may contain proposals above max_rounds."""
         return max(self._proposals, default=0) + 1
 
     @cached_property
     def foreign(self) -> frozenset[Session]:
-        """No session of a stranger."""
+        """The sessions of a stranger: none."""
         return frozenset()
 
     def peer_ids(self, p: int) -> frozenset[Session]:
-        """The sessions of a peer that are named."""
+        """The named sessions of a peer."""
         return frozenset(s for s in self._named if s[0] == p)
 
     @cached_property
     def proper(self) -> tuple[Input, ...]:
-        """What keeps the protocol, but for expiries, in a fixed order."""
+        """All inputs that obey the protocol, except expiries, in a fixed order."""
         found: set[Input] = {*self.commands, Restart("restart")}
         for p in self.peers:
             found |= self.heard(self.from_peer(p), True) | self.heard(self.acks(p), False)
@@ -85,18 +85,21 @@ class Alphabet(OpenStation):
 
     @cached_property
     def broken(self) -> tuple[Input, ...]:
-        """What breaks it (END-5), in a fixed order."""
+        """All inputs that break the protocol (END-5), in a fixed order."""
         found = (m for p in self.peers for m in self.heard(self.improper(p), True))
         return tuple(sorted(found, key=repr))
 
     def expiries(self, st: State) -> Iterator[Input]:
-        """Of the timers that are armed."""
+        """The expiries of the armed timers."""
         return (Expire("expire", timer) for timer in sorted(self.armed(self.me, st)))
 
 
 def alphabet(track: Track, named: Collection[int]) -> list[Input]:
-    """What may come next from the stations, and about the sessions, that the state names or are
-    ``named``; and one newer session of each."""
+    """All inputs that are possible next, about the stations and sessions of the state and of
+    ``named``.
+
+    For each station it includes one newer session.
+    """
     st = track.state
     peers = {*named, track.peer, *sorted(st.recorded)[:1]}
     peers = peers - {0, track.me} or {SOMEBODY}
@@ -111,7 +114,7 @@ def alphabet(track: Track, named: Collection[int]) -> list[Input]:
 
 
 class Answer(NamedTuple):
-    """An input, what the specification says to it, and whether it changes state or timers."""
+    """An input, its outcome, and whether it changes the state or a timer."""
 
     input: Input
     outcome: Outcome
@@ -123,7 +126,7 @@ def _type(i: Input) -> str:
 
 
 def answers(t: Track, event: Event) -> tuple[Answer, ...]:
-    """What may have come unseen before an event, and what must follow it."""
+    """The inputs that may have come unobserved before an event, and their outcomes."""
     peers, sessions, proposals = _named_by(event)
     st = t.state
     peers |= {t.peer, *st.recorded, *(e.to for e in st.outbox)}
@@ -143,7 +146,7 @@ def _answers(
     proposals: frozenset[int],
     st: State,
 ) -> tuple[Answer, ...]:
-    """The inputs that do something in this state; of those that do the same, one."""
+    """The inputs that have an effect in this state, one for each distinct outcome."""
     alphabet = _alphabet(limits, me, peers, sessions, proposals)
     found: dict[tuple[object, ...], Answer] = {}
     for i in (*alphabet.proper, *alphabet.expiries(st)):
@@ -169,7 +172,7 @@ def _alphabet(
 
 
 def _named_by(event: Event) -> tuple[set[int], set[Session], set[int]]:
-    """The stations, the sessions and the proposals that an event names."""
+    """The stations, sessions and proposals that an event names."""
     fields: dict[str, object] = {}
     match event:
         case Send(message=m) | Receive(message=dict(m)):

@@ -1,13 +1,13 @@
-"""Follows a log that does not hold everything: every station of the specification it allows.
+"""Checks an incomplete log by tracking every state of the specification that it allows.
 
-What a log does not promise to hold (``complete``) may have happened without being in it.  So
-before each event every input of such a kind is supposed that changes the station, or that would
-explain the event, again and again; what cannot take the event then is dropped.  If nothing is
-left, the log diverges, whatever happened unseen.  What a station sends must be in the log: it is
-what the protocol judges, and what pins the unseen inputs down.
+Events of a kind that the log does not promise (``complete``) may have happened unobserved. So
+before each event, every unpromised input is supposed that changes the station or would explain the
+event, repeatedly. States that do not allow the event are dropped. If none is left, the log
+diverges, whatever happened unobserved. A log must promise all sent messages: they are what the
+protocol judges, and they limit the possible unobserved inputs.
 
-An unseen input does not come after a timer that should have expired long before: then the expiry
-must be supposed first, with all that it causes.  Only a restart may: what was due is lost (END-8).
+An unobserved input cannot come after a timer that should have expired long before. That expiry with
+all its effects must be supposed first. A restart is the exception: it loses all timers (END-8).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from automcm_spec.vocabulary.station import Input, Outcome
 from automcm_traces.checker.engine import NOTHING, Deadline, Engine
 from automcm_traces.checker.finding import Diverges, Late, Supposition
 from automcm_traces.checker.input_alphabet import Answer, answers
-from automcm_traces.checker.track import NOTHING_TOLD, Asked, CannotTell, Track, named, short
+from automcm_traces.checker.track import NO_INDICATION, CannotTell, SpecInput, Track, named, short
 from automcm_traces.format.log import (
     ApplicationIndication,
     Event,
@@ -33,11 +33,11 @@ from automcm_traces.format.log import (
 )
 
 CHAIN = 8
-"""Inputs in a row that may be unseen before one event."""
+"""The maximum number of consecutive unobserved inputs before one event."""
 MOST = 300
-"""Stations that are followed at once; beyond, nothing is concluded from there being none."""
+"""The maximum number of states tracked at once; above it, finding no state proves nothing."""
 Refused = list[tuple[tuple[float, int], Diverges]]
-"""What some station has against an event, with its rank."""
+"""The divergences of the tracked states from an event, each with its rank."""
 _KINDS = {
     "receive": "receive",
     "cam": "receive",
@@ -48,68 +48,71 @@ _KINDS = {
 
 
 class _Supposing(Engine):
-    """One station that the log allows."""
+    """One state that the log allows, with the unobserved events it supposes."""
 
     supposed: tuple[Supposition, ...] = ()
 
     def suppose(self, i: Input, at: int, after: int, until_ms: int) -> None:
-        """An input that was not observed, after one line and before the event of line ``at``
-        at ``until_ms``.  Nothing may be expected any more of the input before it."""
+        """Suppose an unobserved input after line ``after`` and before the event of line ``at`` at
+        ``until_ms``.
+
+        The effects of the previous input must be complete.
+        """
         own = named(self.track, [], i.timer) if i.kind == "expire" else None
         if own is not None:
             self.since_ms = max(self.since_ms, self.timers[own].first)
-        if i.kind != "restart":  # what was due before is lost (END-8)
+        if i.kind != "restart":  # a restart loses timers that were due before (END-8)
             due = [d.last + self._late_ms for d in self.timers.values() if d.last is not None]
             until_ms = min([until_ms, *due])
         if own is not None:
             del self.timers[own]
-        question = Asked(i, f"{_words(i)}, not logged")
-        step = self._ask(at, until_ms, None, question)
+        question = SpecInput(i, f"{_input_text(i)}, not logged")
+        step = self._begin_step(at, until_ms, None, question)
         step.since_ms, step.unseen = self.since_ms, True
-        if i.kind == "restart" or (i.kind == "expire" and step.says[0] == "fallback"):
+        if i.kind == "restart" or (i.kind == "expire" and step.indication[0] == "fallback"):
             what = "restart" if i.kind == "restart" else short(i.timer)
             self.supposed = (*self.supposed, Supposition(what, after, at))
 
 
 class Possible:
-    """Every station that the log so far allows; as Engine, for logs that promise less."""
+    """All states that the log allows so far. Replaces Engine for logs that promise less."""
 
     def __init__(self, header: Header, late_ms: int | None = None) -> None:
         first = _Supposing(header, late_ms)
         if "send" not in first.promised:
-            raise CannotTell("the log does not promise to hold all that the station sends")
+            raise CannotTell('`complete` in the header lacks "send": sent messages may be missing')
         self._promised = first.promised
         self._engines: list[_Supposing] = [first]
         self._after = 1
-        """The line of the last event but CAMs: what was not observed happened later."""
+        """The line of the last event other than a CAM; unobserved inputs happened later."""
         self._given_up = ""
 
     @property
     def states(self) -> int:
-        """How many different stations are possible now."""
+        """The number of different states that are possible now."""
         return len({engine.track.key() for engine in self._engines})
 
     @property
     def track(self) -> Track:
-        """The one that needs the fewest unseen inputs."""
+        """The state that needs the fewest unobserved inputs."""
         return self._engines[0].track
 
     @property
     def only_if(self) -> tuple[Supposition, ...]:
-        """What each of them supposes to have happened unseen."""
+        """The unobserved events that all possible states suppose."""
         return reduce(_common, (engine.supposed for engine in self._engines))
 
     def feed(self, at: int, event: Event) -> None:
-        """The next event.  Raises as Engine.feed does; Diverges only if nothing can be unseen
-        that would explain it."""
+        """Check the next event. Raises the exceptions of Engine.feed; Diverges only if no
+        unobserved input would explain the event."""
         search = _Search(at, event, self._after, self._promised)
         layer = self._engines
         for _ in range(CHAIN + 1):
-            layer = [quiet for engine in layer for quiet in search.goes_on(engine)]
+            layer = [supposing for engine in layer for supposing in search.goes_on(engine)]
             if not layer or search.number > MOST:
                 break
         if layer:
-            search.given_up = "too much of what happened is not in the log"
+            search.given_up = "too many events are missing from the log"
         self._given_up = search.given_up or self._given_up
         if not search.taken:
             raise self._nearest(search.refused)
@@ -118,7 +121,7 @@ class Possible:
             self._after = at
 
     def finish(self) -> None:
-        """No more effects of the last input."""
+        """End the last step in all states."""
         refused: Refused = []
         left = []
         for engine in self._engines:
@@ -133,7 +136,8 @@ class Possible:
         self._engines = left
 
     def _nearest(self, refused: Refused) -> Exception:
-        """Why no station allows an event, as the one says that explains most."""
+        """The divergence of the state that explains the most, or CannotTell if the search was cut
+        short."""
         if self._given_up:
             return CannotTell(self._given_up)
         return min(refused, key=lambda r: r[0])[1]
@@ -141,49 +145,51 @@ class Possible:
 
 @dataclass
 class _Search:
-    """For the stations that allow the event of line ``at``."""
+    """The search for all states that allow the event of line ``at``."""
 
     at: int
     event: Event
     after: int
-    """What is unseen happened after this line."""
+    """Unobserved inputs happened after this line."""
     promised: frozenset[str]
     taken: dict[tuple[object, ...], _Supposing] = field(default_factory=dict)
-    """The stations after the event."""
+    """The states after the event."""
     refused: Refused = field(default_factory=list)
     given_up: str = ""
-    """Why there may be more of them than were found."""
+    """The reason why there may be more states than were found; empty if there are none."""
     number: int = 0
-    """Of the stations before the event."""
+    """The number of states before the event."""
     _seen: dict[tuple[object, ...], list[_Supposing]] = field(default_factory=dict)
 
     def goes_on(self, engine: _Supposing) -> Iterator[_Supposing]:
-        """Try the event; then, what the station may have become before by one input that is not in
-        the log.  If the log must hold something that follows, that is tried on the event at once.
+        """Try the event, then yield the states that one unobserved input leads to before it.
+
+        If the log promises an effect of that input, that effect must be this event, which is tried
+        at once.
         """
         takes = self._try(engine.copy())
         if takes and _is_cam(self.event):
-            return  # what is unseen may as well come later
+            return  # an unobserved input may equally come later
         base = engine.copy()
         try:
             base.finish()
         except Diverges:
-            return  # what must follow first has not come yet
+            return  # effects of the last input are still missing
         self._is_new(base)
         for answer in answers(base.track, self.event):
-            shows, loud = _shows(answer, self.event), self._loud(answer.outcome)
-            if (loud and not shows) or not (answer.changes or shows):
+            shows, is_logged = _shows(answer, self.event), self._is_logged(answer.outcome)
+            if (is_logged and not shows) or not (answer.changes or shows):
                 continue
             if not self._may_be(answer.input, base):
                 continue
-            quiet = base.copy()
-            quiet.suppose(answer.input, self.at, self.after, self.event.t_ms)
+            supposing = base.copy()
+            supposing.suppose(answer.input, self.at, self.after, self.event.t_ms)
             if not shows:
-                quiet.finish()
-            if loud:
-                self._try(quiet)
-            elif self._is_new(quiet):
-                yield quiet
+                supposing.finish()
+            if is_logged:
+                self._try(supposing)
+            elif self._is_new(supposing):
+                yield supposing
 
     def _try(self, engine: _Supposing) -> bool:
         """Whether the engine allows the event."""
@@ -199,24 +205,24 @@ class _Search:
         return False
 
     def _may_be(self, i: Input, engine: Engine) -> bool:
-        """Whether an input may be unseen."""
+        """Whether an input may have happened unobserved."""
         if _KINDS[i.kind] in self.promised:
             return False
-        if i.kind == "cam":  # without timers, its timer is taken to last for ever
+        if i.kind == "cam":  # without logged timers, the timer cam is taken to last for ever
             return "timer" in self.promised
         if i.kind != "expire":
             return True
         deadline = engine.timers.get(named(engine.track, [], i.timer))
         return deadline is not None and deadline.first <= self.event.t_ms
 
-    def _loud(self, outcome: Outcome) -> bool:
-        """Whether the log promises to hold something of what follows."""
-        told = "indication" in self.promised and outcome.told != NOTHING_TOLD
+    def _is_logged(self, outcome: Outcome) -> bool:
+        """Whether the log promises to contain an effect of the outcome."""
+        indication = "indication" in self.promised and outcome.told != NO_INDICATION
         timer = "timer" in self.promised and (outcome.arm or outcome.stop)
-        return bool(outcome.out or told or timer)
+        return bool(outcome.out or indication or timer)
 
     def _is_new(self, engine: _Supposing) -> bool:
-        """Whether nothing that was seen may go on as this one may; then it has been seen now."""
+        """Whether no state seen so far covers this one; records it if so."""
         alike = self._seen.setdefault(_kind(engine), [])
         if any(_covers(other, engine) for other in alike):
             return False
@@ -226,17 +232,17 @@ class _Search:
 
 
 def _kind(engine: Engine) -> tuple[object, ...]:
-    """What tells one possible station from another, but for times."""
+    """A value that distinguishes possible states, except for their times."""
     step = engine.step
     calls: tuple[object, ...] = ()
     if step is not None:
-        left = tuple(engine.outstanding()), tuple(step.told), len(step.sent)
+        left = tuple(engine.outstanding()), tuple(step.indications), len(step.sent)
         calls = step.input, left, len(step.arm), step.unseen
-    return engine.track.key(), frozenset(engine.timers), calls, engine.odd
+    return engine.track.key(), frozenset(engine.timers), calls, engine.malformed
 
 
 def _covers(a: _Supposing, b: _Supposing) -> bool:
-    """Whether ``a``, which differs from ``b`` in its times only, may do all that ``b`` may, and
+    """Whether ``a``, which differs from ``b`` only in times, allows all that ``b`` allows and
     supposes no more."""
     one, other = a.step, b.step
     if one and other and (one.since_ms > other.since_ms or one.t_ms < other.t_ms):
@@ -249,12 +255,12 @@ def _covers(a: _Supposing, b: _Supposing) -> bool:
 
 
 def _lasts(a: Deadline, b: Deadline) -> bool:
-    """Whether ``a`` allows all that ``b`` does."""
+    """Whether ``a`` allows every expiry that ``b`` allows."""
     return a.first <= b.first and (a.last is None or (b.last is not None and b.last <= a.last))
 
 
 def _merge(engines: dict[tuple[object, ...], _Supposing], engine: _Supposing) -> None:
-    """Of two that differ in their times only, one remains that may be either."""
+    """Add a state; one that differs only in times is merged into the existing one."""
     other = engines.setdefault(_kind(engine), engine)
     if other is engine:
         return
@@ -270,7 +276,7 @@ def _merge(engines: dict[tuple[object, ...], _Supposing], engine: _Supposing) ->
 
 
 def _common(a: tuple[Supposition, ...], b: tuple[Supposition, ...]) -> tuple[Supposition, ...]:
-    """What both suppose."""
+    """The suppositions that both have."""
     if a == b:
         return a
     found, left = [], list(b)
@@ -284,16 +290,19 @@ def _common(a: tuple[Supposition, ...], b: tuple[Supposition, ...]) -> tuple[Sup
 
 
 def _rank(d: Diverges, engine: _Supposing) -> tuple[float, int]:
-    """How little of the log a station explains: a timer that is late, or the fields of a message
-    in another form; more if the event is not called for and something else is lacking; without
-    end if nothing is.  An unseen restart counts too."""
+    """How little of the log a state explains; lower is better.
+
+    A late timer, or a message in another form, ranks by its differences. An event that no input
+    calls for ranks behind, by the number of missing effects, and last if none is missing. Each
+    supposed restart adds to the rank.
+    """
     wanted = d.finding.expected
     lacks = 0 if wanted in ((), (NOTHING,)) else len(wanted)
     restarts = sum(one.what == "restart" for one in engine.supposed)
     if isinstance(d, Late):
         return 1 + restarts, 0
-    if d.off:
-        return d.off + restarts, 0
+    if d.mismatch:
+        return d.mismatch + restarts, 0
     return (3 + restarts, lacks) if lacks else (inf, 0)
 
 
@@ -306,15 +315,15 @@ def _is_cam(event: Event) -> bool:
 
 
 def _shows(answer: Answer, event: Event) -> bool:
-    """Whether an event may be what follows an input."""
+    """Whether an event may be an effect of an input."""
     outcome = answer.outcome
     match event:
         case Send(message=m):
             of = m.get("of")
             acked = of.get("type") if isinstance(of, dict) else "none"
             return any((x.type, x.of[0]) == (m["type"], acked) for x in outcome.out)
-        case ApplicationIndication(indication=told) if told.name != "discarded":
-            return outcome.told[0] == told.name
+        case ApplicationIndication(indication=indication) if indication.name != "discarded":
+            return outcome.told[0] == indication.name
         case TimerArm(timer=timer):
             return any(one[0] == timer.name for one in outcome.arm)
         case TimerEnd(op="stop", timer=timer):
@@ -322,7 +331,7 @@ def _shows(answer: Answer, event: Event) -> bool:
     return False
 
 
-def _words(i: Input) -> str:
+def _input_text(i: Input) -> str:
     match i.kind:
         case "receive":
             return f"receive {i.message.type}"

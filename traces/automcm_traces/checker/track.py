@@ -1,7 +1,7 @@
-"""A station that is followed by its log: between what a log says and the specification's values.
+"""The state of a station while its log is checked, and conversions between log and specification.
 
-Of a message the specification keeps what docs/protocol.md says under "What the specification keeps
-of a message": ``seq`` is there the proposal, 1, or 0 for an answer.  ``Track`` has the rest.
+The specification keeps only part of each message (docs/protocol.md, "What the specification keeps
+of a message"): its ``seq`` is the proposal, 1, or 0 for an answer. ``Track`` keeps the rest.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ from automcm_traces.format.log import (
 )
 
 NUMBERED = tuple(m.__name__ for m in get_args(Message) if "proposal" in m.model_fields)
-"""The messages whose seq is the proposal."""
+"""The message types whose seq in the specification is the proposal."""
 REASONS = ("none", *ANSWER_REASONS)
-"""The reasons that the specification tells apart; the others it passes on."""
+"""The reasons that the specification distinguishes; it passes on all others unchanged."""
 ROUNDS = DEFAULTS["max_rounds"]
 UNBOUND = (0, 0)
-"""The session of a station that has none."""
+"""The session of a station that is in no session."""
 
 
 class CannotTell(Exception):
-    """What the log holds is not enough for a verdict; the text says why."""
+    """The log does not contain enough for a verdict; the text says why."""
 
 
 @dataclass(slots=True)
 class Entry:
-    """A reliable message still being sent: ``k`` is its seq in the specification."""
+    """A reliable message that is still being sent; ``k`` is its seq in the specification."""
 
     type: str
     to: int
@@ -64,13 +64,13 @@ class Entry:
 
     @property
     def spec(self) -> spec.Entry:
-        """As the specification has it."""
+        """The entry as a value of the specification."""
         accepted = isinstance(self.message, Acceptance) and self.message.accepted
         return spec.Entry(self.type, self.to, self.session, self.k, accepted)
 
 
 class Limits(NamedTuple):
-    """What bounds the memory of a station (MEM-1)."""
+    """The limits on a station's memory (MEM-1)."""
 
     participants: int = DEFAULTS["max_participants"]
     outbox: int = DEFAULTS["outbox_limit"]
@@ -79,68 +79,68 @@ class Limits(NamedTuple):
 
 DEFAULT_LIMITS = Limits()
 _STATION = Station(ROUNDS, *DEFAULT_LIMITS)
-INITIAL, NOTHING_TOLD = _STATION.initial, _STATION.nothing
+INITIAL, NO_INDICATION = _STATION.initial, _STATION.nothing
 PHASES, ROLES = tuple(sorted(_STATION.phases)), tuple(sorted(_STATION.roles))
 
 
 @dataclass(slots=True)
 class Track:
-    """What is known of a station: the state of the specification, with real ids, and content."""
+    """The known state of a station: the specification's state with real ids and message content."""
 
     me: int
     max_rounds: int = ROUNDS
     limits: Limits = DEFAULT_LIMITS
     state: State = INITIAL
     outbox: list[Entry] = field(default_factory=list)
-    """Those of the state, with their messages, in the order in which they were sent."""
+    """The entries of the state's outbox with their messages, in sending order."""
     advertisement: Message | None = None
-    heard_ms: int | None = None
-    """When the last CAM that counted was generated; None if none was heard."""
+    last_cam_ms: int | None = None
+    """``generation_ms`` of the last CAM that counted (ACT-5); None if there was none."""
     seq: int = 0
-    """The last one used in the session."""
+    """The last seq used in the session."""
     lease_ms: int = 0
 
     def copy(self) -> Track:
-        """The same station, to go on from here on its own."""
+        """A copy that can change independently."""
         return replace(self, outbox=list(self.outbox))
 
     def key(self) -> tuple[object, ...]:
-        """What tells this station from others; hashes."""
-        return self.state, tuple(e.spec for e in self.outbox), self.heard_ms, self.seq
+        """A hashable value that identifies this state."""
+        return self.state, tuple(e.spec for e in self.outbox), self.last_cam_ms, self.seq
 
     @property
     def session(self) -> tuple[int, int] | None:
-        """The own session."""
+        """The session of the station; None if it is in no session."""
         return None if self.state.session == UNBOUND else self.state.session
 
     @property
     def peer(self) -> int:
-        """The other station of the own session; 0 if there is none."""
+        """The other station of the session; 0 if there is none."""
         st = self.state
         return st.session[0] if st.role == "receiver" else st.target
 
     @property
     def marks(self) -> list[tuple[int, int]]:
-        """The sessions that its CAM names (ACT-5), in order."""
+        """The sorted sessions that the station's CAM must name (ACT-5)."""
         marks = {e.session for e in self.outbox if e.type == "Fin"}
         return sorted(marks | ({self.session} if self.session else set()))
 
     def entry(self, type_: str, to: int, session: tuple[int, int], k: int) -> Entry | None:
-        """The entry in the outbox, if it is there."""
+        """The outbox entry with these values; None if there is none."""
         for e in self.outbox:
             if (e.type, e.to, e.session, e.k) == (type_, to, session, k):
                 return e
         return None
 
     def entry_by_seq(self, type_: str, to: int, session: tuple[int, int], seq: int) -> Entry | None:
-        """The entry that a timer or an Ack names by its seq on the wire."""
+        """The outbox entry that a timer or an Ack names by its seq on the wire."""
         for e in self.outbox:
             if (e.type, e.to, e.session, e.message.seq) == (type_, to, session, seq):
                 return e
         return None
 
     def entry_of(self, key: MessageKey) -> Entry | None:
-        """The entry that a timer names."""
+        """The outbox entry that a timer names; None if there is none."""
         return self.entry_by_seq(key.type, key.to or 0, key.session, key.seq)
 
 
@@ -150,7 +150,7 @@ def number_of(m: Message) -> int:
 
 
 def _about(m: Message) -> tuple[int, bool, str]:
-    """Proposal, whether it accepts, and reason, as far as a message has them."""
+    """The proposal, the accepted flag and the reason of a message, or defaults."""
     match m:
         case Prescription():
             return m.proposal, False, "none"
@@ -163,7 +163,7 @@ def _about(m: Message) -> tuple[int, bool, str]:
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """A message that the specification expects."""
+    """A message that the specification expects the station to send."""
 
     type: str
     dst: int
@@ -173,7 +173,7 @@ class Expected:
     accepted: bool
     reason: str
     of: tuple[str, int | None] | None
-    """What an Ack names; its seq is None if that message was not observed."""
+    """The message that an Ack names; its seq is None if that message was not observed."""
     copy_of: Entry | None
 
     def __str__(self) -> str:
@@ -192,8 +192,7 @@ class Expected:
 
 
 def expected(t: Track, m: spec.Message, i: Input, given: Message | Cam | None) -> Expected:
-    """A message of the specification, as what follows ``i``; ``given`` is the message received,
-    if it was observed: it is what an Ack names."""
+    """An expected effect of the input ``i``; ``given`` is the received message, if observed."""
     of = None
     if m.type == "Ack" and i.kind == "receive":
         seq = given.seq if given is not None and not isinstance(given, Cam) else None
@@ -206,9 +205,9 @@ def expected(t: Track, m: spec.Message, i: Input, given: Message | Cam | None) -
 
 
 def difference(e: Expected, m: Message, t: Track, content: Fields, fresh: int) -> str | None:
-    """Why the logged message ``m`` is not the expected one; None if it is.
+    """The first difference of the logged message ``m`` from the expected one; None if they agree.
 
-    ``content`` is what the application gave, ``fresh`` how many new messages the step sent.
+    ``content`` comes from the application; ``fresh`` counts the new messages sent in this step.
     """
     proposal, accepted, reason = _about(m)
     plain = (
@@ -229,32 +228,32 @@ def difference(e: Expected, m: Message, t: Track, content: Fields, fresh: int) -
     if e.of is not None and isinstance(m, Ack) and e.of not in _acked(m):
         return f"of: {e.of[0]} seq={e.of[1]} is expected, not {m.of.model_dump()}"
     if e.k == 0 and m.seq != 0:
-        return f"seq: an answer has 0, not {m.seq} (END-6)"
+        return f"seq: an answer must have seq 0, not {m.seq} (END-6)"
     if e.k and m.seq != t.seq + fresh + 1:
-        return f"seq: new content takes the next seq, {t.seq + fresh + 1}, not {m.seq}"
+        return f"seq: a new message must take the next seq, {t.seq + fresh + 1}, not {m.seq}"
     fields = to_dict(m) if content else {}
     for name in set(content) & set(fields) - {"session", "proposal", "target"}:
         if not same(content[name], fields[name]):
-            return f"{name}: not what the application gave"
+            return f"{name}: differs from the value that the application gave"
     return None
 
 
-def off(e: Expected, m: Fields) -> int:
-    """In how many fields the logged message ``m`` is not the expected one: one more than those
-    counted here, which may be right while its seq or its content is not."""
-    told: dict[str, object] = {"dst": e.dst, "session": list(e.session), "proposal": e.proposal}
-    told |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
+def mismatch(e: Expected, m: Fields) -> int:
+    """1, plus the number of fields in which the logged message ``m`` differs from the expected one.
+    The seq and the content, which are not compared here, account for the 1."""
+    right: dict[str, object] = {"dst": e.dst, "session": list(e.session), "proposal": e.proposal}
+    right |= {"accepted": e.accepted, "reason": e.reason if e.reason != "none" else None}
     found = {"dst": 0, "proposal": 0, "accepted": False, **m}
-    return 1 + len([name for name, wanted in told.items() if found.get(name) != wanted])
+    return 1 + len([name for name, value in right.items() if found.get(name) != value])
 
 
 def _acked(m: Ack) -> tuple[tuple[str, int | None], ...]:
-    """What an Ack may be expected to name; None for the seq of a message that was not observed."""
+    """The values that an Ack may be expected to name; the seq is None for an unobserved message."""
     return (m.of.type, m.of.seq), (m.of.type, None)
 
 
 def _opens(e: Expected, m: Message, t: Track) -> bool:
-    """A new session may take any number above the last one."""
+    """Whether the message opens a new session, which may take any number above the last one."""
     new = e.type == "Advertisement" and e.copy_of is None
     return new and m.session[0] == t.me and m.session[1] > t.state.number
 
@@ -265,12 +264,12 @@ def _copy_difference(first: Message, m: Message) -> str | None:
     one, other = to_dict(first), to_dict(m)
     for name in sorted({*one, *other}):
         if not same(one.get(name), other.get(name)):
-            return f"{name}: a copy repeats the message byte for byte"
+            return f"{name}: differs from the first copy; a copy must repeat it byte for byte"
     return None
 
 
 def lift(t: Track, after: State, sent: Iterable[tuple[Expected, Message]]) -> None:
-    """Bring ``t`` to the state that comes next, with the messages really sent."""
+    """Move ``t`` to the next state, with the messages that were actually sent."""
     if after.session != t.state.session:
         t.seq = 0
     t.state = after
@@ -279,10 +278,10 @@ def lift(t: Track, after: State, sent: Iterable[tuple[Expected, Message]]) -> No
     if not after.proposal:
         t.lease_ms = 0
     if not after.heard:
-        t.heard_ms = None
+        t.last_cam_ms = None
     t.outbox = [e for e in t.outbox if e.spec in after.outbox]
     for e, m in sent:
-        if isinstance(m, Advertisement):  # any number above the last one will do
+        if isinstance(m, Advertisement):  # its session may have any number above the last one
             me, number = t.me, m.session[1]
             t.state, t.advertisement = after._replace(session=(me, number), number=number), m
         elif e.k and e.copy_of is None:
@@ -296,89 +295,89 @@ def lift(t: Track, after: State, sent: Iterable[tuple[Expected, Message]]) -> No
 # -- steps
 
 
-class Asked(NamedTuple):
-    """A question to the specification."""
+class SpecInput(NamedTuple):
+    """An input for the specification."""
 
     value: Input
     what: str
-    """The input in words."""
+    """The input as text."""
     given: Message | Cam | None = None
-    """The message itself, if it is one and was observed."""
+    """The received message, if the input is one that was observed."""
     content: Mapping[str, object] = {}
-    """What the application gave with it, and the station must send as it is."""
+    """Content from the application, which the station must send unchanged."""
 
 
 @dataclass(slots=True)
 class Step:
-    """One input and what is still expected to follow it."""
+    """An input and the effects that are still expected."""
 
     at: int
     t_ms: int
     event: Event | None
-    """The input as the log has it; None if it was not observed."""
+    """The input as logged; None if it was not observed."""
     input: Input
-    """As the specification has it."""
+    """The input as a value of the specification."""
     what: str
     rule: str
-    """The rule that decides."""
+    """The rule that decides the input."""
     after: State
-    """The state that comes next."""
+    """The next state."""
     changes: bool
     """Whether the state or a timer changes."""
-    says: tuple[str, ...]
-    """What the application hears, with its reason."""
+    indication: tuple[str, ...]
+    """The indication to the application, with its reason."""
     messages: list[Expected]
     arm: list[spec.Timer]
     stop: list[spec.Timer]
-    told: list[str]
+    indications: list[str]
     given: Message | Cam | None
     content: Fields
     since_ms: int
-    """It happened at ``t_ms``, or, if the input was not observed, from this to ``t_ms``."""
+    """The earliest time of the input; ``t_ms`` is the latest, and equal for an observed input."""
     unseen: bool = False
-    """Neither the input nor an effect was observed so far."""
+    """Whether neither the input nor an effect has been observed so far."""
     fresh: int = 0
     sent: list[tuple[Expected, Message]] = field(default_factory=list)
 
     @property
     def guard(self) -> str:
-        """The rule, what it says, and where it stands."""
+        """The rule, its meaning, and its location in Station.tla."""
         rule = self.rule
         where = line(rule, self.input)
         return f"{rule}: {RULES.get(rule, '')} ({handler(self.input)}, Station.tla:{where})"
 
     def copy(self) -> Step:
-        """The same step of a copy of the station."""
+        """A copy for a copied station."""
         return replace(
             self,
             messages=list(self.messages),
             arm=list(self.arm),
             stop=list(self.stop),
-            told=list(self.told),
+            indications=list(self.indications),
             sent=list(self.sent),
         )
 
 
 # -- inputs
 
-RESTARTED = Asked(spec.Restart("restart"), "restart")
+RESTARTED = SpecInput(spec.Restart("restart"), "restart")
 
 
 def marked_and_newer(t: Track, m: Cam) -> tuple[bool, bool]:
     """Whether a CAM names the session, and is newer than the last that counted (ACT-5)."""
-    return t.state.session in m.marks, t.heard_ms is None or m.generation_ms > t.heard_ms
+    return t.state.session in m.marks, t.last_cam_ms is None or m.generation_ms > t.last_cam_ms
 
 
-def received(t: Track, event: Receive, m: Message | Cam) -> Asked:
-    """A message of the seven, or a CAM."""
+def received(t: Track, event: Receive, m: Message | Cam) -> SpecInput:
+    """The input for a received message or CAM."""
     what = f"receive {m.type} from {m.src}"
     if isinstance(m, Cam):
         marked, newer = marked_and_newer(t, m)
-        return Asked(
+        return SpecInput(
             spec.Cam("cam", m.src, frozenset({t.state.session} if marked else ()), newer), what, m
         )
     of = ("none", 0)
-    if isinstance(m, Ack):  # it names an entry of the outbox, or what matches nothing (END-6)
+    if isinstance(m, Ack):  # it names an outbox entry, or a message that matches none (END-6)
         entry = t.entry_by_seq(m.of.type, m.src, m.session, m.of.seq) if m.of.seq else None
         of = (entry.type, entry.k) if entry is not None else ("Cancel", 0)
     proposal, accepted, reason = _about(m)
@@ -386,29 +385,29 @@ def received(t: Track, event: Receive, m: Message | Cam) -> Asked:
     ids = m.type, m.src, m.dst, m.session
     message = spec.Message(*ids, number_of(m), proposal, accepted, reason, of)
     content = {} if event.planned is None else {"planned": event.planned}
-    return Asked(spec.Receive("receive", message, bool(content)), what, m, content)
+    return SpecInput(spec.Receive("receive", message, bool(content)), what, m, content)
 
 
-def commanded(command: Command) -> Asked:
-    """A command of the application."""
+def commanded(command: Command) -> SpecInput:
+    """The input for a command of the application."""
     given = command.model_extra or {}
     session, proposal = tuple(given.get("session") or UNBOUND), given.get("proposal", 0)
     value = spec.Command("command", command.name, session, proposal, given.get("target", 0))
-    return Asked(value, f"command {command.name}", None, given)
+    return SpecInput(value, f"command {command.name}", None, given)
 
 
-def expired(t: Track, timer: Timer) -> Asked | None:
-    """An armed timer; None if it is of a message that is not in the outbox."""
+def expired(t: Track, timer: Timer) -> SpecInput | None:
+    """The input for the expiry of an armed timer; None if its message is not in the outbox."""
     value = timer_of(t, timer)
     what = f"expire {timer_name(timer)}"
-    return None if value is None else Asked(spec.Expire("expire", value), what)
+    return None if value is None else SpecInput(spec.Expire("expire", value), what)
 
 
 # -- timers
 
 
 def timer_name(timer: Timer) -> str:
-    """A timer of a log in words."""
+    """A logged timer as text."""
     match timer:
         case MessageTimer(message=MessageKey() as m):
             return f"{timer.name}({m.type} seq={m.seq} to {m.to or 'all'})"
@@ -418,14 +417,14 @@ def timer_name(timer: Timer) -> str:
 
 
 def armed_name(timer: Timer) -> str:
-    """The same, with the session of its message."""
+    """A logged timer as text, with the session of its message."""
     m = timer.message if isinstance(timer, MessageTimer) else None
     return timer_name(timer) + (f" session={m.session[0]}/{m.session[1]}" if m else "")
 
 
 def timer_of(t: Track, timer: Timer) -> spec.Timer | None:
-    """A timer of a log; None if it is of a message that is neither the Advertisement nor in the
-    outbox."""
+    """A logged timer as a value of the specification; None if its message is neither the
+    Advertisement nor in the outbox."""
     match timer:
         case MessageTimer(message=MessageKey(type="Advertisement")):
             return timer.name, spec.Entry("Advertisement", 0, t.state.session, 1, False)
@@ -438,7 +437,7 @@ def timer_of(t: Track, timer: Timer) -> spec.Timer | None:
 
 
 def named(track: Track, sent: Sequence[tuple[Expected, Message]], timer: spec.Timer) -> Timer:
-    """A timer of the specification as a log names it; ``sent`` is what the step sent."""
+    """A timer of the specification as a log names it; ``sent`` are the messages of the step."""
     name: Any = timer[0]
     match timer:
         case (_, spec.Entry(type=type_, to=to) as entry):
@@ -457,7 +456,7 @@ def named(track: Track, sent: Sequence[tuple[Expected, Message]], timer: spec.Ti
 
 
 def match(track: Track, step: Step, timer: Timer, pool: Sequence[spec.Timer]) -> spec.Timer | None:
-    """The timer of the specification that this one of a log is."""
+    """The timer in ``pool`` that a logged timer names; None if there is none."""
     for one in pool:
         if one[0] != timer.name:
             continue
@@ -474,7 +473,7 @@ def match(track: Track, step: Step, timer: Timer, pool: Sequence[spec.Timer]) ->
 
 
 def _names(track: Track, step: Step, key: MessageKey, entry: spec.Entry) -> bool:
-    """Whether a timer of a log names this entry."""
+    """Whether the key of a logged timer names this outbox entry."""
     if (key.type, key.to or 0) != (entry.type, entry.to):
         return False
     sent = [m for e, m in step.sent if (e.type, e.dst) == (entry.type, entry.to)]
@@ -487,5 +486,5 @@ def _names(track: Track, step: Step, key: MessageKey, entry: spec.Entry) -> bool
 
 
 def short(timer: spec.Timer) -> str:
-    """A timer of the specification in words."""
+    """A timer of the specification as text."""
     return f"{timer[0]}({timer[1].type})" if isinstance(timer[-1], spec.Entry) else timer[0]

@@ -1,5 +1,5 @@
-"""Smaller and comparable logs: slices, shrinking, differences.
+"""Derives smaller and comparable logs: slices, shrinking, differences.
 
-For ``trace shrink``, ``diff`` and ``slice``.
+Used by ``trace shrink`` and ``trace diff``.
 The viewer and the commands import it.
 """

@@ -1,8 +1,8 @@
-"""What a log says, without what an implementation is free to choose.
+"""A log without the details that an implementation may choose.
 
-Two logs that say the same may still differ in the numbers of sessions, in transmission ids, in the
+Two logs with the same behaviour may still differ in session numbers, in transmission ids, in the
 order of the effects of one step, in which of several messages of one step has the lower seq, in
-times, and in CAMs.  ``steps`` gives the steps of a log with all that taken out.
+times, and in CAMs. ``steps`` yields the steps of a log without these differences.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ RANDOM = ("backoff",)
 
 
 @dataclass(frozen=True, slots=True)
-class Deed:
-    """One event: its place in the log, and what can be compared of it."""
+class CanonicalEvent:
+    """One event: its place in the log, and its comparable fields."""
 
     line: int
     event: Event
     fields: dict[str, Json]
     phase: tuple[str | None, str | None]
-    """Phase and role after it, where the log says so."""
+    """Phase and role after it, where the log states them."""
 
     @property
     def key(self) -> str:
-        """A text that is equal for equal deeds."""
+        """A text that is equal for equal events."""
         return json.dumps(self.fields, sort_keys=True)
 
     @property
     def kind(self) -> tuple[Json, ...]:
-        """Two that are of one kind differ in fields, others altogether."""
+        """The kind of event: two events of one kind differ only in other fields."""
         f = self.fields
         inner: Json = next(
             (f[k] for k in ("message", "timer", "command", "indication") if k in f), {}
@@ -51,59 +51,62 @@ class Deed:
 
 
 @dataclass(slots=True)
-class DeedStep:
-    """An input, or None if the log has none before the effects, and the effects."""
+class CanonicalStep:
+    """An input and its effects; the input is None if the log has none before the effects."""
 
-    input: Deed | None
-    effects: list[Deed] = field(default_factory=list)
+    input: CanonicalEvent | None
+    effects: list[CanonicalEvent] = field(default_factory=list)
 
     @property
-    def deeds(self) -> list[Deed]:
-        """The input, if there is one, and what came of it."""
+    def events(self) -> list[CanonicalEvent]:
+        """The input, if there is one, and the effects."""
         return [*([self.input] if self.input is not None else []), *self.effects]
 
 
 class Canonical:
-    """One log, said anew.  ``ids`` are stations to be called otherwise; of the kinds of event only
-    ``kinds`` are looked at."""
+    """One log in canonical form.
+
+    ``ids`` maps stations to the ids to use for them. Only events of these ``kinds`` are included.
+    """
 
     def __init__(
         self, log: Log, kinds: Sequence[str], ids: Mapping[int, int] | None = None
     ) -> None:
         self._log, self._kinds, self._ids = log, frozenset(kinds), dict(ids or {})
         self._numbers: dict[Json, list[int]] = {}
-        """By prescriber the numbers of its sessions, as they come."""
+        """For each prescriber, its session numbers in order of appearance."""
         self._seqs: dict[tuple[str, int], int] = {}
-        """Of its own messages, by session."""
+        """The canonical seq of the station's own messages, by session and seq."""
 
-    def steps(self) -> Iterator[DeedStep]:
-        """The steps, without CAMs and the timer that each arms anew."""
+    def steps(self) -> Iterator[CanonicalStep]:
+        """The steps, without CAMs and without the timer that each CAM re-arms."""
         step: list[tuple[int, Event]] = []
         for line, event in self._log.events:
             if event.ev not in self._kinds or _sends_cam(event):
                 continue
             if is_input(event) and step:
-                yield from self._said(step)
+                yield from self._canonical_step(step)
                 step = []
             step.append((line, event))
         if step:
-            yield from self._said(step)
+            yield from self._canonical_step(step)
 
-    def _said(self, step: list[tuple[int, Event]]) -> Iterator[DeedStep]:
+    def _canonical_step(self, step: list[tuple[int, Event]]) -> Iterator[CanonicalStep]:
         first = step[0][1]
         if _receives_cam(first):
             step = [(line, e) for line, e in step[1:] if not _cam_timer(e)]
             if not step:
                 return
         self._order(step)
-        deeds = [self._deed(line, event) for line, event in step]
+        events = [self._canonical_event(line, event) for line, event in step]
         if is_input(step[0][1]):
-            yield DeedStep(deeds[0], deeds[1:])
+            yield CanonicalStep(events[0], events[1:])
         else:
-            yield DeedStep(None, deeds)
+            yield CanonicalStep(None, events)
 
     def _order(self, step: list[tuple[int, Event]]) -> None:
-        """Of new messages of one step, the one to the lower station has the lower seq."""
+        """Order the new messages of one step: the message to the lower station gets the lower
+        seq."""
         fresh: dict[str, list[tuple[tuple[str, int], int]]] = {}
         for _, event in step:
             if not isinstance(event, Send):
@@ -119,7 +122,7 @@ class Canonical:
             for (_, seq), place in zip(sorted(sent), seqs, strict=True):
                 self._seqs[session, seq] = place
 
-    def _deed(self, line: int, event: Event) -> Deed:
+    def _canonical_event(self, line: int, event: Event) -> CanonicalEvent:
         fields = event.model_dump(by_alias=True, exclude_none=True)
         phase = fields.pop("phase", None), fields.pop("role", None)
         for name in ("rec", "seq", "t_ms", "tx", "rule"):
@@ -132,13 +135,14 @@ class Canonical:
         for name in ("message", "command", "indication", "timer"):
             if name in fields:
                 fields[name] = self._plain(fields[name], mine)
-        told = fields.get("indication")
-        if told is not None:
-            told.pop("rule", None)
-        return Deed(line, event, fields, phase)
+        indication = fields.get("indication")
+        if indication is not None:
+            indication.pop("rule", None)
+        return CanonicalEvent(line, event, fields, phase)
 
     def _plain(self, value: Json, mine: int) -> Json:
-        """A message, or whatever names stations, sessions or seqs, as it is compared."""
+        """The comparable form of a message or another value that names stations, sessions or
+        seqs."""
         if not isinstance(value, dict):
             return [self._plain(v, mine) for v in value] if isinstance(value, list) else value
         out = {}
@@ -160,7 +164,7 @@ class Canonical:
         return out
 
     def _seq(self, about: tuple[str, Json], own: bool, value: dict[str, Json]) -> dict[str, Json]:
-        """The seq of one of its own messages, in the order of the addressees."""
+        """The canonical seq of one of the station's own messages."""
         seq = value.get("seq")
         if own and type(seq) is int:
             seq = self._seqs.get(about, seq)
@@ -170,7 +174,7 @@ class Canonical:
         return self._ids.get(value, value) if type(value) is int else value
 
     def _session(self, value: Json) -> Json:
-        """The nth session of its prescriber that the log names."""
+        """The canonical session: numbered per prescriber in order of appearance."""
         if not isinstance(value, list | tuple) or [type(part) for part in value] != [int, int]:
             return value
         prescriber = self._id(value[0])
@@ -181,7 +185,7 @@ class Canonical:
 
 
 def _named(value: dict[str, Json]) -> str:
-    """The session of a message or timer, whatever it is."""
+    """The session of a message or timer as text, even if it is malformed."""
     return json.dumps(value.get("session"))
 
 

@@ -1,7 +1,7 @@
-"""Two runs, or two implementations, side by side: where do they first do something else?
+"""Compares two runs, or two implementations, and finds where their behaviour first differs.
 
-Logs are aligned by station and compared step by step (an input with its effects); what an
-implementation is free to choose is not compared (``automcm_traces.edit.canonical_log``).
+Logs are aligned by station and compared step by step (an input with its effects). Details that an
+implementation may choose are not compared (``automcm_traces.edit.canonical_log``).
 """
 
 from __future__ import annotations
@@ -15,58 +15,58 @@ from pathlib import Path
 
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.messages import same
-from automcm_traces.edit.canonical_log import Canonical, Deed, DeedStep
+from automcm_traces.edit.canonical_log import Canonical, CanonicalEvent, CanonicalStep
 from automcm_traces.explain.log_table import Logs
-from automcm_traces.format.event_text import fitted, safe, said
+from automcm_traces.format.event_text import fitted, safe, summary
 from automcm_traces.format.reader import Log, read
 
 SHOWN = 3
-"""Steps before the difference that are shown."""
+"""The number of steps shown before the difference."""
 ROWS = 30
-"""Rows of the table at most; the last ones."""
+"""The maximum number of table rows shown; the last ones."""
 LONGEST = 60
-"""Characters of a value that is told."""
+"""The maximum length of a value shown, in characters."""
 _Fields = tuple[tuple[str, object, object], ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first event that is not the same; one of the two may be missing."""
+    """The first event that differs; one of the two may be missing."""
 
-    a: Deed | None
-    b: Deed | None
+    a: CanonicalEvent | None
+    b: CanonicalEvent | None
     fields: _Fields = ()
-    """What differs in two events of one kind: the path of the field, and both values."""
-    steps_a: tuple[DeedStep, ...] = ()
-    steps_b: tuple[DeedStep, ...] = ()
-    """The last steps, up to the one that differs."""
+    """The differences between two events of one kind: the path of the field, and both values."""
+    steps_a: tuple[CanonicalStep, ...] = ()
+    steps_b: tuple[CanonicalStep, ...] = ()
+    """The last steps, up to and including the one that differs."""
 
 
 @dataclass(slots=True)
-class Compared:
-    """The two logs of one station, and what came of it."""
+class StationDiff:
+    """The two logs of one station, and the result of comparing them."""
 
     station: int
     file_a: str
     file_b: str
     steps: int = 0
-    """How many steps are the same."""
+    """The number of equal steps."""
     difference: Difference | None = None
     apart_ms: int = 0
-    """How far the times of steps that are the same are apart at most, each counted from the first
-    step of its log."""
+    """The maximum time difference of equal steps, each time measured from the first step of its
+    log."""
     apart: tuple[int, int] = (0, 0)
-    """The lines where that is."""
+    """The lines with that difference."""
     skipped: tuple[str, ...] = ()
-    """Kinds of event that not both logs promise: they are not compared."""
+    """Event kinds that are not compared, because one of the logs does not promise them."""
     parameters: _Fields = ()
-    """Those of the headers that differ."""
+    """The header parameters that differ."""
     pairs: list[tuple[int, int]] = field(default_factory=list)
-    """Lines of the events that are the same, as far as both logs have them in one order; last, if
-    both have it, the one that differs."""
+    """The lines of equal events, as far as both logs have them in the same order; the last pair is
+    the one that differs, if both logs have it."""
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         d = self.difference
         found: dict[str, object] = {
             "station": self.station,
@@ -79,28 +79,32 @@ class Compared:
             "times": {"apart_ms": self.apart_ms, "lines": list(self.apart)},
         }
         if d is not None:
-            found["difference"] = {"a": _told(d.a), "b": _told(d.b), "fields": _as_dicts(d.fields)}
+            found["difference"] = {
+                "a": _as_dict(d.a),
+                "b": _as_dict(d.b),
+                "fields": _as_dicts(d.fields),
+            }
         return found
 
 
 @dataclass(slots=True)
 class Diff:
-    """All stations."""
+    """The comparison of all stations."""
 
-    stations: list[Compared] = field(default_factory=list)
+    stations: list[StationDiff] = field(default_factory=list)
     only_a: list[str] = field(default_factory=list)
     only_b: list[str] = field(default_factory=list)
-    """Logs of stations that the other side has not."""
+    """Logs of stations that the other side lacks."""
     first: int = 0
-    """The station where A first does something else than B; 0 if none does."""
+    """The station at which A first differs from B; 0 if there is none."""
 
     @property
     def same(self) -> bool:
-        """Is there no difference at all?"""
+        """Whether there is no difference at all."""
         return not (self.only_a or self.only_b or any(c.difference for c in self.stations))
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "same": self.same,
             "first": self.first,
@@ -111,10 +115,10 @@ class Diff:
 
 
 def diff(a: Sequence[Path], b: Sequence[Path], stations: Mapping[int, int] | None = None) -> Diff:
-    """Compare logs with those of the same stations.
+    """Compare logs with the logs of the same stations.
 
-    ``stations`` says for a station of A which of B it is, where that has another id; a single log
-    on each side is compared whatever the ids.  Raises BadInput, for two logs of one station too.
+    ``stations`` maps stations of A to stations of B with other ids. If both sides have one log,
+    they are compared whatever their ids. Raises BadInput, also for two logs of one station.
     """
     found = diff_logs([read(path) for path in a], [read(path) for path in b], stations)
     found.first = _first(a, found.stations)
@@ -124,7 +128,7 @@ def diff(a: Sequence[Path], b: Sequence[Path], stations: Mapping[int, int] | Non
 def diff_logs(
     a: Sequence[Log], b: Sequence[Log], stations: Mapping[int, int] | None = None
 ) -> Diff:
-    """As ``diff``, of logs that were read; which station is the first to differ is left open."""
+    """As ``diff``, for logs already read; it does not determine the first station that differs."""
     logs_a, logs_b = _by_station(a), _by_station(b)
     pairs = dict(stations or {})
     if len(logs_a) == len(logs_b) == 1 and not pairs:
@@ -147,13 +151,13 @@ def _by_station(given: Sequence[Log]) -> dict[int, Log]:
         station = log.header.station
         if station in logs:
             other = logs[station].file
-            raise BadInput(log.file, 1, "station", f"{station} is the station of {other} too")
+            raise BadInput(log.file, 1, "station", f"{station} is also the station of {other}")
         logs[station] = log
     return dict(sorted(logs.items()))
 
 
-def _first(paths: Sequence[Path], found: Sequence[Compared]) -> int:
-    """Of several stations that differ the one that does so first in an order A could have had."""
+def _first(paths: Sequence[Path], found: Sequence[StationDiff]) -> int:
+    """The station that differs first, in one possible order of A's events."""
     lines = {
         one.station: one.difference.a.line if one.difference.a is not None else 0
         for one in found
@@ -166,21 +170,21 @@ def _first(paths: Sequence[Path], found: Sequence[Compared]) -> int:
     return next(iter(lines), 0)
 
 
-def compared(a: Log, b: Log, ids: Mapping[int, int]) -> Compared:
-    """Two logs of one station; ``ids`` are stations of B by what A calls them."""
+def compared(a: Log, b: Log, ids: Mapping[int, int]) -> StationDiff:
+    """Compare two logs of one station; ``ids`` maps stations of B to their ids in A."""
     promised = set(a.header.complete), set(b.header.complete)
     kinds = promised[0] & promised[1]
     skipped = tuple(sorted((promised[0] | promised[1]) - kinds))
-    found = Compared(a.header.station, a.file, b.file, skipped=skipped)
+    found = StationDiff(a.header.station, a.file, b.file, skipped=skipped)
     parameters = a.header.parameters.model_dump(), b.header.parameters.model_dump()
     found.parameters = tuple(_paths("", *parameters))
-    kept: list[tuple[DeedStep, DeedStep]] = []
+    kept: list[tuple[CanonicalStep, CanonicalStep]] = []
     start: tuple[int, int] | None = None
     both = zip_longest(
         Canonical(a, sorted(kinds)).steps(), Canonical(b, sorted(kinds), ids).steps()
     )
     for one, other in both:
-        one, other = one or DeedStep(None), other or DeedStep(None)
+        one, other = one or CanonicalStep(None), other or CanonicalStep(None)
         kept = [*kept[-SHOWN:], (one, other)]
         first = _differ(one, other)
         if first is not None:
@@ -190,7 +194,7 @@ def compared(a: Log, b: Log, ids: Mapping[int, int]) -> Compared:
             break
         found.steps += 1
         found.pairs += _pairs(one, other)
-        at = one.deeds[0], other.deeds[0]
+        at = one.events[0], other.events[0]
         times = at[0].event.t_ms, at[1].event.t_ms
         start = start or times
         apart = abs((times[0] - start[0]) - (times[1] - start[1]))
@@ -200,14 +204,17 @@ def compared(a: Log, b: Log, ids: Mapping[int, int]) -> Compared:
 
 
 def _pairs(
-    a: DeedStep, b: DeedStep, last: tuple[Deed | None, Deed | None] = (None, None)
+    a: CanonicalStep,
+    b: CanonicalStep,
+    last: tuple[CanonicalEvent | None, CanonicalEvent | None] = (None, None),
 ) -> list[tuple[int, int]]:
-    """Lines of equal events that stand in one order, before the first that differ, and of these."""
+    """The lines of equal events in the same order, before the first events that differ, and of
+    these."""
     left, right = (
-        [deed for deed in step.deeds if end is None or deed.line < end.line]
+        [entry for entry in step.events if end is None or entry.line < end.line]
         for step, end in zip((a, b), last, strict=True)
     )
-    keys = [deed.key for deed in left], [deed.key for deed in right]
+    keys = [entry.key for entry in left], [entry.key for entry in right]
     same = (
         [(0, 0, len(left))]
         if keys[0] == keys[1]
@@ -219,8 +226,10 @@ def _pairs(
     return found
 
 
-def _differ(a: DeedStep, b: DeedStep) -> tuple[Deed | None, Deed | None, _Fields] | None:
-    """The first events of two steps that are not the same."""
+def _differ(
+    a: CanonicalStep, b: CanonicalStep
+) -> tuple[CanonicalEvent | None, CanonicalEvent | None, _Fields] | None:
+    """The first events of two steps that differ."""
     if (a.input and a.input.key) != (b.input and b.input.key):
         return a.input, b.input, _fields(a.input, b.input)
     left, right = _without(a.effects, b.effects), _without(b.effects, a.effects)
@@ -228,25 +237,29 @@ def _differ(a: DeedStep, b: DeedStep) -> tuple[Deed | None, Deed | None, _Fields
         return _phases(a, b)
     if not left:
         return None, right[0], ()
-    other = next((deed for deed in right if deed.kind == left[0].kind), None)
+    other = next((entry for entry in right if entry.kind == left[0].kind), None)
     if other is None and len(left) == len(right) == 1 and left[0].event.ev == right[0].event.ev:
         other = right[0]
     return left[0], other, _fields(left[0], other)
 
 
-def _without(some: Sequence[Deed], others: Sequence[Deed]) -> list[Deed]:
-    """Those that have no equal among the others."""
-    left, found = Counter(deed.key for deed in others), []
-    for deed in some:
-        if left[deed.key]:
-            left[deed.key] -= 1
+def _without(
+    some: Sequence[CanonicalEvent], others: Sequence[CanonicalEvent]
+) -> list[CanonicalEvent]:
+    """The events that have no equal among the others."""
+    left, found = Counter(entry.key for entry in others), []
+    for entry in some:
+        if left[entry.key]:
+            left[entry.key] -= 1
         else:
-            found.append(deed)
+            found.append(entry)
     return found
 
 
-def _phases(a: DeedStep, b: DeedStep) -> tuple[Deed, Deed, _Fields] | None:
-    """The input after which both say another phase or role."""
+def _phases(
+    a: CanonicalStep, b: CanonicalStep
+) -> tuple[CanonicalEvent, CanonicalEvent, _Fields] | None:
+    """The inputs of two steps, if both state the phase or role after it and these differ."""
     if a.input is None or b.input is None:
         return None
     pairs = zip(("phase", "role"), a.input.phase, b.input.phase, strict=True)
@@ -254,7 +267,7 @@ def _phases(a: DeedStep, b: DeedStep) -> tuple[Deed, Deed, _Fields] | None:
     return (a.input, b.input, apart) if apart else None
 
 
-def _fields(a: Deed | None, b: Deed | None) -> _Fields:
+def _fields(a: CanonicalEvent | None, b: CanonicalEvent | None) -> _Fields:
     if a is None or b is None or a.kind[:3] != b.kind[:3]:
         return ()
     return tuple(_paths("", a.fields, b.fields))
@@ -270,45 +283,49 @@ def _paths(path: str, a: object, b: object) -> Iterator[tuple[str, object, objec
         yield path, a, b
 
 
-def _told(deed: Deed | None) -> object:
-    if deed is None:
+def _as_dict(entry: CanonicalEvent | None) -> object:
+    if entry is None:
         return None
-    return {"line": deed.line, "t_ms": deed.event.t_ms, "event": said(deed.event)}
+    return {"line": entry.line, "t_ms": entry.event.t_ms, "event": summary(entry.event)}
 
 
 def _as_dicts(fields: _Fields) -> list[object]:
     return [{"field": name, "a": a, "b": b} for name, a, b in fields]
 
 
-# -- for a person
+# -- text
 
 
 def text(found: Diff, times: bool = False, width: int = 80) -> Iterator[str]:
-    """What differs, in lines; with ``times`` also how far the times are apart."""
+    """The differences as lines; with ``times``, also the time differences."""
     for one in found.stations:
         yield from _station(one, times, width)
     for side, files in (("A", found.only_a), ("B", found.only_b)):
         yield from (f"{file}: only {side} has this station" for file in files)
     if found.first and len(found.stations) > 1:
-        yield f"the first to differ: station {found.first}"
+        yield f"station {found.first} differs first"
 
 
-def _station(one: Compared, times: bool, width: int) -> Iterator[str]:
+def _station(one: StationDiff, times: bool, width: int) -> Iterator[str]:
     d = one.difference
     steps = f"{one.steps} step{'' if one.steps == 1 else 's'}"
     yield f"{one.station}: " + (f"the same, {steps}" if d is None else f"DIFFERS after {steps}")
     if one.skipped:
-        yield f"  not compared, for not both promise it: {', '.join(one.skipped)}"
+        yield f"  not compared, because one log does not promise it: {', '.join(one.skipped)}"
     if one.parameters:
-        told = (f"{name} {_short(x)} | {_short(y)}" for name, x, y in one.parameters)
-        yield f"  parameters differ: {', '.join(told)}"
+        shown = (f"{name} {_short(x)} | {_short(y)}" for name, x, y in one.parameters)
+        yield f"  parameters differ: {', '.join(shown)}"
     if times:
         where = f", most at lines {one.apart[0]} and {one.apart[1]}" if one.apart_ms else ""
         yield f"  times are up to {one.apart_ms} ms apart{where}"
     if d is None:
         return
-    for file, deed in ((one.file_a, d.a), (one.file_b, d.b)):
-        yield f"  {file}:{deed.line}: {said(deed.event)}" if deed else f"  {file}: nothing like it"
+    for file, entry in ((one.file_a, d.a), (one.file_b, d.b)):
+        yield (
+            f"  {file}:{entry.line}: {summary(entry.event)}"
+            if entry
+            else f"  {file}: nothing like it"
+        )
     for name, x, y in d.fields:
         yield f"  {name}: {_short(x)} | {_short(y)}"
     each = (width - 5) // 2
@@ -320,18 +337,20 @@ def _rows(d: Difference, each: int) -> Iterator[str]:
     for a, b in zip(d.steps_a, d.steps_b, strict=True):
         for x, y in zip_longest(_paired(a, b)[0], _paired(a, b)[1]):
             mark = "!" if (x is not None and x is d.a) or (y is not None and y is d.b) else " "
-            left = "" if x is None else f"{x.line:>6} {said(x.event)}"
-            right = "" if y is None else f"{y.line:>6} {said(y.event)}"
+            left = "" if x is None else f"{x.line:>6} {summary(x.event)}"
+            right = "" if y is None else f"{y.line:>6} {summary(y.event)}"
             yield f"{mark} {fitted(left, each)} | {fitted(right, each)}".rstrip()
 
 
-def _paired(a: DeedStep, b: DeedStep) -> tuple[list[Deed], list[Deed | None]]:
-    """The events of both steps, equal ones beside each other as far as that goes."""
-    left, right = a.deeds, list(b.deeds)
-    beside: list[Deed | None] = []
-    for deed in left:
-        equal = [other for other in right if other.key == deed.key]
-        alike = [other for other in right if other.kind == deed.kind]
+def _paired(
+    a: CanonicalStep, b: CanonicalStep
+) -> tuple[list[CanonicalEvent], list[CanonicalEvent | None]]:
+    """The events of both steps, with equal events beside each other where possible."""
+    left, right = a.events, list(b.events)
+    beside: list[CanonicalEvent | None] = []
+    for entry in left:
+        equal = [other for other in right if other.key == entry.key]
+        alike = [other for other in right if other.kind == entry.kind]
         match = next(iter(equal + alike), None)
         if match is not None:
             right.remove(match)
@@ -344,5 +363,5 @@ def _end_of(text: str, width: int) -> str:
 
 
 def _short(value: object) -> str:
-    told = "absent" if value is None else safe(str(value))
-    return told if len(told) <= LONGEST else f"{told[:LONGEST]}.."
+    shown = "absent" if value is None else safe(str(value))
+    return shown if len(shown) <= LONGEST else f"{shown[:LONGEST]}.."

@@ -1,13 +1,13 @@
-"""The smallest logs in which the same thing is still wrong.
+"""Finds the smallest logs that still show the same problem.
 
-What is wrong is found by ``automcm_traces.explain.explain``.  Then less and less is kept, as long
-as the verdict is the same: the same event diverges, by the same rule, with the same guard in the
-way, in the same state but for its numbers.  First whole sessions go, then whole logs, then steps
-(an input with its effects), at last single effects.  The gaps that this leaves are closed if that
-is enough (``automcm_traces.edit.log_slice``).
+``automcm_traces.explain.explain`` finds the problem. Then ever more is left out as long as the
+verdict stays the same: the same event diverges, by the same rule, with the same guard in the way,
+in the same state except for its numbers. The search leaves out whole sessions first, then whole
+logs, then steps (an input with its effects), and finally single effects. It closes the resulting
+gaps if the problem remains (``automcm_traces.edit.log_slice``).
 
-It is a search: the result is small, not proven to be the smallest.  No steps in a row, and no two,
-can be left out of it, unless it is long or the search was ended by its number of tries.
+The result is small, but not proven to be the smallest. No consecutive steps, and no two steps, can
+be left out of it, unless it is long or the search reached its limit of tries.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
 from automcm_traces.checker.finding import Finding
-from automcm_traces.edit.log_slice import Item, Sublog
+from automcm_traces.edit.log_slice import Item, LogSlice
 from automcm_traces.explain.explain import Verdict, explain, explain_files, forged
 from automcm_traces.explain.log_table import Row
 from automcm_traces.format.log import Receive, Send
@@ -29,16 +29,16 @@ from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.properties import SystemReport, judge
 
 TRIES = 3000
-"""How many candidates are judged."""
+"""The maximum number of candidates that are checked."""
 MOST_STEPS = 40
-"""Of a log with more steps not all rows and pairs of them are tried."""
-Candidate = tuple[Sublog, ...]
+"""In longer logs, not all runs and pairs of steps are tried."""
+Candidate = tuple[LogSlice, ...]
 Test = Callable[[Sequence[Log]], bool]
 
 
 class NothingToShrink(Exception):
-    """The logs show nothing that is not allowed (``code`` 1), cannot be read (3), or one cannot
-    tell (4)."""
+    """The logs show no problem (``code`` 1), are unreadable (3), or are insufficient for a verdict
+    (4)."""
 
     def __init__(self, text: str, code: int) -> None:
         super().__init__(text)
@@ -47,26 +47,27 @@ class NothingToShrink(Exception):
 
 @dataclass(slots=True)
 class Shrunk:
-    """The smallest logs found, and what is wrong in them."""
+    """The smallest logs found, and their problem."""
 
     finding: Finding
-    """What is wrong; without a file if only all logs together are."""
+    """The problem; without a file if it involves all logs together."""
     logs: Candidate = ()
     before: dict[str, int] = field(default_factory=dict)
-    """Events of each log that was given."""
+    """The number of events in each given log."""
     tries: int = 0
     ended: bool = False
-    """The search was ended by the number of tries."""
+    """Whether the search reached its limit of tries."""
 
     @property
     def line_now(self) -> int:
-        """The line of the event in the smallest log; 0 if only all together are wrong."""
+        """The line of the event in the smallest log; 0 if the problem involves all logs
+        together."""
         at = self.finding.at
         kept = [item.line for log in self.logs if log.file == at.file for item in log.items]
         return kept.index(at.line) + 2 if at.line in kept else 0
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "what": self.finding.observed,
             "rule": self.finding.rule or self.finding.property,
@@ -82,7 +83,7 @@ class Shrunk:
         }
 
     def text(self) -> list[str]:
-        """For a person: what is left, as a table."""
+        """The result as text."""
         at, rule = self.finding.at, self.finding.rule or self.finding.property
         where = f"{at.file}:{at.line}: " if at.file else ""
         shown = f" [{rule}]" if rule else ""
@@ -92,11 +93,13 @@ class Shrunk:
         gone = [file for file in self.before if file not in {log.file for log in self.logs}]
         lines += [f"{file}: is not needed" for file in gone]
         if self.ended:
-            lines.append(f"ended after {self.tries} tries: it may be smaller yet (--tries)")
+            lines.append(
+                f"stopped after {self.tries} tries; raise --tries to search for smaller logs"
+            )
         return lines
 
     def rows(self) -> list[Row]:
-        """Every event that is left, log after log, with the lines of the new files."""
+        """All remaining events, log by log, with their lines in the new files."""
         return [
             Row(log.header.station, line, item.event)
             for log in self.logs
@@ -109,88 +112,87 @@ def shrink(
     *,
     late_ms: int | None = None,
     tries: int = TRIES,
-    say: Callable[[str], None] = lambda text: None,
+    on_progress: Callable[[str], None] = lambda text: None,
 ) -> Shrunk:
-    """The smallest logs with what is wrong first in the logs of these files.
+    """The smallest logs that show the first problem in the logs of these files.
 
-    A log that diverges by itself is shrunk by itself; one with a forged message with the others,
-    and so are logs that together violate a property.  ``late_ms`` is as for ``explain``.
+    A log that diverges by itself is shrunk alone. A log with a forged message is shrunk together
+    with the others, and so are logs that violate a property together. ``late_ms`` is as for
+    ``explain``.
 
     Raises NothingToShrink and OSError.
     """
     verdicts = explain_files(paths, late_ms)
     wrong = next((v for v in verdicts if v.verdict == "diverges"), None)
     if wrong is not None and wrong.finding.kind != "forged":
-        alone = Sublog.read(wrong.file, max(wrong.seen, wrong.finding.at.line))
+        alone = LogSlice.read(wrong.file, max(wrong.seen, wrong.finding.at.line))
         found = Shrunk(wrong.finding)
         found.before = {name_of(path): _events(path) for path in paths}
-        return Search((alone,), diverges_as(wrong, late_ms), tries, say).run(found)
+        return Search((alone,), diverges_as(wrong, late_ms), tries, on_progress).run(found)
     for v in verdicts:
         if v.verdict == "unreadable":
             where = at_line(v.file, v.finding.at.line)
             raise NothingToShrink(f"{where}: {v.finding.observed}", 3)
-    told = next((v for v in verdicts if v.verdict == "cannot_tell"), None)
-    text, code = "everything in the logs is allowed: there is nothing to shrink", 1
-    if told is not None:
-        line, observed = told.finding.at.line, told.finding.observed
-        text, code = f"{told.file}:{line}: CANNOT TELL: {observed}", 4
+    undecided = next((v for v in verdicts if v.verdict == "cannot_tell"), None)
+    text, code = "the logs are allowed: there is nothing to shrink", 1
+    if undecided is not None:
+        line, observed = undecided.finding.at.line, undecided.finding.observed
+        text, code = f"{undecided.file}:{line}: CANNOT TELL: {observed}", 4
     try:
-        logs = tuple(Sublog.read(path) for path in paths)
-    except BadInput:  # records are missing: its verdict says so
+        logs = tuple(LogSlice.read(path) for path in paths)
+    except BadInput:  # records are missing, as its verdict states
         raise NothingToShrink(text, code) from None
     before = {log.file: len(log.items) for log in logs}
     if wrong is not None:
         found = Shrunk(wrong.finding, before=before)
-        return Search(logs, forged_as(wrong, verdicts, late_ms), tries, say).run(found)
+        return Search(logs, forged_as(wrong, verdicts, late_ms), tries, on_progress).run(found)
     system = judge([log.log() for log in logs]) if len(paths) > 1 else None
     violated = None if system is None else next(iter(_violations(system)), None)
     if violated is None:
         if code == 1 and system is not None and system.hazards:
-            text = (
-                "a fault caused a hazard, but what the stations did is allowed: nothing to shrink"
-            )
+            text = "a fault caused a hazard, but all stations behave as allowed: nothing to shrink"
         raise NothingToShrink(text, code)
     found = Shrunk(violated, before=before)
-    return Search(logs, violates_as(violated, verdicts, late_ms), tries, say).run(found)
+    return Search(logs, violates_as(violated, verdicts, late_ms), tries, on_progress).run(found)
 
 
 def _events(path: Path) -> int:
-    """How many events a file holds, as far as it can be read."""
+    """The number of events in a file, as far as it can be read."""
     count = 0
     try:
         for _ in (log := LogStream(path, past_gaps=True)):
             count = log.events
     except BadInput:
-        pass  # after what is shrunk
+        pass  # after the part to shrink
     return count
 
 
-# -- the same thing is wrong
+# -- the same problem
 
 
 def masked(text: str) -> str:
-    """A text of a verdict without its numbers: those change with what is left out."""
+    """A verdict text without its numbers, which change when events are left out."""
     return re.sub(r"\d+", "#", text)
 
 
 def diverges_as(wrong: Verdict, late_ms: int | None) -> Test:
-    """Whether a log diverges at the same event, by the same rule, in the same way: in the same
-    state but for numbers, with the same guard in the way."""
-    wanted = _way(wrong)
-    return lambda logs: _way(explain(logs[0], late_ms)) == wanted
+    """Whether a log diverges at the same event, by the same rule and in the same way: in the same
+    state except for its numbers, with the same guard in the way."""
+    wanted = _signature(wrong)
+    return lambda logs: _signature(explain(logs[0], late_ms)) == wanted
 
 
-def _way(v: Verdict) -> tuple[object, ...]:
-    # What is missing after an input is what is wrong: nothing else may be left out there.
+def _signature(v: Verdict) -> tuple[object, ...]:
+    # The missing effects of an input are the problem: no other effect may be left out there.
     found = v.finding
-    whole = found.kind in ("missing", "state")
-    missing = tuple(masked(e) for e in found.expected) if whole else ()
+    exact = found.kind in ("missing", "state")
+    missing = tuple(masked(e) for e in found.expected) if exact else ()
     around = found.why.guard, masked(found.why.state), masked(found.why.nearest)
     return found.kind, found.at, found.rule, masked(found.observed), missing, around
 
 
 def forged_as(wrong: Verdict, verdicts: Sequence[Verdict], late_ms: int | None) -> Test:
-    """Whether the same message is forged, and no log has become worse."""
+    """Whether the same message is forged, and no other log has become worse."""
     good = {v.file for v in verdicts if v.verdict == "allowed" or v is wrong}
 
     def same(logs: Sequence[Log]) -> bool:
@@ -224,7 +226,7 @@ def _allowed(log: Log, late_ms: int | None) -> bool:
 
 
 def _violations(report: SystemReport) -> list[Finding]:
-    """Each property that is violated, or ``forged`` or ``cycle``, and where."""
+    """Each violated property, or ``forged`` or ``cycle``, with its place."""
     found = [(j.property, w) for j in report.properties if j.outcome == "violated" for w in j.where]
     found += [("forged", text) for text in report.forged]
     found += [("cycle", text) for text in report.cycles]
@@ -240,25 +242,25 @@ def _down(n: int) -> range:
 
 @dataclass(slots=True)
 class Search:
-    """Leaves out what it can.  ``same`` says of logs whether the same thing is wrong in them."""
+    """Leaves out as much as possible. ``same`` tests whether logs still show the same problem."""
 
     best: Candidate
     same: Test
     most: int
-    say: Callable[[str], None]
+    on_progress: Callable[[str], None]
     tries: int = 0
     file: str = ""
     line: int = 0
-    """Where the event is that is wrong; empty and 0 if only all together are."""
+    """The place of the problem; empty and 0 if it involves all logs together."""
     _refused: set[tuple[tuple[int, ...], ...]] = field(default_factory=set)
 
     @property
     def ended(self) -> bool:
-        """Has it been tried as often as was allowed?"""
+        """Whether the limit of tries is reached."""
         return self.tries >= self.most
 
     def run(self, found: Shrunk) -> Shrunk:
-        """Fill in what is left."""
+        """Search, and fill in the result."""
         self.file, self.line, _ = found.finding.at
         self._sessions()
         self._logs()
@@ -279,7 +281,7 @@ class Search:
         return sum(len(log.items) for log in self.best)
 
     def _sessions(self) -> None:
-        """Without whole sessions, in all logs: all but one, or without each."""
+        """Leave out whole sessions, in all logs: first all except one, then each."""
         wrong = self._wrong()
         groups: dict[tuple[int, int], set[int]] = {}
         for log in self.best:
@@ -294,7 +296,7 @@ class Search:
             self._without({id(item) for items in found for item in items})
 
     def _exchanges(self, n: int) -> None:
-        """Without all that goes with a proposal, or with a message."""
+        """Leave out everything about one proposal, or about one message."""
         again = True
         while again and not self.ended:
             found = self.best[n].by_number()
@@ -305,8 +307,8 @@ class Search:
             if len(self.best) > 1:
                 self._try(tuple(other for other in self.best if other is not log))
 
-    def _fewer(self, n: int, parts_of: Callable[[Sublog], list[list[Item]]]) -> None:
-        """Without runs of parts of the log in place ``n``, long ones first, the last first."""
+    def _fewer(self, n: int, parts_of: Callable[[LogSlice], list[list[Item]]]) -> None:
+        """Leave out consecutive parts of the log at index ``n``, long runs first, from the end."""
         size = len(parts_of(self.best[n]))
         while size and not self.ended:
             at = len(parts_of(self.best[n]))
@@ -319,7 +321,7 @@ class Search:
             size //= 2
 
     def _some_fewer(self, n: int) -> None:
-        """Without any steps in a row, or any two."""
+        """Leave out any consecutive steps, or any two steps."""
         steps = self.best[n].steps()
         if len(steps) > MOST_STEPS:
             return
@@ -329,7 +331,7 @@ class Search:
                 return
 
     def _without(self, away: set[int]) -> bool:
-        """Without some items: the gaps closed if one log is left, or as they are."""
+        """Try to leave out some items. In a single log, first try to close the gaps."""
         away = away - self._wrong()
         if len(self.best) > 1:
             away = self._with_received(away)
@@ -346,13 +348,13 @@ class Search:
         return False
 
     def _wrong(self) -> set[int]:
-        """The event that is wrong, and its input: they stay."""
+        """The event with the problem, and its input, which both stay."""
         steps = (step for log in self.best if log.file == self.file for step in log.steps())
         found = [step for step in steps if any(item.line == self.line for item in step)]
         return {id(i) for step in found for i in step if i is step[0] or i.line == self.line}
 
     def _with_received(self, away: set[int]) -> set[int]:
-        """With every step by which a message was received that is no longer sent."""
+        """Add every step that receives a message that is no longer sent."""
         away = set(away)
         size = -1
         while size != len(away):
@@ -373,5 +375,5 @@ class Search:
         if not self.same([log.log() for log in candidate]):
             return False
         self.best = candidate
-        self.say(f"{self._size()} events in {len(self.best)} logs, {self.tries} tried")
+        self.on_progress(f"{self._size()} events in {len(self.best)} logs, {self.tries} tried")
         return True

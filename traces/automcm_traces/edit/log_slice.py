@@ -1,9 +1,8 @@
-"""Part of a log as a log of its own: fewer steps, and what is left moved together.
+"""Makes a log from part of another: fewer steps, with the gaps closed.
 
-A step is an input with the effects that follow it; a CAM sent stands alone.  What is left out may
-leave a gap in time and in numbers.  ``closed_up`` closes it: what was armed still runs as long as
-it did, an expiry comes as late as it came, and a seq or proposal that nothing names any more is
-not counted.
+A step is an input with its effects; a sent CAM is a step by itself. Leaving out steps may leave
+gaps in times and numbers. ``closed_up`` closes them: timers keep their durations, expiries keep
+their delays, and a seq or proposal that nothing names any more is skipped.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Numbers = dict[tuple[str, ...], set[int]]
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """An event, its line in the log it comes from, and its record as it is to be written."""
+    """An event, its line in the original log, and its record to write."""
 
     line: int
     event: Event
@@ -37,15 +36,15 @@ class Item:
 
     @staticmethod
     def of(line: int, fields: dict[str, Json]) -> Item:
-        """An item from the fields of a line.  Raises what ``log.record`` raises."""
+        """The item for the fields of a line. Raises the exceptions of ``log.record``."""
         event = record(json.dumps(fields).encode())
         assert not isinstance(event, Header | End)
         return Item(line, event, fields)
 
 
 @dataclass(frozen=True, slots=True)
-class Sublog:
-    """What is left of a log."""
+class LogSlice:
+    """The remaining part of a log."""
 
     file: str
     header: Header
@@ -54,11 +53,11 @@ class Sublog:
     items: tuple[Item, ...]
 
     @staticmethod
-    def read(path: str | Path, lines: int = 0) -> Sublog:
-        """The log in a file, whole or its first ``lines``; an event of an unknown kind is left
-        out.  It has an end if the file has, in the part that is read or later.
+    def read(path: str | Path, lines: int = 0) -> LogSlice:
+        """The log in a file, complete or its first ``lines``; events of unknown kinds are left out.
 
-        Raises BadInput, if the whole is to be read, and OSError.
+        It has an end record if the file has one, even after ``lines``. Raises OSError, and BadInput
+        if the complete log is read.
         """
         end = read(path).end if not lines else _end(path)
         with open(path, "rb") as stream:
@@ -73,20 +72,20 @@ class Sublog:
                     pass
                 case event:
                     items.append(Item(number, event, json.loads(text)))
-        assert header is not None, "the log has been read before"
-        return Sublog(name_of(path), header, json.loads(texts[0]), end, tuple(items))
+        assert header is not None, "the caller has read the log before"
+        return LogSlice(name_of(path), header, json.loads(texts[0]), end, tuple(items))
 
-    def having(self, items: Sequence[Item]) -> Sublog:
-        """The same log with these items only."""
-        return Sublog(self.file, self.header, self.head, self.end, tuple(items))
+    def having(self, items: Sequence[Item]) -> LogSlice:
+        """The same log with only these items."""
+        return LogSlice(self.file, self.header, self.head, self.end, tuple(items))
 
     def log(self) -> Log:
-        """For the engine; the lines are those of the log it comes from."""
+        """The log for the engine, with the lines of the original log."""
         events = [(item.line, item.event) for item in self.items]
         return Log(self.file, self.header, events, self.end, False, [])
 
     def text(self) -> bytes:
-        """As a file, its events counted anew."""
+        """The log as a file, with its events renumbered."""
         records = [self.head]
         records += [item.record | {"seq": n} for n, item in enumerate(self.items, 1)]
         if self.end is not None:
@@ -97,7 +96,7 @@ class Sublog:
         )
 
     def steps(self) -> list[list[Item]]:
-        """The events of each step together."""
+        """The events, grouped by step."""
         found: list[list[Item]] = []
         last: list[Item] | None = None
         for item in self.items:
@@ -110,11 +109,12 @@ class Sublog:
         return found
 
     def effects(self) -> list[list[Item]]:
-        """Each event that is no input."""
+        """Each event that is not an input."""
         return [[item] for item in self.items if not is_input(item.event)]
 
     def by_session(self) -> dict[tuple[int, int], list[Item]]:
-        """The steps of each session; one that names none belongs to that of the step before."""
+        """The steps of each session; a step that names none belongs to the session of the previous
+        step."""
         found: dict[tuple[int, int], list[Item]] = {}
         at: tuple[int, int] | None = None
         for step in self.steps():
@@ -125,8 +125,8 @@ class Sublog:
         return found
 
     def by_number(self) -> list[list[Item]]:
-        """The steps that go with each proposal, then with each message: what names it, and what
-        names a message about it."""
+        """The steps about each proposal, then about each message, including messages about that
+        message."""
         station = self.header.station
         steps = [(step, _numbers((i.record for i in step), station)) for step in self.steps()]
         topics = {(key, n) for _, named in steps for key, ns in named.items() for n in ns if n}
@@ -139,8 +139,8 @@ class Sublog:
             found.append([item for step in away for item in step])
         return found
 
-    def closed_up(self, left: Sequence[Item]) -> Sublog:
-        """Only the items ``left``, in their order, and the gaps closed."""
+    def closed_up(self, left: Sequence[Item]) -> LogSlice:
+        """The log with only the items ``left``, in order, with the gaps closed."""
         moved = _retimed(self.items, {id(item) for item in left})
         station = self.header.station
         gone = _numbers((item.record for item in self.items), station)
@@ -151,12 +151,12 @@ class Sublog:
 
 
 def is_input(event: Event) -> bool:
-    """Whether a step begins with it."""
+    """Whether a step begins with this event."""
     return event.ev in ("receive", "command", "restart") or getattr(event, "op", "") == "expire"
 
 
 def _end(path: str | Path) -> End | None:
-    """The end of a log, if its last line is one."""
+    """The end record of a log, if its last line is one."""
     with open(path, "rb") as stream:
         stream.seek(0, 2)
         stream.seek(max(0, stream.tell() - 4096))
@@ -169,17 +169,18 @@ def _end(path: str | Path) -> End | None:
 
 
 def _retimed(items: Sequence[Item], left: set[int]) -> list[Item]:
-    """What is left, each as long after what is before it as it was, an expiry by its deadline."""
+    """The remaining items with new times: each keeps its distance to the previous event, an expiry
+    its distance to the deadline."""
     found: list[Item] = []
     deadlines: dict[str, tuple[int, int]] = {}
-    """By timer: as it was, and as it is now."""
+    """By timer, the old and the new deadline."""
     was = now = 0
     for item in items:
         old = item.event.t_ms
         gap, was = old - was, old
         if id(item) not in left:
             if not found:
-                now = old  # what is left begins when its first event did
+                now = old  # the first remaining event keeps its time
             continue
         fields = item.record
         timer = json.dumps(fields.get("timer"), sort_keys=True)
@@ -208,7 +209,7 @@ def _at(item: Item, shift: int) -> Item:
 
 
 def _numbers(records: Iterator[dict[str, Json]], station: int) -> Numbers:
-    """The seqs and proposals that records name, by whose they are."""
+    """The seqs and proposals that records name, by their owner."""
     found: Numbers = defaultdict(set)
     for fields in records:
         for key, holder, name in _named(fields, station):
@@ -219,7 +220,7 @@ def _numbers(records: Iterator[dict[str, Json]], station: int) -> Numbers:
 def _named(
     fields: dict[str, Json], station: int
 ) -> Iterator[tuple[tuple[str, ...], dict[str, Json], str]]:
-    """Where a record names a seq or a proposal: whose it is, and the place."""
+    """The places where a record names a seq or a proposal: its owner, and the place."""
     holders = [fields[part] for part in ("message", "command", "indication") if part in fields]
     if "indication" in fields:
         holders += [value for value in fields["indication"].values() if isinstance(value, dict)]
@@ -237,7 +238,7 @@ def _named(
 
 
 def _is_about(item: Item, key: tuple[str, ...], n: int) -> bool:
-    """Whether it is a message about a proposal."""
+    """Whether the item is a message about this proposal."""
     m = item.record.get("message", {})
     return m.get("proposal") == n and str(m.get("session")) == key[1]
 
@@ -261,7 +262,7 @@ def _renumbered(item: Item, gone: Numbers, station: int) -> Item:
 
 
 def _parsed(line: bytes) -> Record | UnknownEvent | None:
-    """A line of a log; None for a last one that is cut.  Raises what ``parse`` raises."""
+    """A line of a log; None for an incomplete last line. Raises the exceptions of ``parse``."""
     try:
         return parse(line)
     except NotJsonError:

@@ -1,5 +1,5 @@
-"""The verdict on a log: what diverges, why, and what was allowed instead.
+"""The verdict on a log: where it diverges, why, and what was allowed instead.
 
-For ``trace explain``, ``lint``, ``coverage`` and ``show``.
-edit, export and viewer import it.
+Used by ``trace explain``, ``lint``, ``coverage`` and ``show``.
+The subpackages edit, export and viewer import it.
 """

@@ -1,7 +1,7 @@
-"""How much of the specification a fleet's logs exercise, and what they never do.
+"""Measures how much of the specification a set of logs exercises.
 
-Each log is followed on the compiled specification; what is counted of it ends where it diverges, or
-can no longer be told or read.
+Each log is checked on the compiled specification. Counting a log stops where it diverges, where no
+verdict is possible any more, or where it cannot be read.
 """
 
 from __future__ import annotations
@@ -29,26 +29,27 @@ from automcm_traces.format.reader import LogStream
 Problem = Literal["diverges", "cannot_tell", "unreadable"]
 ALL_TYPES = (*get_args(MessageType), "CAM")
 REMEMBERED = 20_000
-"""Questions to the specification that are counted before it is asked them."""
+"""The number of distinct queries that are counted before they are evaluated."""
 Question: TypeAlias = tuple[int, tuple[int, ...], State, Input | None]
-"""Station, limits, what it was, and its input; None for the marks of its CAM."""
+"""A query: station, limits, state, and input; the input is None for the marks of a CAM."""
 
 
 @dataclass(frozen=True)
 class Possible:
-    """What the specification knows, to hold what was seen against."""
+    """The elements of the specification that logs can cover."""
 
     rules: tuple[str, ...]
-    """Those that decide an input."""
+    """The rules that decide an input."""
     phases: tuple[str, ...]
     ways: tuple[str, ...]
-    """``A -> B`` for each pair of phases that some step joins."""
+    """``A -> B`` for each pair of phases with a step from A to B."""
     inputs: tuple[str, ...]
 
 
 @cache
 def possible() -> Possible:
-    """Seen from a station with one peer, which has all phases, ways and kinds of input (tests)."""
+    """The elements, from a station with one peer: it has all phases, transitions and kinds of input
+    (tests)."""
     one = frozenset({1})
     o = OpenStation(2, 1, 5, 2, peers=frozenset({2}), own_sessions=one, peer_sessions=one)
     ways = {
@@ -67,26 +68,26 @@ def possible() -> Possible:
 
 @dataclass
 class Coverage:
-    """What the logs given to ``add`` have exercised, all together."""
+    """The combined coverage of all logs given to ``add``."""
 
     logs: int = 0
     events: int = 0
     steps: int = 0
     problems: list[tuple[str, int, Problem, str]] = field(default_factory=list)
-    """File, line, what kind, and why: logs that were not counted to their end."""
+    """File, line, kind and reason for each log that was not counted to its end."""
     rules: Counter[str] = field(default_factory=Counter)
     phases: Counter[str] = field(default_factory=Counter)
-    """In which the inputs came."""
+    """The phases in which inputs came."""
     ways: Counter[str] = field(default_factory=Counter)
     inputs: Counter[str] = field(default_factory=Counter)
     sent: Counter[str] = field(default_factory=Counter)
     received: Counter[str] = field(default_factory=Counter)
     _conditions: ConditionCoverage = field(default_factory=ConditionCoverage)
-    _asked: Counter[Question] = field(default_factory=Counter)
-    """How often each question came up that the specification was not asked yet."""
+    _pending: Counter[Question] = field(default_factory=Counter)
+    """The counts of the queries that have not been evaluated yet."""
 
     def add(self, path: Path, late_ms: int | None = None) -> None:
-        """Count one log, read as it is followed.  ``late_ms`` is as for ``Engine``."""
+        """Count one log, read lazily. ``late_ms`` is as for ``Engine``."""
         self.logs += 1
         try:
             stream = LogStream(path)
@@ -95,8 +96,8 @@ class Coverage:
             return
         ending = follow(stream, late_ms, [_Counter(self)], one=True)
         found = ending.finding
-        if ending.lacking and ending.diverges:  # what is not in the log may have led there
-            text = f"{found.observed}; the log does not promise {', '.join(ending.lacking)}"
+        if ending.unpromised and ending.diverges:  # unlogged events may have led there
+            text = f"{found.observed}; the log does not promise {', '.join(ending.unpromised)}"
             found = cannot_tell(stream.file, found.at.line, text)
         if found.kind != "nothing":
             self._problem(found, ending.line)
@@ -109,27 +110,27 @@ class Coverage:
         self.problems.append((found.at.file, line, what, one_line(found.observed)))
 
     def count(self, track: Track, st: State, i: Input | None) -> None:
-        """Count a question to the specification."""
-        self._asked[track.me, (track.max_rounds, *track.limits), st, i] += 1
-        if len(self._asked) >= REMEMBERED:
-            self._ask()
+        """Count a query to the specification."""
+        self._pending[track.me, (track.max_rounds, *track.limits), st, i] += 1
+        if len(self._pending) >= REMEMBERED:
+            self._evaluate()
 
     @property
     def conditions(self) -> ConditionCoverage:
         """How often each condition of Station.tla was true and false."""
-        self._ask()
+        self._evaluate()
         return self._conditions
 
-    def _ask(self) -> None:
-        """Ask each question once, with the conditions recorded."""
-        for (me, limits, st, i), times in self._asked.items():
+    def _evaluate(self) -> None:
+        """Evaluate each pending query once, recording its conditions."""
+        for (me, limits, st, i), times in self._pending.items():
             self._conditions.times = times
             station = recording(Station(*limits), self._conditions.meet)
             station.marks(st) if i is None else station.step(me, st, i)
-        self._asked.clear()
+        self._pending.clear()
 
     def tables(self) -> dict[str, dict[str, int]]:
-        """By what is counted: how often each thing that is possible was seen, 0 for never."""
+        """The tables by name: how often each possible element was seen, 0 for never."""
         all_ = possible()
         return {
             "rules": {rule: self.rules[rule] for rule in all_.rules},
@@ -141,7 +142,7 @@ class Coverage:
         }
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "logs": self.logs,
             "events": self.events,
@@ -156,7 +157,7 @@ class Coverage:
 
 
 class _Counter(Watcher):
-    """Counts what one log exercises."""
+    """Counts the coverage of one log."""
 
     def __init__(self, coverage: Coverage) -> None:
         self._c = coverage
@@ -170,7 +171,7 @@ class _Counter(Watcher):
 
     def ended(self, ending: Ending) -> None:
         self._c.events += ending.events
-        if ending.events > self._events:  # the one that was not allowed
+        if ending.events > self._events:  # the event that was not allowed
             self._message(ending.recent[-1][1])
 
     def _message(self, event: Event) -> None:
@@ -192,7 +193,7 @@ class _Counter(Watcher):
 
 
 def measure(paths: Iterable[Path], late_ms: int | None = None) -> Coverage:
-    """What these logs exercise together."""
+    """The combined coverage of these logs."""
     coverage = Coverage()
     for path in paths:
         coverage.add(path, late_ms)
@@ -203,7 +204,7 @@ EXIT: dict[Problem, int] = {"diverges": 1, "unreadable": 3, "cannot_tell": 4}
 
 
 def exit_code(coverage: Coverage) -> int:
-    """0 if each log was counted to its end, else what weighs most: 1, 3, 4."""
+    """0 if each log was counted to its end, otherwise the most severe of 1, 3, 4."""
     codes = {EXIT[what] for _, _, what, _ in coverage.problems}
     return next((code for code in (1, 3, 4) if code in codes), 0)
 
@@ -212,19 +213,19 @@ MOST_PROBLEMS = 10
 _PROBLEMS: dict[Problem, str] = {
     "diverges": "diverge",
     "unreadable": "cannot be read to their end",
-    "cannot_tell": "cannot be told to their end",
+    "cannot_tell": "are insufficient for a verdict to their end",
 }
 
 
 def text(coverage: Coverage) -> list[str]:
-    """The report for a person: each figure with its whole, and what was never seen."""
+    """The report as text: each count with its total, and the elements that were never seen."""
     c = coverage
     logs = "1 log" if c.logs == 1 else f"{c.logs:,} logs"
     lines = [f"{logs}, {c.events:,} events, {c.steps:,} steps of the specification"]
     counts = Counter(what for _, _, what, _ in c.problems)
-    for what, words in _PROBLEMS.items():
+    for what, texts in _PROBLEMS.items():
         if counts[what]:
-            lines.append(f"  {counts[what]:,} {words}; counted up to there")
+            lines.append(f"  {counts[what]:,} {texts}; counted up to there")
     for file, line, problem, why in c.problems[:MOST_PROBLEMS]:
         where = at_line(one_line(file), line)
         lines.append(f"  {where}: {problem.replace('_', ' ').upper()}: {why}")
@@ -244,14 +245,14 @@ def _share(what: str, part: int, whole: int) -> str:
     return f"{what:<22} {part:>9,} of {whole:>10,} {100 * part / whole:>6.1f} %"
 
 
-def _wrapped(start: str, words: Sequence[str]) -> list[str]:
-    """Words with commas between them, in lines of at most 80 characters."""
+def _wrapped(start: str, texts: Sequence[str]) -> list[str]:
+    """The texts, separated by commas, in lines of at most 80 characters."""
     lines: list[str] = []
     line = start
-    for n, word in enumerate(words):
-        piece = word + ("," if n + 1 < len(words) else "")
+    for n, word in enumerate(texts):
+        piece = word + ("," if n + 1 < len(texts) else "")
         if len(line) + len(piece) > 80:
             lines.append(line.rstrip())
             line = " " * len(start)
         line += piece + " "
-    return [*lines, line.rstrip()] if words else []
+    return [*lines, line.rstrip()] if texts else []

@@ -1,4 +1,4 @@
-"""What a log means: allowed by the specification, or where it first leaves it; and in words."""
+"""The verdict on a log: allowed, or its first divergence from the specification; and its text."""
 
 from __future__ import annotations
 
@@ -40,29 +40,29 @@ ANSWERS: dict[Kind, Answer] = {
     "cannot_tell": "cannot_tell",
     "unreadable": "unreadable",
 }
-"""By what was found; anything else is a divergence."""
+"""The verdict for a kind of finding; all other kinds mean ``diverges``."""
 SESSIONS = 10
-"""Sessions of a log that are shown, the last ones."""
+"""The maximum number of sessions shown; the last ones."""
 MOST = 100
-"""Sessions that are kept; the last ones, the others are counted only."""
+"""The maximum number of sessions kept, the last ones; the others are only counted."""
 
 
 @dataclass(slots=True)
 class Session:
-    """One session as its station took part in it."""
+    """A session from the point of view of one station."""
 
     session: tuple[int, int]
     role: str
     first: int
-    """Line of the input by which it began."""
+    """The line of the input that began it."""
     phases: list[str]
     last: int = 0
-    """Line of the input by which it ended; 0 if the log ends in it."""
+    """The line of the input that ended it; 0 if the log ends first."""
     rule: str = ""
-    """The rule by which it ended."""
+    """The rule that ended it."""
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "session": list(self.session),
             "role": self.role,
@@ -82,14 +82,14 @@ class Session:
 
 
 class Sessions(Watcher):
-    """Watches the steps of a station."""
+    """Collects the sessions of a station."""
 
     def __init__(self) -> None:
         self.kept: list[Session] = []
         self.number = 0
 
     def step(self, step: Step, track: Track) -> None:
-        """Follow a step."""
+        """Update the sessions after a step."""
         current = self.kept[-1] if self.kept and not self.kept[-1].last else None
         if current is not None and current.session != track.session:
             current.last, current.rule = step.at, step.rule
@@ -106,36 +106,36 @@ class Sessions(Watcher):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The answer to one question: was it allowed?"""
+    """The verdict on one log."""
 
     file: str
     finding: Finding = NOTHING_WRONG
-    """What is wrong, or why that is not known."""
+    """The problem, or why no verdict is possible."""
     possible_states: int = 1
-    """States of the specification that were possible before the event, or at the end."""
+    """The number of possible states of the specification before the event, or at the end."""
     events: int = 0
     warnings: tuple[str, ...] = ()
-    """What the reader had to overlook: an unknown event, a cut line, a missing end."""
+    """The problems that the reader ignored: an unknown event, an incomplete line, a missing end."""
     unobserved: tuple[str, ...] = ()
-    """Kinds of event that the log does not promise to hold."""
+    """The event kinds that the log does not promise."""
     sessions: tuple[Session, ...] = ()
-    """The last sessions of the station, if the log says what it does."""
+    """The last sessions of the station, if the log determines its state."""
     number_of_sessions: int = 0
     header: Header | None = None
     recent: tuple[tuple[int, Event], ...] = ()
     """The last events up to the divergence, with their lines."""
     seen: int = 0
-    """The last line that was read: that of the divergence, or of the event that showed it."""
+    """The last line checked: that of the divergence, or of the event that revealed it."""
     only_if: tuple[Supposition, ...] = ()
-    """What must have happened unseen for the log to be allowed."""
+    """The unobserved events without which the log would not be allowed."""
 
     @property
     def verdict(self) -> Answer:
-        """In a word."""
+        """The verdict as one word."""
         return ANSWERS.get(self.finding.kind, "diverges")
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         found = self.finding
         return {
             "verdict": self.verdict,
@@ -163,12 +163,12 @@ def explain(
     watchers: Sequence[Watcher] = (),
     events: Iterable[tuple[int, Event]] | None = None,
 ) -> Verdict:
-    """The verdict on one log; the arguments are those of ``follow``."""
+    """The verdict on one log. The arguments are those of ``follow``."""
     sessions = Sessions()
     ending = follow(log, late_ms, [sessions, *watchers], events=events)
     found, engine, diverges = ending.finding, ending.engine, ending.diverges
     if not ending.events and found.kind == "nothing":
-        found = cannot_tell(log.file, 0, "the log holds no event")
+        found = cannot_tell(log.file, 0, "the log contains no events")
     if diverges is not None and engine is not None:
         found = replace(found, why=why(diverges, engine.track))
     verdict = Verdict(
@@ -179,7 +179,7 @@ def explain(
         unobserved=tuple(log.header.unobserved),
         header=log.header,
     )
-    if engine is None or not ending.followed:
+    if engine is None or not ending.decided:
         return verdict
     return replace(
         verdict,
@@ -193,21 +193,22 @@ def explain(
 
 
 def forged(logs: Sequence[Log]) -> dict[str, Finding]:
-    """By file: the first message received that is not the one its sender logged under that id."""
+    """By file: the first received message that differs from the message its sender logged under the
+    same tx."""
     return {
         file: Finding(
             "forged",
             "forged",
             at=At(file, at),
             expected=tuple(_as_sent(original, e.message or {})) if original else (),
-            observed=f"receive {e.message and e.message['type']} {e.tx}: not what its sender sent",
+            observed=f"receive {e.message and e.message['type']} {e.tx}: differs from the sent one",
         )
         for file, (at, e, original) in forged_receptions(logs).items()
     }
 
 
 def _as_sent(original: Fields, m: Fields) -> Iterator[str]:
-    """Each field in which a message is not the one that was sent."""
+    """A line for each field in which a received message differs from the sent one."""
     for name in sorted(original.keys() | m.keys()):
         was, is_ = original.get(name), m.get(name)
         if not same(was, is_):
@@ -220,23 +221,23 @@ def _json(value: object) -> str:
 
 @dataclass(slots=True)
 class Explained:
-    """A file, read and followed once."""
+    """A file that was read and checked once."""
 
     path: Path
     verdict: Verdict
     log: Log | None = None
-    """Up to where it can be read; None if it has no header, or is not kept."""
-    whole: bool = False
-    """All of it can be read."""
+    """The readable part of the log; None if it has no header or is not kept."""
+    complete: bool = False
+    """Whether the whole log is readable."""
     timeline: Timeline | None = None
     refused: BadInput | None = None
-    """Why it is no log at all."""
+    """The error, if the file is not a log."""
 
 
 def explained(
     path: Path, late_ms: int | None = None, keep: bool = True, watchers: Sequence[Watcher] = ()
 ) -> Explained:
-    """Read a file and follow it; ``keep`` its events and its timeline."""
+    """Read and check a file; with ``keep``, keep its events and its timeline."""
     try:
         stream = LogStream(path)
     except BadInput as error:
@@ -245,7 +246,7 @@ def explained(
         return Explained(path, explain(stream, late_ms, watchers))
     recorder, events = Recorder(stream), list[tuple[int, Event]]()
     verdict = explain(stream, late_ms, [recorder, *watchers], _kept(stream, events))
-    return Explained(path, verdict, stream.log(events), stream.whole, recorder.made)
+    return Explained(path, verdict, stream.log(events), stream.complete, recorder.made)
 
 
 def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[int, Event]]:
@@ -255,22 +256,24 @@ def _kept(stream: LogStream, events: list[tuple[int, Event]]) -> Iterator[tuple[
 
 
 def explain_file(path: Path, late_ms: int | None = None) -> Verdict:
-    """The verdict on the log in a file, however long."""
+    """The verdict on the log in a file of any length."""
     return explained(path, late_ms, keep=False).verdict
 
 
 def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
-    """A verdict for each file; with several, messages are compared with what was sent."""
+    """A verdict for each file. With several files, received messages are compared with the sent
+    ones."""
     return verdicts([explained(path, late_ms, keep=len(paths) > 1) for path in paths])
 
 
 def verdicts(found: Sequence[Explained]) -> list[Verdict]:
-    """With several logs, those in which a message is forged before anything else is wrong too."""
-    return with_forged([one.verdict for one in found], _whole(found))
+    """The verdicts; of several logs, one that received a forged message before any other problem
+    diverges."""
+    return with_forged([one.verdict for one in found], _complete_logs(found))
 
 
 def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdict]:
-    """The verdicts on logs by themselves, and on what they received of one another."""
+    """The verdicts, updated for messages that were forged between these logs."""
     foreign = forged(logs) if logs else {}
     return [
         Verdict(v.file, other, warnings=v.warnings, header=v.header)
@@ -282,29 +285,29 @@ def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdic
 
 
 def together(found: Sequence[Explained]) -> SystemReport:
-    """What the logs of one run say together; one that cannot be read is left out."""
+    """The system report on the logs of one run; unreadable logs are left out."""
     timelines = {one.verdict.file: one.timeline for one in found if one.timeline is not None}
-    return judge(_whole(found), timelines)
+    return judge(_complete_logs(found), timelines)
 
 
-def _whole(found: Sequence[Explained]) -> list[Log]:
-    return [one.log for one in found if one.log is not None and one.whole]
+def _complete_logs(found: Sequence[Explained]) -> list[Log]:
+    return [one.log for one in found if one.log is not None and one.complete]
 
 
 EXIT: dict[Answer, int] = {"allowed": 0, "diverges": 1, "unreadable": 3, "cannot_tell": 4}
 
 
 def exit_code(verdicts: Sequence[Verdict]) -> int:
-    """Of several verdicts the one that weighs most: diverges, unreadable, cannot tell."""
+    """The exit code for the most severe verdict: diverges, then unreadable, then cannot tell."""
     codes = Counter(EXIT[v.verdict] for v in verdicts)
     return next((code for code in (1, 3, 4) if codes[code]), 0)
 
 
-# -- a verdict for a person, the failing prefix, and how to replay it
+# -- the verdict as text, the failing prefix, and the command to replay it
 
 
 def text(verdict: Verdict) -> str:
-    """The verdict in lines of a terminal, with what the reader had to overlook."""
+    """The verdict as lines for a terminal, with the reader's warnings."""
     lines = [*_lines(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)]
     return "\n".join(map(printable, lines))
 
@@ -332,7 +335,8 @@ def _allowed(verdict: Verdict) -> Iterator[str]:
         yield f"  not logged: {kinds}; at its end the log fits {states}"
     suppositions = verdict.only_if[-SESSIONS:]
     if len(verdict.only_if) > len(suppositions):
-        yield f"  allowed only if {len(verdict.only_if)} things happened unseen; the last of them:"
+        number = len(verdict.only_if)
+        yield f"  allowed only if {number} unlogged events happened; the last of them:"
     yield from (f"  allowed only if {supposition}" for supposition in suppositions)
     shown = verdict.sessions[-SESSIONS:]
     if verdict.number_of_sessions > len(shown):
@@ -341,7 +345,7 @@ def _allowed(verdict: Verdict) -> Iterator[str]:
 
 
 def expected(these: Sequence[str]) -> list[str]:
-    """What was to come instead, in a line; no line for nothing."""
+    """The expected effects on one line; no line if there are none."""
     order = ", in any order" if len(these) > 1 else ""
     return [f"expected{order}: {'; '.join(these)}"] if these else []
 
@@ -355,7 +359,7 @@ def _diverges(verdict: Verdict) -> Iterator[str]:
     yield from (f"  {line}" for line in why.lines())
     n = verdict.possible_states
     if n != 1 or verdict.unobserved:
-        yield f"  {n} state{'' if n == 1 else 's'} of the specification fitted before"
+        yield f"  {n} state{'' if n == 1 else 's'} of the specification possible before"
     if verdict.sessions:
         yield f"  in {verdict.sessions[-1]}"
     if verdict.recent and verdict.header is not None:
@@ -367,10 +371,11 @@ def _diverges(verdict: Verdict) -> Iterator[str]:
 def prefix(
     verdict: Verdict, folder: Path, taken: Collection[Path] = (), log: Path | None = None
 ) -> Path:
-    """Write what the log says up to the divergence as a log of its own; the verdict on it is the
-    same.  Its name is none of those ``taken``.  ``log`` is the file, if the verdict names another.
+    """Write the part of the log up to the divergence as a log of its own, which has the same
+    verdict.
 
-    Raises OSError.
+    Its name is not one of ``taken``. ``log`` is the file to read, if it is not the one that the
+    verdict names. Raises OSError.
     """
     lines = max(verdict.seen, verdict.finding.at.line)
     folder.mkdir(parents=True, exist_ok=True)
@@ -391,5 +396,5 @@ def prefix(
 
 
 def replay(path: Path) -> str:
-    """The command that gives the inputs of a log to an implementation."""
+    """The command that replays the inputs of a log against an implementation."""
     return f"automcm trace replay {shlex.quote(str(path))} -- YOUR_ADAPTER"

@@ -1,7 +1,7 @@
-"""Everything wrong with a log, not only the first thing: for who writes a log writer.
+"""Finds all format errors in a log, not only the first: for authors of log writers.
 
-A log is read once, line by line, in bounded memory.  After a line that is wrong it goes on as
-well as it can.
+A log is read once, line by line, in bounded memory. After an error the check continues as well as
+it can.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ CHECKS: Final[dict[str, tuple[Level, str]]] = {
     "unknown": ("warning", "the event kind, rule, phase and role are known"),
     "complete": ("warning", "the kinds in `complete` are present, as far as this can be checked"),
 }
-"""By name: what breaks the format and what is merely odd, and what each check wants."""
+"""The checks by name: whether a failure is an error or a warning, and what is required."""
 
 
 def level(found: Finding) -> Level:
@@ -64,7 +64,7 @@ def level(found: Finding) -> Level:
 
 
 def as_dict(found: Finding) -> dict[str, object]:
-    """As in ``--json``."""
+    """The ``--json`` form."""
     return {
         "file": found.at.file,
         "line": found.at.line,
@@ -75,8 +75,8 @@ def as_dict(found: Finding) -> dict[str, object]:
     }
 
 
-def said(found: Finding) -> str:
-    """A line for a person."""
+def finding_text(found: Finding) -> str:
+    """The finding as one line."""
     warning = "warning: " if level(found) == "warning" else ""
     field = f"{found.at.field}: " if found.at.field else ""
     place = at_line(found.at.file, found.at.line)
@@ -84,10 +84,10 @@ def said(found: Finding) -> str:
 
 
 def lint(path: str | Path) -> Iterator[Finding]:
-    """Everything wrong with the log at ``path``, in the order of its lines.
+    """All problems of the log at ``path``, in the order of its lines.
 
-    Raises BadInput if it is no log at all: it cannot be opened, is empty, or its first line is
-    no JSON object.
+    Raises BadInput if the file is not a log: it cannot be opened, is empty, or its first line is
+    not a JSON object.
     """
     try:
         with open(path, "rb") as stream:
@@ -95,31 +95,31 @@ def lint(path: str | Path) -> Iterator[Finding]:
     except FileNotFoundError:
         raise BadInput(path, 0, "", "no such file") from None
     except IsADirectoryError:
-        raise BadInput(path, 0, "", "is a directory, not a log") from None
+        raise BadInput(path, 0, "", "is a directory; name a log file") from None
     except OSError as error:
         raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What was found in one file, the first findings kept and all counted."""
+    """The findings in one file: the first ones are kept, all are counted."""
 
     file: str
     findings: list[Finding]
     errors: int
     warnings: int
     unreadable: BadInput | None = None
-    """Why it is no log at all."""
+    """The error, if the file is not a log."""
 
     @property
     def verdict(self) -> Literal["clean", "findings", "unreadable"]:
-        """Warnings alone leave a log clean."""
+        """The verdict; warnings alone leave a log clean."""
         if self.unreadable:
             return "unreadable"
         return "findings" if self.errors else "clean"
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "file": self.file,
             "verdict": self.verdict,
@@ -131,7 +131,7 @@ class Report:
 
 
 def report(path: str | Path, most: int = 0) -> Report:
-    """The first ``most`` findings in the log at ``path`` (0: all), and how many there are."""
+    """The first ``most`` findings in the log at ``path`` (0: all), and the number of all."""
     kept: list[Finding] = []
     levels: Counter[str] = Counter()
     try:
@@ -148,14 +148,14 @@ EXIT = {"clean": 0, "findings": 1, "unreadable": 3}
 
 
 def exit_code(reports: Sequence[Report]) -> int:
-    """Of several files what weighs most: findings, then unreadable."""
+    """The exit code for the most severe report: findings, then unreadable."""
     codes = {EXIT[r.verdict] for r in reports}
     return next((code for code in (1, 3) if code in codes), 0)
 
 
 def text(report: Report) -> str:
-    """A report for a person: a line for each finding, and one for the file."""
-    lines = [said(finding) for finding in report.findings]
+    """The report as text: a line for each finding, and one for the file."""
+    lines = [finding_text(finding) for finding in report.findings]
     left = report.errors + report.warnings - len(report.findings)
     file = one_line(report.file)
     if left:
@@ -174,7 +174,7 @@ def _count(number: int, what: str) -> str:
 
 
 class _Lint:
-    """What has been seen of a log so far."""
+    """The state of linting one log."""
 
     def __init__(self, file: str) -> None:
         self._file = file
@@ -186,9 +186,9 @@ class _Lint:
         self._sent = Numbers()
         self._kinds: Counter[str] = Counter()
         self._reliable = 0
-        """How many messages were sent that are sent again, and must have timers."""
+        """The number of reliable messages sent; each must have timers."""
         self._resent = 0
-        """How many timers of messages were armed."""
+        """The number of message timers armed."""
 
     def findings(self, stream: BinaryIO) -> Iterator[Finding]:
         while line := stream.readline(LONGEST_LINE + 1):
@@ -203,7 +203,7 @@ class _Lint:
             yield from self._one(line)
         if self._line == 0:
             raise BadInput(self._file, 0, "", "empty file", "order")
-        yield from self._whole()
+        yield from self._at_end()
 
     def _one(self, line: bytes) -> Iterator[Finding]:
         try:
@@ -212,7 +212,7 @@ class _Lint:
             if self._line == 1:
                 raise BadInput(self._file, 1, "", error.problem, error.rule) from None
             if cut(line) and not self._ended:
-                yield self._found("cut", "", "the last line is cut")
+                yield self._found("cut", "", "the last line is incomplete")
             else:
                 yield self._found(error.rule, "", error.problem)
             return
@@ -222,12 +222,13 @@ class _Lint:
             yield from self._keys(line)
             yield from self._record(record)
         if line.endswith(b"\r\n"):
-            yield self._found("text", "", "ends with CR LF; LF alone is wanted")
+            yield self._found("text", "", "must end with LF, not CR LF")
         elif not line.endswith(b"\n"):
-            yield self._found("text", "", "the last line does not end with LF")
+            yield self._found("text", "", "the last line must end with LF")
 
     def _refused(self, line: bytes, error: ValidationError) -> Iterator[Finding]:
-        """Not a record; seq and t_ms are followed all the same, or each line after it is wrong."""
+        """A line that is not a record. Its seq and t_ms still count, or each later line would be
+        wrong."""
         value = from_json(line)
         if self._line == 1 and not isinstance(value, dict):
             raise BadInput(self._file, 1, "", "not a JSON object", "json")
@@ -255,18 +256,18 @@ class _Lint:
 
         json.loads(line, object_pairs_hook=pairs, parse_int=len)  # however long a number is
         for key in again:
-            yield self._found("key", key, "the key stands twice in its object")
+            yield self._found("key", key, "duplicate key in its object")
 
     def _record(self, record: Record | UnknownEvent) -> Iterator[Finding]:
         if isinstance(record, Header):
             if self._line != 1:
-                problem = "a second header: one file holds one log"
+                problem = "a second header: a file contains one log"
                 yield self._found("order", "rec", problem)
             else:
                 self._header = record
             return
         if self._line == 1:
-            yield self._found("order", "rec", "the first line is no header")
+            yield self._found("order", "rec", "the first line must be the header")
         if self._ended:
             yield self._found("order", "rec", "a record after the end")
         if isinstance(record, End):
@@ -275,7 +276,7 @@ class _Lint:
         yield from self._place(record.seq, record.t_ms)
         self._kinds[record.ev] += 1
         if isinstance(record, UnknownEvent):
-            yield self._found("unknown", "ev", f"{record.ev!r} is no kind of event known here")
+            yield self._found("unknown", "ev", f"unknown kind of event {record.ev!r}")
             return
         yield from self._event(record)
 
@@ -285,11 +286,11 @@ class _Lint:
             problem = f"{seq} after {self._seq}: {seq - wanted} missing"
             yield self._found("seq", "seq", problem)
         elif seq == self._seq:
-            yield self._found("seq", "seq", f"{seq} a second time")
+            yield self._found("seq", "seq", f"{seq} is repeated; expected {wanted}")
         elif seq < wanted:
-            yield self._found("seq", "seq", f"goes back from {self._seq} to {seq}")
+            yield self._found("seq", "seq", f"must not decrease, from {self._seq} to {seq}")
         if t_ms < self._t_ms:
-            yield self._found("t_ms", "t_ms", f"goes back from {self._t_ms} to {t_ms}")
+            yield self._found("t_ms", "t_ms", f"must not decrease, from {self._t_ms} to {t_ms}")
         self._seq, self._t_ms = seq, t_ms
 
     def _event(self, event: Event) -> Iterator[Finding]:
@@ -306,28 +307,29 @@ class _Lint:
                     problem = f"{deadline} is before t_ms {event.t_ms}"
                     yield self._found("deadline", "deadline", problem)
         if event.phase is not None and event.phase not in PHASES:
-            yield self._found("unknown", "phase", f"{event.phase!r} is no phase of the protocol")
+            yield self._found("unknown", "phase", f"{event.phase!r} is not a protocol phase")
         if event.role is not None and event.role not in ROLES:
-            yield self._found("unknown", "role", f"{event.role!r} is none of {', '.join(ROLES)}")
+            problem = f"must be one of {', '.join(ROLES)}, not {event.role!r}"
+            yield self._found("unknown", "role", problem)
         if event.rule is not None and event.rule not in RULES:
-            yield self._found("unknown", "rule", f"{event.rule!r} is no rule of the protocol")
+            yield self._found("unknown", "rule", f"{event.rule!r} is not a protocol rule")
 
     def _transmission(self, tx: str) -> Iterator[Finding]:
         station, number = (int(part) for part in tx.split(":"))
         if self._header is not None and station != self._header.station:
-            problem = f"{tx} is not of station {self._header.station}, whose log this is"
+            problem = f"{tx} must begin with {self._header.station}, the station of this log"
             yield self._found("tx", "tx", problem)
         elif not self._sent.add(number):
-            yield self._found("tx", "tx", f"{tx} was used before: each transmission has its own")
+            yield self._found("tx", "tx", f"{tx} was used before; each transmission needs a new tx")
 
     def _message(self, message: Fields) -> Iterator[Finding]:
         for field, problem in problems(message):
             yield self._found("message", f"message.{field}", problem)
         broadcast = message["type"] in ("Advertisement", "CAM")
         if broadcast and "dst" in message:
-            yield self._found("message", "message.dst", "a broadcast has none (END-5)")
+            yield self._found("message", "message.dst", "not allowed in a broadcast (END-5)")
         elif not broadcast and "dst" not in message:
-            yield self._found("message", "message.dst", "missing: it is no broadcast (END-5)")
+            yield self._found("message", "message.dst", "missing: only broadcasts omit it (END-5)")
 
     def _end(self, end: End) -> Iterator[Finding]:
         if end.seq > self._seq:
@@ -341,16 +343,16 @@ class _Lint:
             yield self._found("end", "lost_records", f"{end.lost_records} events were not logged")
         self._ended = True
 
-    def _whole(self) -> Iterator[Finding]:
+    def _at_end(self) -> Iterator[Finding]:
         if not self._ended:
             yield self._found("end", "", "the log has no end record")
         if self._header is None:
             return
         if "timer" in self._header.complete and self._reliable and not self._kinds["timer"]:
-            problem = "promises every timer, but what is sent again has none in this log (REL-1)"
+            problem = "promises all timers, but reliable messages have none in this log (REL-1)"
             yield self._promise(problem)
         if "send" in self._header.complete and self._resent and not self._kinds["send"]:
-            problem = "promises every send, but timers of messages run and nothing is sent"
+            problem = "promises all sent messages, but message timers are armed and nothing is sent"
             yield self._promise(problem)
 
     def _promise(self, problem: str) -> Finding:

@@ -1,8 +1,9 @@
 """Logs as a table: a row for each event, a column for each station.
 
-The order is one that could have been: each log's own, and what is received after it was sent.
-Where that leaves a choice, the lower ``t_ms`` comes first, then the lower station; clocks of
-different stations need not agree, so between two stations only messages say what came first.
+The order is one possible order: it keeps the order of each log, and places a reception after its
+transmission. Where several orders are possible, the lower ``t_ms`` comes first, then the lower
+station. The clocks of stations need not agree, so only messages order the events of different
+stations.
 """
 
 from __future__ import annotations
@@ -14,58 +15,58 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec.support.bad_input import BadInput, name_of
-from automcm_traces.format.event_text import Kind, fitted, kind, safe, said, session_of
+from automcm_traces.format.event_text import Kind, fitted, kind, safe, session_of, summary
 from automcm_traces.format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.format.number_sets import Numbers
 from automcm_traces.format.reader import Notice, records
 
 WIDTH = 80
 NARROWEST = 20
-"""Columns of a terminal that a station needs; with less, all share one column."""
+"""The minimum column width of a station; with less space, all stations share one column."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """An event, or something to say about a log, and where it stands."""
+    """An event or a note about a log, with its place."""
 
     station: int
     line: int
     event: Event | None
     text: str = ""
-    """What is said where there is no event."""
+    """The note, if there is no event."""
     notes: tuple[str, ...] = ()
-    """What the logs together know of a message: ``x2002`` lost on the way to 2002, ``?2002`` not
-    yet there, ``2nd`` a second copy of one transmission, ``unsent`` sent by nobody, ``for 2002``
-    overheard."""
+    """The fate of a message according to all logs: ``x2002`` lost on the way to 2002, ``?2002`` not
+    yet received there, ``2nd`` a second copy of a transmission, ``unsent`` without a sender, ``for
+    2002`` overheard."""
     problem: bool = False
-    """The log cannot be read on from here."""
+    """Whether the log cannot be read any further."""
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "station": self.station,
             "line": self.line,
             "t_ms": None if self.event is None else self.event.t_ms,
             "kind": self.kind,
             "notes": list(self.notes),
-            "text": safe(self.text) if self.event is None else said(self.event),
+            "text": safe(self.text) if self.event is None else summary(self.event),
         }
 
     @property
     def kind(self) -> Kind:
-        """What kind of row it is."""
+        """The kind of row."""
         return "note" if self.event is None else kind(self.event)
 
     @property
-    def words(self) -> str:
-        """The row in words, notes first, so that they are not what is cut."""
-        said_ = safe(self.text) if self.event is None else said(self.event)
-        return " ".join([*self.notes, said_])
+    def full_text(self) -> str:
+        """The text of the row; the notes come first, so that they are not cut."""
+        text = safe(self.text) if self.event is None else summary(self.event)
+        return " ".join([*self.notes, text])
 
 
 @dataclass(slots=True)
 class _Seen:
-    """What one log holds, as far as another has to know it."""
+    """The transmissions in one log, for the rows of the other logs."""
 
     sent: Numbers = field(default_factory=Numbers)
     received: dict[int, Numbers] = field(default_factory=dict)
@@ -75,9 +76,9 @@ class _Seen:
 
 
 class Logs:
-    """Logs of one run, to be shown together.
+    """The logs of one run, as one table.
 
-    Raises BadInput if one has no readable header, or two are of the same station.
+    Raises BadInput if a log has no readable header, or if two logs are of the same station.
     """
 
     def __init__(self, paths: Sequence[Path], cams: bool = False) -> None:
@@ -88,28 +89,28 @@ class Logs:
         for path in paths:
             if path.is_fifo():
                 raise BadInput(
-                    path, 0, "", "is a pipe; it is read more than once, so save it first"
+                    path, 0, "", "is a pipe, but must be read twice; save it to a file first"
                 )
             header = next(iter(records(path))).record
-            assert isinstance(header, Header), "records() gives the header first"
+            assert isinstance(header, Header), "records() yields the header first"
             if header.station in self._paths:
                 other = self._paths[header.station]
-                problem = f"{header.station} is the station of {name_of(other)} too"
+                problem = f"{header.station} is also the station of {name_of(other)}"
                 raise BadInput(path, 1, "station", problem)
             self._paths[header.station] = path
             runs.setdefault(header.run, path)
         if len(runs) > 1:
             names = " and ".join(repr(run) for run in list(runs)[:2])
-            self.warnings.append(safe(f"not one run: {names}"))
+            self.warnings.append(safe(f"the logs are of different runs: {names}"))
         self.stations = tuple(sorted(self._paths))
         self._seen: dict[int, _Seen] = {}
         if len(self._paths) > 1:
             self._seen = {s: self._look(path) for s, path in self._paths.items()}
 
     def _look(self, path: Path) -> _Seen:
-        """The first of two readings: which transmissions left and which arrived."""
+        """The first of two passes over a log: its transmissions and receptions."""
         seen = _Seen()
-        whole = False
+        nothing_lost = False
         try:
             for entry in records(path, gaps=True):
                 match entry.record:
@@ -123,15 +124,15 @@ class Logs:
                     case Notice(kind="gap" | "unknown_event"):
                         seen.all_sent = seen.all_received = False
                     case End(lost_records=lost):
-                        whole = lost == 0
+                        nothing_lost = lost == 0
         except BadInput:
-            whole = False
-        seen.all_sent = seen.all_sent and whole
-        seen.all_received = seen.all_received and whole
+            nothing_lost = False
+        seen.all_sent = seen.all_sent and nothing_lost
+        seen.all_received = seen.all_received and nothing_lost
         return seen
 
     def rows(self) -> Iterator[Row]:
-        """Every row in an order that could have been, read as it is asked for."""
+        """All rows in one possible order, read lazily."""
         feeds = {station: self._feed(station) for station in self.stations}
         heads = {station: row for station in feeds if (row := next(feeds[station], None))}
         times = dict.fromkeys(self.stations, 0)
@@ -167,7 +168,7 @@ class Logs:
             yield Row(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
 
     def _waits(self, row: Row, sent: dict[int, Numbers]) -> bool:
-        """Whether it was received and is yet to be sent."""
+        """Whether the row is the reception of a message that has yet to be sent."""
         if not isinstance(row.event, Receive) or row.event.tx is None:
             return False
         sender, number = (int(part) for part in row.event.tx.split(":"))
@@ -192,7 +193,8 @@ class Logs:
         return row
 
     def _fate(self, sender: int, number: int, station: int) -> str:
-        """Empty if a transmission arrived there; ``x`` if it was lost: a later one arrived."""
+        """Empty if a transmission was received; ``x`` if it was lost, because a later one was
+        received."""
         seen = self._seen.get(station)
         if seen is None or not seen.all_received:
             return ""
@@ -204,7 +206,7 @@ class Logs:
 
 
 def _noted_alone(row: Row, got: dict[tuple[int, int], Numbers]) -> Row:
-    """A second copy of one transmission; what was meant for another station."""
+    """Mark a second copy of a transmission, and a message addressed to another station."""
     if not isinstance(row.event, Receive):
         return row
     notes = []
@@ -220,23 +222,24 @@ def _noted_alone(row: Row, got: dict[tuple[int, int], Numbers]) -> Row:
 
 @dataclass(slots=True)
 class Filter:
-    """Which rows to show.  What is empty lets everything pass."""
+    """Selects the rows to show. An empty field selects all."""
 
     stations: frozenset[int] = frozenset()
     session: tuple[int, int] | None = None
-    """An event that names no session belongs to that of the event before it at its station."""
+    """An event that names no session belongs to the session of the previous event at its
+    station."""
     types: frozenset[str] = frozenset()
-    """Messages of these types, sent and received, and nothing else."""
+    """Only sent and received messages of these types."""
     cams: bool = False
     timers: bool = True
     from_line: int = 0
     hidden_cams: int = 0
-    """How many were left out so far."""
+    """The number of CAMs left out so far."""
     _at: dict[int, tuple[int, int] | None] = field(default_factory=dict)
     _after_cam: set[int] = field(default_factory=set)
 
     def passes(self, row: Row) -> bool:
-        """To be asked once for each row, in their order."""
+        """Whether to show a row. Call once for each row, in order."""
         event = row.event
         session = self._at[row.station] = self._session(row)
         if row.line < self.from_line or (self.stations and row.station not in self.stations):
@@ -265,11 +268,11 @@ class Filter:
         if event.ev in ("timer", "indication"):
             return self._at.get(row.station)
         if event.ev == "command" and self.session and self.session[0] == row.station:
-            return self.session  # a request, which has no session yet
+            return self.session  # a request has no session yet
         return None
 
     def _of_cam(self, row: Row, is_cam: bool) -> bool:
-        """A CAM, or the timer that it arms anew."""
+        """Whether the row is a CAM, or the timer that a CAM re-arms."""
         event = row.event
         if is_cam:
             self.hidden_cams += 1
@@ -283,7 +286,7 @@ class Filter:
 
 
 class Table:
-    """Lays rows out in columns: ``lines`` of one row after the other."""
+    """Lays out rows in columns. Call ``lines`` for one row after the other."""
 
     def __init__(self, stations: Sequence[int], width: int = WIDTH) -> None:
         self._stations = sorted(set(stations))
@@ -295,41 +298,41 @@ class Table:
         self._phase: dict[int, str] = {}
 
     def head(self) -> list[str]:
-        """The names of the columns."""
+        """The column headings."""
         if not self._apart:
             return [f"{'t_ms':>8} {'line':>6} {'station':>10}"]
         names = " ".join(fitted(str(s), self._width) for s in self._stations)
         return [f"{'t_ms':>8} {'line':>6} {names}".rstrip()]
 
     def lines(self, row: Row, phase_before: str = "") -> Iterator[tuple[Kind, str]]:
-        """The row, and a second one if it leaves its station in another phase than it was in.
+        """The row, and a second one if it changes the phase of its station.
 
-        ``phase_before`` tells the phase, where rows are left out before this one.
+        ``phase_before`` is the phase before this row, where earlier rows are left out.
         """
         was = phase_before or self._phase.get(row.station, "")
         t_ms = "" if row.event is None else str(row.event.t_ms)
-        yield row.kind, self._cell(f"{t_ms:>8} {row.line:>6} ", row.station, row.words)
+        yield row.kind, self._cell(f"{t_ms:>8} {row.line:>6} ", row.station, row.full_text)
         phase = None if row.event is None else row.event.phase
         if phase is not None and phase != (was or "STANDALONE"):
             yield "phase", self._cell(" " * self._gutter, row.station, f"= {safe(phase)}")
         if phase is not None:
             self._phase[row.station] = phase
 
-    def _cell(self, gutter: str, station: int, words: str) -> str:
+    def _cell(self, gutter: str, station: int, label: str) -> str:
         if not self._apart:
-            return f"{gutter}{station:>10} {fitted(words, self._width)}".rstrip()
+            return f"{gutter}{station:>10} {fitted(label, self._width)}".rstrip()
         before = self._stations.index(station) * (self._width + 1)
-        return (gutter + " " * before + fitted(words, self._width)).rstrip()
+        return (gutter + " " * before + fitted(label, self._width)).rstrip()
 
 
 def columns(rows: Iterable[Row], stations: Sequence[int], width: int = WIDTH) -> list[str]:
-    """Rows as lines of at most ``width`` columns of a terminal, names of the stations first."""
+    """The rows as lines of at most ``width`` terminal columns, with column headings."""
     table = Table(stations, width)
     return table.head() + [line for row in rows for _, line in table.lines(row)]
 
 
 def before(rows: Iterable[Row], station: int, line: int, most: int) -> list[Row]:
-    """The last ``most`` rows up to and with a line of a station's log."""
+    """The last ``most`` rows up to and including a line of a station's log."""
     last: deque[Row] = deque(maxlen=most)
     for row in rows:
         last.append(row)
@@ -338,15 +341,15 @@ def before(rows: Iterable[Row], station: int, line: int, most: int) -> list[Row]
     return list(last)
 
 
-class Shown:
-    """The rows that pass a filter, in their order; with ``last``, only so many from the end."""
+class FilteredRows:
+    """The rows that pass a filter, in order; with ``last``, only that many from the end."""
 
     def __init__(self, logs: Logs, wanted: Filter, last: int = 0) -> None:
         self.good = True
-        """Whether every log could be read to its end, as far as the rows have been given."""
+        """Whether every log has been readable so far."""
         self._logs, self._wanted, self._last = logs, wanted, last
         self.phases: dict[int, str] = {}
-        """The phase of each station before the row that comes next."""
+        """The phase of each station before the next row."""
 
     def __iter__(self) -> Iterator[Row]:
         if not self._last:

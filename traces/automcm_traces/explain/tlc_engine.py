@@ -1,7 +1,7 @@
-"""The second engine: TLC follows logs on ``TraceCheck.tla``, thousands in one run.
+"""The second engine: TLC checks logs on ``TraceCheck.tla``, thousands in one run.
 
-It shares nothing with ``engine.py`` but the reader: Station.tla itself decides, with its limits
-(MEM-1) and its real stations, not a graph of one or two peers.
+It shares only the reader with ``engine.py``. Station.tla itself decides, with its limits (MEM-1)
+and the real stations, not a graph of one or two peers.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from automcm_traces.format.reader import Log, LogStream
 
 Json = Any
 NEEDED = ("receive", "send")
-"""Kinds of event that a log must promise; what else is missing, TLC guesses."""
+"""The event kinds that a log must promise; TLC guesses the other missing events."""
 BATCH = 100_000
-"""Events in one run of TLC, at most: they are all in memory."""
+"""The maximum number of events in one run of TLC, which keeps them in memory."""
 _MODULES = ("Station.tla", "TraceCheck.tla")
 _CONSTANTS = {
     "max_rounds": "MaxRounds",
@@ -50,10 +50,10 @@ _CONSTANTS = {
 
 
 def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdict]:
-    """The verdict on each log; ``late_ms`` is as for ``Engine``, in milliseconds.
+    """The verdict on each log. ``late_ms`` is as for ``Engine``, in milliseconds.
 
-    One run of TLC for each set of limits that the headers tell, and for every 100,000 events.
-    Raises automcm_spec.model_checking.tlc.TlcError if TLC is not there or gives up.
+    Runs TLC once for each set of limits in the headers, and for every 100,000 events. Raises
+    automcm_spec.model_checking.tlc.TlcError if TLC is missing or fails.
     """
     verdicts: dict[int, Verdict] = {}
     groups: dict[tuple[int, ...], list[tuple[int, Translation]]] = {}
@@ -76,23 +76,24 @@ def explain_batch(logs: Sequence[Log], late_ms: int | None = None) -> list[Verdi
 
 
 def explain_files(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
-    """As ``automcm_traces.explain.explain.explain_files``, with TLC in the place of the oracle."""
+    """As ``automcm_traces.explain.explain.explain_files``, with TLC instead of the compiled
+    station."""
     verdicts, logs = _each(paths, late_ms)
     return with_forged(verdicts, logs if len(paths) > 1 else [])
 
 
 def explain_each(paths: Sequence[Path], late_ms: int | None = None) -> list[Verdict]:
-    """A verdict for each file on its own: not all of one run, and not compared with another."""
+    """A verdict for each file on its own. The files need not be of one run and are not compared."""
     return _each(paths, late_ms)[0]
 
 
 def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], list[Log]]:
-    """The verdicts, and the logs that could be read."""
+    """The verdicts, and the readable logs."""
     found: dict[Path, Verdict] = {}
     logs: dict[Path, Log] = {}
     for path in paths:
         try:
-            logs[path], problem = _whole(LogStream(path))
+            logs[path], problem = _readable_part(LogStream(path))
         except BadInput as error:
             problem = Verdict(name_of(path), unreadable(error))
         if problem is not None:
@@ -106,8 +107,8 @@ def _each(paths: Sequence[Path], late_ms: int | None) -> tuple[list[Verdict], li
     return [found[path] for path in paths], list(logs.values())
 
 
-def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
-    """What can be read of a log, and what can be said of the rest, if not all can be read."""
+def _readable_part(stream: LogStream) -> tuple[Log, Verdict | None]:
+    """The readable part of a log, and a verdict if there is an unreadable rest."""
     events: list[tuple[int, Event]] = []
     problem: Verdict | None = None
     try:
@@ -122,13 +123,13 @@ def _whole(stream: LogStream) -> tuple[Log, Verdict | None]:
 
 
 def _beyond(log: Log) -> str:
-    """Why the log is no matter for TLC; empty if it is."""
+    """Why TLC cannot check this log; empty if it can."""
     if log.end is not None and log.end.lost_records:
         return f"the log lost {log.end.lost_records} records"
     if not log.events:
-        return "the log holds no event"
+        return "the log contains no events"
     missing = [kind for kind in NEEDED if kind not in log.header.complete]
-    return f"the log does not promise to hold all of: {', '.join(missing)}" if missing else ""
+    return f"`complete` in the header lacks {', '.join(missing)}" if missing else ""
 
 
 def _batches(
@@ -147,7 +148,7 @@ def _batches(
 
 
 def _run(constants: Sequence[int], translations: Sequence[Translation]) -> list[Json]:
-    """What TLC says of each log: ``[what, line, rule, wanted]``."""
+    """TLC's answer for each log: ``[what, line, rule, wanted]``."""
     best: dict[int, Json] = {}
 
     def take(text: str) -> None:
@@ -198,12 +199,12 @@ def _verdict(log: Log, translation: Translation, answer: Json) -> Verdict:
         rule = TIMERS[event.timer.name].rule
     guard = f"{rule}: {RULES[rule]}" if rule in RULES else ""
     at = At(log.file, line)
-    found = Finding("unexpected", rule, "", at, expected, words(event), Why(guard))
+    found = Finding("unexpected", rule, "", at, expected, event_words(event), Why(guard))
     return Verdict(log.file, found, **about)
 
 
 def _expected(t: Translation, rule: str, wanted: Json) -> list[str]:
-    """What was called for, in words."""
+    """The expected effects as text."""
     match len(wanted):
         case 1 if rule == "ACT-5":
             return [f"marks {', '.join(sorted(_session(t, s) for s in wanted[0])) or 'none'}"]
@@ -211,11 +212,11 @@ def _expected(t: Translation, rule: str, wanted: Json) -> list[str]:
             return sorted(f"expire {_timer(t, timer)}" for timer in wanted[0])
         case 2:
             return [f"phase {wanted[0]}", f"role {wanted[1]}"]
-    out, arm, stop, told = wanted
-    said = sorted(f"send {_message(t, m)}" for m in out)
-    said += sorted(f"arm {_timer(t, timer)}" for timer in arm)
-    said += sorted(f"stop {_timer(t, timer)}" for timer in stop)
-    return said + ([f"indication {' '.join(told)}"] if told != ["nothing"] else [])
+    out, arm, stop, indication = wanted
+    texts = sorted(f"send {_message(t, m)}" for m in out)
+    texts += sorted(f"arm {_timer(t, timer)}" for timer in arm)
+    texts += sorted(f"stop {_timer(t, timer)}" for timer in stop)
+    return texts + ([f"indication {' '.join(indication)}"] if indication != ["nothing"] else [])
 
 
 def _message(t: Translation, m: Json) -> str:
@@ -239,13 +240,13 @@ def _timer(t: Translation, timer: Json) -> str:
 
 
 def _session(t: Translation, session: Json) -> str:
-    """A session with its real number; one that the log does not name is a next one."""
+    """A session with its real number, or ``next`` if the log does not name it."""
     q, numbers = t.stations[session[0]], t.numbers.get(t.stations[session[0]], [])
     return f"{q}/{numbers[session[1]] if session[1] < len(numbers) else 'next'}"
 
 
-def words(event: Event) -> str:
-    """An event of a log in a few words."""
+def event_words(event: Event) -> str:
+    """An event as short text."""
     match event:
         case Receive(message=dict() as m):
             return f"receive {m['type']} from {m.get('src')}"
@@ -259,4 +260,4 @@ def words(event: Event) -> str:
             return f"indication {indication.name}"
         case Restart():
             return "restart"
-    return "receive bytes that are no message"
+    return "receive bytes that are not a message"

@@ -1,8 +1,8 @@
-"""Writes logs as a TLA+ module, in the numbers that ``TraceCheck.tla`` knows.
+"""Writes logs as a TLA+ module, with numbers that ``TraceCheck.tla`` can represent.
 
-TLC's numbers have 31 bits and its strings no content to compare.  So stations become 1, 2, ... in
-order of appearance (the log's own is 1), numbers of sessions their rank, times begin at 1, and
-each content is a number: the same content, the same number.
+TLC's integers have 31 bits, and it cannot compare the content of strings. So stations become 1, 2,
+... in order of appearance (the log's own is 1), session numbers become their rank, times begin at
+1, and equal contents become equal numbers.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from automcm_traces.format.reader import Log
 
 Json = Any
 LARGEST = 10**9
-"""Of a time, duration, seq or proposal; two of them must add up to less than 2^31."""
-UNTOLD = -1
+"""The largest time, duration, seq or proposal; the sum of two must be below 2^31."""
+UNKNOWN = -1
 CONTENT = ("scenario", "details", "planned", "prescribed", "hold_ms", "lease_ms", "selected")
-"""Fields that the application gives and the station carries."""
-TOLD = names(Indication)
+"""Fields that the application provides and the station only carries."""
+INDICATIONS = names(Indication)
 NAMED = (*get_args(MessageType), "none")
 REASON = (*get_args(RefusalReason), *get_args(CancelReason), "none", "")
 
 
 class TooLarge(Exception):
-    """A log that TLC's numbers cannot hold; the text says why."""
+    """A log whose numbers are too large for TLC; the text says which."""
 
 
 def limits(log: Log) -> tuple[int, ...]:
@@ -51,7 +51,7 @@ def limits(log: Log) -> tuple[int, ...]:
 
 
 def module(name: str, logs: Sequence[str]) -> str:
-    """A module with these logs (each as ``Translation.text``) as ``TheLogs``."""
+    """A module with these logs (each a ``Translation.text``) as ``TheLogs``."""
     parts = [f"L{n} ==\n{text}" for n, text in enumerate(logs, 1)]
     names = ", ".join(f"L{n}" for n in range(1, len(logs) + 1))
     dashes = "-" * 32
@@ -60,10 +60,10 @@ def module(name: str, logs: Sequence[str]) -> str:
 
 
 class Translation:
-    """One log in small numbers.  Raises TooLarge.
+    """One log in small numbers. Raises TooLarge.
 
-    ``stations`` and ``numbers`` lead back: the real ids, and per station the real numbers of
-    its sessions.
+    ``stations`` and ``numbers`` map back to the real ids, and per station to the real session
+    numbers.
     """
 
     def __init__(self, log: Log, late_ms: int | None = None) -> None:
@@ -81,11 +81,11 @@ class Translation:
         self._messages: dict[str, int] = {}
         self._timers: dict[str, int] = {}
         self._texts: dict[str, str] = {}
-        self._said: dict[str, int] = {}
+        self._statements: dict[str, int] = {}
         self.text = self._write(late_ms)
 
     def station(self, real: Json) -> int:
-        """The small number of a station; 0 is nobody, or everybody."""
+        """The small number of a station; 0 is none, or all."""
         if not _is_int(real):
             return 0
         if real not in self._places:
@@ -98,16 +98,16 @@ class Translation:
     def _write(self, late_ms: int | None) -> str:
         header = self._log.header
         late = header.longest_delay if late_ms is None else late_ms
-        told = (f"{n} |-> {_clamped(ms)}" for n, ms in durations(header.known).items())
+        lasts = (f"{n} |-> {_clamped(ms)}" for n, ms in durations(header.known).items())
         events = ",\n".join(self._event(n) for n in range(len(self._log.events)))
-        says = ",".join(str(self._says(event)) for _, event in self._log.events)
+        statements = ",".join(str(self._statement(event)) for _, event in self._log.events)
         complete = ", ".join(f'"{kind}"' for kind in header.complete)
         return (
             f"[ me |-> 1, ended |-> {_bool(self._log.ended)}, complete |-> {{{complete}}},\n"
-            f"late |-> {min(late, LARGEST)}, lasts |-> [{', '.join(told)}],\n"
+            f"late |-> {min(late, LARGEST)}, lasts |-> [{', '.join(lasts)}],\n"
             f"messages |-> <<{_table(self._messages)}>>,\n"
             f"timers |-> <<{_table(self._timers)}>>,\n"
-            f"said |-> <<{_table(self._said)}>>,\nsays |-> <<{says}>>,\n"
+            f"said |-> <<{_table(self._statements)}>>,\nsays |-> <<{statements}>>,\n"
             f"events |-> <<{events}>> ]"
         )
 
@@ -136,26 +136,26 @@ class Translation:
             case ApplicationIndication(indication=indication):
                 fields = indication.model_extra or {}
                 reason = self._reason(fields.get("reason", ""))
-                return f'Told({at},"{self._safe(indication.name, TOLD)}","{reason}")'
+                return f'Told({at},"{self._safe(indication.name, INDICATIONS)}","{reason}")'
             case Restart():
                 return f'Event("restart",{at})'
 
-    def _says(self, event: Event) -> int:
-        """The phase and role that an event tells; 0 if it tells none."""
+    def _statement(self, event: Event) -> int:
+        """The number of the phase and role that an event states; 0 if it states none."""
         if event.phase is None and event.role is None:
             return 0
         phase, role = event.phase or "", event.role or ""
         text = f'<<"{self._safe(phase, ("", *PHASES))}","{self._safe(role, ("", *ROLES))}">>'
-        return _place(self._said, text)
+        return _place(self._statements, text)
 
     def _received(self, at: str, event: Receive) -> str:
         m = event.message
         assert m is not None
         if problems(m):
-            mine = m.get("dst", self._me) == self._me  # else it may be dropped silently (MSG-1)
+            mine = m.get("dst", self._me) == self._me  # others may be dropped silently (MSG-1)
             return f"Malformed({at},{_bool(mine)})"
         if m["type"] == "CAM":
-            generation = self._generations[_whole(m["generation_ms"])]
+            generation = self._generations[_int_or_0(m["generation_ms"])]
             return f"CamReceived({at},{self.station(m['src'])},{self._marks(m)},{generation})"
         given = {} if event.planned is None else {"planned": event.planned}
         concerned = _bool(event.planned is not None)
@@ -171,7 +171,7 @@ class Translation:
         )
 
     def _opened(self, n: int) -> int:
-        """The number of the Advertisement that follows the request, 0 if none does."""
+        """The session number of the Advertisement that follows the request; 0 if none does."""
         for _, event in self._log.events[n + 1 :]:
             match event:
                 case Send(message={"type": "Advertisement"} as m):
@@ -183,7 +183,7 @@ class Translation:
                     return 0
         return 0
 
-    # -- what the events hold
+    # -- the contents of events
 
     def _message(self, m: dict[str, Json]) -> int:
         body = json.dumps(m, sort_keys=True)
@@ -205,14 +205,16 @@ class Translation:
         )
 
     def _lease(self, m: dict[str, Json]) -> int:
-        """How long the lease timer lasts with a Prescription that is sent or received."""
+        """The duration of the lease timer with a Prescription that is sent or received."""
         return self._own_lease(m) if m.get("src") == self._me else _clamped(m.get("lease_ms"))
 
     def _own_lease(self, given: dict[str, Json]) -> int:
-        """The same with one of its own."""
-        told: Json = given.get("lease_ms")
+        """The duration of the lease timer with a Prescription of the station itself."""
+        lease_ms: Json = given.get("lease_ms")
         drift = self._log.header.known.get("clock_drift", 0)
-        return _clamped(lease_lasts(drift, "prescriber", int(told)) if _is_int(told) else told)
+        return _clamped(
+            lease_lasts(drift, "prescriber", int(lease_ms)) if _is_int(lease_ms) else lease_ms
+        )
 
     def _timer(self, timer: Timer) -> int:
         named = timer.model_dump(exclude_none=True)
@@ -245,7 +247,7 @@ class Translation:
         return self._contents.setdefault(text, len(self._contents) + 1)
 
     def _small(self, n: Json) -> int:
-        """A number as it is, or one of its own if it is too large."""
+        """A number unchanged, or a substitute if it is too large."""
         if not _is_int(n) or n < 0:
             return 0
         return n if n < LARGEST else LARGEST + self._large.setdefault(n, len(self._large))
@@ -258,7 +260,7 @@ class Translation:
 
 
 def _ranks(log: Log) -> dict[int, list[int]]:
-    """Per station the numbers of its sessions in order, after a 0."""
+    """For each station, 0 and then its session numbers in order."""
     found: dict[int, set[int]] = {}
     for _, event in log.events:
         for session in _sessions(event):
@@ -268,7 +270,7 @@ def _ranks(log: Log) -> dict[int, list[int]]:
 
 
 def _sessions(event: Event) -> Iterator[Json]:
-    """Everything in the event that names a session."""
+    """All values in the event that name a session."""
     match event:
         case Receive(message=dict() as m) | Send(message=m):
             yield m.get("session")
@@ -289,9 +291,9 @@ def _session(value: Json) -> tuple[int, int] | None:
 
 
 def _generations(log: Log) -> dict[int, int]:
-    """The rank of each generation time of a CAM received."""
+    """The rank of each generation time among the received CAMs."""
     times = {
-        _whole(m.get("generation_ms"))
+        _int_or_0(m.get("generation_ms"))
         for _, event in log.events
         if isinstance(event, Receive) and (m := event.message)
     }
@@ -307,14 +309,14 @@ def _table(table: dict[str, int]) -> str:
 
 
 def _clamped(duration: Json) -> int:
-    return min(duration, LARGEST) if _is_int(duration) and duration >= 0 else UNTOLD
+    return min(duration, LARGEST) if _is_int(duration) and duration >= 0 else UNKNOWN
 
 
 def _is_int(value: Json) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _whole(value: Json) -> int:
+def _int_or_0(value: Json) -> int:
     return int(value) if _is_int(value) else 0
 
 

@@ -1,5 +1,5 @@
-"""Logs as ITF, MCAP, Mermaid and SVG, and counterexamples as logs.
+"""Converts logs to ITF, MCAP, Mermaid and SVG, and counterexamples to logs.
 
-For other tools, and for the pages of the models.
+Used for other tools, and for the pages of the models.
 The viewer and the commands import it.
 """

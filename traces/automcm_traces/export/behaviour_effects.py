@@ -1,7 +1,7 @@
-"""What the specification says of single steps: TLC works out ``Step`` for a list of questions.
+"""Computes the effects of single steps with TLC: ``Step`` for a list of queries.
 
-The steps of the must-fail models are those of an ablated station, so the oracle does not know
-them; TLC does, with the model's own cfg.  All questions of a model are asked in one run.
+The must-fail models use an ablated station, which the oracle does not know. TLC evaluates it with
+the model's own cfg, all queries of a model in one run.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ NoState == FALSE /\\ st = <<>>
 NoStep == FALSE /\\ st' = st
 ====
 """
-"""``following`` is what the model itself says comes next; where Step says otherwise, the model's
-word counts, and nothing is sent (a mechanism is taken away, Effected in TimedSystem.tla).
-``AnyTarget`` stands for Retarget, which looks at the net: what the model did, it allowed."""
+"""``following`` is the next state in the model. Where Step differs, the model's state counts and
+nothing is sent, because a mechanism is removed (Effected in TimedSystem.tla). ``AnyTarget``
+replaces Retarget, which depends on the net: the model allowed its own steps."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What does this station do in this state with this input?
+    """A query: the effects of an input of this station in this state.
 
-    ``after`` is the state that comes next as the model has it, or None: what Step says.
+    ``after`` is the next state in the model, or None for the next state of Step.
     """
 
     station: int
@@ -57,17 +57,17 @@ class Question:
     after: State | None = None
 
 
-def ask(
+def effects_of(
     module: str, cfg: str, questions: Iterable[Question], tla: Path = TLA
 ) -> dict[Question, Effects]:
-    """The answers, as the model ``cfg`` (its text) has it.
+    """The effects for each query, according to the model with the text ``cfg``.
 
     Raises tlc.TlcError.
     """
     wanted = list(dict.fromkeys(questions))
     if not wanted:
         return {}
-    asked = "\n".join(f"ASSUME {_asked(n, q)}" for n, q in enumerate(wanted))
+    assumptions = "\n".join(f"ASSUME {_assumption(n, q)}" for n, q in enumerate(wanted))
     constants = re.sub(
         r"^(INIT|NEXT|SPECIFICATION|VIEW|SYMMETRY|CHECK_DEADLOCK|INVARIANTS?|PROPERT(Y|IES)|"
         r"(ACTION_)?CONSTRAINTS?)\b.*\n(^[ \t].*\n)*",
@@ -88,7 +88,7 @@ def ask(
     with scratch.folder("story") as place:
         for path in tla.glob("*.tla"):
             shutil.copy(path, place)
-        text = MODULE.format(module=module, questions=asked)
+        text = MODULE.format(module=module, questions=assumptions)
         (place / "Story.tla").write_text(text, encoding="utf-8")
         nothing = "INIT NoState\nNEXT NoStep\nCHECK_DEADLOCK FALSE\n"
         (place / "Story.cfg").write_text(constants + nothing, encoding="utf-8")
@@ -107,11 +107,11 @@ def _tuple(value: Any) -> Any:
 
 
 def _effects(answer: Any) -> Effects:
-    after, out, told, rule, arm, stop, marks = answer
+    after, out, indication, rule, arm, stop, marks = answer
     return Effects(
         tlc_simulation.state(after),
         frozenset(Message(**m) for m in out),
-        told,
+        indication,
         rule,
         frozenset(map(tlc_simulation.timer_of, arm)),
         frozenset(map(tlc_simulation.timer_of, stop)),
@@ -119,13 +119,13 @@ def _effects(answer: Any) -> Effects:
     )
 
 
-def _asked(n: int, q: Question) -> str:
+def _assumption(n: int, q: Question) -> str:
     following = "FALSE, 0" if q.after is None else f"TRUE, {_tla(q.after)}"
     return f"Answered({n}, {q.station}, {_tla(q.state)}, {_tla(q.input)}, {following})"
 
 
 def _tla(value: Any) -> str:
-    """A value of the specification as the text of TLA+."""
+    """A value of the specification as TLA+ text."""
     if isinstance(value, bool):
         return "TRUE" if value else "FALSE"
     if isinstance(value, frozenset):

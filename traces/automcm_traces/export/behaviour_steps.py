@@ -1,8 +1,8 @@
-"""From the states of a closed model to what each station did, step by step.
+"""Converts the states of a closed model to the steps of each station.
 
-A model of System may be reduced (System.tla): a step then also gives up what its station still
-sends, and sends at once what others would answer.  Here these steps are told one by one, so that
-every state of a station is one that its log can explain.
+A model of System may be reduced (System.tla): then a step also gives up the messages that its
+station still sends, and sends the answers of other stations at once. This module splits such steps,
+so that a log can explain every state of a station.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from automcm_spec.vocabulary.json_forms import canonical
 from automcm_spec.vocabulary.station import Expire, Input, Message, Receive, State, Timer
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.export.behaviour_effects import Question
-from automcm_traces.export.behaviour_to_log import Effects, Happening, StoryError, plain
+from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep, Effects, plain
 
-Asker = Callable[[Iterable[Question]], dict[Question, Effects]]
+EffectsOf = Callable[[Iterable[Question]], dict[Question, Effects]]
 ANSWERED = ("Intention", "Prescription", "Acceptance")
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One step of a model: the stations and the messages on the radio before and after it.
+    """One step of a model: the stations and the messages on the radio, before and after it.
 
-    ``station`` is 0 for an event of the radio or of time.  The other fields are those of
-    ``Happening``.
+    ``station`` is 0 for an event of the radio or of time. The other fields are those of
+    ``BehaviourStep``.
     """
 
     station: int
@@ -39,12 +39,12 @@ class Move:
     deadlines: dict[Timer, int] | None = None
     cams: tuple[int, ...] = ()
     also_armed: frozenset[Timer] = frozenset()
-    """Timers that the model armed anew although no rule does (AlsoArmed in TimedSystem.tla)."""
+    """Timers that the model re-armed although no rule does (AlsoArmed in TimedSystem.tla)."""
 
 
 @dataclass
-class _Told:
-    """A move and the steps it is told as."""
+class _SplitMove:
+    """A move and the steps it is split into."""
 
     move: Move
     chain: list[Question] = field(default_factory=list)
@@ -56,82 +56,91 @@ class _Told:
             yield from calls
 
 
-def happenings(moves: Sequence[Move], ask: Asker, reduced: bool) -> list[Happening]:
-    """The steps of the stations.  ``ask`` works out what follows (``story_effects.ask``).
+def steps_of(moves: Sequence[Move], effects_of: EffectsOf, reduced: bool) -> list[BehaviourStep]:
+    """The steps of the stations. ``effects_of`` computes effects
+    (``behaviour_effects.effects_of``).
 
-    Raises StoryError where the model's next state is not explained.
+    Raises BehaviourError if they do not lead to the model's next state.
     """
-    return happenings_of_all([moves], ask, reduced)[0]
+    return steps_of_all([moves], effects_of, reduced)[0]
 
 
-def happenings_of_all(
-    behaviours: Sequence[Sequence[Move]], ask: Asker, reduced: bool
-) -> list[list[Happening]]:
-    """The same for several behaviours; all are asked about at once."""
-    effects = ask(_main(move) for moves in behaviours for move in moves if move.station)
-    told = [[_Told(move) for move in moves] for moves in behaviours]
+def steps_of_all(
+    behaviours: Sequence[Sequence[Move]], effects_of: EffectsOf, reduced: bool
+) -> list[list[BehaviourStep]]:
+    """As ``steps_of`` for several behaviours, with all queries in one call."""
+    effects = effects_of(_main(move) for moves in behaviours for move in moves if move.station)
+    split = [[_SplitMove(move) for move in moves] for moves in behaviours]
     if reduced:
-        for moves in told:
+        for moves in split:
             wanted: set[Message] = set()
             for each in reversed(moves):
                 _reduced(each, effects, wanted)
-        effects = effects | ask(q for moves in told for each in moves for q in each.questions())
-    return [[h for each in moves for h in _tell(each, effects)] for moves in told]
+        effects = effects | effects_of(
+            q for moves in split for each in moves for q in each.questions()
+        )
+    return [[h for each in moves for h in _steps_of_move(each, effects)] for moves in split]
 
 
 def _main(move: Move) -> Question:
-    """What the step itself asks; with time, the model's word on what comes next counts."""
+    """The query for the step itself; in a timed model, the model's next state counts."""
     assert move.input is not None
     after = move.after[move.station] if move.at_ms is not None else None
     return Question(move.station, move.before[move.station], move.input, after)
 
 
-def _tell(told: _Told, effects: dict[Question, Effects]) -> list[Happening]:
-    move = told.move
+def _steps_of_move(split: _SplitMove, effects: dict[Question, Effects]) -> list[BehaviourStep]:
+    move = split.move
     if not move.station:
-        return [Happening(0, INITIAL, None, NOTHING, move.at_ms, move.behind_ms, cams=move.cams)]
+        return [
+            BehaviourStep(0, INITIAL, None, NOTHING, move.at_ms, move.behind_ms, cams=move.cams)
+        ]
     s = move.station
     main = effects[_main(move)]
     main = replace(main, arm=main.arm | move.also_armed)
     when = move.at_ms, move.behind_ms, move.deadlines, move.cams
-    out = [Happening(s, move.before[s], move.input, main, *when)]
-    for q in told.chain:
-        out.append(Happening(s, q.state, q.input, effects[q]))
+    out = [BehaviourStep(s, move.before[s], move.input, main, *when)]
+    for q in split.chain:
+        out.append(BehaviourStep(s, q.state, q.input, effects[q]))
     reached = out[-1].effects.after
     if reached != move.after[s]:
-        raise StoryError(f"{canonical(move.input)} of {s} leads to {canonical(reached)}")
-    return out + [_answer(answer, calls, effects) for answer, calls in told.answers]
+        raise BehaviourError(
+            f"{canonical(move.input)} of {s} leads to {canonical(reached)}, not to the model's "
+            f"state {canonical(move.after[s])}"
+        )
+    return out + [_answer(answer, calls, effects) for answer, calls in split.answers]
 
 
 NOTHING = Effects(INITIAL, frozenset(), ("nothing",), "none", frozenset(), frozenset(), frozenset())
 
 
-def _reduced(told: _Told, effects: dict[Question, Effects], wanted: set[Message]) -> None:
-    """What a reduced step does besides.  ``wanted`` are the messages received later on."""
-    move = told.move
+def _reduced(split: _SplitMove, effects: dict[Question, Effects], wanted: set[Message]) -> None:
+    """Add the other parts of a reduced step. ``wanted`` are the messages that are received
+    later."""
+    move = split.move
     if not move.station:
         return
     main = effects[_main(move)]
     at = main.after
     for entry in sorted(at.outbox, key=canonical):
         if entry.type != "Prescription":
-            told.chain.append(Question(move.station, at, Expire("expire", ("giveup", entry))))
+            split.chain.append(Question(move.station, at, Expire("expire", ("giveup", entry))))
             at = at._replace(outbox=at.outbox - {entry})
             if entry.type == "Intention":
                 at = at._replace(phase="WAITING")
     if at.backoff:
-        told.chain.append(Question(move.station, at, Expire("expire", ("backoff",))))
+        split.chain.append(Question(move.station, at, Expire("expire", ("backoff",))))
     sent = frozenset(map(plain, main.messages))
     for answer in sorted((move.net_after - move.net_before - sent) & wanted, key=canonical):
-        told.answers.append((answer, _candidates(answer, move, sent)))
+        split.answers.append((answer, _candidates(answer, move, sent)))
     if isinstance(move.input, Receive):
         wanted.add(move.input.message)
 
 
 def _candidates(answer: Message, move: Move, sent: frozenset[Message]) -> list[Question]:
-    """What may have called for an answer that is in the net: messages the other way.
+    """The inputs that may have caused an answer in the net: messages in the other direction.
 
-    One that can do nothing more is in the net no longer (Dead in System.tla).
+    A message that can have no further effect is no longer in the net (Dead in System.tla).
     """
     way = answer.dst, answer.src, answer.session
     return [
@@ -143,9 +152,9 @@ def _candidates(answer: Message, move: Move, sent: frozenset[Message]) -> list[Q
 
 def _answer(
     answer: Message, candidates: list[Question], effects: dict[Question, Effects]
-) -> Happening:
+) -> BehaviourStep:
     for q in candidates:
         found = effects[q]
         if any(plain(m) == answer for m in found.messages):
-            return Happening(q.station, q.state, q.input, found)
-    raise StoryError(f"nothing calls for {canonical(answer)}")
+            return BehaviourStep(q.station, q.state, q.input, found)
+    raise BehaviourError(f"no input causes {canonical(answer)}")

@@ -1,16 +1,17 @@
-"""Writes a behaviour of a closed model down as the logs its stations would have written.
+"""Writes a behaviour of a closed model as the logs that its stations would have written.
 
-A behaviour knows small ids, messages without content and no time.  A log has real ids, content,
-counted seqs, transmissions and clocks.  What a station does is taken from the behaviour alone;
-only what the specification leaves open is made up here:
+A behaviour has small ids, messages without content, and no times. A log has real ids, content,
+seqs, transmissions and clocks. The effects of each station come from the behaviour; only values
+that the specification leaves open are made up here:
 
-* ids are the model's times 1001 (1001, 2002, …), numbers of sessions stay;
+* ids are the model's ids times 1001 (1001, 2002, …); session numbers stay;
 * a message is received as its latest transmission;
-* a step takes ``STEP_MS``; the header tells no duration, so the deadline of a timer is when the
-  behaviour lets it expire, or far away.  The lease alone has a duration on the wire: where two
-  stations let it run for different times, the clock of one runs ahead (times of two stations are
-  not compared).  A timed model brings its own times and deadlines;
-* a CAM is sent whenever its marks change.  Nobody hears it, unless the model says so.
+* a step takes ``STEP_MS``. The header states no durations, so the deadline of a timer is the time
+  at
+  which the behaviour lets it expire, or far in the future. Only the lease has a duration on the
+  wire: if two stations let it run for different times, the clock of one runs ahead (times of
+  different stations are not compared). A timed model provides its own times and deadlines;
+* a CAM is sent whenever its marks change. No station receives it, unless the model says so.
 """
 
 from __future__ import annotations
@@ -43,24 +44,24 @@ COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 START_MS, STEP_MS, FAR_MS, LEASE_MS = 100, 20, 60_000, 20_000
 LEASE: Timer = ("lease",)
 Proposal = tuple[Session, int]
-"""Its session, and its number."""
+"""A session, and the number of the proposal."""
 PLANNED = {"t0": 0, "points": [[0, 0, 0], [1000, 8333, 0]]}
 
 
-class StoryError(Exception):
-    """A behaviour that no log can tell; the text says which step."""
+class BehaviourError(Exception):
+    """A behaviour that cannot be written as a log; the text names the step."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effects:
-    """What a step puts out, with the model's ids.
+    """The effects of a step, with the model's ids.
 
-    ``marks`` is what the station's CAMs name after it.
+    ``marks`` are the sessions that the station's CAMs name after it.
     """
 
     after: State
     messages: frozenset[Message]
-    told: tuple[str, ...]
+    indication: tuple[str, ...]
     rule: str
     arm: frozenset[Timer]
     stop: frozenset[Timer]
@@ -68,11 +69,11 @@ class Effects:
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
-    """One step of a station: the state before it, the input and what followed.
+class BehaviourStep:
+    """One step of a station: the state before it, the input and the effects.
 
-    ``at_ms`` and ``deadlines`` (on the same clock) are those of a timed model; ``behind_ms`` is how
-    far the clock of a station is behind.  ``cams`` are stations that send a CAM before the step.
+    ``at_ms`` and ``deadlines`` (on the same clock) are those of a timed model; ``behind_ms`` is the
+    lag of each station's clock. ``cams`` are stations that send a CAM before the step.
     """
 
     station: int
@@ -86,31 +87,31 @@ class Happening:
 
 
 def real_id(station: int) -> int:
-    """The id in the log of a station of a model."""
+    """The id in the log for a station of a model."""
     return station * 1001
 
 
 def logs(
     run: str,
-    story: Sequence[Happening],
+    story: Sequence[BehaviourStep],
     stations: Sequence[int],
     parameters: Mapping[str, int],
     lease_ms: int | None = None,
 ) -> dict[int, bytes]:
     """The log of each station, by its real id.
 
-    ``parameters`` goes into each header.  ``lease_ms`` is the lease of a timed model.  Raises
-    StoryError if a message is received that nobody has sent.
+    ``parameters`` goes into each header. ``lease_ms`` is the lease of a timed model. Raises
+    BehaviourError if a message is received that nobody has sent.
     """
-    teller = _Teller(story, stations, lease_ms)
+    builder = _LogBuilder(story, stations, lease_ms)
     for n, happening in enumerate(story):
-        teller.tell(n, happening)
-    return {real_id(s): teller.written(s, run, parameters) for s in stations}
+        builder.add_step(n, happening)
+    return {real_id(s): builder.written(s, run, parameters) for s in stations}
 
 
 @dataclass
 class _Lease:
-    """A lease that ran at a station: the steps at which it was armed and was over."""
+    """A lease at a station: the steps at which it was armed and ended."""
 
     armed: int
     over: int
@@ -119,24 +120,24 @@ class _Lease:
 
 @dataclass
 class _Station:
-    """What one station's log holds so far."""
+    """The log of one station so far."""
 
     events: list[tuple[str, int, dict[str, Json]]] = field(default_factory=list)
     transmissions: int = 0
     marks: frozenset[Session] = EMPTY
     open: dict[Timer, int] = field(default_factory=dict)
-    """By timer: the place in ``events`` where it was armed."""
+    """For each armed timer, the index of its arm event in ``events``."""
 
 
 Marked = tuple[str, int, frozenset[Session]]
 """A CAM: ``cam``, its sender and its marks."""
 
 
-class _Teller:
-    """Turns steps into events."""
+class _LogBuilder:
+    """Converts steps to events."""
 
     def __init__(
-        self, story: Sequence[Happening], stations: Sequence[int], lease_ms: int | None
+        self, story: Sequence[BehaviourStep], stations: Sequence[int], lease_ms: int | None
     ) -> None:
         self._stations = {s: _Station() for s in stations}
         self._seqs: dict[tuple[int, Session], int] = {}
@@ -147,7 +148,7 @@ class _Teller:
 
     # -- steps
 
-    def tell(self, n: int, h: Happening) -> None:
+    def add_step(self, n: int, h: BehaviourStep) -> None:
         for sender in h.cams:
             self._cam(sender, self._times[sender][n])
         if not h.station:
@@ -158,34 +159,34 @@ class _Teller:
             "phase": h.effects.after.phase,
             "role": h.effects.after.role,
         }
-        heard = self._input(n, h, now, more)
+        received_message = self._input(n, h, now, more)
         for m in sorted(h.effects.messages, key=_order):
-            self._send(h, m, now, heard)
+            self._send(h, m, now, received_message)
         for timer in sorted(h.effects.stop, key=canonical):
             me.open.pop(timer, None)
             named = self._timer(h.station, timer)
             me.events.append(("timer", now, {"op": "stop", "timer": named}))
         for timer in sorted(h.effects.arm, key=canonical):
             self._arm(h, timer, now)
-        if h.effects.told != ("nothing",):
-            indication = self._indication(h, heard)
+        if h.effects.indication != ("nothing",):
+            indication = self._indication(h, received_message)
             me.events.append(("indication", now, {"indication": indication}))
         if h.effects.marks != me.marks:
             me.marks = h.effects.marks
             if h.at_ms is None:
                 self._cam(h.station, now)
 
-    def _input(self, n: int, h: Happening, now: int, more: dict[str, Json]) -> dict[str, Json]:
-        """Write the input; returns the message it brought, if it did."""
+    def _input(self, n: int, h: BehaviourStep, now: int, more: dict[str, Json]) -> dict[str, Json]:
+        """Write the input; returns the received message, or an empty dict if there is none."""
         me = self._stations[h.station]
-        heard: dict[str, Json] = {}
+        received_message: dict[str, Json] = {}
         match h.input:
             case Receive() | Cam() as i:
                 key = plain(i.message) if isinstance(i, Receive) else ("cam", i.src, i.marks)
                 if key not in self._air:
-                    raise StoryError(f"step {n + 1}: received but never sent: {canonical(key)}")
-                tx, heard = self._air[key]
-                fields: dict[str, Json] = {"tx": tx, "message": heard}
+                    raise BehaviourError(f"step {n + 1}: received but never sent: {canonical(key)}")
+                tx, received_message = self._air[key]
+                fields: dict[str, Json] = {"tx": tx, "message": received_message}
                 if isinstance(i, Receive) and i.message.type == "Advertisement" and i.concerned:
                     fields["planned"] = PLANNED
                 me.events.append(("receive", now, fields | more))
@@ -200,10 +201,10 @@ class _Teller:
             case _:
                 me.events.append(("restart", now, more))
         self._forget(h)
-        return heard
+        return received_message
 
-    def _forget(self, h: Happening) -> None:
-        """Who forgets sessions forgets how far it has counted in them (ADV-8, END-8)."""
+    def _forget(self, h: BehaviourStep) -> None:
+        """A station that forgets sessions also forgets their seqs (ADV-8, END-8)."""
         match h.input:
             case Expire(timer=(_, int(p))):
                 gone = {p}
@@ -232,7 +233,9 @@ class _Teller:
 
     # -- effects
 
-    def _send(self, h: Happening, m: Message, now: int, heard: dict[str, Json]) -> None:
+    def _send(
+        self, h: BehaviourStep, m: Message, now: int, received_message: dict[str, Json]
+    ) -> None:
         key = m.src, m.type, m.dst, m.session, m.seq
         entry = Entry(m.type, m.dst, m.session, m.seq, m.accepted)
         again = m.type == "Advertisement" and isinstance(h.input, Expire)
@@ -244,11 +247,13 @@ class _Teller:
                 del message["dst"]
             seq = self._seq(m.src, m.session) if m.seq else 0
             message |= {"session": _session(m.session), "seq": seq}
-            message |= {"type": m.type} | self._content(h, m, heard)
+            message |= {"type": m.type} | self._content(h, m, received_message)
             self._sent[key] = message
         self._transmit(h.station, now, plain(m), message)
 
-    def _content(self, h: Happening, m: Message, heard: dict[str, Json]) -> dict[str, Json]:
+    def _content(
+        self, h: BehaviourStep, m: Message, received_message: dict[str, Json]
+    ) -> dict[str, Json]:
         given = self._command(h.input) if isinstance(h.input, Command) else {}
         match m.type:
             case "Advertisement":
@@ -264,7 +269,7 @@ class _Teller:
             case "Cancel":
                 return {"reason": m.reason}
             case "Ack":
-                return {"of": {"type": heard["type"], "seq": heard["seq"]}}
+                return {"of": {"type": received_message["type"], "seq": received_message["seq"]}}
         return {}
 
     def _seq(self, station: int, session: Session) -> int:
@@ -288,7 +293,7 @@ class _Teller:
         self._air[key] = tx, message
         me.events.append(("send", now, {"tx": tx, "message": message}))
 
-    def _arm(self, h: Happening, timer: Timer, now: int) -> None:
+    def _arm(self, h: BehaviourStep, timer: Timer, now: int) -> None:
         me = self._stations[h.station]
         named = self._timer(h.station, timer)
         deadline = self._last + FAR_MS
@@ -313,8 +318,8 @@ class _Teller:
                 return {"name": name, "message": about | {"session": _session(session), "seq": seq}}
         return {"name": timer[0]}
 
-    def _indication(self, h: Happening, heard: dict[str, Json]) -> dict[str, Json]:
-        name, *about = h.effects.told
+    def _indication(self, h: BehaviourStep, received_message: dict[str, Json]) -> dict[str, Json]:
+        name, *about = h.effects.indication
         indication: dict[str, Json] = {"name": name, "rule": h.effects.rule}
         after = h.effects.after
         session = h.before.session if after.session == (0, 0) else after.session
@@ -325,13 +330,13 @@ class _Teller:
         if name == "propose":
             indication["proposal"] = after.proposal + 1
         if about:
-            indication["reason"] = heard["reason"] if about[0] == "as_sent" else about[0]
+            indication["reason"] = received_message["reason"] if about[0] == "as_sent" else about[0]
         return indication
 
     # -- the end
 
     def written(self, station: int, run: str, parameters: Mapping[str, int]) -> bytes:
-        """The log of a station."""
+        """The log of a station as bytes."""
         stream = io.BytesIO()
         with LogWriter(
             stream,
@@ -348,9 +353,9 @@ class _Teller:
 
 
 def _times(
-    story: Sequence[Happening], stations: Sequence[int], lease_ms: int | None
+    story: Sequence[BehaviourStep], stations: Sequence[int], lease_ms: int | None
 ) -> tuple[dict[Proposal, int], dict[int, list[int]]]:
-    """How long the lease of each proposal is, and at each station the time of each step."""
+    """The length of each proposal's lease, and for each station the time of each step."""
     base = [START_MS + STEP_MS * n if h.at_ms is None else h.at_ms for n, h in enumerate(story)]
     leases = {s: _leases(s, story) for s in stations}
     lengths: dict[Proposal, int] = {}
@@ -376,8 +381,8 @@ def _times(
     return lengths, times
 
 
-def _leases(station: int, story: Sequence[Happening]) -> list[tuple[Proposal, _Lease]]:
-    """The leases that ran at a station, each with its session and proposal."""
+def _leases(station: int, story: Sequence[BehaviourStep]) -> list[tuple[Proposal, _Lease]]:
+    """The leases at a station, each with its session and proposal."""
     found: list[tuple[Proposal, _Lease]] = []
     running: _Lease | None = None
     for n, h in enumerate(story):
@@ -398,11 +403,11 @@ def _session(session: Session) -> list[int]:
 
 
 def plain(m: Message) -> Message:
-    """A message as the radio of the model holds it (Plain in Network.tla)."""
-    told = m.reason in REASONS
-    return m if told else m._replace(reason="as_sent")
+    """A message as the radio of the model represents it (Plain in Network.tla)."""
+    is_named = m.reason in REASONS
+    return m if is_named else m._replace(reason="as_sent")
 
 
 def _order(m: Message) -> tuple[bool, str]:
-    """The order in which one step's messages are sent: what is new before an Ack."""
+    """The sending order of the messages of one step: new messages before Acks."""
     return m.type == "Ack", canonical(m)

@@ -1,6 +1,6 @@
 """Counterexamples in ITF, the Informal Trace Format (ADR-015 of Apalache).
 
-How a value of TLA+ stands in Python and in ITF:
+The representation of TLA+ values in Python and in ITF:
 
 =====================  =========================  ==========================================
 TLA+                   Python                     ITF
@@ -12,11 +12,11 @@ tuple                  tuple                      ``{"#tup": […]}``
 set                    frozenset                  ``{"#set": […]}``, sorted
 record                 Mapping, all keys str      object
 other function         any other Mapping          ``{"#map": [[key, value], …]}``, sorted
-what is not a value    anything else              ``{"#unserializable": "…"}``
+not a value            anything else              ``{"#unserializable": "…"}``
 =====================  =========================  ==========================================
 
-Inside a set, and as a key of a function, Python needs values that hash: there `freeze` makes a
-FrozenMap of a dict and a FrozenList of a list. A function with strings only for keys is a record.
+Inside a set, and as keys of a function, Python needs hashable values: there `freeze` converts a
+dict to a FrozenMap and a list to a FrozenList. A function whose keys are all strings is a record.
 """
 
 import json
@@ -29,15 +29,15 @@ LARGEST = 2**53 - 1
 
 
 class ItfError(ValueError):
-    """A trace that is not ITF, or that ITF cannot hold; the text says where."""
+    """A trace that is not ITF, or that ITF cannot represent; the text says where."""
 
 
 @dataclass(frozen=True)
 class ItfState:
-    """One state of a trace: its variables, and what is known of the step that led to it.
+    """One state of a trace: its variables, and metadata of the step that led to it.
 
-    `meta` may hold ``action``, ``args``, ``rule`` and ``location``; the index of the state is its
-    place in the trace.
+    `meta` may contain ``action``, ``args``, ``rule`` and ``location``. The index of the state is
+    its position in the trace.
     """
 
     values: Mapping[str, object]
@@ -46,17 +46,17 @@ class ItfState:
 
 @dataclass(frozen=True)
 class Unserializable:
-    """Stands for something ITF cannot hold, by its text."""
+    """A placeholder for a value that ITF cannot represent, by its text."""
 
     text: str
 
 
 class FrozenList(tuple[object, ...]):
-    """A sequence that hashes: what a list is outside of sets."""
+    """A hashable sequence; outside sets, a list is used."""
 
 
 class FrozenMap(Mapping[object, object]):
-    """A record or function that hashes; equal to a dict with the same items."""
+    """A hashable record or function, equal to a dict with the same items."""
 
     def __init__(self, items: Mapping[object, object]) -> None:
         self._items = dict(items)
@@ -78,7 +78,7 @@ class FrozenMap(Mapping[object, object]):
 
 
 def freeze(value: object) -> object:
-    """The same value in a form that hashes."""
+    """The value in hashable form."""
     if isinstance(value, FrozenList | list):
         return FrozenList(freeze(item) for item in value)
     if isinstance(value, tuple):
@@ -89,7 +89,7 @@ def freeze(value: object) -> object:
 
 
 def encode(value: object) -> object:
-    """A value as ITF; raises ItfError for a record whose field starts with ``#``."""
+    """The value as ITF. Raises ItfError for a record with a field that starts with ``#``."""
     if isinstance(value, bool | str):
         return value
     if isinstance(value, int):
@@ -110,7 +110,7 @@ def encode(value: object) -> object:
 
 
 def decode(value: object) -> object:
-    """The value that ITF text stands for; raises ItfError for what is not ITF."""
+    """The value of an ITF term. Raises ItfError if it is not ITF."""
     match value:
         case bool() | int() | str():
             return value
@@ -118,7 +118,7 @@ def decode(value: object) -> object:
             return [decode(item) for item in value]
         case {"#bigint": str(digits), **rest} if not rest:
             if not re.fullmatch(r"-?[0-9]{1,4000}", digits, re.ASCII):
-                raise ItfError(f"not a #bigint: {_short(digits)}")
+                raise ItfError(f"#bigint must be decimal digits, not {_short(digits)}")
             return int(digits)
         case {"#tup": list(items), **rest} if not rest:
             return tuple(decode(item) for item in items)
@@ -128,7 +128,7 @@ def decode(value: object) -> object:
             return elements
         case {"#map": list(pairs), **rest} if not rest:
             if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-                raise ItfError(f"not a #map: {_short(pairs)}")
+                raise ItfError(f"#map must be a list of pairs, not {_short(pairs)}")
             function = {freeze(decode(key)): decode(item) for key, item in pairs}
             _refuse_collapse(len(function), pairs, "#map")
             return function
@@ -136,7 +136,7 @@ def decode(value: object) -> object:
             return Unserializable(text)
         case dict():
             return {_field(key): decode(item) for key, item in value.items()}
-    raise ItfError(f"not a value of ITF: {_short(value)}")
+    raise ItfError(f"not an ITF value: {_short(value)}")
 
 
 def to_itf(
@@ -146,7 +146,7 @@ def to_itf(
 
     `meta` goes into the trace's ``#meta`` (``description``, ``source``, …). `loop` is the index of
     the state to which the last one returns, if the trace is a lasso. Raises ItfError if states
-    differ in their variables, or if `loop` is no state.
+    differ in their variables, or if `loop` is not the index of a state.
     """
     given = list(states)
     names = sorted(given[0].values) if given else []
@@ -174,21 +174,21 @@ def to_itf(
 
 
 def from_itf(itf: Mapping[str, object]) -> list[ItfState]:
-    """The states of an ITF object; raises ItfError if it is none.
+    """The states of an ITF object. Raises ItfError if it is not one.
 
-    The index is not kept in a state's `meta`. What other tools write there is kept as it is, if it
-    is not a value of ITF.
+    The index is not kept in a state's `meta`. Values of other tools that are not ITF are kept
+    unchanged there.
     """
     names, states = itf.get("vars"), itf.get("states")
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise ItfError("'vars' is not a list of names")
+        raise ItfError("'vars' must be a list of names")
     if not isinstance(states, list):
-        raise ItfError("'states' is not a list")
+        raise ItfError("'states' must be a list")
     return [_state(index, state, names) for index, state in enumerate(states)]
 
 
 def dumps(itf: Mapping[str, object]) -> str:
-    """The text of an ITF object, byte-stable: keys sorted, one state a line, ASCII."""
+    """The text of an ITF object, byte-stable: sorted keys, one state per line, ASCII."""
     lines = []
     for key in sorted(itf):
         value = itf[key]
@@ -202,12 +202,12 @@ def dumps(itf: Mapping[str, object]) -> str:
 
 def _state(index: int, state: object, names: list[str]) -> ItfState:
     if not isinstance(state, dict):
-        raise ItfError(f"state {index} is not an object")
+        raise ItfError(f"state {index} must be an object")
     if sorted(state.keys() - {"#meta"}) != sorted(names):
-        raise ItfError(f"state {index} does not have the variables {sorted(names)}")
+        raise ItfError(f"state {index} must have the variables {sorted(names)}")
     meta = state.get("#meta", {})
     if not isinstance(meta, dict):
-        raise ItfError(f"#meta of state {index} is not an object")
+        raise ItfError(f"#meta of state {index} must be an object")
     try:
         values = {name: decode(state[name]) for name in names}
     except ItfError as error:
@@ -223,9 +223,9 @@ def _decode_meta(value: object) -> object:
 
 
 def _refuse_collapse(kept: int, items: list[object], what: str) -> None:
-    """Python takes 1 for True and a tuple for a sequence; lose nothing over it in silence."""
+    """Raise ItfError if Python treats distinct elements as equal, such as 1 and True."""
     if kept != len({_text(item) for item in items}):
-        raise ItfError(f"a {what} holds elements that Python cannot tell apart: {_short(items)}")
+        raise ItfError(f"{what} has elements that Python treats as equal: {_short(items)}")
 
 
 def _field(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Counterexamples in ITF as logs of their stations, and logs as ITF."""
+"""Converts counterexamples in ITF to logs of their stations, and logs to ITF."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from automcm_spec.vocabulary.station import Message, State, Timer
 from automcm_traces.checker.follow import Watcher, follow
 from automcm_traces.checker.track import CannotTell, Step, Track
 from automcm_traces.export import behaviour_to_log, itf, itf_validation
-from automcm_traces.export.behaviour_effects import ask, cfg_of
-from automcm_traces.export.behaviour_steps import Move, happenings
+from automcm_traces.export.behaviour_effects import cfg_of, effects_of
+from automcm_traces.export.behaviour_steps import Move, steps_of
 from automcm_traces.format.reader import Log
 
 TICK_MS = 100
-"""A tick of a timed model."""
+"""The duration of a tick of a timed model."""
 TICKS = (["tick"], ["slow tick"])
 
 
 @dataclass(frozen=True)
 class Behaviour:
-    """A counterexample: the name of its model, and its steps."""
+    """A counterexample: its model and its steps."""
 
     model: str
     module: str
@@ -40,27 +40,27 @@ class Behaviour:
 
     @property
     def timed(self) -> bool:
-        """Does the behaviour say when each step happens?"""
+        """Whether the behaviour states the time of each step."""
         return any(move.at_ms is not None for move in self.moves)
 
     @property
     def reduced(self) -> bool:
-        """Is it of a model with the reductions of System?"""
+        """Whether its model uses the reductions of System."""
         return not self.timed and "Reduced = TRUE" in self.cfg
 
     def constant(self, name: str) -> int:
-        """A number among the constants of the model."""
+        """An integer constant of the model."""
         found = re.search(rf"^  {name} = (\d+)$", self.cfg, re.M)
         if found is None:
-            raise itf.ItfError(f"{self.model}.cfg: no number {name}")
+            raise itf.ItfError(f"{self.model}.cfg: has no integer constant {name}")
         return int(found[1])
 
     def logs(self) -> dict[int, bytes]:
         """The log of each station, by its real id.
 
-        Raises automcm_spec.model_checking.tlc.TlcError, story.StoryError.
+        Raises automcm_spec.model_checking.tlc.TlcError, behaviour_to_log.BehaviourError.
         """
-        told = happenings(self.moves, partial(ask, self.module, self.cfg), self.reduced)
+        steps = steps_of(self.moves, partial(effects_of, self.module, self.cfg), self.reduced)
         parameters = {"max_rounds": self.constant("MaxRounds")}
         lease = None
         if self.timed:
@@ -74,13 +74,13 @@ class Behaviour:
                 names += ["t_advertise", "t_hold"]
             parameters |= {name: ticks[name] * TICK_MS for name in names}
         stations = sorted(self.moves[0].before)
-        return behaviour_to_log.logs(self.model, told, stations, parameters, lease)
+        return behaviour_to_log.logs(self.model, steps, stations, parameters, lease)
 
 
 def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
-    """The counterexample in a file that ``automcm spec`` or ``make generate`` wrote.
+    """The counterexample in a file written by ``automcm spec`` or ``make generate``.
 
-    Raises itf.ItfError naming the file and the state, OSError.
+    Raises OSError, and itf.ItfError with the file and the state.
     """
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
@@ -94,20 +94,21 @@ def behaviour(path: Path, models_dir: Path = MODELS) -> Behaviour:
 
 def _behaviour(value: object, models_dir: Path) -> Behaviour:
     if not isinstance(value, dict):
-        raise itf.ItfError("not an object")
+        raise itf.ItfError("must be a JSON object")
     states = itf.from_itf(value)
     meta = value.get("#meta")
     source = meta.get("source") if isinstance(meta, dict) else None
     found = re.fullmatch(r"spec/models/(\w+)\.cfg", source) if isinstance(source, str) else None
     listed = {m.cfg: m for m in models.load(models_dir)}
     if found is None or found[1] not in listed:
-        raise itf.ItfError("#meta: source: not a model of spec/models")
+        raise itf.ItfError("#meta: source: must name a cfg of spec/models")
     if not states:
         raise itf.ItfError("'states' is empty")
     model = listed[found[1]]
     if model.unsent:
         raise itf.ItfError(
-            f"{model.cfg} has no logs: in {model.module} a station receives what nobody has sent"
+            f"{model.cfg} has no logs: in {model.module} a station receives messages that "
+            "nobody has sent"
         )
     itf_validation.check(states)
     moves, ticks = [], 0
@@ -147,13 +148,13 @@ def _move(one: itf.ItfState, two: itf.ItfState, ticks: int) -> Move:
 
 
 def _lost(at: itf.ItfState) -> dict[int, int]:
-    """By station: the ticks that its clock has lost (Drift.tla)."""
+    """By station, the ticks that its clock has lost (Drift.tla)."""
     lost: Any = at.values.get("lost", ())
     return dict(enumerate(lost, 1))
 
 
 def _clock(at: itf.ItfState, station: int) -> dict[Timer, int]:
-    """By timer: the ticks until it is due."""
+    """By timer, the ticks until it is due."""
     clock: Any = at.values["clock"]
     own = clock[station - 1]
     items = own.items() if isinstance(own, Mapping) else ()
@@ -171,29 +172,29 @@ def _net(at: itf.ItfState) -> frozenset[Message]:
 
 
 def _cams(at: itf.ItfState) -> tuple[int, ...]:
-    """The stations that send a CAM with the tick that follows."""
+    """The stations that send a CAM at the next tick."""
     due: Any = at.values["next"]
     return tuple(s for s, left in enumerate(due, 1) if left == 1)
 
 
 def from_log(log: Log) -> str:
-    """A log as ITF: the station after each step, as the specification has it, with real ids.
+    """A log as ITF: the station's state in the specification after each step, with real ids.
 
-    The ``#meta`` of a state holds ``action`` (the operator of Station.tla), ``args`` (what the
-    event carries), ``rule``, ``t_ms``, the ``line`` of the log and the ``location`` in
-    Station.tla.  A log that diverges ends with the last step that is allowed, and the
-    description says so.  Raises automcm_traces.checker.track.CannotTell.
+    The ``#meta`` of a state contains ``action`` (the operator of Station.tla), ``args`` (the
+    content of the event), ``rule``, ``t_ms``, the ``line`` of the log and the ``location`` in
+    Station.tla. The states of a diverging log end with the last allowed step, and the description
+    says so. Raises automcm_traces.checker.track.CannotTell.
     """
     watcher = _Steps(log)
-    followed = follow(log, watchers=[watcher], one=True)
-    if not followed.followed:
-        raise CannotTell(followed.finding.observed)
-    ending = ""
-    if followed.diverges is not None:
-        found = followed.diverges.finding
-        ending = f" It diverges at line {found.at.line}: {found.observed}."
+    ending = follow(log, watchers=[watcher], one=True)
+    if not ending.decided:
+        raise CannotTell(ending.finding.observed)
+    divergence = ""
+    if ending.diverges is not None:
+        found = ending.diverges.finding
+        divergence = f" It diverges at line {found.at.line}: {found.observed}."
     about = {
-        "description": f"Station {log.header.station} of run {log.header.run}.{ending}",
+        "description": f"Station {log.header.station} of run {log.header.run}.{divergence}",
         "source": Path(log.file).name,
     }
     return itf.dumps(itf.to_itf(watcher.states, about))
@@ -226,7 +227,7 @@ def _values(t: Track) -> dict[str, object]:
 
 
 def _frozen(value: object) -> object:
-    """Plain JSON as ITF holds it."""
+    """Plain JSON in the form that ITF uses."""
     if isinstance(value, dict):
         return {key: _frozen(item) for key, item in value.items()}
     return [_frozen(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""The form of a counterexample's states: what must be in a file before a step is made of it."""
+"""The schema of a counterexample's states, checked before steps are made from them."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ class _Station(TypedDict):
 
 
 _Array = Strict(False)
-"""For a tuple that stands as a list here; its items stay strict."""
+"""For a tuple that is a list here; its items stay strict."""
 _Timer = Annotated[tuple[str], _Array] | Annotated[tuple[str, int | _Entry], _Array]
 _Armed = Annotated[tuple[_Timer, int], _Array]
-"""A timer, and the ticks that are left."""
+"""A timer, and the ticks until it is due."""
 
 
 class _State(TypedDict):
@@ -75,8 +75,7 @@ _STATE_FIELDS = ("st", "net", "clock", "next", "lost")
 
 
 def check(states: Sequence[ItfState]) -> None:
-    """Raises ItfError, naming the state and the field, unless they are those of stations, with the
-    input that led to each."""
+    """Raise ItfError, naming state and field, unless the states are stations with an input each."""
     stations = 0
     for index, state in enumerate(states):
         found = _checked(index, state)
@@ -86,9 +85,9 @@ def check(states: Sequence[ItfState]) -> None:
             raise _refused(index, f"{lacking[0]}: missing")
         for name in ("st", "clock", "next", "lost"):
             if name in found and len(found[name]) != stations:
-                raise _refused(index, f"{name}: not of {stations} stations")
+                raise _refused(index, f"{name}: must have {stations} entries, one per station")
         if not 0 <= found.get("station", 0) <= stations:
-            raise _refused(index, f"station: from 0 to {stations}")
+            raise _refused(index, f"station: must be from 0 to {stations}")
 
 
 def _checked(index: int, state: ItfState) -> dict[str, Json]:
@@ -108,7 +107,7 @@ def _refused(index: int, problem: str) -> ItfError:
 
 
 def _opened(value: object) -> Json:
-    """Plain JSON: of a function other than a record its pairs."""
+    """Plain JSON; a function that is not a record becomes a list of pairs."""
     if isinstance(value, Mapping):
         if all(isinstance(key, str) for key in value):
             return {key: _opened(item) for key, item in value.items()}

@@ -1,7 +1,7 @@
-"""Logs as MCAP, for Foxglove and the like, and back: a channel of JSON for each station.
+"""Converts logs to MCAP, for Foxglove and similar tools, and back: one JSON channel per station.
 
-Every line of a log is a message, the header and the end too, so that nothing is lost.  The log
-time is ``t_ms``; nothing else is known of when it was.  Needs the extra ``mcap``.
+Every line of a log becomes a message, including the header and the end, so that nothing is lost.
+The log time is ``t_ms``, because the absolute time is unknown. Needs the extra ``mcap``.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from automcm_traces.format.log import SCHEMA, End, Header
 from automcm_traces.format.reader import Notice, records
 
 TOPIC = "/automcm/"
-"""A channel is called by this and the id of its station."""
+"""The name of a channel is this and the id of its station."""
 LATEST_MS = 2**63 // 10**6
-"""MCAP counts nanoseconds in 64 bits."""
+"""The latest time: MCAP counts nanoseconds in 64 bits."""
 _INTEGERS = ("seq", "t_ms", "deadline", "station", "lost_records")
 _TEXTS = ("rec", "ev", "tx", "op", "rule", "phase", "role", "reason", "run", "schema", "raw")
 _OBJECTS = ("message", "timer", "command", "indication", "planned", "parameters", "implementation")
@@ -34,24 +34,24 @@ LINE = {
         "complete": {"type": "array", "items": {"type": "string"}},
     },
 }
-"""The schema of a line, as plain as a viewer wants it; ``schema.schema()`` is the whole one."""
+"""A simple schema of a line for viewers; ``log_schema.schema()`` is the complete one."""
 
 
 class McapError(Exception):
-    """The extra is not installed, or a file is no MCAP of ours; the text is one line."""
+    """The extra is not installed, or a file is not an MCAP with logs; the text is one line."""
 
 
 def _module(name: str) -> Any:
     try:
         return importlib.import_module(f"mcap.{name}")
     except ImportError:
-        raise McapError("needs the package mcap: pip install 'automcm[mcap]'") from None
+        raise McapError("the package mcap is missing: pip install 'automcm[mcap]'") from None
 
 
 def written(paths: Sequence[Path]) -> bytes:
-    """These logs in one MCAP, the same bytes for the same logs.
+    """The logs as one MCAP; equal logs give equal bytes.
 
-    Raises McapError, BadInput for a log that cannot be read to its end, OSError.
+    Raises McapError, OSError, and BadInput for a log that cannot be read to its end.
     """
     library = _module("writer")
     stream = io.BytesIO()
@@ -80,7 +80,8 @@ def written(paths: Sequence[Path]) -> bytes:
                     t_ms = event.t_ms
             if t_ms > LATEST_MS:
                 raise McapError(
-                    f"{name_of(path)}:{entry.line}: t_ms: {t_ms} ms is too late for MCAP"
+                    f"{name_of(path)}:{entry.line}: t_ms: must be at most {LATEST_MS} ms for MCAP, "
+                    f"not {t_ms} ms"
                 )
             now = t_ms * 10**6
             data = lines[entry.line - 1]
@@ -90,9 +91,9 @@ def written(paths: Sequence[Path]) -> bytes:
 
 
 def logs(path: Path) -> dict[str, bytes]:
-    """The logs in an MCAP, by the names of their files.
+    """The logs in an MCAP, by file name.
 
-    Raises McapError if it holds none, and OSError.
+    Raises OSError, and McapError if it contains none.
     """
     reader = _module("reader")
     found: dict[int, list[tuple[int, bytes]]] = {}
@@ -100,15 +101,15 @@ def logs(path: Path) -> dict[str, bytes]:
     with open(path, "rb") as stream:
         try:
             messages = list(reader.make_reader(stream).iter_messages(log_time_order=False))
-        except Exception as error:  # the library lets pass whatever a broken file causes
+        except Exception as error:  # a broken file makes the library raise any exception
             text = f"{type(error).__name__}: {error}"
-            raise McapError(one_line(f"{path}: is no MCAP that can be read: {text}")) from None
+            raise McapError(one_line(f"{path}: cannot be read as MCAP: {text}")) from None
     for _, channel, message in messages:
         if channel.topic.startswith(TOPIC) and channel.message_encoding == "json":
             names[channel.id] = _name(channel.topic, channel.metadata.get("file", ""))
             found.setdefault(channel.id, []).append((message.sequence, bytes(message.data)))
     if not found:
-        raise McapError(f"{path}: has no channel {TOPIC}STATION with JSON")
+        raise McapError(f"{path}: contains no JSON channel named {TOPIC}STATION")
     texts: dict[str, bytes] = {}
     for id_, lines in found.items():
         name = names[id_]
@@ -119,7 +120,7 @@ def logs(path: Path) -> dict[str, bytes]:
 
 
 def _name(topic: str, file: str) -> str:
-    """A file name for a channel: that of the log it was, without any folder."""
+    """A file name for a channel: that of the original log, without its folder."""
     name = Path(file.replace("\\", "/")).name
     if not name.endswith(".ndjson") or not name.isprintable():
         station = topic.removeprefix(TOPIC)

@@ -1,4 +1,4 @@
-"""Logs as a sequence diagram in Mermaid's text."""
+"""Writes logs as a Mermaid sequence diagram."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from automcm_spec.support.bad_input import printable
 from automcm_traces.explain.log_table import Row
-from automcm_traces.format.event_text import said
+from automcm_traces.format.event_text import summary
 from automcm_traces.format.log import (
     ApplicationCommand,
     ApplicationIndication,
@@ -17,15 +17,15 @@ from automcm_traces.format.log import (
 )
 
 MESSAGES = 400
-"""Arrows of a diagram at most; browsers draw no more."""
+"""The maximum number of arrows; browsers draw no more."""
 
 
 def diagram(rows: Iterable[Row], stations: Sequence[int], most: int = MESSAGES) -> Iterator[str]:
-    """The lines of a diagram: each message as an arrow, commands and phases as notes.
+    """The lines of a diagram: messages as arrows, commands and phases as notes.
 
-    ``rows`` are those of ``show.Logs``.  A message that arrived is an arrow where it was received,
-    one that was lost or is not in the other log ends in a cross.  CAMs and timers are left out.
-    What follows after ``most`` messages is counted, and a note says so.
+    ``rows`` are those of ``log_table.Logs``. A received message is an arrow at its reception. A
+    message that was lost, or that is not in the other log, ends in a cross. CAMs and timers are
+    left out. After ``most`` messages, a note states the number of the remaining ones.
     """
     kept = list(rows)
     sent = {row.event.tx for row in kept if isinstance(row.event, Send)}
@@ -47,7 +47,7 @@ def diagram(rows: Iterable[Row], stations: Sequence[int], most: int = MESSAGES) 
         if arrow:
             yield f"  {arrow}"
         elif isinstance(row.event, ApplicationCommand | ApplicationIndication | Restart):
-            yield f"  Note over S{row.station}: {_plain(said(row.event))}"
+            yield f"  Note over S{row.station}: {_plain(summary(row.event))}"
         now = row.event.phase if row.event is not None else None
         if now is not None and now != phase.get(row.station, "STANDALONE"):
             yield f"  Note over S{row.station}: = {_plain(now)}"
@@ -59,17 +59,18 @@ def diagram(rows: Iterable[Row], stations: Sequence[int], most: int = MESSAGES) 
 
 
 def _arrow(row: Row, sent: set[str], taken: set[str | None]) -> str:
-    """A message as an arrow; empty for what is none, and for what arrives further down."""
+    """A message as an arrow; empty for other events, and for a message whose reception follows
+    later."""
     event, me = row.event, f"S{row.station}"
     if not isinstance(event, Send | Receive) or event.message is None:
         return ""
     if event.message["type"] == "CAM":
         return ""
-    words = said(event).split(" ")
+    words = summary(event).split(" ")
     if isinstance(event, Receive):
         sender = _sender(event)
         if sender is None:
-            return f"Note over {me}: {_plain(said(event))}"
+            return f"Note over {me}: {_plain(summary(event))}"
         arrow = "->>" if event.tx in sent or event.tx is None else "-->>"
         notes = [note for note in row.notes if not note.startswith("for ")]
         return f"S{sender}{arrow}{me}: {_plain(' '.join([*notes, words[1], *words[3:]]))}"
@@ -99,7 +100,7 @@ def _addressee(event: Event | None) -> int | None:
 
 
 def _plain(text: str) -> str:
-    """Text in which nothing is Mermaid's: a semicolon ends a line, a hash begins a code."""
+    """Text without Mermaid syntax: a semicolon ends a line, a hash begins a code."""
     text = printable(text)
     codes = {"#": "#35;", ";": "#59;", "<": "#lt;", ">": "#gt;", "%": "#37;", "&": "#38;"}
     return "".join(codes.get(c, c) for c in text)

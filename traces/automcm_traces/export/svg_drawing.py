@@ -1,8 +1,8 @@
-"""A run as a picture (SVG): a line for each station, time downwards, each message an arrow.
+"""Draws a run as SVG: a line for each station, time downwards, an arrow for each message.
 
-Events stand in the order of their times, or, where clocks differ so much that a message would
-arrive before it was sent, in the partial order; what happens between two of them takes no room.
-Where a station acts its line is thick.  CAMs are left out.
+Events are ordered by time. Where clocks differ so much that a reception would come before its
+transmission, they follow the partial order. Time between events takes no space. The line of a
+station is thick while it acts. CAMs are left out.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from automcm_traces.system.delivery import Deliveries, Delivery
 from automcm_traces.system.log_merge import Merged, Node
 
 COLUMN, ROW, TOP, LEFT = 190, 15, 46, 160
-"""Pixels: between stations, between events, above the first, left of the first station."""
+"""In pixels: between stations, between events, above the first event, left of the first station."""
 SHORT = 30
-"""Pixels before the addressee at which an arrow that does not arrive ends."""
+"""The distance in pixels from the addressee at which the arrow of an unreceived message ends."""
 COLOURS = {"delivered": "#1a6e4a", "duplicated": "#1a6e4a", "lost": "#b3261e"}
 OTHER = "#6b7280"
 STYLE = (
@@ -32,13 +32,13 @@ STYLE = (
 @dataclass(frozen=True, slots=True)
 class _Places:
     x: dict[int, float]
-    """Of a station."""
+    """By station."""
     y: dict[Node, float]
-    """Of an event."""
+    """By event."""
 
 
 def drawing(merged: Merged, names: Mapping[int, str] | None = None) -> str:
-    """The picture; ``names`` stand in for the numbers of stations."""
+    """The drawing; ``names`` replace the ids of stations."""
     deliveries = [d for d in Deliveries(merged, Clocks(merged)).all if _drawn(merged.event(d.sent))]
     addressed = {d.to for d in deliveries}
     stations = sorted({*merged.stations, *addressed})
@@ -83,7 +83,7 @@ def _drawn(event: Event) -> bool:
 
 
 def _phases(merged: Merged) -> dict[Node, str]:
-    """The phase where it changes."""
+    """The phases, where they change."""
     now = ["STANDALONE"] * len(merged.logs)
     found = {}
     for node in merged.order:
@@ -105,7 +105,7 @@ def _acting(merged: Merged, phases: dict[Node, str], places: _Places, end: float
 
 
 def _arrow(merged: Merged, delivery: Delivery, places: _Places) -> Iterator[str]:
-    """From where it was sent to where it was received; with a cross before it if it was lost."""
+    """An arrow from transmission to reception; if the message was lost, it ends in a cross."""
     x = places.x[merged.stations[delivery.sent[0]]]
     y, far = places.y[delivery.sent], places.x[delivery.to]
     colour = COLOURS.get(delivery.outcome, OTHER)
@@ -128,7 +128,7 @@ def _head(x: float, y: float, far: float, below: float, colour: str) -> str:
 
 
 def _labels(merged: Merged, places: _Places, phases: dict[Node, str]) -> Iterator[str]:
-    """Time and type of what is sent, and phases, beside the line."""
+    """Times and types of sent messages, and phases, beside the line."""
     for node, y in places.y.items():
         event, x = merged.event(node), places.x[merged.stations[node[0]]]
         last = max(places.x.values())
@@ -148,7 +148,7 @@ def _labels(merged: Merged, places: _Places, phases: dict[Node, str]) -> Iterato
 
 
 def _about(event: Send) -> str:
-    """The type, and what tells a message from others of its type."""
+    """The type of a message, and the field that distinguishes it from others of its type."""
     m, of = event.message, event.message.get("of")
     match m["type"]:
         case "Acceptance":

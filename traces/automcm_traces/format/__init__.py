@@ -1,5 +1,5 @@
-"""The log format ``automcm.trace/1``: its lines, a reader, a writer, the schema.
+"""The log format ``automcm.trace/1``: its records, a reader, a writer, and the JSON Schema.
 
-For authors of log writers (docs/trace-format.md) and for all log tools.
-Anything may import it; the reference imports ``writer`` alone.
+Used by authors of log writers (docs/trace-format.md) and by all log tools. Any package may import
+it; the reference imports only ``writer``.
 """

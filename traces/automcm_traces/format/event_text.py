@@ -1,4 +1,4 @@
-"""An event of a log in a few words, safe to print anywhere."""
+"""Logged events as short text that is safe to print anywhere."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ from automcm_traces.format.log import (
 Kind = Literal["send", "receive", "timer", "command", "indication", "restart", "note", "phase"]
 
 _LONGEST = 300
-"""Characters; no event needs more words, and some hold megabytes."""
+"""The maximum length in characters. No event needs more; some messages contain megabytes."""
 _TURNS = {"R", "AL", "AN", "RLE", "RLO", "RLI", "LRE", "LRO", "LRI", "PDF", "PDI", "FSI"}
 
 
 def safe(text: str) -> str:
-    """``text`` with what would move the cursor or turn the line round written as an escape."""
+    """``text``, truncated, with escapes for characters that move the cursor or change the text
+    direction."""
     text = text[:_LONGEST]
     if text.isascii() and text.isprintable():
         return text
@@ -44,7 +45,7 @@ def _harmless(c: str) -> bool:
 
 
 def fitted(text: str, width: int) -> str:
-    """``text`` in exactly ``width`` columns of a terminal; what is cut ends with two dots."""
+    """``text`` padded or cut to exactly ``width`` terminal columns; cut text ends with two dots."""
     size = len(text) if text.isascii() else cell_len(text)
     if size <= width:
         return text + " " * (width - size)
@@ -52,14 +53,15 @@ def fitted(text: str, width: int) -> str:
 
 
 def kind(event: Event) -> Kind:
-    """What sort of event it is, for who gives it a colour."""
+    """The kind of an event, for example to choose a colour."""
     return event.ev
 
 
-def said(event: Event) -> str:
-    """``Intention ->1001 1001/1#1``, ``<- Intention 2002``, ``expire decide``, what matters first.
+def summary(event: Event) -> str:
+    """A summary of an event, the most important part first.
 
-    ``1001/1`` is a session, ``#1`` a seq, ``p1`` a proposal.
+    Examples: ``Intention ->1001 1001/1#1``, ``<- Intention 2002``, ``expire decide``. ``1001/1`` is
+    a session, ``#1`` a seq, ``p1`` a proposal.
     """
     match event:
         case Send(message=m):
@@ -104,7 +106,7 @@ def _is_session(value: object) -> bool:
 
 
 def _plain(value: object) -> str:
-    """A value of a message; what should be a number or a word may be anything."""
+    """A field value as text; it may have any type, because a log may contain malformed messages."""
     if isinstance(value, (list, tuple)) and _is_session(value):
         return f"{value[0]}/{value[1]}"
     if isinstance(value, (dict, list)):
@@ -113,7 +115,7 @@ def _plain(value: object) -> str:
 
 
 def _content(m: Fields) -> str:
-    """What sets this message apart from others of its type."""
+    """The fields that distinguish this message from others of its type."""
     words = []
     if "accepted" in m:
         words.append("accepts" if m["accepted"] is True else "refuses")
@@ -141,12 +143,12 @@ def _timer(timer: Timer) -> str:
     return timer.name
 
 
-_TOLD = ("reason", "target", "station", "proposal", "session")
+_SHOWN_FIELDS = ("reason", "target", "station", "proposal", "session")
 
 
 def _fields(fields: Fields) -> str:
     words = []
-    for name in _TOLD:
+    for name in _SHOWN_FIELDS:
         if name in fields:
             text = _plain(fields[name])
             words.append({"proposal": f"p{text}", "reason": f"({text})"}.get(name, text))

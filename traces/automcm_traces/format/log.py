@@ -1,14 +1,13 @@
-"""The log format ``automcm.trace/1``: what one line of a station's log may say.
+"""The log format ``automcm.trace/1``: the records of a station's log.
 
-A log is NDJSON (UTF-8, one JSON object a line, lines end with a line feed), one file a station:
-a header, events, an end. Three rules hold on every line:
+A log is NDJSON (UTF-8, one JSON object per line, lines end with a line feed), one file per station:
+a header, events, an end. Three rules apply to every line:
 
 * an absent field was *not observed*; there is no null;
-* numbers are integers (times in milliseconds, lengths in millimetres); there is no float;
-* a key that starts with ``x_`` belongs to the vendor and is ignored, any other unknown key is
-  refused.
+* numbers are integers (times in milliseconds, lengths in millimetres); there are no floats;
+* keys that start with ``x_`` are vendor fields and ignored; any other unknown key is rejected.
 
-The order of lines, ``seq`` and ``t_ms`` across lines are the reader's business, not this module's.
+The reader checks the order of lines, ``seq`` and ``t_ms``, not this module.
 """
 
 import base64
@@ -55,39 +54,37 @@ EventKind = Literal["command", "indication", "receive", "restart", "send", "time
 
 
 def not_plain(value: object) -> tuple[str, str] | None:
-    """Find the first thing in `value` that a log cannot hold.
-
-    Returns the path to it (``message.points[0]``) and what is wrong, or None if all is plain.
-    """
+    """The path (``message.points[0]``) and the problem of the first value inside `value` that a log
+    cannot contain; None if there is none."""
     if isinstance(value, (int, str)):
         return None
     if isinstance(value, (list, tuple)):
         for index, item in enumerate(value):
-            if odd := not_plain(item):
-                return _join(f"[{index}]", odd[0]), odd[1]
+            if wrong := not_plain(item):
+                return _join(f"[{index}]", wrong[0]), wrong[1]
         return None
     if isinstance(value, dict):
         for key, item in value.items():
             if not isinstance(key, str):
                 return "", f"the key {key!r} is not a string"
-            if odd := not_plain(item):
-                return _join(key, odd[0]), odd[1]
+            if wrong := not_plain(item):
+                return _join(key, wrong[0]), wrong[1]
         return None
     if value is None:
-        return "", "null is not allowed: leave out what was not observed"
+        return "", "null is not allowed: omit a field that was not observed"
     if isinstance(value, float):
-        return "", "a float is not allowed: use an integer"
-    return "", f"a {type(value).__name__} is not JSON"
+        return "", f"must be an integer, not {value}"
+    return "", f"must be a JSON value, not a Python {type(value).__name__}"
 
 
 def _join(outer: str, inner: str) -> str:
-    """The path `inner` as seen from what holds it at `outer`."""
+    """The path `inner` relative to the object that contains `outer`."""
     return f"{outer}.{inner}" if outer and inner and not inner.startswith("[") else outer + inner
 
 
 def _typed_message(message: dict[str, Value]) -> dict[str, Value]:
     if not isinstance(message.get("type"), str):
-        raise fault("type", "a message needs a string 'type'")
+        raise fault("type", "a message must have a string 'type'")
     return message
 
 
@@ -95,18 +92,19 @@ def _base64(text: str) -> str:
     try:
         base64.b64decode(text, validate=True)
     except (binascii.Error, ValueError):
-        raise fault("", "not base64") from None
+        raise fault("", "must be base64") from None
     return text
 
 
 def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
     if list(kinds) != sorted(set(kinds)):
-        raise fault("", "must be sorted and without repetition")
+        raise fault("", "must be sorted, without duplicates")
     return kinds
 
 
 Natural = Annotated[int, Field(ge=0, le=2**53 - 1)]
-"""No more than a float holds exactly, as in a message (docs/messages.md)."""
+"""At most the largest integer that a float represents exactly, as in a message
+(docs/messages.md)."""
 Positive = Annotated[int, Field(ge=1, le=2**53 - 1)]
 Percent = Annotated[int, Field(ge=0, le=99)]
 Name = Annotated[str, Field(min_length=1)]
@@ -122,7 +120,7 @@ Base64 = Annotated[
 
 
 class Part(BaseModel):
-    """An object of the log: immutable, strict, closed but for vendor fields."""
+    """An object of the log: immutable, strict, without unknown fields except vendor fields."""
 
     model_config = ConfigDict(
         frozen=True, strict=True, extra="forbid", use_attribute_docstrings=True
@@ -133,13 +131,13 @@ class Part(BaseModel):
     def _without_vendor_fields(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        if odd := not_plain(data):
-            raise fault(*odd)
+        if wrong := not_plain(data):
+            raise fault(*wrong)
         return {key: value for key, value in data.items() if not key.startswith("x_")}
 
 
 class Implementation(Part):
-    """What wrote the log."""
+    """The implementation that wrote the log."""
 
     name: Name
     version: Name
@@ -159,19 +157,19 @@ else:
     Parameters = create_model(
         "Parameters",
         __base__=Part,
-        __doc__="Parameters of the station, those it tells: ``t_`` in milliseconds, ``clock_drift``"
-        " in percent\n(0 if it is not told), the others counts.",
+        __doc__="The known parameters of the station: ``t_`` in milliseconds, ``clock_drift`` in"
+        " percent\n(0 if absent), the others are counts.",
         **{name: (_OF_UNIT[UNITS[name]] | None, None) for name in IN_HEADER},
     )
 
 
 class Header(Part):
-    """The first line: who writes, and what the reader may rely on."""
+    """The first line: the writer of the log, and what the log promises."""
 
     rec: Literal["header"]
     schema_version: Literal["automcm.trace/1"] = Field(alias="schema")
     run: Name
-    """Names the run; the logs of all stations of one run share it."""
+    """The name of the run, equal in the logs of all its stations."""
     station: StationId
     implementation: Implementation
     spec: Spec | None = None
@@ -182,22 +180,23 @@ class Header(Part):
         Field(json_schema_extra={"uniqueItems": True}),
         AfterValidator(_sorted_kinds),
     ]
-    """Kinds of event of which the log holds all, sorted: only there does missing mean "no"."""
+    """The event kinds of which the log contains all events, sorted: only there does absent mean
+    "no"."""
 
     @property
     def known(self) -> dict[str, int]:
-        """The parameters that it tells."""
+        """The parameters that the header states."""
         return self.parameters.model_dump(exclude_none=True)
 
     @property
     def longest_delay(self) -> int:
-        """D, ms, with the default where the header does not tell t_resend.  A timer may be as
-        late, unless told otherwise."""
+        """D in ms, from the default if the header lacks t_resend. By default a timer may be late by
+        as much."""
         return longest_delay({"t_resend": self.known.get("t_resend") or DEFAULTS["t_resend"]})
 
     @property
     def unobserved(self) -> list[str]:
-        """The kinds of event of which it may lack some."""
+        """The event kinds of which the log may lack events."""
         return sorted({*get_args(EventKind)} - {*self.complete})
 
     @model_validator(mode="before")
@@ -205,12 +204,12 @@ class Header(Part):
     def _known_version(cls, data: Any) -> Any:
         found = data.get("schema", SCHEMA) if isinstance(data, dict) else SCHEMA
         if found != SCHEMA:
-            raise fault("schema", f"unsupported version {found!r}, this is {SCHEMA!r}")
+            raise fault("schema", f"must be {SCHEMA!r}; the version {found!r} is not supported")
         return data
 
 
 class MessageKey(Part):
-    """Names the message a resend or giveup timer belongs to."""
+    """Names the message that a resend or giveup timer belongs to."""
 
     type: Name
     to: StationId | None = None
@@ -228,14 +227,14 @@ class MessageTimer(Part):
 
 
 class ForgetTimer(Part):
-    """The timer after which the memory of one prescriber may go."""
+    """The timer after which the station may forget the sessions of a prescriber."""
 
     name: Literal["forget"]
     station: StationId | None = None
 
 
 class PlainTimer(Part):
-    """A timer of which a station has one."""
+    """A timer that exists once per station."""
 
     name: Literal["advertise", "answer", "backoff", "cam", "decide", "hold", "lease", "quarantine"]
 
@@ -250,7 +249,7 @@ def _with_its_names(schema: dict[str, Any]) -> None:
 
 
 class Command(Part):
-    """A command of the application, with its own fields beside the name."""
+    """A command of the application; its own fields stand beside the name."""
 
     model_config = ConfigDict(extra="allow", json_schema_extra=_with_its_names)
 
@@ -262,15 +261,15 @@ class Command(Part):
         given = self.model_extra or {}
         session = given.get("session", [0, 0])
         if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
-            raise fault("session", "a station and a number are needed")
+            raise fault("session", "must be a station id and a number")
         for name in ("proposal", "target"):
             if type(given.get(name, 0)) is not int:
-                raise fault(name, "an integer is needed")
+                raise fault(name, "must be an integer")
         return self
 
 
 class Indication(Part):
-    """What the station tells its application, with its own fields beside the name."""
+    """An indication to the application; its own fields stand beside the name."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -279,26 +278,27 @@ class Indication(Part):
 
 
 class EventBase(Part):
-    """What every event has."""
+    """The fields of every event."""
 
     rec: Literal["event"]
     seq: Positive
-    """1 for the first event, then one more each: the only order within a station."""
+    """1 for the first event, then increasing by one; the only order of events within a station."""
     t_ms: Natural
-    """The station's monotonic clock in milliseconds; never decreases."""
+    """The time of the station's monotonic clock in milliseconds; never decreases."""
     rule: Name | None = None
-    """Id of the rule the implementation believes decided: a hint, never trusted."""
+    """The id of the deciding rule, according to the implementation: a hint that is never
+    trusted."""
     phase: Name | None = None
     """The station's phase after the step."""
     role: Name | None = None
     """The station's role after the step."""
     late_ms: Positive | None = None
-    """By how much the station was late for this, in milliseconds, by its own clock: its process
-    was stopped, or got too little processor.  A hint, never trusted."""
+    """The delay of the station in this step, in milliseconds of its own clock, because its process
+    was stopped or starved. A hint that is never trusted."""
 
 
 class Receive(EventBase):
-    """Something arrived: a message, or bytes that were none."""
+    """A message was received, or bytes that are not a message."""
 
     model_config = ConfigDict(
         json_schema_extra={"oneOf": [{"required": ["message"]}, {"required": ["raw"]}]}
@@ -306,45 +306,45 @@ class Receive(EventBase):
 
     ev: Literal["receive"]
     tx: Transmission | None = None
-    """``<station>:<counter>``, one for each transmission; all who receive it log the same.
-    Absent where the link does not tell."""
+    """``<station>:<counter>``, unique per transmission; all its receivers log the same value.
+    Absent if the link does not provide it."""
     message: Message | None = None
     raw: Base64 | None = None
-    """The bytes, if they were no message."""
+    """The received bytes, if they are not a message."""
     planned: dict[str, Value] | None = None
-    """The trajectory planned by an application that an Advertisement concerns."""
+    """The planned trajectory of the application, if the Advertisement concerns it."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if (self.message is None) == (self.raw is None):
-            raise fault("message", "needs exactly one of 'message' and 'raw'")
+            raise fault("message", "exactly one of 'message' and 'raw' must be present")
         advertised = self.message is not None and self.message["type"] == "Advertisement"
         if self.planned is not None and not advertised:
-            raise fault("planned", "only with an Advertisement")
+            raise fault("planned", "allowed only with an Advertisement")
         return self
 
 
 class Send(EventBase):
-    """A message was handed to the link."""
+    """A message was passed to the link."""
 
     ev: Literal["send"]
     tx: Transmission
-    """``<station>:<counter>``, new for each transmission, a retransmission too."""
+    """``<station>:<counter>``, new for each transmission, including retransmissions."""
     message: Message
 
 
 class TimerArm(EventBase):
-    """A timer was armed, or armed anew."""
+    """A timer was armed or re-armed."""
 
     ev: Literal["timer"]
     op: Literal["arm"]
     timer: Timer
     deadline: Natural
-    """When it expires, on the clock of `t_ms`."""
+    """The time of its expiry, on the clock of `t_ms`."""
 
 
 class TimerEnd(EventBase):
-    """A timer was stopped, or expired."""
+    """A timer was stopped or expired."""
 
     ev: Literal["timer"]
     op: Literal["stop", "expire"]
@@ -359,28 +359,28 @@ class ApplicationCommand(EventBase):
 
 
 class ApplicationIndication(EventBase):
-    """The application was told something."""
+    """The station gave its application an indication."""
 
     ev: Literal["indication"]
     indication: Indication
 
 
 class Restart(EventBase):
-    """The station came back without memory of its sessions."""
+    """The station restarted without memory of its sessions."""
 
     ev: Literal["restart"]
 
 
 class End(Part):
-    """The last line: nothing follows."""
+    """The last line; no line may follow."""
 
     rec: Literal["end"]
     seq: Natural
-    """`seq` of the last event, 0 if there was none."""
+    """`seq` of the last event, 0 if there is none."""
     reason: Name
-    """Why the log ends; LogWriter says ``clean`` or ``crash``."""
+    """The reason for the end of the log; LogWriter writes ``clean`` or ``crash``."""
     lost_records: Natural
-    """How many events the implementation failed to log."""
+    """The number of events that the implementation failed to log."""
 
 
 TimerEvent = Annotated[TimerArm | TimerEnd, Field(discriminator="op")]
@@ -394,11 +394,11 @@ Record = Header | Event | End
 RECORD: Final[TypeAdapter[Record]] = TypeAdapter(
     Annotated[Header | _TaggedEvent | End, Field(discriminator="rec")]
 )
-"""Validates one line: ``RECORD.validate_json(line)`` raises pydantic.ValidationError."""
+"""Validates one line; ``RECORD.validate_json(line)`` raises pydantic.ValidationError."""
 
 
 def _without_checks(schema: Any) -> Any:
-    """RECORD's schema for lines in which nothing is null and no field is the vendor's."""
+    """RECORD's schema for lines without nulls and vendor fields."""
     if isinstance(schema, list):
         return [_without_checks(item) for item in schema]
     if not isinstance(schema, dict):
@@ -410,21 +410,18 @@ def _without_checks(schema: Any) -> Any:
 
 
 _QUICK: Final = SchemaValidator(_without_checks(RECORD.core_schema), _use_prebuilt=False)
-"""Not prebuilt, or it would take the classes' own validators, checks and all."""
+"""Not prebuilt, because a prebuilt validator would include the checks of the classes."""
 
 
 def record(line: bytes) -> Record:
-    """One line, validated as by RECORD, in about half the time.
-
-    Nearly all lines hold neither null nor a field of the vendor's, so what looks for them walks
-    only those that may, and those that are refused.
-    """
+    """One line, validated as by RECORD, in about half the time: only lines that may contain nulls
+    or vendor fields, and lines that are rejected, are checked for these."""
     if b"null" not in line:
         try:
             found: Record = _QUICK.validate_json(line)
         except ValidationError:
             return RECORD.validate_json(line)
-        match found:  # these two keep every field, and must not keep the vendor's
+        match found:  # these two keep all fields, but must not keep vendor fields
             case ApplicationCommand(command=free) | ApplicationIndication(indication=free):
                 if any(key.startswith("x_") for key in free.model_extra or {}):
                     return RECORD.validate_json(line)
@@ -433,7 +430,7 @@ def record(line: bytes) -> Record:
 
 
 class UnknownEvent(EventBase):
-    """An event of a kind this version does not know; its other fields are ignored."""
+    """An event of a kind that this version does not know; its other fields are ignored."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -441,7 +438,7 @@ class UnknownEvent(EventBase):
 
 
 def unknown_event(error: ValidationError) -> bool:
-    """Whether a line was refused only because it is an event of a kind not known here."""
+    """Whether a line was rejected only because its kind of event is unknown."""
     first = error.errors(include_url=False, include_input=False)[0]
     return first["type"] == "union_tag_invalid" and first["loc"] == ("event",)
 
@@ -450,8 +447,8 @@ _VALIDATE: Final = MESSAGE.validator.validate_python
 
 
 def typed(m: Fields) -> messages.Message | messages.Cam | list[tuple[str, str]]:
-    """The message that this is, or each field in which it is not what the protocol says (END-5),
-    and what is wrong with it.  Where it goes is not its form."""
+    """The message with these fields, or the list of its malformed fields with the problem of each
+    (END-5). The addressee is not part of the form."""
     try:
         message: messages.Message | messages.Cam = _VALIDATE(m)
     except ValidationError as error:
@@ -461,7 +458,7 @@ def typed(m: Fields) -> messages.Message | messages.Cam | list[tuple[str, str]]:
 
 
 def problems(m: Fields) -> list[tuple[str, str]]:
-    """What is wrong with a message (``typed``); nothing if it is right."""
+    """The problems of a malformed message (``typed``); empty for a well-formed one."""
     found = typed(m)
     return found if isinstance(found, list) else []
 
@@ -482,7 +479,7 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
 
 
 def problems_of(error: ValidationError) -> list[tuple[str, str]]:
-    """Each field (a path such as ``message.seq``, "" for the whole line) and what is wrong."""
+    """Each wrong field (a path such as ``message.seq``, "" for the whole line) and its problem."""
     return [_problem(one) for one in error.errors(include_url=False, include_input=False)]
 
 
@@ -494,16 +491,16 @@ def _problem(error: ErrorDetails) -> tuple[str, str]:
     for inner in (str(context.get("discriminator", "")).strip("'"), str(context.get("field", ""))):
         path = _join(path, inner)
     if error["type"] == "union_tag_invalid":
-        return path, f"{context['tag']!r} is none of {context['expected_tags']}"
+        return path, f"must be one of {context['expected_tags']}, not {context['tag']!r}"
     return path, _PROBLEMS.get(error["type"], error["msg"])
 
 
 _TAGS = frozenset(("header", "end", *get_args(MessageType), "CAM"))
-"""What pydantic puts first into a path: which model was chosen for a line or a message."""
+"""The tags with which pydantic begins a path: the model chosen for a line or a message."""
 
 
 def _path(error: ErrorDetails) -> str:
-    """The path of an error without the tags pydantic adds for each discriminated union."""
+    """The path of an error, without the tags that pydantic adds for discriminated unions."""
     loc = error["loc"]
     if loc[:1] == ("event",):
         loc = loc[3:] if loc[1:2] == ("timer",) else loc[2:]

@@ -1,7 +1,6 @@
-"""The JSON Schema of one line of a log, for those who write logs in another language.
+"""The JSON Schema of one line of a log, for log writers in other languages.
 
-``python -m automcm_traces.format.log_schema`` prints it as it is committed in
-``trace-1.schema.json``.
+``python -m automcm_traces.format.log_schema`` prints the contents of ``trace-1.schema.json``.
 """
 
 from typing import Any
@@ -13,8 +12,8 @@ from automcm_traces.format.log import RECORD, SCHEMA
 def schema() -> dict[str, Any]:
     """The JSON Schema of a line.
 
-    What a schema cannot say stays with the reader: order of lines, `seq`, `t_ms`, and that 1.0 is
-    no integer.
+    The reader checks what a schema cannot express: the order of lines, `seq`, `t_ms`, and that 1.0
+    is not an integer.
     """
     generated = RECORD.json_schema(by_alias=True, schema_generator=json_schema.Generator)
     for name, definition in generated["$defs"].items():

@@ -1,22 +1,22 @@
-"""Sets of numbers that stay small however long a log is."""
+"""Sets of numbers whose size does not grow with the log."""
 
 from bisect import bisect_right
 
 
 class Numbers:
-    """A set of numbers that come mostly in order, kept as ranges: small however long the log."""
+    """A set of numbers, stored as ranges: compact if most numbers arrive in order."""
 
     def __init__(self) -> None:
         self._starts: list[int] = []
         self._ends: list[int] = []
-        """Range k is from _starts[k] up to but without _ends[k]."""
+        """Range k goes from _starts[k] up to, but not including, _ends[k]."""
 
     def __contains__(self, number: int) -> bool:
         k = bisect_right(self._starts, number) - 1
         return k >= 0 and number < self._ends[k]
 
     def add(self, number: int) -> bool:
-        """Whether it is new."""
+        """Add a number; returns whether it is new."""
         k = bisect_right(self._starts, number) - 1
         if k >= 0 and number < self._ends[k]:
             return False
@@ -36,5 +36,5 @@ class Numbers:
 
     @property
     def top(self) -> int:
-        """The highest; -1 if there is none."""
+        """The highest number; -1 if the set is empty."""
         return self._ends[-1] - 1 if self._ends else -1

@@ -1,4 +1,4 @@
-"""Read a log, and say in one line what is wrong with one that cannot be read."""
+"""Reads logs, and describes in one line why a log cannot be read."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -20,14 +20,15 @@ from automcm_traces.format.log import (
 )
 
 LONGEST_LINE = 16 * 2**20
-"""Bytes; a longer line is refused rather than read into memory."""
+"""The maximum number of bytes in a line; longer lines are rejected without reading them into
+memory."""
 
 
 @dataclass(frozen=True)
 class Notice:
-    """Something odd in a log that does not keep one from reading it.
+    """A problem in a log that does not prevent reading it.
 
-    After a ``gap`` (records are missing) nothing can be told any more.
+    After a ``gap`` (missing records) no verdict is possible.
     """
 
     kind: Literal["gap", "no_end", "truncated", "unknown_event"]
@@ -36,7 +37,7 @@ class Notice:
 
 @dataclass(frozen=True)
 class Entry:
-    """A record, or a notice, and the number of its line (from 1)."""
+    """A record or a notice, and its line number (from 1)."""
 
     line: int
     record: Record | Notice
@@ -44,21 +45,21 @@ class Entry:
 
 @dataclass(frozen=True)
 class Log:
-    """A whole log."""
+    """A complete log."""
 
     file: str
     header: Header
     events: list[tuple[int, Event]]
-    """Each with the number of its line."""
+    """The events, each with its line number."""
     end: End | None
     truncated: bool
-    """The last line was cut and is not in `events`."""
+    """Whether the last line was incomplete; it is not in `events`."""
     warnings: list[str]
-    """One line each: file, line and what is odd."""
+    """One line each: the file, the line and the problem."""
 
     @property
     def ended(self) -> bool:
-        """Whether the end is there; without it events may be missing at the end."""
+        """Whether there is an end record; without one, events may be missing at the end."""
         return self.end is not None
 
     def __iter__(self) -> Iterator[tuple[int, Event]]:
@@ -66,7 +67,7 @@ class Log:
 
 
 def read(path: str | Path) -> Log:
-    """Read the log at `path`; raises BadInput."""
+    """Read the log at `path`. Raises BadInput."""
     header: Header | None = None
     events: list[tuple[int, Event]] = []
     end: End | None = None
@@ -83,15 +84,15 @@ def read(path: str | Path) -> Log:
                 pass
             case event:
                 events.append((entry.line, event))
-    assert header is not None, "records() gives the header first"
+    assert header is not None, "records() yields the header first"
     return Log(name_of(path), header, events, end, truncated, warnings)
 
 
 def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
-    """Read the log at `path` line by line: header, events, end, and notices where they belong.
+    """Read the log at `path` line by line: header, events, end, and notices in between.
 
-    Raises BadInput where the log goes wrong, after what was good before. With `gaps`, missing
-    records (`seq` jumps ahead) are a notice before the record that follows them, not an error.
+    Raises BadInput at the first line that is wrong, after yielding the lines before it. With
+    `gaps`, a jump of `seq` is a notice before the next record instead of an error.
     """
     try:
         with open(path, "rb") as stream:
@@ -99,15 +100,16 @@ def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
     except FileNotFoundError:
         raise BadInput(path, 0, "", "no such file") from None
     except IsADirectoryError:
-        raise BadInput(path, 0, "", "is a directory, not a log") from None
+        raise BadInput(path, 0, "", "is a directory; name a log file") from None
     except OSError as error:
         raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
 
 
 def logs_below(paths: Iterable[Path]) -> list[Path]:
-    """The logs meant: a folder stands for every ``.ndjson`` below it, in the order of names.
+    """The logs that ``paths`` name. A folder stands for all ``.ndjson`` files below it, sorted by
+    name.
 
-    Raises BadInput for a folder without any.
+    Raises BadInput for a folder that contains none.
     """
     found: list[Path] = []
     for path in paths:
@@ -116,48 +118,49 @@ def logs_below(paths: Iterable[Path]) -> list[Path]:
             continue
         below = sorted(p for p in path.rglob("*.ndjson") if p.is_file())
         if not below:
-            raise BadInput(path, 0, "", "holds no log (*.ndjson)")
+            raise BadInput(path, 0, "", "contains no log (*.ndjson)")
         found += below
     return found
 
 
 MOST_WARNINGS = 20
-"""A stream keeps no more; ``LogStream.overlooked`` counts all."""
+"""The maximum number of warnings that a stream keeps; ``LogStream.overlooked`` counts all."""
 
 
 class LogStream:
-    """A log read as it is asked for, never whole in memory, however long.
+    """A log that is read lazily, so that its length does not affect memory use.
 
-    The header is read at once (BadInput if it cannot be). Iterating, once, gives the events with
-    their lines, and raises BadInput where a line cannot be read: what came before is good. It
-    ends before a gap, unless `past_gaps`. The other attributes are up to date with the last event
-    given, and final at the end.
+    The constructor reads the header (BadInput if that fails). Iterating, possible once, yields the
+    events with their lines. It raises BadInput at the first line that cannot be read; the events
+    before it are valid. It stops before a gap, unless `past_gaps`. The other attributes describe
+    what has been read so far, and the whole log at the end.
     """
 
     def __init__(self, path: str | Path, *, past_gaps: bool = False) -> None:
         self.file = name_of(path)
         self.end: End | None = None
         self.truncated = False
-        """The last line was cut."""
+        """Whether the last line was incomplete."""
         self.gap: tuple[int, str] | None = None
-        """The line after the first gap, and what is missing: from here on one cannot tell."""
+        """The line after the first gap, and what is missing. From there on no verdict is
+        possible."""
         self.warnings: list[str] = []
-        """One line each: file, line and what is odd; the first MOST_WARNINGS."""
-        self.whole = False
-        """All of it was given."""
+        """One line each: the file, the line and the problem; only the first MOST_WARNINGS."""
+        self.complete = False
+        """Whether all events have been yielded."""
         self.overlooked = 0
-        """How many warnings there were."""
+        """The number of warnings."""
         self.events = 0
-        """How many events were given."""
+        """The number of events yielded so far."""
         self._past_gaps = past_gaps
         self._entries = records(path, gaps=True)
         first = next(self._entries).record
-        assert isinstance(first, Header), "records() gives the header first"
+        assert isinstance(first, Header), "records() yields the header first"
         self.header: Header = first
 
     @property
     def ended(self) -> bool:
-        """Whether the end was read; without it events may be missing at the end."""
+        """Whether the end record was read; without one, events may be missing at the end."""
         return self.end is not None
 
     def __iter__(self) -> Iterator[tuple[int, Event]]:
@@ -174,10 +177,10 @@ class LogStream:
                 case event:
                     self.events += 1
                     yield entry.line, event
-        self.whole = self.gap is None
+        self.complete = self.gap is None
 
     def log(self, events: Iterable[tuple[int, Event]]) -> Log:
-        """As a whole log, or a part of one: ``events`` are all that were given, or some."""
+        """A Log with these events, which are all or some of the events yielded."""
         kept = list(events)
         warnings = list(self.warnings)
         return Log(self.file, self.header, kept, self.end, self.truncated, warnings)
@@ -192,7 +195,7 @@ class LogStream:
 
 
 def parse(line: bytes, *, first: bool = False) -> Record | UnknownEvent:
-    """One line of a log; ``first``: the file begins with it, and may be no log at all.
+    """One line of a log. With ``first``, it is the first line of a file that may be no log at all.
 
     Raises NotJsonError or pydantic.ValidationError.
     """
@@ -232,22 +235,25 @@ _FILES = {
 
 
 def _known(line: bytes, first: bool) -> str:
-    """What this is, for people who give us the wrong file: a kind of file is known by its first
-    bytes, and by no others."""
+    """A hint about the kind of file, for users who pass the wrong one: recognised by its first
+    bytes."""
     if line.strip() in (b"[", b"{"):
-        return " (a log has one JSON object a line)"
+        return " (a log has one JSON object per line)"
     files = _FILES.items() if first else ()
     return next((f" ({what})" for begin, what in files if line.startswith(begin)), "")
 
 
 def cut(line: bytes) -> bool:
-    """Whether a last line that is no JSON can be one that was being written: it lacks its end,
-    and begins as an object, or is the zero bytes that some file systems leave after a crash."""
+    """Whether an invalid last line may be incomplete because the writer was interrupted.
+
+    It lacks the line feed and either begins like an object or consists of zero bytes, which some
+    file systems leave after a crash.
+    """
     return not line.endswith(b"\n") and (line.startswith(b"{") or not line.strip(b"\0"))
 
 
 class _Reader:
-    """What has been seen of a log so far, and the checks across lines."""
+    """The state of reading a log, and the checks across lines."""
 
     def __init__(self, path: str | Path, gaps: bool) -> None:
         self._path = path
@@ -268,12 +274,12 @@ class _Reader:
             except NotJsonError as error:
                 if not self._header or self._end or not cut(line):
                     raise self._error("", error.problem, error.rule) from None
-                yield Entry(self._line, Notice("truncated", "the last line is cut, ignored"))
+                yield Entry(self._line, Notice("truncated", "the last line is incomplete, ignored"))
                 break
             except ValidationError as error:
                 field, problem = first_problem(error)
                 if not self._header and field == "rec":
-                    problem += ": the first line is no header of automcm.trace/1"
+                    problem += ": the first line must be a header of automcm.trace/1"
                 raise self._error(field, problem, "schema" if field else "json") from None
             if missing := self._check(record):
                 yield Entry(self._line, Notice("gap", f"seq: {missing}"))
@@ -288,11 +294,12 @@ class _Reader:
             yield Entry(self._line, Notice("no_end", "the log has no end record"))
 
     def _check(self, record: Record | UnknownEvent) -> str:
-        """Refuse a record that does not fit what came before it; what is missing, if a gap is."""
+        """Reject a record that does not fit the previous ones; returns a description of missing
+        records."""
         if isinstance(record, Header) == self._header:
-            problem = "a second header" if self._header else "the first line is no header"
+            problem = "a second header" if self._header else "the first line must be the header"
             if isinstance(record, Header):
-                problem += ": one file holds one log"
+                problem += ": a file contains one log"
             raise self._error("rec", problem, "order")
         if self._end:
             raise self._error("rec", "a record after the end", "order")
@@ -305,7 +312,8 @@ class _Reader:
             return gap
         gap = self._gap(record.seq, self._seq + 1, f"after {self._seq}, expected")
         if record.t_ms < self._t_ms:
-            raise self._error("t_ms", f"goes back from {self._t_ms} to {record.t_ms}", "t_ms")
+            problem = f"must not decrease, from {self._t_ms} to {record.t_ms}"
+            raise self._error("t_ms", problem, "t_ms")
         self._seq, self._t_ms = record.seq, record.t_ms
         return gap
 
@@ -322,7 +330,7 @@ class _Reader:
 
 
 class NotJsonError(Exception):
-    """A line that is not even JSON; the text says why, `rule` is ``text`` or ``json``."""
+    """A line that is not JSON; the text says why, `rule` is ``text`` or ``json``."""
 
     def __init__(self, problem: str, rule: str) -> None:
         super().__init__(problem)

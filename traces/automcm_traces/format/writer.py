@@ -1,4 +1,4 @@
-"""Write a log: the one module of this package an implementation in Python needs."""
+"""Writes a log. This is the only module of the package that a Python implementation needs."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -12,24 +12,24 @@ from automcm_traces.format.log import RECORD, SCHEMA, first_problem, not_plain
 
 
 class Sink(Protocol):
-    """Takes whole lines: a binary stream, or something like one."""
+    """A destination for complete lines, such as a binary stream."""
 
     def write(self, line: bytes, /) -> object:
         """Take one line."""
 
     def flush(self) -> None:
-        """Let nothing wait."""
+        """Write out all buffered lines."""
 
 
 class LogWriter:
-    """Writes the log of one station, every line validated and flushed at once.
+    """Writes the log of one station. Each line is validated and flushed at once.
 
-    Used as a context manager it writes the end itself: ``clean``, or ``crash`` if an exception
-    passes. Fields come out in the order of the format; the inside of messages and of other free
-    objects in the order the caller gave.
+    As a context manager it writes the end record itself, with the reason ``clean``, or ``crash``
+    after an exception. Fields are written in the order of the format. Fields inside messages and
+    other free objects keep the caller's order.
 
-    Every method raises ValueError for what the format does not allow (nothing is written then and
-    no number is used up) and OSError if writing fails.
+    Every method raises ValueError for a record that the format does not allow; it then writes
+    nothing and uses no `seq`. It raises OSError if writing fails.
     """
 
     def __init__(
@@ -46,8 +46,9 @@ class LogWriter:
     ) -> None:
         """Write the header.
 
-        `target` is a path (overwritten) or a sink, which stays open at the end.
-        `parameters` and `complete` are those of the header; the order of `complete` is free.
+        `target` is a path, which is overwritten, or a sink, which is not closed at the end.
+        `parameters` and `complete` are the fields of the header; the order of `complete` does not
+        matter.
         """
         self._seq = 0
         self._t_ms = 0
@@ -71,20 +72,20 @@ class LogWriter:
     def event(self, ev: str, t_ms: int, /, **fields: object) -> int:
         """Write one event and return its `seq`.
 
-        `t_ms` is the station's monotonic clock. A field given as None was not observed and is
-        left out.
+        `t_ms` is the time of the station's monotonic clock. A field with the value None was not
+        observed and is omitted.
         """
         self._refuse_if_ended()
         seq = self._seq + 1
         line = _line({"rec": "event", "seq": seq, "t_ms": t_ms, "ev": ev, **fields})
         if t_ms < self._t_ms:
-            raise ValueError(f"t_ms goes back from {self._t_ms} to {t_ms}")
+            raise ValueError(f"t_ms: must not decrease, from {self._t_ms} to {t_ms}")
         self._put(line)
         self._seq, self._t_ms = seq, t_ms
         return seq
 
     def end(self, reason: str, lost_records: int = 0) -> None:
-        """Write the end, and close the file if this writer opened it."""
+        """Write the end record. Closes the file if this writer opened it."""
         self._refuse_if_ended()
         line = {"rec": "end", "seq": self._seq, "reason": reason, "lost_records": lost_records}
         self._put(_line(line))
@@ -106,7 +107,7 @@ class LogWriter:
 
     def _refuse_if_ended(self) -> None:
         if self._ended:
-            raise ValueError("the log has ended")
+            raise ValueError("the end record is written: no record may follow it")
 
     def _put(self, line: bytes) -> None:
         self._sink.write(line)
@@ -114,10 +115,10 @@ class LogWriter:
 
 
 def _line(fields: Mapping[str, object]) -> bytes:
-    """The canonical line of a record; raises ValueError if the format does not allow it."""
+    """A record as a canonical line; raises ValueError if the format does not allow it."""
     observed = {key: value for key, value in fields.items() if value is not None}
-    if odd := not_plain(observed):
-        raise ValueError(": ".join(odd))
+    if wrong := not_plain(observed):
+        raise ValueError(": ".join(wrong))
     try:
         record = RECORD.validate_json(json.dumps(observed))
     except ValidationError as error:

@@ -1,5 +1,5 @@
-"""Several logs of one run: merged, clocks aligned, S and T properties checked.
+"""Several logs of one run: merged, with aligned clocks, and checked for the S and T properties.
 
-For ``explain`` with more than one log.
-explain, edit, export and viewer import it.
+Used by ``explain`` with more than one log.
+The subpackages explain, edit, export and viewer import it.
 """

@@ -1,10 +1,11 @@
-"""How the clocks of several stations stand to each other, as far as their messages tell.
+"""The offsets between the clocks of several stations, as far as their messages determine them.
 
-Every station has a monotonic clock of its own.  They are taken to run alike, as everywhere
-(docs/verification.md, section 4).  A message received at ``r`` on one clock and sent at ``s`` on
-another shows that the first is ahead by at most ``r - s``: it was not received before it was
-sent.  Messages both ways enclose the difference.  Where there are none one way, a copy is taken
-to be under way for at most half of ``t_resend`` (docs/protocol.md, section 3), and that is said.
+Every station has its own monotonic clock. All clocks are assumed to run at the same rate
+(docs/verification.md, section 4). A message received at ``r`` on one clock and sent at ``s`` on
+another shows that the first clock is ahead by at most ``r - s``, because it was not received before
+it was sent. Messages in both directions bound the offset from both sides. Where a direction has no
+messages, a copy is assumed to take at most half of ``t_resend`` (docs/protocol.md, section 3), and
+the result is marked as assumed.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ Bounds = list[list[float]]
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A time in ms between two events: between ``low`` and ``high``, and most likely ``best``."""
+    """A time in ms between two events: from ``low`` to ``high``, most likely ``best``."""
 
     low: int
     high: int
     best: int
     assumed: bool = False
-    """That no copy takes longer than half of t_resend was used."""
+    """Whether it relies on the assumption that a copy takes at most half of t_resend."""
 
     def __str__(self) -> str:
         if self.low == self.high:
@@ -33,7 +34,7 @@ class Span:
         return f"{self.best} ms ({self.low} to {self.high} ms)"
 
     def as_dict(self) -> dict[str, int | bool]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "ms": self.best,
             "at_least_ms": self.low,
@@ -43,7 +44,7 @@ class Span:
 
 
 class Clocks:
-    """What can be said of a time from an event of one log to an event of another."""
+    """Bounds on the time between events of different logs."""
 
     def __init__(self, merged: Merged) -> None:
         n = len(merged.logs)
@@ -58,13 +59,15 @@ class Clocks:
             if match.sure:
                 longest[i][j] = max(longest[i][j], first)
         self.delay_ms = [log.header.longest_delay for log in merged.logs]
-        """By place: how long a copy of a station is assumed to be under way at most."""
+        """For each log, the maximum assumed delay of a copy from its station."""
         self.notices: list[str] = []
         self._longest = longest
         self._sure = _closed(seen)
         self._alike = all(self._sure[i][i] >= 0 for i in range(n))
         if not self._alike:
-            self.notices.append("the clocks do not run alike: no time across stations can be told")
+            self.notices.append(
+                "the clocks run at different rates: times of different stations are not compared"
+            )
         wide = [
             [min(seen[i][j], self.delay_ms[j] - longest[j][i]) if i != j else 0.0 for j in range(n)]
             for i in range(n)
@@ -74,9 +77,10 @@ class Clocks:
         self._assumed = closed if fits else self._sure
 
     def ahead(self, i: int, j: int) -> Span | None:
-        """By how much the clock of log ``j`` is ahead of that of log ``i``; None: not known.
+        """How far the clock of log ``j`` is ahead of that of log ``i``; None if unknown.
 
-        The clocks are taken to be the same where the messages allow it."""
+        The clocks are taken to be equal if the messages allow it.
+        """
         if i == j:
             return Span(0, 0, 0)
         if not self._alike:
@@ -90,7 +94,7 @@ class Clocks:
         return Span(int(low), int(high), best, assumed)
 
     def between(self, i: int, t_i: int, j: int, t_j: int) -> Span | None:
-        """How long after ``t_i`` on the clock of log ``i`` it is ``t_j`` on that of log ``j``."""
+        """The time from ``t_i`` on the clock of log ``i`` to ``t_j`` on the clock of log ``j``."""
         ahead = self.ahead(i, j)
         if ahead is None:
             return None
@@ -98,7 +102,7 @@ class Clocks:
         return Span(gap - ahead.high, gap - ahead.low, gap - ahead.best, ahead.assumed)
 
     def slowest(self, i: int, j: int) -> int:
-        """How many ms some copy from log ``i`` to log ``j`` was certainly under way at least."""
+        """A lower bound in ms on the longest delay of a copy from log ``i`` to log ``j``."""
         ahead = self.ahead(i, j)
         if ahead is None or ahead.assumed or self._longest[i][j] == -inf:
             return 0
@@ -106,7 +110,7 @@ class Clocks:
 
 
 def _closed(bounds: Bounds) -> Bounds:
-    """The tightest bounds that follow, through third stations too."""
+    """The tightest bounds that follow, also through third stations."""
     n = len(bounds)
     d = [[min(bounds[i][j], 0.0) if i == j else bounds[i][j] for j in range(n)] for i in range(n)]
     for k in range(n):

@@ -1,8 +1,8 @@
-"""What became of each message: delivered, lost, duplicated, unobserved, in flight, or forged.
+"""The fate of each message: delivered, lost, duplicated, unobserved, in flight, or forged.
 
-A copy that no log shows arriving counts as lost only if the addressee's log promises to hold all
-it received, and goes on for longer than ``t_life`` after the sending: after that no copy is left
-(docs/protocol.md, section 3).
+A copy that no log shows as received counts as lost only if the addressee's log promises all
+received messages and continues for longer than ``t_life`` after the transmission. After that time
+no copy is left (docs/protocol.md, section 3).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ OUTCOMES: tuple[Outcome, ...] = ("delivered", "duplicated", "lost", "in_flight",
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """What became of one transmission at one of its addressees."""
+    """The fate of one transmission at one of its addressees."""
 
     sent: Node
     to: int
@@ -35,7 +35,7 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Forged:
-    """A message received that nobody can have sent, and why not."""
+    """A received message that nobody can have sent, and the reason."""
 
     at: Node
     file: str
@@ -48,16 +48,16 @@ class Forged:
 
 
 class Deliveries:
-    """All transmissions of merged logs and what became of them."""
+    """The fates of all transmissions in merged logs."""
 
     def __init__(self, merged: Merged, clocks: Clocks) -> None:
         self._merged, self._clocks = merged, clocks
         self._sent: dict[int, Sent] = {}
         self.all: list[Delivery] = []
-        """In order of sender and line; a broadcast once for each other station with a log."""
+        """Sorted by sender and line; a broadcast once for each other station with a log."""
         self.forged: list[Forged] = []
         self.unsent: dict[Node, str] = {}
-        """Messages received whose sending no log shows, and why that may be."""
+        """Received messages without a logged transmission, and the possible reason."""
         arrived: dict[tuple[Node, int], list[Node]] = defaultdict(list)
         for node, _ in receptions(merged):
             match = merged.matches.get(node)
@@ -70,7 +70,7 @@ class Deliveries:
                 self.all.append(self._delivery(node, to, arrived))
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """By ``SRC-DST`` how often each outcome was, CAMs among them."""
+        """By ``SRC-DST``, how often each outcome occurred, including CAMs."""
         found: dict[str, Counter[str]] = defaultdict(Counter)
         for d in self.all:
             found[f"{self._merged.stations[d.sent[0]]}-{d.to}"][d.outcome] += 1
@@ -79,7 +79,8 @@ class Deliveries:
     def between(
         self, src: int, dst: int, first: int = 0, last: int | None = None, type_: str = ""
     ) -> Counter[str]:
-        """Outcomes of what ``src`` sent to ``dst`` in its events ``first`` to ``last``."""
+        """The outcomes of the messages that ``src`` sent to ``dst`` in its events ``first`` to
+        ``last``."""
         place, found = self._merged.place(src), Counter[str]()
         for d in self.all:
             inside = d.sent[1] >= first and (last is None or d.sent[1] <= last)
@@ -119,7 +120,7 @@ class Deliveries:
         return Delivery(node, to, "lost" if over else "in_flight")
 
     def _unmatched(self, node: Node) -> None:
-        """A message received for which no sending was found: forged, or not observed."""
+        """Classify a received message without a matching transmission: forged, or unobserved."""
         event = self._merged.event(node)
         assert isinstance(event, Receive) and event.message is not None
         m, tx = event.message, event.tx
@@ -136,7 +137,7 @@ class Deliveries:
             self._sent[place] = Sent.of(log)
         why = self._sent[place].not_sent(tx)
         if why is None:
-            self.unsent[node] = f"{log.file} does not tell all that was sent"
+            self.unsent[node] = f"{log.file} may lack sent messages"
             return
         own, line = self._merged.logs[node[0]], self._merged.logs[node[0]].events[node[1]][0]
         text = f"{m['type']} from {m.get('src')}" + (f", tx {tx}" if tx else "")
@@ -145,22 +146,24 @@ class Deliveries:
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """What a log says about what its station sent."""
+    """The transmissions in one log."""
 
     log: Log
     txs: frozenset[str]
     last: int
-    """The highest number of a transmission."""
+    """The highest transmission number."""
 
     @staticmethod
     def of(log: Log) -> Sent:
-        """What a log says was sent."""
+        """The transmissions in a log."""
         txs = frozenset(e.tx for _, e in log.events if isinstance(e, Send))
         return Sent(log, txs, max((number(tx) for tx in txs), default=0))
 
     def not_sent(self, tx: str | None) -> str | None:
-        """Why a message that the log does not show was not sent; None if it may have been: the
-        log does not promise to be complete, or stops before."""
+        """Why a message without a logged transmission was certainly not sent.
+
+        None if it may have been sent: the log is not complete, or ends earlier.
+        """
         log = self.log
         if "send" not in log.header.complete or (log.end is not None and log.end.lost_records):
             return None
@@ -168,20 +171,20 @@ class Sent:
             return f"{log.file} has another message under this tx"
         if log.end is None and (tx is None or number(tx) > self.last):
             return None
-        return f"{log.file} shows no such message being sent"
+        return f"{log.file} contains no such sent message"
 
 
 def number(tx: str) -> int:
-    """The number of a transmission at its station."""
+    """The counter of a transmission id."""
     return int(tx.split(":")[1])
 
 
 def forged_receptions(logs: Sequence[Log]) -> dict[str, tuple[int, Receive, Fields | None]]:
-    """By file: the line of the first message received that is not the one its sender logged under
-    that ``tx``, the event, and what the sender logged (None: nothing).
+    """By file: the first received message that differs from the message its sender logged under the
+    same ``tx``, as its line, the event, and the sender's message (None: there is none).
 
-    Only transmissions of stations whose logs promise to be complete in ``send`` are looked at; of
-    a log without an end only those up to the last that it shows.
+    Only transmissions of stations whose logs promise all sent messages are compared; in a log
+    without an end record, only those up to its last transmission.
     """
     sent: dict[tuple[str, str], Fields] = {}
     last: dict[tuple[str, int], int | None] = {}

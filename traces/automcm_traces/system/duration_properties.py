@@ -1,7 +1,7 @@
-"""T-1, T-3, T-4 and T-5 on the logs of a run (docs/verification.md, section 2).
+"""Checks T-1, T-3, T-4 and T-5 on the logs of a run (docs/verification.md, section 2).
 
-A timer that expired late in a log lengthens what it ends, so the bound of T-1 grows by how late the
-timers of the session were.
+A timer that expires late lengthens what it ends. So the bound of T-1 grows by the delays of the
+session's timers.
 """
 
 from __future__ import annotations
@@ -14,44 +14,44 @@ from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.parameters import DEFAULTS, longest_session
 from automcm_traces.format.log import Event, Send, TimerArm, TimerEnd
 from automcm_traces.format.reader import Log
-from automcm_traces.system.timeline import Moment, Session, Spell, Timeline
+from automcm_traces.system.timeline import Moment, Period, Session, Timeline
 from automcm_traces.system.world import World
 
 Checked = tuple[bool | None, str]
-"""Whether it holds (None: cannot tell), and where or why not."""
+"""Whether the property holds (None: cannot tell), and where or why not."""
 
 
 def durations(world: World) -> Iterator[Checked]:
-    """T-1: each session that begins in a log lasts at most its bound."""
+    """T-1: each session that begins in a log lasts at most as long as its bound."""
     for station, line in world.timelines.items():
         p = {"max_rounds": DEFAULTS["max_rounds"]} | world.log(station).header.known
         longest: dict[Session, int] = {}
         for (session, _), lease in world.leases(station).items():
             longest[session] = max(lease, longest.get(session, 0))
-        for spell in line.sessions():
-            end = line.last[2] if spell.end is None else spell.end.t_ms
-            lasted = end - spell.start.t_ms
-            lease, where = longest.get(spell.session or (0, 0), 0), line.where(spell.start)
+        for period in line.sessions():
+            end = line.last[2] if period.end is None else period.end.t_ms
+            lasted = end - period.start.t_ms
+            lease, where = longest.get(period.session or (0, 0), 0), line.where(period.start)
             try:
-                bound = longest_session(p, spell.start.role, lease)
+                bound = longest_session(p, period.start.role, lease)
             except KeyError:
-                yield None, f"{where}: the header does not tell all durations"
+                yield None, f"{where}: `parameters` in the header lacks a duration"
                 continue
-            first = bisect_right(line.moments, spell.start.at, key=lambda m: m.at)
+            first = bisect_right(line.moments, period.start.at, key=lambda m: m.at)
             late = 0
             for n in range(first, len(line.moments)):
-                if spell.end is not None and line.moments[n].at > spell.end.at:
+                if period.end is not None and line.moments[n].at > period.end.at:
                     break
                 late += max(0, line.moments[n].late_ms)
-            text = f"{where}: bound for {lasted} ms, at most {bound}"
+            text = f"{where}: in a session for {lasted} ms, at most {bound}"
             yield lasted <= bound + late, text + (f", and timers {late} ms late" if late else "")
 
 
 def sendings(log: Log) -> Iterator[Checked]:
-    """T-3: a reliable message is sent at most N times by its timer."""
+    """T-3: the resend timer sends a reliable message at most N times."""
     giveup, resend = map(log.header.known.get, ("t_giveup", "t_resend"))
     if giveup is None or not resend:
-        yield None, f"{log.file}: the header does not tell t_giveup and t_resend"
+        yield None, f"{log.file}: `parameters` in the header lacks t_giveup or t_resend"
         return
     most, timed = giveup // resend, False
     count: Counter[str] = Counter()
@@ -69,16 +69,16 @@ def sendings(log: Log) -> Iterator[Checked]:
 
 
 def _timed(event: object, timed: bool) -> bool:
-    """Whether what follows an event was called for by a resend timer."""
+    """Whether a resend timer caused the events after this one."""
     if isinstance(event, TimerEnd) and event.op == "expire":
         return event.timer.name == "resend"
     return timed if isinstance(event, TimerArm | TimerEnd) else False
 
 
 def leases(world: World) -> Iterator[Checked]:
-    """T-4: the lease of a prescriber that acts does not outlive that of its target."""
+    """T-4: the lease of an acting prescriber does not outlive that of its target."""
     for line in world.timelines.values():
-        for acts in line.spells("ACTUATING", "prescriber"):
+        for acts in line.periods("ACTUATING", "prescriber"):
             target = acts.start.target
             if target not in world.timelines:
                 yield None, f"{line.where(acts.start)}: no log of station {target}"
@@ -87,7 +87,7 @@ def leases(world: World) -> Iterator[Checked]:
                 yield _lease(world, acts, held)
 
 
-def _lease(world: World, acts: Spell, held: Spell) -> Checked:
+def _lease(world: World, acts: Period, held: Period) -> Checked:
     own, other = (_armed(world.log(s.station), s.start.at) for s in (acts, held))
     where = world.timelines[acts.station].where(acts.start)
     if own is None or other is None:
@@ -98,12 +98,12 @@ def _lease(world: World, acts: Spell, held: Spell) -> Checked:
         return True, where
     gap = world.elapsed(held.station, deadline_other, acts.station, deadline)
     if gap is None or gap.low <= 0 < gap.high:
-        return None, f"{where}: the clocks do not tell whose lease ends first"
+        return None, f"{where}: the clocks do not determine whose lease ends first"
     return gap.high <= 0, f"{where}: its lease outlives that of station {held.station} by {gap}"
 
 
 def _armed(log: Log, at: int) -> tuple[int, int, int] | None:
-    """The lease timer that runs after the step of an event: where and when it was armed, and its
+    """The lease timer that runs after the step of an event: the event and time of arming, and the
     deadline."""
     last = at
     while last + 1 < len(log.events) and _follows(log.events[last + 1][1]):
@@ -122,10 +122,10 @@ def _follows(event: Event) -> bool:
 
 
 def orders(world: World) -> Iterator[Checked]:
-    """T-5: when a session is forgotten, or a quarantine ends, nobody advertises a session that the
-    station has been in, and nothing to its prescriber is left to be sent.
+    """T-5: when a station forgets a session or its quarantine ends, nobody advertises a session
+    that the station was in, and no message to its prescriber is left to be sent.
 
-    Copies of Advertisements that are still in the air are not looked at.
+    Copies of Advertisements that are still on the way are not checked.
     """
     for line in world.timelines.values():
         been: set[Session] = set()
@@ -137,7 +137,7 @@ def orders(world: World) -> Iterator[Checked]:
             whose = None if m.cause == "expire quarantine" else m.forgot
             known = {s for s in been if whose in (None, s[0])}
             if m.left:
-                text = f"something for a session of station {m.forgot} is still sent"
+                text = f"a message of a session of station {m.forgot} is still being sent"
                 yield False, f"{line.where(m)}: {text}"
             yield _forgets(world, line, m, known)
 
@@ -149,24 +149,24 @@ def _forgets(world: World, line: Timeline, m: Moment, known: set[Session]) -> Ch
             continue
         if p not in world.timelines:
             return None, f"{where}: no log of station {p}"
-        for spell in world.timelines[p].spells("ADVERTISING", "prescriber"):
-            if spell.session not in known:
+        for period in world.timelines[p].periods("ADVERTISING", "prescriber"):
+            if period.session not in known:
                 continue
-            begun = world.elapsed(p, spell.start.t_ms, line.station, m.t_ms)
-            last = world.timelines[p].last[2] if spell.end is None else spell.end.t_ms
+            begun = world.elapsed(p, period.start.t_ms, line.station, m.t_ms)
+            last = world.timelines[p].last[2] if period.end is None else period.end.t_ms
             over = world.elapsed(p, last, line.station, m.t_ms)
             if begun is None or over is None:
-                return None, f"{where}: the clocks of {p} and {line.station} are not compared"
+                return None, f"{where}: the clocks of {p} and {line.station} cannot be compared"
             if begun.low > 0 and over.high < 0:
-                text = f"{where}: station {p} still advertises {spell.session}"
+                text = f"{where}: station {p} still advertises {period.session}"
                 return False, text + _unequal(world, line.station, p)
-            if spell.end is None and over.high >= 0:
-                return None, f"{where}: station {p} advertises {spell.session} where its log ends"
+            if period.end is None and over.high >= 0:
+                return None, f"{where}: station {p} advertises {period.session} where its log ends"
     return True, where
 
 
 def _unequal(world: World, station: int, prescriber: int) -> str:
-    """Why a session may be forgotten too early: the two count with other durations."""
+    """Why a session may be forgotten too early: the two stations use different durations."""
     heads = (world.log(s).header.known for s in (station, prescriber))
     own, other = ((p.get("t_advertise"), p.get("t_life")) for p in heads)
     if own == other:

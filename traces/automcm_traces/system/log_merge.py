@@ -1,12 +1,12 @@
 """Several logs of one run as one partial order.
 
-Within a station ``seq`` orders; across stations only that a message is sent before it is
-received.  Times of two stations are not compared: two events that no chain of messages connects
-have no order here.
+``seq`` orders the events of a station. Across stations, a transmission comes before its reception.
+Times of different stations are not compared: two events that no chain of messages connects have no
+order here.
 
-A message received is matched with the transmission that it names (``tx``).  Where the link does
-not tell, it is matched by sender and content, the first copy with the first: copies are the same
-byte by byte, so which of them arrived cannot be told, but how many did can.
+A received message is matched with the transmission that it names (``tx``). If the link provides no
+``tx``, it is matched by sender and content, first copy with first copy. Copies are equal byte by
+byte, so it is unknown which of them was received, but their number is known.
 """
 
 from __future__ import annotations
@@ -23,58 +23,58 @@ from automcm_traces.format.log import Event, Receive, Send
 from automcm_traces.format.reader import Log
 
 Node = tuple[int, int]
-"""An event: the place of its log among those merged, and its place in ``Log.events``."""
+"""An event: the index of its log among the merged logs, and its index in ``Log.events``."""
 
 
 class MergeError(Exception):
-    """Logs that are not those of one run; the text is one line and names the files."""
+    """The logs are not of one run; the text is one line and names the files."""
 
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """The transmission that a message received is."""
+    """The transmission of a received message."""
 
     sent: Node
-    """Where it was sent; of equal copies that the link does not name, in order."""
+    """The transmission; of equal copies without ``tx``, in order."""
     first: Node
-    """The first that it can have been: certainly sent before it was received."""
+    """The first possible transmission, which certainly came before the reception."""
     sure: bool
-    """It is this one: named by ``tx``, or the only one of its content."""
+    """Whether the match is certain: named by ``tx``, or the only one with its content."""
 
 
 @dataclass(slots=True)
 class Merged:
-    """The logs of one run, in order of their stations, and what connects them."""
+    """The logs of one run, sorted by station, and the matches between them."""
 
     logs: tuple[Log, ...]
     matches: dict[Node, Match] = field(default_factory=dict)
-    """By the node of a message received: where it was sent."""
+    """The transmission of each reception."""
     again: dict[Node, Node] = field(default_factory=dict)
-    """Receptions beyond the first of a transmission at a station: where it was sent."""
+    """The transmission of each repeated reception at the same station."""
     order: list[Node] = field(default_factory=list)
-    """Every event, each after what it depends on; the lowest station that can go on does."""
+    """All events in an order that respects all dependencies; the lowest station goes first."""
     cycles: list[str] = field(default_factory=list)
-    """Messages that would have to be received before they were sent, one line each."""
+    """Cycles of messages that were received before they were sent, one line each."""
     notices: list[str] = field(default_factory=list)
     _past: list[list[tuple[int, tuple[int, ...]]]] = field(default_factory=list)
 
     @property
     def run(self) -> str:
-        """The id of the run, the same in all logs."""
+        """The name of the run, equal in all logs."""
         return self.logs[0].header.run
 
     @property
     def stations(self) -> list[int]:
-        """Whose logs they are, in their order."""
+        """The stations of the logs, in order."""
         return [log.header.station for log in self.logs]
 
     def place(self, station: int) -> int | None:
-        """The place of a station's log, if there is one."""
+        """The index of a station's log; None if there is none."""
         stations = self.stations
         return stations.index(station) if station in stations else None
 
     def event(self, node: Node) -> Event:
-        """The event at a place."""
+        """The event of a node."""
         return self.logs[node[0]].events[node[1]][1]
 
     def where(self, node: Node) -> str:
@@ -83,7 +83,8 @@ class Merged:
         return f"{log.file}:{log.events[node[1]][0]}"
 
     def before(self, a: Node, b: Node) -> bool:
-        """Whether ``a`` certainly came before ``b``: a chain of messages leads from it to it."""
+        """Whether ``a`` certainly came before ``b``: a chain of messages leads from ``a`` to
+        ``b``."""
         if a[0] == b[0]:
             return a[1] < b[1]
         known = self._past[b[0]]
@@ -92,9 +93,9 @@ class Merged:
 
 
 def merge(logs: Sequence[Log]) -> Merged:
-    """The logs of one run, merged.
+    """Merge the logs of one run.
 
-    Raises MergeError if there is none, if they are of different runs, or if two are of one
+    Raises MergeError if there are no logs, if they are of different runs, or if two are of one
     station.
     """
     if not logs:
@@ -103,12 +104,15 @@ def merge(logs: Sequence[Log]) -> Merged:
     for log in ordered[1:]:
         if log.header.run != ordered[0].header.run:
             raise MergeError(
-                f"{log.file}: run {log.header.run!r}, but {ordered[0].file} is of run "
-                f"{ordered[0].header.run!r}"
+                f"{log.file}: must be of run {ordered[0].header.run!r}, as is "
+                f"{ordered[0].file}, not of run {log.header.run!r}"
             )
     for one, other in pairwise(ordered):
         if one.header.station == other.header.station:
-            raise MergeError(f"{other.file}: station {one.header.station}, as is {one.file}")
+            raise MergeError(
+                f"{other.file}: is of station {one.header.station}, as is {one.file}; "
+                "give one log per station"
+            )
     merged = Merged(tuple(ordered))
     _match(merged)
     _linearise(merged)
@@ -116,12 +120,12 @@ def merge(logs: Sequence[Log]) -> Merged:
 
 
 def content(message: Fields) -> str:
-    """A message as a text that is equal for equal messages."""
+    """A message as text; equal messages give equal texts."""
     return json.dumps(message, sort_keys=True, separators=(",", ":"))
 
 
 def _match(merged: Merged) -> None:
-    """Find where each message received was sent."""
+    """Match each received message with its transmission."""
     by_tx: dict[str, Node] = {}
     by_content: dict[tuple[int, str], list[Node]] = defaultdict(list)
     named = all(e.tx is not None for _, e in receptions(merged))
@@ -130,7 +134,7 @@ def _match(merged: Merged) -> None:
             if isinstance(e, Send):
                 if e.tx in by_tx:
                     first = merged.where(by_tx[e.tx])
-                    merged.notices.append(f"{merged.where((i, k))}: tx {e.tx} again, as {first}")
+                    merged.notices.append(f"{merged.where((i, k))}: tx {e.tx} repeats {first}")
                 by_tx.setdefault(e.tx, (i, k))
                 if not named:
                     by_content[log.header.station, content(e.message)].append((i, k))
@@ -162,8 +166,8 @@ def _match(merged: Merged) -> None:
             merged.matches[i, k] = found
     if unnamed:
         merged.notices.append(
-            f"{unnamed} messages received name no transmission: matched by sender, content and "
-            "order, so of equal copies the first counts as the one received"
+            f"{unnamed} received messages name no transmission: matched by sender, content and "
+            "order, so of equal copies the first counts as received"
         )
 
 
@@ -173,7 +177,7 @@ def _message(merged: Merged, node: Node) -> object:
 
 
 def _linearise(merged: Merged) -> None:
-    """Order the events, and note what each has seen of the other stations."""
+    """Order the events, and record the events of other stations that each depends on."""
     logs = merged.logs
     ends = [len(log.events) for log in logs]
     at = [0] * len(logs)
@@ -218,14 +222,15 @@ def _free(needs: dict[Node, Node], at: list[int], i: int) -> bool:
 
 
 def _past(merged: Merged, node: Node) -> tuple[int, ...]:
-    """What an event had seen of each log, as a number of events."""
+    """For each log, the number of its events that this event depends on."""
     known = merged._past[node[0]]
     at = bisect_right(known, node[1], key=lambda entry: entry[0]) - 1
     return known[at][1] if at >= 0 else (0,) * len(merged.logs)
 
 
 def _break(merged: Merged, at: list[int], needs: dict[Node, Node]) -> int:
-    """No log can go on: name the messages in the circle, and let the lowest station go on."""
+    """Break a cycle of messages, in which no log can continue: report it and release the lowest
+    station."""
     i = next(i for i, log in enumerate(merged.logs) if at[i] < len(log.events))
     chain: list[int] = []
     while i not in chain:
@@ -234,7 +239,7 @@ def _break(merged: Merged, at: list[int], needs: dict[Node, Node]) -> int:
     circle = chain[chain.index(i) :]
     i = min(circle)
     parts = [
-        f"{merged.where((j, at[j]))} receives what {merged.where(needs[j, at[j]])} sends"
+        f"{merged.where((j, at[j]))} receives the message of {merged.where(needs[j, at[j]])}"
         for j in (*circle[circle.index(i) :], *circle[: circle.index(i)])
     ]
     merged.cycles.append("received before it was sent: " + ", ".join(parts))
@@ -251,7 +256,7 @@ def sends(merged: Merged) -> Iterator[tuple[Node, Send]]:
 
 
 def receptions(merged: Merged) -> Iterator[tuple[Node, Receive]]:
-    """Every message received, station by station."""
+    """Every received message, station by station."""
     for i, log in enumerate(merged.logs):
         for k, (_, e) in enumerate(log.events):
             if isinstance(e, Receive) and e.message is not None:

@@ -1,11 +1,11 @@
-"""The system properties (docs/protocol.md, section 7) on the logs of one run.
+"""Checks the system properties (docs/protocol.md, section 7) on the logs of one run.
 
-Logs can each be allowed and still show, together, a hazard that a fault has caused: S-5 excuses
-it, T-2 bounds it.  ``judge`` says which, from when to when, and against which bound.
+Logs may each be allowed and still show a hazard together, caused by a fault: S-5 excuses it, T-2
+bounds it. ``judge`` reports its cause, its times and its bound.
 
-S-1, S-2 and S-7 speak of one station: the specification keeps them, so a log that is allowed does,
-and one that diverges is not judged beyond that.  The others need the logs of two stations.  What
-no log tells is listed as not told, with the reason.
+S-1, S-2 and S-7 concern one station. The specification guarantees them, so an allowed log satisfies
+them, and a diverging log is checked up to the divergence. The other properties need the logs of two
+stations. A property that the logs do not determine is reported as ``cannot tell``, with the reason.
 """
 
 from __future__ import annotations
@@ -20,33 +20,34 @@ from automcm_traces.system import duration_properties
 from automcm_traces.system.duration_properties import Checked
 from automcm_traces.system.hazards import CannotJudge, Hazard, hazard
 from automcm_traces.system.log_merge import MergeError
-from automcm_traces.system.timeline import Moment, Spell, Timeline
+from automcm_traces.system.timeline import Moment, Period, Timeline
 from automcm_traces.system.world import World
 
 Outcome = Literal["holds", "violated", "cannot_tell"]
 NAMES = {
     "S-1": "one session at a time",
     "S-2": "a commitment is never replaced",
-    "S-3": "a prescriber acts on what its target accepted",
-    "S-4": "two that act in one session hold the same proposal",
+    "S-3": "a prescriber acts on a proposal that its target accepted",
+    "S-4": "two stations that act in one session have the same proposal",
     "S-5": "no hazard without excuse",
-    "S-6": "what was acknowledged was received",
+    "S-6": "every acknowledged message was received",
     "S-7": "no effect across sessions",
-    "S-8": "nobody else acts on a receiver's word",
+    "S-8": "one prescriber acts on a receiver's Acceptance",
     "T-1": "a session ends in time",
     "T-2": "a hazard ends in time",
     "T-3": "a message is sent at most N times",
     "T-4": "the prescriber's lease ends first",
-    "T-5": "nothing is forgotten too early",
+    "T-5": "no session is forgotten too early",
 }
 ENDS = ("restart", "command abort", "expire cam", "expire lease")
-"""What may end a commitment, beside a Fin or Cancel of its own session (S-2)."""
+"""The causes that may end a commitment, besides a Fin or Cancel of its session (S-2)."""
+SAME_TIME = "the clocks do not determine whether at the same time"
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
-    """One property: what became of it, how often it was looked at, and where it was not kept or
-    could not be told."""
+class PropertyResult:
+    """The outcome for one property: how often it was checked, and where it was violated or
+    undecided."""
 
     property: str
     outcome: Outcome
@@ -54,7 +55,7 @@ class Judged:
     where: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "property": self.property,
             "outcome": self.outcome,
@@ -63,7 +64,7 @@ class Judged:
         }
 
     def text(self) -> str:
-        """The outcome in words, with the places."""
+        """The outcome as text, with the places."""
         word = {"holds": "holds", "violated": "VIOLATED", "cannot_tell": "cannot tell"}
         lines = [f"{self.property} {word[self.outcome]}: {NAMES[self.property]}"]
         return "\n".join([*lines, *(f"  {where}" for where in self.where)])
@@ -71,13 +72,13 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class SystemReport:
-    """What the logs of one run say together."""
+    """The result for all logs of one run together."""
 
     run: str = ""
     files: tuple[str, ...] = ()
     problem: str = ""
-    """Why the logs cannot be taken together; then all else is empty."""
-    properties: tuple[Judged, ...] = ()
+    """Why the logs cannot be checked together; then all other fields are empty."""
+    properties: tuple[PropertyResult, ...] = ()
     hazards: tuple[Hazard, ...] = ()
     forged: tuple[str, ...] = ()
     cycles: tuple[str, ...] = ()
@@ -87,7 +88,8 @@ class SystemReport:
 
     @property
     def verdict(self) -> Literal["allowed", "hazard", "violated", "cannot_tell"]:
-        """The worst there is; ``hazard`` is allowed, by a fault and within its bound."""
+        """The worst outcome; ``hazard`` means an allowed hazard, caused by a fault and within its
+        bound."""
         outcomes = {j.outcome for j in self.properties}
         if "violated" in outcomes or self.forged or self.cycles:
             return "violated"
@@ -96,7 +98,7 @@ class SystemReport:
         return "cannot_tell" if self.problem or "cannot_tell" in outcomes else "allowed"
 
     def as_dict(self) -> dict[str, object]:
-        """As in ``--json``."""
+        """The ``--json`` form."""
         return {
             "verdict": self.verdict,
             "run": self.run,
@@ -112,7 +114,7 @@ class SystemReport:
         }
 
     def text(self) -> str:
-        """The report for a person: the hazards first, properties that hold in one line."""
+        """The report as text: hazards first, the properties that hold on one line."""
         if self.problem:
             return f"together: CANNOT TELL: {self.problem}"
         word = {
@@ -127,22 +129,22 @@ class SystemReport:
         held = [j.property for j in self.properties if j.outcome == "holds"]
         lines += [f"hold: {', '.join(held)}"] if held else []
         lines += [j.text() for j in self.properties if j.outcome == "violated"]
-        untold: dict[tuple[str, ...], list[str]] = {}
+        undecided: dict[tuple[str, ...], list[str]] = {}
         for j in self.properties:
             if j.outcome == "cannot_tell":
-                untold.setdefault(j.where, []).append(j.property)
-        for where, names in untold.items():
+                undecided.setdefault(j.where, []).append(j.property)
+        for where, names in undecided.items():
             lines.append(f"cannot tell: {', '.join(names)}: {'; '.join(where)}")
         for way, counts in self.deliveries.items():
-            told = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items())
-            lines.append(f"messages {way}: {told}")
+            texts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items())
+            lines.append(f"messages {way}: {texts}")
         return "\n".join([*lines, *(f"note: {notice}" for notice in self.notices)])
 
 
 def judge(logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None) -> SystemReport:
-    """What the logs of one run say together; whatever they hold, there is a report.
+    """The report on the logs of one run; there is one for any logs.
 
-    ``timelines`` are those known already, by file.
+    ``timelines`` are the timelines already known, by file.
     """
     files = tuple(log.file for log in logs)
     try:
@@ -156,21 +158,21 @@ def _report(world: World) -> SystemReport:
     partly = [f"nothing after {t.why}" for t in lines if t.ending in ("diverges", "cannot_tell")]
     no_hazard, bounds, hazards = _hazards(world)
     judged = [
-        _judged("S-1", one_session(lines), partly),
-        _judged("S-2", commitment(lines), partly),
-        _judged("S-3", accepted(world), partly),
-        _judged("S-4", agreement(world), partly),
-        _judged("S-5", no_hazard, partly),
-        _judged("S-6", acknowledged(world), partly),
-        _judged("S-7", no_cross_effect(lines), partly),
-        _judged("S-8", exclusive(world), partly),
-        _judged("T-1", duration_properties.durations(world), partly),
-        _judged("T-2", bounds, partly),
-        _judged(
+        _result("S-1", one_session(lines), partly),
+        _result("S-2", commitment(lines), partly),
+        _result("S-3", accepted(world), partly),
+        _result("S-4", agreement(world), partly),
+        _result("S-5", no_hazard, partly),
+        _result("S-6", acknowledged(world), partly),
+        _result("S-7", no_cross_effect(lines), partly),
+        _result("S-8", exclusive(world), partly),
+        _result("T-1", duration_properties.durations(world), partly),
+        _result("T-2", bounds, partly),
+        _result(
             "T-3", (f for log in world.merged.logs for f in duration_properties.sendings(log)), []
         ),
-        _judged("T-4", duration_properties.leases(world), partly),
-        _judged("T-5", duration_properties.orders(world), partly),
+        _result("T-4", duration_properties.leases(world), partly),
+        _result("T-5", duration_properties.orders(world), partly),
     ]
     return SystemReport(
         world.merged.run,
@@ -187,42 +189,45 @@ def _report(world: World) -> SystemReport:
 
 
 def _unequal(world: World) -> Iterator[str]:
-    """Parameters that are not the same at all stations, which every bound takes them to be."""
+    """A notice for each parameter that differs between stations, although the bounds assume it
+    equal."""
     headers = [log.header for log in world.merged.logs]
     for name in ("t_advertise", "t_giveup", "t_life", "t_cam_loss", "t_resend", "max_rounds"):
         values = {h.station: h.known.get(name) for h in headers}
         if len(set(values.values()) - {None}) > 1:
-            told = ", ".join(f"{value} at {station}" for station, value in values.items())
-            yield f"{name} differs ({told}); the bounds assume equal parameters"
+            texts = ", ".join(f"{value} at {station}" for station, value in values.items())
+            yield f"{name} differs ({texts}); the bounds assume equal parameters"
 
 
-def _judged(name: str, found: Iterable[Checked], partly: Sequence[str]) -> Judged:
+def _result(name: str, found: Iterable[Checked], partly: Sequence[str]) -> PropertyResult:
     answers = list(found)
     bad = tuple(text for holds, text in answers if holds is False)
     open_ = tuple(text for holds, text in answers if holds is None)
     if bad:
-        return Judged(name, "violated", len(answers), bad)
+        return PropertyResult(name, "violated", len(answers), bad)
     if open_ or partly:
-        return Judged(name, "cannot_tell", len(answers), tuple(dict.fromkeys((*open_, *partly))))
-    return Judged(name, "holds", len(answers))
+        return PropertyResult(
+            name, "cannot_tell", len(answers), tuple(dict.fromkeys((*open_, *partly)))
+        )
+    return PropertyResult(name, "holds", len(answers))
 
 
 def _sessions(world: World) -> Iterator[str]:
-    """Who was in which session, from when to when, and how it ended for it."""
-    told = []
+    """A line for each period of a station in a session: its times and its end."""
+    texts = []
     for station, line in world.timelines.items():
-        for spell in line.sessions():
-            assert spell.session is not None
-            start, end = spell.start, spell.end
+        for period in line.sessions():
+            assert period.session is not None
+            start, end = period.start, period.end
             text = f"station {station} as {start.role} from {line.where(start)} ({start.t_ms} ms)"
             if end is None:
-                text += f", in it where it is last known: {line.why}"
+                text += f", not ended: {line.why}"
             else:
-                said = world.told(station, end)
+                indications = world.indications(station, end)
                 text += f" to {line.where(end)} ({end.t_ms} ms), {end.cause} by {end.rule}"
-                text += f", told {said}" if said else ""
-            told.append((spell.session, station, text))
-    for session, _, text in sorted(told, key=lambda entry: entry[:2]):
+                text += f", told {indications}" if indications else ""
+            texts.append((period.session, station, text))
+    for session, _, text in sorted(texts, key=lambda entry: entry[:2]):
         yield f"{session[0]}/{session[1]}: {text}"
 
 
@@ -233,7 +238,7 @@ def _pairs(lines: Iterable[Timeline]) -> Iterator[tuple[Timeline, Moment, Moment
 
 
 def one_session(lines: Iterable[Timeline]) -> Iterator[Checked]:
-    """S-1: from one session to another only through STANDALONE."""
+    """S-1: a station changes from one session to another only through STANDALONE."""
     for line, a, b in _pairs(lines):
         if a.session is not None and b.session is not None:
             text = f"{line.where(b)}: from session {a.session} to {b.session} at {b.cause}"
@@ -241,7 +246,7 @@ def one_session(lines: Iterable[Timeline]) -> Iterator[Checked]:
 
 
 def commitment(lines: Iterable[Timeline]) -> Iterator[Checked]:
-    """S-2: a commitment is not replaced, and ends only by what may end it."""
+    """S-2: a commitment is not replaced, and ends only by an allowed cause."""
     for line, a, b in _pairs(lines):
         if (a.phase, a.role) != ("ACTUATING", "receiver"):
             continue
@@ -253,7 +258,7 @@ def commitment(lines: Iterable[Timeline]) -> Iterator[Checked]:
 
 
 def no_cross_effect(lines: Iterable[Timeline]) -> Iterator[Checked]:
-    """S-7: a message of another session changes nothing of the own one (END-4)."""
+    """S-7: a message of another session does not change the own session (END-4)."""
     for line, a, b in _pairs(lines):
         foreign = a.session is not None and b.about is not None and b.about != a.session
         if foreign and b.cause.startswith("receive"):
@@ -263,11 +268,11 @@ def no_cross_effect(lines: Iterable[Timeline]) -> Iterator[Checked]:
 def accepted(world: World) -> Iterator[Checked]:
     """S-3: a prescriber acts on an Acceptance of its session and proposal that its target sent."""
     for station, line in world.timelines.items():
-        for acts in line.spells("ACTUATING", "prescriber"):
+        for acts in line.periods("ACTUATING", "prescriber"):
             yield _accepted(world, station, acts)
 
 
-def _accepted(world: World, station: int, acts: Spell) -> Checked:
+def _accepted(world: World, station: int, acts: Period) -> Checked:
     target, where = acts.start.target, world.timelines[station].where(acts.start)
     if world.merged.place(target) is None:
         return None, f"{where}: no log of station {target}"
@@ -275,27 +280,28 @@ def _accepted(world: World, station: int, acts: Spell) -> Checked:
     at = world.acceptances(target).get((station, acts.session, acts.start.proposal))
     if at is not None:
         after = world.before(station, acts.start.at, target, at)
-        return not after, f"{where}: station {target} accepts only later"
+        return not after, f"{where}: acts before station {target} accepts"
     log = world.log(target)
     if "send" not in log.header.complete or not log.ended:
-        return None, f"{where}: {log.file} does not tell all that station {target} sent"
+        return None, f"{where}: {log.file} may lack messages that station {target} sent"
     return False, f"{where}: acts on an Acceptance that station {target} never sent"
 
 
 def agreement(world: World) -> Iterator[Checked]:
-    """S-4: two that act in one session are its prescriber and its target, with one proposal."""
-    spells = [
-        spell
+    """S-4: two stations that act in one session are its prescriber and its target, with one
+    proposal."""
+    periods = [
+        period
         for line in world.timelines.values()
         for role in ("prescriber", "receiver")
-        for spell in line.spells("ACTUATING", role)
+        for period in line.periods("ACTUATING", role)
     ]
-    spells.sort(key=lambda spell: spell.session or (0, 0))
-    alike = (list(group) for _, group in groupby(spells, key=lambda spell: spell.session))
+    periods.sort(key=lambda period: period.session or (0, 0))
+    alike = (list(group) for _, group in groupby(periods, key=lambda period: period.session))
     for a, b in (pair for group in alike for pair in combinations(group, 2)):
         if a.station == b.station:
             continue
-        one, other = sorted((a, b), key=lambda spell: spell.start.role)
+        one, other = sorted((a, b), key=lambda period: period.start.role)
         roles = (one.start.role, other.start.role) == ("prescriber", "receiver")
         agree = roles and one.start.target == other.station
         if agree and one.start.proposal == other.start.proposal:
@@ -305,24 +311,25 @@ def agreement(world: World) -> Iterator[Checked]:
         where = world.timelines[a.station].where(a.start)
         text = f"{where}: acts in {a.session} with proposal {a.start.proposal}, and so does station"
         text = f"{text} {b.station} as {b.start.role} with proposal {b.start.proposal}"
-        yield apart, text if apart is False else f"{text}; the clocks do not tell whether at once"
+        yield apart, text if apart is False else f"{text}; {SAME_TIME}"
 
 
 def exclusive(world: World) -> Iterator[Checked]:
-    """S-8: no two prescribers act on the word of one receiver, nor does it act as a prescriber."""
-    acts = [list(line.spells("ACTUATING", "prescriber")) for line in world.timelines.values()]
+    """S-8: two prescribers do not act on Acceptances of one receiver, and it does not act as a
+    prescriber."""
+    acts = [list(line.periods("ACTUATING", "prescriber")) for line in world.timelines.values()]
     for a, b in chain.from_iterable(product(*pair) for pair in combinations(acts, 2)):
         if a.start.target not in (b.start.target, b.station) and b.start.target != a.station:
             continue
         where = world.timelines[a.station].where(a.start)
-        text = f"{where}: acts on the word of station {a.start.target}, and station {b.station}"
-        text = f"{text} acts on that of station {b.start.target}"
+        text = f"{where}: acts on an Acceptance of station {a.start.target}, and station"
+        text = f"{text} {b.station} acts on one of station {b.start.target}"
         apart = world.apart(a, b)
-        yield apart, text if apart is False else f"{text}; the clocks do not tell whether at once"
+        yield apart, text if apart is False else f"{text}; {SAME_TIME}"
 
 
 def acknowledged(world: World) -> Iterator[Checked]:
-    """S-6: what an Ack took from an outbox had been received by its addressee."""
+    """S-6: a message that an Ack removes from an outbox was received by its addressee."""
     got = world.received()
     for station, line in world.timelines.items():
         for moment in line.moments:
@@ -347,17 +354,17 @@ def _acknowledged(
         return not after, f"{where}: {key} is acknowledged before it is received"
     log = world.merged.logs[place]
     if "receive" not in log.header.complete or not log.ended:
-        return None, f"{where}: {log.file} does not tell all that station {to} received"
-    return False, f"{where}: {key} is acknowledged, and was never received"
+        return None, f"{where}: {log.file} may lack messages that station {to} received"
+    return False, f"{where}: {key} is acknowledged but was never received"
 
 
 def _hazards(world: World) -> tuple[list[Checked], list[Checked], list[Hazard]]:
-    """S-5 and T-2 for each time that a prescriber acts, and the hazards."""
+    """The outcomes of S-5 and T-2 for each period in which a prescriber acts, and the hazards."""
     excused: list[Checked] = []
     bounded: list[Checked] = []
     hazards: list[Hazard] = []
     for line in world.timelines.values():
-        for acts in line.spells("ACTUATING", "prescriber"):
+        for acts in line.periods("ACTUATING", "prescriber"):
             where = line.where(acts.start)
             try:
                 found = hazard(world, acts)

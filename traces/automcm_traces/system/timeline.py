@@ -1,7 +1,7 @@
-"""A station's states over time, as its log tells them: what the system properties are judged on.
+"""A station's states over time, according to its log: the basis of the system properties.
 
-What is known of the station after each input is a ``Moment``.  A ``Timeline`` ends
-where the log does, or where the engine cannot follow it any more.
+A ``Moment`` is the station after an input. A ``Timeline`` ends where the log ends, or where its
+check ends early.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from automcm_traces.format.log import Event, ForgetTimer, Receive, Timer, TimerA
 from automcm_traces.format.reader import Log, LogStream
 
 Session = tuple[int, int]
-Ended = Literal["clean", "stopped", "diverges", "cannot_tell"]
+EndReason = Literal["clean", "stopped", "diverges", "cannot_tell"]
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """A station after an input.  ``at`` is the place of the input among the log's events."""
+    """A station after an input. ``at`` is the index of the input in the log's events."""
 
     at: int
     line: int
@@ -38,29 +38,29 @@ class Moment:
     """``restart``, ``command abort``, ``expire cam``, ``receive Fin``, …"""
     rule: str = ""
     src: int = 0
-    """Who sent the message received, and of which session it is."""
+    """The sender of the received message, and the session that the message names."""
     about: Session | None = None
     acked: tuple[tuple[int, str], ...] = ()
-    """What an Ack took from the outbox: the addressee, and the message's key (``key_of``)."""
+    """The messages that an Ack removed from the outbox: addressee and key (``key_of``)."""
     own: object = None
-    """All of the state that belongs to the own session (S-7)."""
+    """The part of the state that belongs to the own session (S-7)."""
     late_ms: int = 0
-    """How long after its deadline the timer expired."""
+    """The delay of the expiry after its deadline."""
     forgot: int = 0
-    """The prescriber that a forget timer was about, and whether something for a session of it is
-    still being sent then (T-5)."""
+    """The prescriber of a forget timer, and whether a message of one of its sessions is still being
+    sent (T-5)."""
     left: bool = False
 
     @property
     def shape(self) -> tuple[str, str, Session | None, int, int]:
-        """What of a state the properties look at."""
+        """The parts of the state that the properties compare."""
         return self.phase, self.role, self.session, self.target, self.proposal
 
 
 @dataclass(frozen=True, slots=True)
-class Spell:
-    """A time in which phase, role, session, target and proposal stay; ``end`` is the moment at
-    which that is over, None if the timeline ends first."""
+class Period:
+    """A period with constant phase, role, session, target and proposal. ``end`` is the first moment
+    after it, None if the timeline ends first."""
 
     station: int
     start: Moment
@@ -68,7 +68,7 @@ class Spell:
 
     @property
     def session(self) -> Session | None:
-        """The session that it is about."""
+        """The session during the period."""
         return self.start.session
 
 
@@ -79,43 +79,44 @@ class Timeline:
     station: int
     file: str
     moments: list[Moment] = field(default_factory=list)
-    ending: Ended = "clean"
+    ending: EndReason = "clean"
     why: str = ""
-    """Why it ends, in words."""
+    """Why it ends, as text."""
     last: tuple[int, int, int] = (0, 0, 0)
-    """Event, line and time up to which the station is known."""
+    """Event, line and time up to which the state of the station is known."""
 
     def where(self, m: Moment) -> str:
         """``FILE:LINE`` of a moment."""
         return f"{self.file}:{m.line}"
 
-    def spells(self, phase: str, role: str) -> Iterator[Spell]:
-        """Each time the station is in a phase of a role, as one session, target and proposal."""
+    def periods(self, phase: str, role: str) -> Iterator[Period]:
+        """Each period in which the station is in a phase and role, with one session, target and
+        proposal."""
         start: Moment | None = None
         for m in self.moments:
             if start is not None and m.shape != start.shape:
-                yield Spell(self.station, start, m)
+                yield Period(self.station, start, m)
                 start = None
             if start is None and (m.phase, m.role) == (phase, role):
                 start = m
         if start is not None:
-            yield Spell(self.station, start, None)
+            yield Period(self.station, start, None)
 
-    def sessions(self) -> Iterator[Spell]:
-        """Each time the station is bound, from joining or opening a session to leaving it."""
+    def sessions(self) -> Iterator[Period]:
+        """Each period in which the station is in a session."""
         start: Moment | None = None
         for m in self.moments:
             if start is not None and m.session != start.session:
-                yield Spell(self.station, start, m)
+                yield Period(self.station, start, m)
                 start = None
             if start is None and m.session is not None:
                 start = m
         if start is not None:
-            yield Spell(self.station, start, None)
+            yield Period(self.station, start, None)
 
 
 def session_of(message: Fields) -> Session | None:
-    """The session that a message names, if it names one."""
+    """The session that a message names; None if it names none."""
     match message.get("session"):
         case [int(prescriber), int(number)]:
             return prescriber, number
@@ -123,38 +124,38 @@ def session_of(message: Fields) -> Session | None:
 
 
 def key_of(message: Fields) -> str:
-    """What a reliable message is, of its sender: addressee, session, type and seq."""
+    """The key of a reliable message at its sender: addressee, session, type and seq."""
     m = message
     return f"{m['type']} seq={m['seq']} session={m['session']} to {m['dst']}"
 
 
 def timeline(log: Log) -> Timeline:
-    """The station's timeline; it ends early where the engine cannot follow the log."""
+    """The station's timeline, which ends early if the check of the log does."""
     recorder = Recorder(log)
     follow(log, watchers=[recorder])
     return recorder.made
 
 
 class Recorder(Watcher):
-    """Makes the timeline of a log while it is followed."""
+    """Records the timeline of a log while it is checked."""
 
     def __init__(self, log: Log | LogStream) -> None:
         self.made = Timeline(log.header.station, log.file)
         self._places: dict[int, int] = {}
-        """Of the events, by line."""
+        """The index of each event by line."""
         self._t_ms = 0
         self._outbox: list[Entry] = []
         self._deadlines: dict[Timer, int] = {}
 
     def event(self, line: int, event: Event, engine: Follower) -> None:
-        """Keep the deadlines of armed timers, to see how late one expires."""
+        """Record the deadlines of armed timers, to measure the delay of an expiry."""
         self._places[line] = len(self._places)
         self._t_ms = event.t_ms
         if isinstance(event, TimerArm):
             self._deadlines[event.timer] = event.deadline
 
     def step(self, step: Step, track: Track) -> None:
-        """One more moment."""
+        """Add a moment."""
         t = track
         kept = {id(e) for e in t.outbox}
         gone = [e for e in self._outbox if id(e) not in kept]
@@ -194,11 +195,11 @@ class Recorder(Watcher):
         )
 
     def ended(self, ending: Ending) -> None:
-        """Why there are no more moments."""
+        """Record why the timeline ends."""
         made, problem, line = self.made, ending.finding, ending.line
-        if ending.lacking or ending.lost:
-            missing = f"it does not promise to hold all of: {', '.join(ending.lacking)}"
-            why = missing if ending.lacking else f"it lost {ending.lost} records"
+        if ending.unpromised or ending.lost:
+            missing = f"`complete` in its header lacks {', '.join(ending.unpromised)}"
+            why = missing if ending.unpromised else f"it lost {ending.lost} records"
             problem, line = cannot_tell(made.file, 0, why), 0
             made.moments.clear()
         if problem.kind == "cannot_tell":
@@ -217,7 +218,7 @@ class Recorder(Watcher):
 
 
 def cause_of(i: Input) -> str:
-    """An input in two words."""
+    """The kind of an input as text."""
     match i.kind:
         case "command":
             return f"command {i.name}"
@@ -240,6 +241,6 @@ def _own(t: Track) -> tuple[object, ...]:
         st.target,
         st.proposal,
         st.deciding,
-        t.heard_ms is not None,
+        t.last_cam_ms is not None,
     )
     return own, recorded, tuple(entries)

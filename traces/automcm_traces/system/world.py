@@ -1,4 +1,4 @@
-"""Several stations of one run as the system properties look at them."""
+"""The stations of one run, as the system properties need them."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from automcm_traces.system.delivery import Deliveries, Forged
 from automcm_traces.system.log_merge import Merged, merge
 from automcm_traces.system.timeline import (
     Moment,
+    Period,
     Session,
-    Spell,
     Timeline,
     key_of,
     session_of,
@@ -30,9 +30,9 @@ from automcm_traces.system.timeline import (
 
 
 class World:
-    """The timelines of the stations, and what is known of order and time between them.
+    """The timelines of the stations, and the order and time between their events.
 
-    Raises MergeError if the logs are not those of one run.
+    Raises MergeError if the logs are not of one run.
     """
 
     def __init__(
@@ -48,22 +48,22 @@ class World:
         self._forged = {found.at: found for found in self.deliveries.forged}
         self._acceptances: dict[int, dict[tuple[int, Session, int], int]] = {}
         self._leases: dict[int, dict[tuple[Session, int], int]] = {}
-        self._committed: dict[int, dict[Session | None, list[Spell]]] = {}
+        self._committed: dict[int, dict[Session | None, list[Period]]] = {}
 
     def log(self, station: int) -> Log:
         """The log of a station that has one."""
         place = self.merged.place(station)
-        assert place is not None, "only asked of stations with a log"
+        assert place is not None, "the caller names a station with a log"
         return self.merged.logs[place]
 
     def forged(self, station: int, at: int) -> Forged | None:
-        """The forged message that an event of a station received, if it did."""
+        """The forged message that an event of a station received; None if there is none."""
         place = self.merged.place(station)
         return None if place is None else self._forged.get((place, at))
 
     def acceptances(self, station: int) -> dict[tuple[int, Session, int], int]:
-        """The Acceptances that accept in a station's log: by addressee, session and proposal the
-        event of the first."""
+        """The accepting Acceptances in a station's log: the first event by addressee, session and
+        proposal."""
         if station not in self._acceptances:
             found = self._acceptances[station] = {}
             for at, (_, e) in enumerate(self.log(station).events):
@@ -75,7 +75,7 @@ class World:
         return self._acceptances[station]
 
     def leases(self, station: int) -> dict[tuple[Session, int], int]:
-        """By session and proposal the lease that a station has sent or received, in ms."""
+        """The lease in ms that a station has sent or received, by session and proposal."""
         if station not in self._leases:
             found = self._leases[station] = {}
             for _, e in self.log(station).events:
@@ -86,54 +86,57 @@ class World:
                     found.setdefault((session, proposal), lease)
         return self._leases[station]
 
-    def committed(self, station: int, session: Session | None, proposal: int) -> list[Spell]:
-        """The times in which a station is committed to a proposal of a session."""
+    def committed(self, station: int, session: Session | None, proposal: int) -> list[Period]:
+        """The periods in which a station is committed to a proposal of a session."""
         if station not in self._committed:
-            found: dict[Session | None, list[Spell]] = {}
-            for spell in self.timelines[station].spells("ACTUATING", "receiver"):
-                found.setdefault(spell.session, []).append(spell)
+            found: dict[Session | None, list[Period]] = {}
+            for period in self.timelines[station].periods("ACTUATING", "receiver"):
+                found.setdefault(period.session, []).append(period)
             self._committed[station] = found
-        spells = self._committed[station].get(session, [])
-        return [spell for spell in spells if spell.start.proposal == proposal]
+        periods = self._committed[station].get(session, [])
+        return [period for period in periods if period.start.proposal == proposal]
 
     def received(self) -> dict[tuple[int, int, str], int]:
-        """By receiver, sender and ``key_of``: the first event with which a message was received."""
+        """The first event that received a message, by receiver, sender and ``key_of``."""
         got: dict[tuple[int, int, str], int] = {}
         for station, log in zip(self.merged.stations, self.merged.logs, strict=True):
             for at, (_, e) in enumerate(log.events):
                 m: Fields = (isinstance(e, Receive) and e.message) or {}
-                src, whole = m.get("src"), {"type", "seq", "dst", "session"} <= m.keys()
-                if whole and isinstance(src, int):
+                src, has_key = m.get("src"), {"type", "seq", "dst", "session"} <= m.keys()
+                if has_key and isinstance(src, int):
                     got.setdefault((station, src, key_of(m)), at)
         return got
 
     def elapsed(self, a: int, t_a: int, b: int, t_b: int) -> Span | None:
-        """How many ms after ``t_a`` on the clock of station ``a`` it is ``t_b`` on that of ``b``;
-        None if their clocks cannot be compared."""
+        """The time in ms from ``t_a`` on the clock of station ``a`` to ``t_b`` on that of station
+        ``b``.
+
+        None if their clocks cannot be compared.
+        """
         i, j = self.merged.place(a), self.merged.place(b)
         if i is None or j is None:
             return None
         return self.clocks.between(i, t_a, j, t_b)
 
     def before(self, a: int, at_a: int, b: int, at_b: int) -> bool:
-        """Whether an event of station ``a`` certainly came before one of station ``b``."""
+        """Whether an event of station ``a`` certainly happened before one of station ``b``."""
         i, j = self.merged.place(a), self.merged.place(b)
         return i is not None and j is not None and self.merged.before((i, at_a), (j, at_b))
 
     def slowest(self, src: int, dst: int) -> int:
-        """How many ms some copy from ``src`` to ``dst`` was certainly under way at least."""
+        """A lower bound in ms on the longest delay of a copy from ``src`` to ``dst``."""
         i, j = self.merged.place(src), self.merged.place(dst)
         return 0 if i is None or j is None else self.clocks.slowest(i, j)
 
-    def apart(self, a: Spell, b: Spell) -> bool | None:
-        """Whether two spells of different stations have no instant in common; None: not known."""
+    def apart(self, a: Period, b: Period) -> bool | None:
+        """Whether two periods of different stations do not overlap; None if unknown."""
         answers = [self._over(a, b), self._over(b, a)]
         if True in answers:
             return True
         return None if None in answers else False
 
-    def _over(self, a: Spell, b: Spell) -> bool | None:
-        """Whether ``a`` is over when ``b`` begins."""
+    def _over(self, a: Period, b: Period) -> bool | None:
+        """Whether ``a`` ends before ``b`` begins; None if unknown."""
         if a.end is None:
             return False
         if self.before(a.station, a.end.at, b.station, b.start.at):
@@ -146,7 +149,7 @@ class World:
         return gap.low >= 0
 
     def step(self, station: int, m: Moment) -> list[Event]:
-        """What followed an input: sendings, timers and indications, up to the next input."""
+        """The effects of an input: sent messages, timers and indications, up to the next input."""
         found: list[Event] = []
         events = self.log(station).events
         for k in range(m.at + 1, len(events)):
@@ -158,8 +161,8 @@ class World:
             found.append(event)
         return found
 
-    def told(self, station: int, m: Moment) -> str:
-        """What the application was told at a moment, such as ``fallback(cam_loss)``."""
+    def indications(self, station: int, m: Moment) -> str:
+        """The indications at a moment, such as ``fallback(cam_loss)``."""
         names = []
         for event in self.step(station, m):
             if isinstance(event, ApplicationIndication):
@@ -168,5 +171,5 @@ class World:
         return ", ".join(names)
 
     def place_at(self, station: int, t_ms: int) -> int:
-        """The place of the first event of a station at or after a time on its clock."""
+        """The index of the first event of a station at or after a time on its clock."""
         return bisect_left(self.log(station).events, t_ms, key=lambda entry: entry[1].t_ms)

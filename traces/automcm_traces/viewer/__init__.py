@@ -1,5 +1,5 @@
-"""A run as one HTML page: its data is made here, its JavaScript lies beside.
+"""Shows a run as one HTML page. Its JavaScript is beside the modules.
 
-For ``trace html``.
-Commands, reports and maintenance import it.
+Used by ``trace html``.
+The commands, the reports and maintenance import it.
 """

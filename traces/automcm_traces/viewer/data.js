@@ -175,7 +175,7 @@ const CHANGES = DATA.steps.map((steps) => {
   for (let n = 0; n < steps.states.length; n += 2) found.set(steps.states[n], steps.states[n + 1]);
   return found;
 });
-const WHOLE = 100;
+const KEYFRAME = 100;
 
 /** The last step of a log at or before a row; -1 if there is none. */
 function stepAt(log, row) {
@@ -189,8 +189,8 @@ function stepAt(log, row) {
 /** The state of a station after a step, and the names of what the step changed. */
 function stateAfter(log, step) {
   const state = {};
-  for (let n = step - (step % WHOLE); n <= step; n++) Object.assign(state, CHANGES[log].get(n));
-  if (step % WHOLE && step > 0) return { state, changed: Object.keys(CHANGES[log].get(step) ?? {}) };
+  for (let n = step - (step % KEYFRAME); n <= step; n++) Object.assign(state, CHANGES[log].get(n));
+  if (step % KEYFRAME && step > 0) return { state, changed: Object.keys(CHANGES[log].get(step) ?? {}) };
   const before = step > 0 ? stateAfter(log, step - 1).state : {};
   const differs = (name) => JSON.stringify(state[name]) !== JSON.stringify(before[name]);
   return { state, changed: step > 0 ? Object.keys(state).filter(differs) : [] };

@@ -1,7 +1,7 @@
-"""Logs as one HTML file that shows everything and needs nothing else: no network, no other file.
+"""Logs as one self-contained HTML file, which needs no network and no other file.
 
-The page is ``viewer/page.html`` with its style and scripts put in.  Everything that comes from a
-log is in one block of JSON, or escaped in the table that is there without JavaScript.
+The page is ``viewer/page.html`` with its style and scripts inserted. All content of the logs is in
+one JSON block, or escaped in the table shown without JavaScript.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from automcm_traces.edit.log_diff import text
-from automcm_traces.format.event_text import safe, said
+from automcm_traces.format.event_text import safe, summary
 from automcm_traces.viewer.page_data import Page, as_dict
 from automcm_traces.viewer.page_pack import compact
 
 Json = Any
 VIEWER = Path(__file__).parent
 SCRIPTS = ("data.js", "draw.js", "road.js", "panel.js", "save.js", "main.js")
-"""In the order in which they stand in the page."""
+"""In the order of insertion."""
 TABLE = 100_000
-"""Rows of the table that is there without JavaScript: so many around the divergence."""
+"""The maximum number of rows in the table shown without JavaScript, centred on the divergence."""
 
 
 def html(page: Page) -> bytes:
-    """The page.  Equal logs give equal bytes."""
+    """The page. Equal logs give equal bytes."""
     data = as_dict(page)
     style = (VIEWER / "page.css").read_text(encoding="utf-8")
     script = "\n".join((VIEWER / name).read_text(encoding="utf-8") for name in SCRIPTS)
@@ -58,7 +58,7 @@ def html(page: Page) -> bytes:
 
 
 def policy(script: str, style: str) -> str:
-    """The Content Security Policy: only this script and this style, and nothing from elsewhere."""
+    """The Content Security Policy: only this script and this style, and no external resources."""
     return (
         f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; "
         "img-src data:; base-uri 'none'; form-action 'none'"
@@ -70,8 +70,8 @@ def _hash(text: str) -> str:
 
 
 def _part(page: Page, data: dict[str, Json]) -> tuple[int, int]:
-    """Which rows the table without JavaScript has: those around the first divergence or difference,
-    or the first."""
+    """The range of rows in the table shown without JavaScript: around the first divergence or
+    difference, or from the start."""
     marked = [log["diverges"] for log in data["logs"]]
     marked += [one["row"] for one in (data["compared"] or {"stations": []})["stations"]]
     at = min((row for row in marked if row >= 0), default=0)
@@ -93,7 +93,7 @@ def _verdicts(data: dict[str, Json]) -> Iterator[str]:
 
 
 def _difference(page: Page) -> list[str]:
-    """What ``automcm trace diff`` says of two runs."""
+    """The result of ``automcm trace diff`` for two runs."""
     if page.comparison is None:
         return []
     lines = list(text(page.comparison.diff, width=120))
@@ -103,7 +103,7 @@ def _difference(page: Page) -> list[str]:
 
 
 def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, str, int, int, str]]:
-    """Step, station, line, t_ms and words."""
+    """Step, station, line, t_ms and summary of each row."""
     names = [page.name(i) for i in range(len(page.logs))]
     step = 0
     for row in range(last):
@@ -111,4 +111,4 @@ def _table(page: Page, first: int, last: int) -> Iterator[tuple[int, str, int, i
         if row >= first:
             i, k = page.nodes[row]
             at, event = page.logs[i].events[k]
-            yield step, names[i], at, event.t_ms, said(event)
+            yield step, names[i], at, event.t_ms, summary(event)

@@ -1,4 +1,4 @@
-"""The messages of a run as a page draws them: from where, to where, and what became of each."""
+"""The messages of a run as arrows of a page: source, destination and fate."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ class Arrow(NamedTuple):
     """A message, or a copy of it, on its way to one station."""
 
     leaves: Node
-    """Of what nobody is seen to have sent, where it was received."""
+    """The transmission; for a message without a logged transmission, the reception."""
     kind: int
     arrives: Node | None
     source: int
     to: int
-    """The stations; 0 if that is not known, or all are meant."""
+    """The stations; 0 if unknown, or if all are meant."""
 
 
 def arrows(run: Run) -> Iterator[Arrow]:
-    """Every message, in no order."""
+    """An arrow for every message, in no particular order."""
     merged, alone = run.merged, len(run.logs) == 1
     deliveries = Deliveries(merged, Clocks(merged))
-    told: set[Node] = set()
+    delivered: set[Node] = set()
     for d in deliveries.all:
         source = merged.stations[d.sent[0]]
         if not d.received:
             yield Arrow(d.sent, KINDS[d.outcome], None, source, d.to)
         for n, node in enumerate(d.received):
-            told.add(node)
+            delivered.add(node)
             yield Arrow(d.sent, DUPLICATE if n else DELIVERED, node, source, d.to)
     forged = {f.at for f in deliveries.forged}
     for i, log in enumerate(run.logs):
@@ -50,5 +50,5 @@ def arrows(run: Run) -> Iterator[Arrow]:
                 src = (event.message or {}).get("src")
                 source = src if type(src) is int else 0
                 yield Arrow(node, FORGED if node in forged else UNSENT, None, source, me)
-            elif match is not None and node not in told and match.sent[0] != i:
+            elif match is not None and node not in delivered and match.sent[0] != i:
                 yield Arrow(match.sent, OVERHEARD, node, merged.stations[match.sent[0]], me)

@@ -1,12 +1,12 @@
-"""Two runs side by side on one page: which of their events share a row, and where they part."""
+"""Two runs side by side on one page: which events share a row, and where the runs differ."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from automcm_traces.edit.canonical_log import Deed
-from automcm_traces.edit.log_diff import Compared, Diff, diff_logs
+from automcm_traces.edit.canonical_log import CanonicalEvent
+from automcm_traces.edit.log_diff import Diff, StationDiff, diff_logs
 from automcm_traces.format.reader import Log
 from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer.page_run import PageError, Run
@@ -14,18 +14,18 @@ from automcm_traces.viewer.page_run import PageError, Run
 
 @dataclass(slots=True)
 class Comparison:
-    """What ``diff`` says of two runs, by the places of their logs: first those of A, then B's."""
+    """The ``diff`` of two runs by log index: the logs of A first, then those of B."""
 
     diff: Diff
     ahead: list[int]
-    """By log, how many ms its clock is ahead of the first one's of A; those of B at the first
-    events that share a row."""
+    """For each log, how many ms its clock is ahead of the first clock of A. For B, determined at
+    the first events that share a row."""
     logs: list[tuple[int, int]] = field(default_factory=list)
-    """By station compared, the logs of A and of B."""
+    """For each station compared, the logs of A and of B."""
     beside: dict[Node, Node] = field(default_factory=dict)
-    """Events of A, and those of B that are the same: they share a row."""
+    """Events of A and the equal events of B: they share a row."""
     ends: list[tuple[Node | None, Node | None]] = field(default_factory=list)
-    """By station compared, the events that first differ; two without a node, if none do."""
+    """For each station compared, the first events that differ; (None, None) if there are none."""
 
 
 def compare(a: Run, b: Run, stations: Mapping[int, int] | None = None) -> Comparison:
@@ -55,19 +55,22 @@ def compare(a: Run, b: Run, stations: Mapping[int, int] | None = None) -> Compar
 
 
 def _ends(
-    one: Compared, logs: tuple[int, int], at: list[dict[int, int]]
+    one: StationDiff, logs: tuple[int, int], at: list[dict[int, int]]
 ) -> tuple[Node | None, Node | None]:
     d = one.difference
 
-    def node(side: int, deed: Deed | None) -> Node | None:
-        return None if deed is None else (logs[side], at[side][deed.line])
+    def node(side: int, event: CanonicalEvent | None) -> Node | None:
+        return None if event is None else (logs[side], at[side][event.line])
 
     return (None, None) if d is None else (node(0, d.a), node(1, d.b))
 
 
 def _align(made: Comparison, logs: list[Log], n: int, firsts: list[tuple[int, Node, Node]]) -> None:
-    """Set the clocks of B to those of A: by the first events of a log that are the same; the
-    others by the first of all; if none are, so that both runs begin at once."""
+    """Align the clocks of B with those of A.
+
+    A log is aligned by its first event that has an equal in A, other logs by the first such event
+    of all. If there is none, both runs begin at the same time.
+    """
 
     def clock(node: Node) -> int:
         return _t_ms(logs, node) - made.ahead[node[0]]

@@ -1,6 +1,6 @@
-"""What a page shows, as compact JSON: rows in one order, arrows, timer bars, states, verdicts.
+"""The data of a page as compact JSON: ordered rows, arrows, timer bars, states, verdicts.
 
-``viewer/data.js`` reads it and says in the same words what each part is.
+``viewer/data.js`` reads it and documents each part.
 """
 
 from __future__ import annotations
@@ -13,47 +13,47 @@ from typing import Any
 
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.rules import RULES, operators
-from automcm_traces.format.event_text import said, session_of
+from automcm_traces.format.event_text import session_of, summary
 from automcm_traces.format.log import Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.format.reader import Log
 from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer import page_run
 from automcm_traces.viewer.page_arrows import arrows
 from automcm_traces.viewer.page_compare import Comparison, compare
-from automcm_traces.viewer.page_follow import Followed
+from automcm_traces.viewer.page_follow import StateHistory
 from automcm_traces.viewer.page_order import order
 from automcm_traces.viewer.page_pack import Shapes, Table
 from automcm_traces.viewer.page_run import Part, Run
 
 Json = Any
 OF_CAM = 1
-"""A CAM, or the timer that it arms anew."""
+"""A CAM, or the timer that it re-arms."""
 IS_CAM = 2
 BESIDE = 4
-"""It shares a row with the event before it, which is of the other run."""
+"""It shares a row with the previous event, which belongs to the other run."""
 
 
 @dataclass(slots=True)
 class Page:
-    """What one page shows: a run, or two side by side."""
+    """The content of one page: a run, or two side by side."""
 
     title: str
     runs: list[Run]
     nodes: list[Node]
-    """Its events in order: the place of a log among those of all runs, and of an event in it."""
+    """Its events in order: the index of the log among those of all runs, and of the event in it."""
     ahead: list[int]
-    """By log, how many ms its clock is ahead of the first one's."""
+    """For each log, how many ms its clock is ahead of the first one."""
     beside: set[int] = field(default_factory=set)
-    """The places in ``nodes`` of what shares a row with the one before."""
+    """The indices in ``nodes`` of events that share a row with the previous one."""
     comparison: Comparison | None = None
     note: str = ""
-    """What else there is to say of the verdict, in a sentence."""
+    """A remark on the verdict, in a sentence."""
     logs: list[Log] = field(init=False)
-    followed: list[Followed] = field(init=False)
+    histories: list[StateHistory] = field(init=False)
 
     def __post_init__(self) -> None:
         self.logs = [log for run in self.runs for log in run.logs]
-        self.followed = [followed for run in self.runs for followed in run.followed]
+        self.histories = [history for run in self.runs for history in run.histories]
 
     def name(self, i: int) -> str:
         """The station of a log, with its run if there are two."""
@@ -64,14 +64,14 @@ class Page:
 def load(
     paths: Sequence[Path], title: str = "", late_ms: int | None = None, part: Part | None = None
 ) -> Page:
-    """A page of the logs of one run.  Raises what ``page_run.load`` does."""
+    """A page of the logs of one run. Raises the exceptions of ``page_run.load``."""
     return of_runs(page_run.load(paths, late_ms, part), title=title)
 
 
 def of_runs(
     a: Run, b: Run | None = None, stations: Mapping[int, int] | None = None, title: str = ""
 ) -> Page:
-    """A page of one run, or of two; ``stations`` is as for ``diff``.
+    """A page of one run or of two; ``stations`` is as for ``diff``.
 
     Raises PageError if there is no station to compare.
     """
@@ -97,11 +97,11 @@ def of_runs(
 
 
 def as_dict(page: Page) -> dict[str, Json]:
-    """Everything, as ``viewer/data.js`` reads it."""
+    """All data of the page, as ``viewer/data.js`` reads it."""
     strings, shapes = Table(), Shapes()
     rows = _rows(page, strings, shapes)
     row_of = {node: row for row, node in enumerate(page.nodes)}
-    steps = [_steps(f, strings) for f in page.followed]
+    steps = [_steps(f, strings) for f in page.histories]
     return {
         "title": page.title,
         "note": page.note,
@@ -112,16 +112,18 @@ def as_dict(page: Page) -> dict[str, Json]:
         "arrows": _arrows(page, row_of),
         "bars": _bars(page, row_of),
         "steps": steps,
-        "operators": _used(page.followed),
-        "rules": {r: RULES.get(r, "") for r in sorted({r for f in page.followed for r in f.rules})},
+        "operators": _used(page.histories),
+        "rules": {
+            r: RULES.get(r, "") for r in sorted({r for f in page.histories for r in f.rules})
+        },
         "strings": strings.values,
         "shapes": shapes.keys,
     }
 
 
 def judged(page: Page) -> dict[str, Json]:
-    """The verdicts, in the order in which the logs were given, and the report on all together; of
-    two runs also those on B, and what ``diff`` says."""
+    """The verdicts in the order of the given logs, and the report on all logs together; for two
+    runs also those of B, and the ``diff``."""
     found = page.runs[0].judged()
     if page.comparison is not None:
         found |= {"b": page.runs[1].judged(), "diff": _diff(page)}
@@ -137,11 +139,11 @@ def _diff(page: Page) -> Json:
 
 
 def _run(run: Run) -> dict[str, Json]:
-    told = run.judged()
+    judged_run = run.judged()
     hazards = [hazard.text() for hazard in run.system.hazards] if run.system else []
     return {
-        "verdicts": told["logs"],
-        "system": told["system"],
+        "verdicts": judged_run["logs"],
+        "system": judged_run["system"],
         "hazards": run.shown(hazards),
         "ghosts": run.ghosts,
         "crowded": run.crowded,
@@ -149,8 +151,8 @@ def _run(run: Run) -> dict[str, Json]:
 
 
 def _compared(page: Page, row_of: dict[Node, int]) -> Json:
-    """What ``diff`` says; of each station also its two logs, and the row where it first differs
-    (-1: nowhere).  ``first`` is the station whose row comes first (-1: none differs)."""
+    """The ``diff`` of the runs. For each station it adds its two logs and the row of the first
+    difference (-1: none). ``first`` is the station whose row comes first (-1: none differs)."""
     made = page.comparison
     if made is None:
         return None
@@ -179,7 +181,7 @@ def _log(page: Page, run: Run, i: int, first: int, row_of: dict[Node, int]) -> d
         "file": log.file,
         "header": run.vendor[log.file].get(1) or _plain(log.header),
         "end": _end(run, log),
-        "why_not": run.followed[i].why_not,
+        "why_not": run.histories[i].why_not,
         "diverges": _divergence(run, i, first, row_of),
         "ahead": page.ahead[first + i],
         "before": run.before[log.file],
@@ -193,7 +195,7 @@ def _end(run: Run, log: Log) -> str:
 
 
 def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:
-    """The row where a log diverges; -1 if nowhere.  ``first`` is the place of the run's first
+    """The row where a log diverges; -1 if there is none. ``first`` is the index of the run's first
     log."""
     log = run.logs[i]
     verdict = next(v for v in run.verdicts if v.file == log.file)
@@ -204,7 +206,7 @@ def _divergence(run: Run, i: int, first: int, row_of: dict[Node, int]) -> int:
 
 
 def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
-    """The columns of the table of rows; ``viewer/data.js`` says what each is."""
+    """The columns of the row table, documented in ``viewer/data.js``."""
     texts, bodies = Table(), Table()
     logs, n = page.logs, len(page.logs)
     lines, times, sessions = [1] * n, 0, [""] * n
@@ -230,7 +232,7 @@ def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
         found["log"].append(i)
         found["line"].append(at - lines[i] - 1)
         found["t"].append(event.t_ms - times)
-        found["text"].append(texts.back(said(event)))
+        found["text"].append(texts.back(summary(event)))
         body = shapes.pack(_body(event, vendor[i].get(at)))
         found["body"].append(bodies.back(body, json.dumps(body)))
         found["session"].append(strings.place(sessions[i]))
@@ -243,7 +245,7 @@ def _rows(page: Page, strings: Table, shapes: Shapes) -> dict[str, Json]:
 
 
 def _folded(column: list[int]) -> Json:
-    """A column of one value only as that value."""
+    """A column with a single distinct value as that value."""
     return column[0] if column and len(set(column)) == 1 else column
 
 
@@ -252,8 +254,8 @@ def _plain(record: Header | Event) -> dict[str, Json]:
 
 
 def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:
-    """What only this kind of event has, as it was logged (with what a vendor added, if ``record``
-    is given); a deadline from ``t_ms`` on."""
+    """The logged fields that only this kind of event has, with the vendor fields of ``record`` if
+    given; a deadline is relative to ``t_ms``."""
     common = {"rec", "seq", "t_ms", "ev", "rule", "phase", "role"}
     record = record or _plain(event)
     body = {name: value for name, value in record.items() if name not in common}
@@ -263,9 +265,9 @@ def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:
 
 
 def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
-    """Five numbers each: how many rows below the one before it leaves, what became of it, how many
-    rows further down it arrives (0: nowhere), the column it leaves from and the one it goes to;
-    -1 is the column of all who have none.  Columns are the logs of all runs, then their ghosts."""
+    """Five numbers per arrow: the rows from the previous arrow's start to its start, its kind, the
+    rows down to its end (0: none), and the columns it leaves and reaches. Column -1 is shared by
+    all stations without a column. The columns are the logs of all runs, then their ghosts."""
     found = []
     first, ghost = 0, len(page.logs)
     for run in page.runs:
@@ -287,12 +289,12 @@ def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
 
 
 def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
-    """Five numbers each: how many rows below the one before the timer is armed, how many rows
-    further down it ends (0: never), how it ends, how many ms it was to run as logged, and how many
-    more as specified; if nobody says that, -1000000."""
+    """Five numbers per bar: the rows from the previous bar's start to its start, the rows down to
+    its end (0: none), how it ends, its logged duration in ms, and the difference of the specified
+    duration in ms, or -1000000 if that is unknown."""
     found = []
-    for i, followed in enumerate(page.followed):
-        for bar in followed.bars:
+    for i, history in enumerate(page.histories):
+        for bar in history.bars:
             row = row_of[i, bar.armed]
             down = row_of[i, bar.ended] - row if bar.ended >= 0 else 0
             more = bar.spec_ms - bar.logged_ms if bar.spec_ms >= 0 else -1_000_000
@@ -305,26 +307,26 @@ def _bars(page: Page, row_of: dict[Node, int]) -> list[int]:
     return numbers
 
 
-def _steps(followed: Followed, strings: Table) -> dict[str, Json]:
-    lines = [b - a for a, b in zip([0, *followed.steps], followed.steps, strict=False)]
-    where = [strings.place([rule, *place]) for rule, place in _decisions(followed)]
-    return {"lines": lines, "where": where, "states": _sparse(followed.states)}
+def _steps(history: StateHistory, strings: Table) -> dict[str, Json]:
+    lines = [b - a for a, b in zip([0, *history.steps], history.steps, strict=False)]
+    where = [strings.place([rule, *place]) for rule, place in _decisions(history)]
+    return {"lines": lines, "where": where, "states": _sparse(history.states)}
 
 
-def _decisions(followed: Followed) -> list[tuple[str, tuple[str, int]]]:
-    return list(zip(followed.rules, followed.places, strict=True))
+def _decisions(history: StateHistory) -> list[tuple[str, tuple[str, int]]]:
+    return list(zip(history.rules, history.places, strict=True))
 
 
 def _sparse(states: list[Json]) -> list[Json]:
-    """States as ``place, change`` in turns, without those that change nothing."""
+    """States as alternating index and change, without empty changes."""
     return [part for n, change in enumerate(states) if change for part in (n, change)]
 
 
-def _used(followed: Sequence[Followed]) -> dict[str, Json]:
+def _used(histories: Sequence[StateHistory]) -> dict[str, Json]:
     """The operators of Station.tla that decided a step: the first line, and the text."""
     known = operators(TLA)
     wanted: set[str] = set()
-    for f in followed:
+    for f in histories:
         for name, line in set(f.places):
             wanted.add(name)
             around = [o for o, (first, _) in known.items() if first <= line]

@@ -1,4 +1,4 @@
-"""A log followed for a page: the state of its station after each step, and its timers as bars."""
+"""The state of a station after each step of its log, and its timers as bars, for a page."""
 
 from __future__ import annotations
 
@@ -11,45 +11,47 @@ from automcm_traces.checker.track import Step, Track
 from automcm_traces.format.log import Restart, Timer, TimerArm, TimerEnd
 from automcm_traces.format.reader import Log
 
-WHOLE = 100
-"""Steps from one whole state to the next; between them only what changes is written."""
+KEYFRAME = 100
+"""The distance in steps between complete states; between them, only changes are stored."""
 STOPPED, EXPIRED, REARMED, OPEN, RESTARTED = range(5)
 """How a bar ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A timer from where it was armed to where it ended."""
+    """A timer from its arming to its end."""
 
     armed: int
-    """Place of the event in ``Log.events``."""
+    """The index of the event in ``Log.events``."""
     ended: int
-    """Likewise; -1 if it never did."""
+    """The index of the event in ``Log.events``; -1 if it never ended."""
     how: int
     logged_ms: int
-    """How long it was to run, as the log says."""
+    """The duration according to the log."""
     spec_ms: int
-    """As the specification says with the parameters of the header; -1 if they do not tell."""
+    """The duration according to the specification, with the parameters of the header; -1 if they
+    are not sufficient."""
 
 
 @dataclass(slots=True)
-class Followed:
-    """What is shown of a station beside its events."""
+class StateHistory:
+    """The states and timers of a station, shown beside its events."""
 
     why_not: str = ""
-    """Why its states are not known; they are known up to a divergence all the same."""
+    """Why its states are unknown; even then they are known up to a divergence."""
     steps: list[int] = field(default_factory=list)
-    """Lines of the inputs."""
+    """The lines of the inputs."""
     rules: list[str] = field(default_factory=list)
     places: list[tuple[str, int]] = field(default_factory=list)
-    """The operator of Station.tla and the line in it that decided each."""
+    """For each step, the operator of Station.tla that decided it, and the line."""
     states: list[dict[str, object]] = field(default_factory=list)
-    """After each step, what changed; every ``WHOLE`` steps, from the first on, everything."""
+    """The change after each step; every ``KEYFRAME`` steps, from the first on, the complete
+    state."""
     bars: list[Bar] = field(default_factory=list)
 
     def state(self, step: int) -> dict[str, object]:
-        """The whole state after a step."""
-        first = step - step % WHOLE
+        """The complete state after a step."""
+        first = step - step % KEYFRAME
         found: dict[str, object] = {}
         for change in self.states[first : step + 1]:
             found |= change
@@ -57,7 +59,7 @@ class Followed:
 
 
 def values(t: Track) -> dict[str, object]:
-    """The variables of a station, named as in Station.tla, as plain JSON."""
+    """The variables of a station, with the names of Station.tla, as plain JSON."""
     st = t.state
     return {
         "phase": st.phase,
@@ -68,7 +70,7 @@ def values(t: Track) -> dict[str, object]:
         "target": st.target,
         "proposal": st.proposal,
         "deciding": st.deciding,
-        "watching": t.heard_ms is not None,
+        "watching": t.last_cam_ms is not None,
         "number": st.number,
         "joined": {str(p): n for p, n in sorted(st.joined)},
         "outbox": [
@@ -81,55 +83,55 @@ def values(t: Track) -> dict[str, object]:
 
 
 class States(Watcher):
-    """Keeps the states after the steps of a log; of a part of it, of those in these lines."""
+    """Records the states after the steps whose lines are in ``shown``."""
 
     def __init__(self, shown: range) -> None:
-        self.found, self._shown = Followed(), shown
+        self.found, self._shown = StateHistory(), shown
         self._leases: dict[int, tuple[str, int]] = {}
-        """By the line of an input, role and lease after it."""
+        """For the line of each input, the role and the lease after it."""
         self._last: dict[str, object] = {}
 
     def step(self, step: Step, track: Track) -> None:
-        """One more state."""
+        """Record a state."""
         if step.at not in self._shown:
             return
         now = values(track)
-        whole = len(self.found.steps) % WHOLE == 0
-        changed = {k: v for k, v in now.items() if whole or self._last.get(k) != v}
+        is_keyframe = len(self.found.steps) % KEYFRAME == 0
+        changed = {k: v for k, v in now.items() if is_keyframe or self._last.get(k) != v}
         self._decided(step, changed)
         self._leases[step.at] = track.state.role, track.lease_ms
         self._last = now
 
     def ended(self, ending: Ending) -> None:
-        """Why there are no more states; they are known up to a divergence all the same."""
+        """Record why there are no more states, if so."""
         found, d = self.found, ending.diverges
-        if ending.lacking:
-            kinds = ", ".join(sorted(ending.lacking))
-            found.why_not = f"the log does not promise to hold every event of kind {kinds}"
+        if ending.unpromised:
+            kinds = ", ".join(sorted(ending.unpromised))
+            found.why_not = f"`complete` in the header of the log lacks {kinds}"
         elif d is not None:
-            found.why_not = f"the log leaves the specification at line {d.finding.at.line}"
+            found.why_not = f"the log diverges from the specification at line {d.finding.at.line}"
             new = d.step is not None and (not found.steps or found.steps[-1] < d.step.at)
             if d.step is not None and new and d.step.at in self._shown:
-                whole = len(found.steps) % WHOLE == 0
-                self._decided(d.step, found.state(len(found.steps) - 1) if whole else {})
+                is_keyframe = len(found.steps) % KEYFRAME == 0
+                self._decided(d.step, found.state(len(found.steps) - 1) if is_keyframe else {})
         elif ending.finding.kind == "cannot_tell":
             found.why_not = ending.finding.observed
 
     def _decided(self, step: Step, changed: dict[str, object]) -> None:
-        """A step; if it does not go on as it must, its state is that before."""
+        """Record a step; the step of a divergence keeps the state before it."""
         self.found.states.append(changed)
         self.found.steps.append(step.at)
         self.found.rules.append(step.rule)
         self.found.places.append((handler(step.input), line(step.rule, step.input)))
 
-    def followed(self, log: Log) -> Followed:
-        """What is shown of the log, or of a part of it."""
+    def history(self, log: Log) -> StateHistory:
+        """The history of the log, or of a part of it."""
         _bars(log, self.found, self._leases)
         return self.found
 
 
-def _bars(log: Log, found: Followed, leases: dict[int, tuple[str, int]]) -> None:
-    """Every timer armed, with its end: expiry, stop, armed anew, a restart, or none."""
+def _bars(log: Log, found: StateHistory, leases: dict[int, tuple[str, int]]) -> None:
+    """Add a bar for every armed timer, with its end: expiry, stop, re-arming, restart, or none."""
     open_: dict[Timer, Bar] = {}
     done: list[Bar] = found.bars
     lines = iter([*found.steps, None])

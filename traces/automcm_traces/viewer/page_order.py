@@ -1,4 +1,4 @@
-"""The order of the rows of a page: one run, or two side by side."""
+"""The order of the rows of a page, for one run or two side by side."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ def order(
     ahead: Sequence[int],
     beside: Mapping[Node, Node],
 ) -> list[tuple[Node, ...]]:
-    """Every event, alone or with the one that stands beside it: each after what it depends on,
-    else the earlier first, then the lower log.
+    """All events, each alone or with the event beside it, each after the events it depends on.
+    Among the possible next events the earliest comes first, then the lowest log.
 
-    ``needs`` says of an event which other comes before it; ``ahead`` by how many ms a log's times
-    are too high.  ``beside`` are the events that share a row; after such a pair, the second log is
-    as far ahead as the two are apart.  From a pair on that the order of the other events tears
-    apart, the events of its two logs stand alone; before two runs differ, that is rare.
+    ``needs`` maps an event to the event that must come before it. ``ahead`` is the offset of each
+    log's clock in ms. ``beside`` maps events to events in the same row; after such a pair, the
+    offset of the second log is the time between the two. From the first pair that conflicts with
+    the order of the other events, the events of its two logs are placed alone; before two runs
+    differ, that is rare.
     """
     needs, ahead = dict(needs), list(ahead)
     mates = {**beside, **{b: a for a, b in beside.items()}}
@@ -39,7 +40,7 @@ def order(
         return (node,) if mate is None else (min(node, mate), max(node, mate))
 
     def offer(i: int) -> None:
-        """The next event of a log, if it can come now."""
+        """Queue the next event of a log, if it can come now."""
         if at[i] == len(logs[i].events):
             return
         nodes = together((i, at[i]))
@@ -60,12 +61,12 @@ def order(
             stuck = sorted(set().union(*waiting))
             cams = [i for i in stuck if (i, at[i]) in needs and _is_cam(logs[i].events[at[i]][1])]
             torn = [together((i, at[i])) for i in stuck if (i, at[i]) in mates]
-            if torn and cams:  # which no comparison looks at
+            if torn and cams:  # CAMs are not compared
                 del needs[cams[0], at[cams[0]]]
             elif torn:
                 a, b = min(torn, key=lambda nodes: clock(nodes[0]))
                 mates = {n: m for n, m in mates.items() if n[0] not in (a[0], b[0])}
-            else:  # received before it was sent: the report says so
+            else:  # received before it was sent, which the report states
                 del needs[stuck[0], at[stuck[0]]]
             for others in waiting:
                 others.clear()

@@ -1,7 +1,7 @@
-"""Events as compact arrays for a page: what repeats is written once.
+"""Events as compact arrays for a page: repeated values are stored once.
 
-An object becomes ``[shape, value, …]``, where ``shape`` is the place of its keys among the shapes;
-a list becomes ``[-1, item, …]``.  ``viewer/data.js`` undoes it.
+An object becomes ``[shape, value, …]``, where ``shape`` is the index of its list of keys. A list
+becomes ``[-1, item, …]``. ``viewer/data.js`` decodes them.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ Json = Any
 
 @dataclass(slots=True)
 class Table:
-    """Values in order of first use; each use names one by how far back it is."""
+    """Values in order of first use; each use refers to one by its distance from the end."""
 
     values: list[Json] = field(default_factory=list)
     _places: dict[str, int] = field(default_factory=dict)
 
     def back(self, value: Json, key: str | None = None) -> int:
-        """0 if ``value`` is the next new one, else how far before the next new one it stands.
+        """0 if ``value`` is new and was appended, else its distance from the end of the table.
 
-        ``key`` tells values apart; without it ``value`` is its own key.
+        ``key`` identifies a value; without it, ``value`` is its own key.
         """
         key = value if key is None else key
         place = self._places.get(key)
@@ -34,20 +34,20 @@ class Table:
         return 0
 
     def place(self, value: Json) -> int:
-        """The place of a text or a list, from 0."""
+        """The index of a text or a list, from 0."""
         back = self.back(value, value if isinstance(value, str) else json.dumps(value))
         return len(self.values) - (back or 1)
 
 
 @dataclass(slots=True)
 class Shapes:
-    """The lists of keys of all objects that were packed."""
+    """The key lists of all packed objects."""
 
     keys: list[list[str]] = field(default_factory=list)
     _places: dict[tuple[str, ...], int] = field(default_factory=dict)
 
     def pack(self, value: Json) -> Json:
-        """``value`` as said above; numbers, texts and truth values stay."""
+        """``value`` in packed form; numbers, texts and booleans stay."""
         if isinstance(value, dict):
             names = tuple(value)
             place = self._places.get(names)
@@ -60,7 +60,7 @@ class Shapes:
         return value
 
     def unpack(self, packed: Json) -> Json:
-        """What was packed."""
+        """The inverse of ``pack``."""
         if not isinstance(packed, list):
             return packed
         if packed[0] == -1:
@@ -69,5 +69,5 @@ class Shapes:
 
 
 def compact(value: Json) -> str:
-    """JSON without blanks, in ASCII, that cannot end a ``<script>``."""
+    """JSON without spaces, in ASCII, that cannot end a ``<script>``."""
     return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")

@@ -1,4 +1,4 @@
-"""One run as a page shows it: its logs, what they are judged to be, and how its stations go on."""
+"""One run for a page: its logs, their verdicts, and the states of its stations."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport
-from automcm_traces.viewer.page_follow import Followed, States
+from automcm_traces.viewer.page_follow import StateHistory, States
 
 Json = Any
 MOST_LOGS = 200
-"""Beyond, what one log says of another takes too long to work out."""
+"""With more logs, comparing all pairs of logs takes too long."""
 MOST_EVENTS = 100_000
-"""In all logs of a run.  Each takes 5 to 7 KB while the page is made."""
+"""In all logs of a run. Each event takes 5 to 7 KB while the page is made."""
 MOST_BYTES = 256 * 2**20
-"""In all logs of a run, however few their events are."""
+"""In all logs of a run, whatever the number of events."""
 GHOSTS = 12
-"""Stations without a log that have a column each; if there are more, all share one."""
+"""The maximum number of stations without a log that have their own column; if there are more, all
+share one."""
 
 
 class PageError(Exception):
-    """What cannot be shown as a page; the text is one line."""
+    """The logs cannot be shown as a page; the text is one line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What to show of logs: so many lines of the first one, and of each other log what stands
-    between the first and the last message that was exchanged with them."""
+    """The part of the logs to show: a range of lines of the first log, and of each other log the
+    lines between the first and the last message exchanged with that range."""
 
     first: int
     last: int = sys.maxsize
@@ -52,42 +53,42 @@ class Part:
 
 @dataclass(slots=True)
 class Run:
-    """What a page shows of one run."""
+    """The data of one run."""
 
     merged: Merged
     verdicts: list[Verdict]
-    """In the order in which the logs were given."""
+    """In the order of the given logs."""
     system: SystemReport | None
-    """What several logs say together."""
-    followed: list[Followed]
+    """The report on several logs together."""
+    histories: list[StateHistory]
     """By log."""
     ghosts: list[int] = field(default_factory=list)
-    """Stations without a log that have a column of their own, after the logs."""
+    """Stations without a log that have their own column, after the logs."""
     crowded: bool = False
-    """There are too many of them: one column for all."""
+    """Whether they are too many and share one column."""
     vendor: dict[str, dict[int, Json]] = field(default_factory=dict)
-    """By file and line: records with fields of a vendor, as they stand there."""
+    """By file and line, the original records that contain vendor fields."""
     before: dict[str, int] = field(default_factory=dict)
-    """By file, how many events of the log stand before what is shown of it."""
+    """By file, the number of events of the log before the part shown."""
     note: str = ""
-    """Which part is shown, in a sentence; empty if all is."""
+    """The part shown, in a sentence; empty if all is shown."""
     renamed: tuple[str, str] = ("", "")
-    """What stands before the names of the files, and what is shown instead."""
+    """A prefix of file names, and its replacement."""
 
     @property
     def logs(self) -> Sequence[Log]:
-        """Of the stations."""
+        """The logs, by station."""
         return self.merged.logs
 
     @property
     def title(self) -> str:
-        """For the head of the page."""
+        """The title of the page."""
         stations = self.merged.stations
         some = ", ".join(map(str, stations[:4])) + (", …" if stations[4:] else "")
         return f"{self.merged.run}: {some}"
 
     def ahead(self) -> list[int]:
-        """By log how many ms its clock is most likely ahead of the first one's."""
+        """For each log, how many ms its clock is most likely ahead of the first one."""
         if len(self.logs) == 1:
             return [0]
         clocks = Clocks(self.merged)
@@ -95,7 +96,7 @@ class Run:
         return [0 if span is None else span.best for span in spans]
 
     def judged(self) -> dict[str, Json]:
-        """The verdicts, the report on all logs together, and its hazards in words."""
+        """The verdicts, and the report on all logs together."""
         found: dict[str, Json] = self.shown(
             {
                 "logs": [verdict.as_dict() for verdict in self.verdicts],
@@ -105,7 +106,7 @@ class Run:
         return found
 
     def shown(self, value: Json) -> Json:
-        """``value`` with the names of files as they are to be shown."""
+        """``value`` with file names replaced for display."""
         was, name = self.renamed
         if not was:
             return value
@@ -117,11 +118,11 @@ class Run:
 
 
 def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = None) -> Run:
-    """Read and judge the logs of one run.  A log that cannot be read to its end is shown up to
-    there; of one without a header there is only the verdict.
+    """Read and check the logs of one run.
 
-    Of a ``part``, only that is held in memory. Each verdict is still the one on the whole log, but
-    the logs are not judged together.
+    A log that cannot be read to its end is shown up to there. For a log without a header there is
+    only the verdict. With a ``part``, only that part is kept in memory; each verdict is still for
+    the whole log, but the logs are not checked together.
 
     Raises PageError, and BadInput if no log has a header.
     """
@@ -151,14 +152,14 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
     named = sorted(_named(merged) - set(merged.stations))
     crowded = len(named) > GHOSTS
     of_file = {log.file: (path, log) for path, log in logs}
-    followed = [states[of_file[log.file][0]].followed(of_file[log.file][1]) for log in merged.logs]
+    histories = [states[of_file[log.file][0]].history(of_file[log.file][1]) for log in merged.logs]
     vendor = {file: _vendor(path, log, part) for file, (path, log) in of_file.items()}
     ghosts = [] if crowded else named
     run = Run(
         merged,
         verdicts(found) if judged else alone,
         together(found) if judged else None,
-        followed,
+        histories,
         ghosts,
         crowded,
         vendor,
@@ -169,21 +170,21 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
 
 
 def check_size(paths: Sequence[Path]) -> None:
-    """Refuse logs that are too long for a page, before any of them is held in memory.
+    """Reject logs that are too long for a page, before reading them into memory.
 
-    Raises PageError, and BadInput for what cannot be read.
+    Raises PageError, and BadInput for an unreadable file.
     """
     lines = size = 0
     for path in paths:
         try:
             if not S_ISREG(os.stat(path).st_mode):
-                raise BadInput(path, 0, "", "is no file; a page reads a log more than once")
+                raise BadInput(path, 0, "", "must be a regular file: it is read more than once")
             with open(path, "rb") as stream:
                 while block := stream.read(2**20):
                     lines += block.count(b"\n")
                     size += len(block)
         except FileNotFoundError:
-            continue  # its verdict says so
+            continue  # reported by its verdict
         except OSError as error:
             raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
     what = name_of(paths[0]) if len(paths) == 1 else f"{len(paths)} logs"
@@ -197,14 +198,14 @@ def check_size(paths: Sequence[Path]) -> None:
 
 
 def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], str]:
-    """What is shown of each log, and which lines those are.
+    """The part of each log to show, and a sentence about it.
 
-    Raises PageError if that is nothing, or too much, and BadInput if the first has no header.
+    Raises PageError if the part is empty or too large, and BadInput if the first log has no header.
     """
     first = paths[0]
     own = _lines(first, part.first, part.last, 0)
     if not own.events:
-        raise PageError(f"{name_of(first)}: no event that can be read {part}")
+        raise PageError(f"{name_of(first)}: no readable event {part}")
     exchanged = {tx for _, event in own.events if (tx := _tx(event))}
     logs = [(first, own)]
     without = []
@@ -212,7 +213,7 @@ def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], s
         try:
             at = [line for line, event in _readable(LogStream(path)) if _tx(event) in exchanged]
         except BadInput:
-            continue  # its verdict says so
+            continue  # reported by its verdict
         if at:
             held = sum(len(log.events) for _, log in logs)
             logs.append((path, _lines(path, at[0], at[-1], held)))
@@ -221,14 +222,15 @@ def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], s
     shown = ", ".join(
         f"{log.file} lines {log.events[0][0]} to {log.events[-1][0]}" for _, log in logs
     )
-    note = f"A part: {shown}. Each log is judged as a whole, and by itself."
+    note = f"A part: {shown}. Each verdict is for the whole log by itself."
     if without:
         note += f" No message of these lines is in {', '.join(without)}."
     return logs, note
 
 
 def _lines(path: Path, first: int, last: int, held: int) -> Log:
-    """The events in these lines; ``held`` are in memory already.  Raises PageError, BadInput."""
+    """The events in these lines; ``held`` is the number already in memory. Raises PageError,
+    BadInput."""
     stream = LogStream(path)
     events: list[tuple[int, Event]] = []
     for line, event in _readable(stream):
@@ -243,7 +245,7 @@ def _lines(path: Path, first: int, last: int, held: int) -> Log:
 
 
 def _readable(stream: LogStream) -> Iterator[tuple[int, Event]]:
-    """The events up to where the log can be read; its verdict says where and why."""
+    """The readable events of a log; its verdict reports why it stops."""
     try:
         yield from stream
     except BadInput:
@@ -255,7 +257,7 @@ def _tx(event: Event) -> str | None:
 
 
 def _unpromised(log: Log) -> Log:
-    """A part of a log: what is missing in it may stand before or after."""
+    """The log with an empty ``complete``: in a part of a log, any event may be missing."""
     return replace(log, header=log.header.model_copy(update={"complete": []}))
 
 
@@ -264,8 +266,8 @@ def _before(log: Log) -> int:
 
 
 def _vendor(path: Path, log: Log, part: Part | None) -> dict[int, Json]:
-    """The records of a log that may have a field of a vendor, which reading leaves out; of a part
-    also the header as it stands there."""
+    """The records of a log that may contain vendor fields, which the reader ignores; for a part,
+    also the original header."""
     found = {}
     lines = {1, *(at for at, _ in log.events)}
     with open(path, "rb") as stream:
@@ -276,7 +278,7 @@ def _vendor(path: Path, log: Log, part: Part | None) -> dict[int, Json]:
 
 
 def _named(merged: Merged) -> set[int]:
-    """Every station that sent or is sent a message."""
+    """All stations that sent a message or are addressed by one."""
     found: set[int] = set()
     for log in merged.logs:
         for _, event in log.events:
