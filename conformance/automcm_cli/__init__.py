@@ -1,5 +1,5 @@
 """The command ``automcm``.
 
-Commands only: what they do is in the packages below.
-Nothing of the product imports it.
+It holds the commands only; the packages that it imports do the work.
+No package of the product imports it.
 """

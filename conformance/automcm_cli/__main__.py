@@ -1,4 +1,4 @@
-"""The script ``automcm``, and ``python -m automcm_cli``.  Without the kit: what to install."""
+"""The script ``automcm`` and ``python -m automcm_cli``; names the extra if the kit is missing."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from automcm_spec.support.extras import kit_missing
 
 
 def main() -> None:
-    """Run the command; ends with code 3 if the extra ``kit`` is not installed."""
+    """Run the command.  Exits with code 3 if the extra ``kit`` is not installed."""
     if missing := kit_missing():
         name = " ".join(takewhile(lambda word: word[:1] != "-", sys.argv[1:3]))
         print(f"{name or 'automcm'}: {missing}", file=sys.stderr)

@@ -1,7 +1,7 @@
-"""How the program ends where its output cannot be written, or where the fault is ours.
+"""Exit codes when output cannot be written and when AutoMCM itself fails.
 
-A verdict that was not written is none: a full device, a closed pipe or a closed descriptor must
-not end with 1, which is a verdict against.
+A full device, a closed pipe or a closed descriptor must not lead to exit code 1, which reports a
+failed check.
 """
 
 from __future__ import annotations
@@ -18,19 +18,21 @@ from typing import Any
 from automcm_spec.support.bad_input import BadInput
 
 UNWRITTEN, FAULT, CLOSED_PIPE = 3, 70, 141
-"""Exit codes (``common.CODES``).  141 is what a shell makes of an end by SIGPIPE."""
+"""Exit codes (``common.CODES``).  A shell reports 141 for a process that SIGPIPE ended."""
 
 
-_OURS = (
-    "this is a fault of automcm, not a verdict: please report it with the lines above, the "
-    "command and what `automcm --version` says"
+_INTERNAL_ERROR = (
+    "internal error in automcm, not a verdict: please report it with the lines above, the "
+    "command and the output of `automcm --version`"
 )
 
 
 class OutputLost(BaseException):
-    """Standard output cannot be written.  Neither typer, rich nor an ``except OSError`` of a
-    command takes it for something else; a command that goes on without its output (a station)
-    writes to the descriptor itself."""
+    """Standard output cannot be written.
+
+    It is a BaseException so that neither typer, rich nor an ``except OSError`` in a command catches
+    it.  A command that continues without its output (a station) writes to the descriptor itself.
+    """
 
     def __init__(self, error: OSError) -> None:
         self.closed_pipe = error.errno == errno.EPIPE
@@ -38,18 +40,18 @@ class OutputLost(BaseException):
 
 
 class _Standard(io.FileIO):
-    """Standard output.  After the first failure everything is dropped, so that nothing is told
-    twice, nor by the interpreter when it flushes at its end."""
+    """Standard output.  After the first failure it drops all data, so that neither a later write
+    nor the interpreter's final flush reports the failure again."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number, "w", closefd=False)
         self._lost = False
 
     def write(self, data: Any, /) -> int:
-        """All of it; raises OutputLost.
+        """Write all data.  Raises OutputLost.
 
-        Under PYTHONUNBUFFERED there is no buffer above, which would write again what a pipe has
-        not taken.  Nothing is not written: typer does that to see what a stream takes.
+        Under PYTHONUNBUFFERED there is no buffer that repeats a partial write to a pipe.  Empty
+        data is not written: typer writes it to find the type of a stream.
         """
         view = memoryview(data).cast("B")
         at = 0
@@ -59,17 +61,17 @@ class _Standard(io.FileIO):
             except OSError as error:
                 self._lost = True
                 raise OutputLost(error) from None
-            if taken is None:  # the descriptor does not block
+            if taken is None:  # the descriptor is non-blocking
                 select.select([], [self], [])
             at += taken or 0
         return len(view)
 
 
 class _Errors(_Standard):
-    """Standard error: what cannot be written there changes no verdict."""
+    """Standard error.  A failed write changes no exit code."""
 
     def write(self, data: Any, /) -> int:
-        """All of it, as far as that can be."""
+        """Write the data; ignore a failure."""
         try:
             return super().write(data)
         except OutputLost:
@@ -77,24 +79,24 @@ class _Errors(_Standard):
 
 
 def run(program: Callable[[], object]) -> int:
-    """Run the program; its exit code.  It ends by SystemExit, or by returning."""
-    _take_up_descriptors()
+    """Run the program and return its exit code.  The program raises SystemExit or returns."""
+    _open_closed_descriptors()
     sys.stdout = out = _text(_Standard(1), sys.stdout)
     sys.stderr = _text(_Errors(2), sys.stderr)
     try:
         code = _code_of(program)
         out.flush()
-        return _told(_OURS, FAULT) if code == FAULT else code
+        return _report_error(_INTERNAL_ERROR, FAULT) if code == FAULT else code
     except OutputLost as lost:
-        return CLOSED_PIPE if lost.closed_pipe else _told(str(lost), UNWRITTEN)
+        return CLOSED_PIPE if lost.closed_pipe else _report_error(str(lost), UNWRITTEN)
     except BadInput as error:
-        return _told(str(error), UNWRITTEN)
+        return _report_error(str(error), UNWRITTEN)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        return _told(f"{where}{error.strerror or error}", UNWRITTEN)
+        return _report_error(f"{where}{error.strerror or error}", UNWRITTEN)
     except Exception:
         traceback.print_exc()
-        return _told(_OURS, FAULT)
+        return _report_error(_INTERNAL_ERROR, FAULT)
 
 
 def _code_of(program: Callable[[], object]) -> int:
@@ -105,18 +107,21 @@ def _code_of(program: Callable[[], object]) -> int:
     return 0
 
 
-def _take_up_descriptors() -> None:
-    """Open what is closed of 0, 1 and 2, or the next file opened takes its place and gets what is
-    printed.  Output fails there as it does on a closed descriptor: it is open for reading."""
+def _open_closed_descriptors() -> None:
+    """Open those of the descriptors 0, 1 and 2 that are closed.
+
+    Otherwise the next file that is opened takes the number and receives the printed text.  They are
+    opened for reading only, so that output fails as it does on a closed descriptor.
+    """
     for number in (0, 1, 2):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDONLY)  # the lowest that is free
+            os.open(os.devnull, os.O_RDONLY)  # takes the lowest free number
 
 
 def _text(raw: _Standard, was: Any) -> io.TextIOWrapper:
-    """Text on ``raw``, as it was (None where the descriptor was closed)."""
+    """A text stream on ``raw`` with the settings of ``was`` (None if the descriptor was closed)."""
     if was is None:
         return io.TextIOWrapper(io.BufferedWriter(raw), encoding="utf-8", errors="backslashreplace")
     was.flush()
@@ -129,6 +134,6 @@ def _text(raw: _Standard, was: Any) -> io.TextIOWrapper:
     )
 
 
-def _told(text: str, code: int) -> int:
+def _report_error(text: str, code: int) -> int:
     print(f"automcm: {text}", file=sys.stderr)
     return code

@@ -1,4 +1,4 @@
-"""The groups of commands; what is not wanted is not imported."""
+"""The groups of commands.  A group is imported when one of its commands is used."""
 
 from __future__ import annotations
 
@@ -16,28 +16,34 @@ from automcm_cli.shared.common import CODES
 _MAINTENANCE = "automcm_maintenance"
 """The package of the commands that only a clone of the repository has."""
 GROUPS = {
-    "trace": (["automcm_cli.trace.trace_commands"], "Logs: what happened, and was it allowed?"),
+    "trace": (
+        ["automcm_cli.trace.trace_commands"],
+        "Show, check, compare and convert logs of stations.",
+    ),
     "spec": (
         ["automcm_cli.spec.spec_commands", f"{_MAINTENANCE}.spec_commands"],
-        "The specification: its models, and how far to trust them.",
+        "Check, simulate and mutate the TLA+ models.",
     ),
-    "bench": ([f"{_MAINTENANCE}.benches.bench_commands"], "What the reference costs."),
+    "bench": (
+        [f"{_MAINTENANCE}.benches.bench_commands"],
+        "Benchmarks of the reference, the kit and the log tools.",
+    ),
     "vectors": (
         ["automcm_cli.reference.vector_commands"],
         "Test vectors for the trajectory kernels.",
     ),
-    "simulate": (["automcm_cli.reference.simulate_command"], "Scenarios on a simulated road."),
+    "simulate": (["automcm_cli.reference.simulate_command"], "Run scenarios on a simulated road."),
     "experiment": (
         ["automcm_cli.reference.experiment_commands"],
-        "The paper's evaluation, and what it does not have.",
+        "Run the experiments of the evaluation.",
     ),
-    "link": (["automcm_cli.reference.link_commands"], "Links between stations."),
+    "link": (["automcm_cli.reference.link_commands"], "Simulate the radio between stations."),
     "conform": (
         ["automcm_cli.conform.conform_commands", f"{_MAINTENANCE}.code_mutation.certify"],
-        "A station in any language against the specification.",
+        "Test a station in any language against the specification.",
     ),
 }
-"""The modules of each, which have an ``app``, and what it is about."""
+"""For each group: its modules, each with an ``app``, and its help text."""
 _TOP = f"{_MAINTENANCE}.repository_commands"
 _ONLY_IN_A_CLONE = ("bench", "certify", "generate", "mutate", "pages", "verify")
 
@@ -47,7 +53,7 @@ def _installed(module: str) -> bool:
 
 
 def _commands(modules: Sequence[str]) -> dict[str, Any]:
-    """The commands of these modules, without those that are not installed."""
+    """The commands of those modules that are installed."""
     commands: dict[str, Any] = {}
     for module in filter(_installed, modules):
         app = import_module(module).app
@@ -57,13 +63,13 @@ def _commands(modules: Sequence[str]) -> dict[str, Any]:
 
 
 class Group(TyperGroup):
-    """A group whose flags are False unless given.
+    """A group whose flags default to False.
 
-    Of a None, typer has pydantic make a flag, which takes 0.1 s to import.
+    For a default of None, typer imports pydantic, which takes 0.1 s.
     """
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """All of them, with ``--help``."""
+        """All parameters, including ``--help``."""
         params = super().get_params(ctx)
         for param in params:
             if param.default is None:
@@ -71,17 +77,21 @@ class Group(TyperGroup):
         return params
 
     def get_command(self, ctx: Any, name: str) -> Any:
-        """The command; ends with code 3 if only a clone of the repository has it."""
+        """The command.  Exits with code 3 if the command requires a clone of the repository."""
         found = super().get_command(ctx, name)
         if found is None and name in _ONLY_IN_A_CLONE:
             path = f"{ctx.command_path} {name}".partition(" ")[2]
-            typer.echo(f"{path}: needs a checkout of the repository, not the package", err=True)
+            typer.echo(
+                f"{path}: only available in a clone of the repository, not in the installed "
+                "package",
+                err=True,
+            )
             raise typer.Exit(3)
         return found
 
 
-class _Later(Group):
-    """A group that is imported when one of its commands is wanted."""
+class _LazyGroup(Group):
+    """A group that is imported when one of its commands is used."""
 
     def __init__(self, name: str, modules: Sequence[str], about: str) -> None:
         super().__init__(
@@ -98,11 +108,11 @@ class _Later(Group):
 
 
 class Groups(Group):
-    """The whole program: commands of its own, and the groups."""
+    """The top level: its own commands and the groups."""
 
     def __init__(self, *, commands: dict[str, Any], **more: Any) -> None:
         groups = {
-            name: _Later(name, modules, about)
+            name: _LazyGroup(name, modules, about)
             for name, (modules, about) in GROUPS.items()
             if any(map(_installed, modules))
         }

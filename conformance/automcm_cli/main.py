@@ -1,4 +1,4 @@
-"""The one console script, ``automcm``.  Imports lazily: each command only what it needs."""
+"""The console script ``automcm``.  Each command imports only the modules that it needs."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from automcm_cli.shared.common import CODES, example
 app = typer.Typer(
     name="automcm",
     cls=Groups,
-    help="Maneuver coordination: a checked specification, and what is held against it.",
+    help="Maneuver coordination: a model-checked specification, a reference and test tools.",
     epilog=CODES,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    rich_markup_mode=None,  # plain help: to import rich and draw with it takes 0.15 s
+    rich_markup_mode=None,  # plain help: importing rich and rendering with it takes 0.15 s
 )
 app.command(epilog=example("conform run -- automcm adapter"))(station_commands.adapter)
 app.command(epilog=example("demo --loss 0.3"))(demo_command.demo)
@@ -39,14 +39,17 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which, exit.")
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Print the version and exit."
+        ),
     ] = False,
 ) -> None:
-    """What goes before any command."""
+    """Options that precede any command."""
 
 
 def main() -> None:
-    """Entry point.  SIGTERM ends like Ctrl-C, so that no child is left behind."""
+    """Entry point.  SIGTERM has the effect of Ctrl-C, so that no child process remains."""
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt

@@ -1,5 +1,5 @@
-"""What maintainers of this repository need: it builds and doubts the product.
+"""Tools for maintainers: generation, verification, mutation and benchmarks.
 
-Needs a clone. The wheel leaves it out.
-Nothing of the product imports it; ``automcm_cli.groups`` finds its commands by name.
+They need a clone of the repository and are not in the wheel.
+No package of the product imports them; ``automcm_cli.groups`` finds their commands by name.
 """

@@ -1,4 +1,4 @@
-"""``automcm verify`` and ``automcm generate``.  Imports lazily: each command only what it needs."""
+"""``automcm verify`` and ``automcm generate``.  Each imports only the modules that it needs."""
 
 from __future__ import annotations
 
@@ -24,24 +24,25 @@ app = typer.Typer()
 def verify(
     profile: Annotated[
         str,
-        typer.Option(help="quick; full (larger models, all graphs); deep (up to half an hour)."),
+        typer.Option(help="quick, full (larger models, all graphs) or deep (up to half an hour)."),
     ] = "quick",
     models: Annotated[
-        bool, typer.Option(help="Check the models; without, the reference alone (a minute or two).")
+        bool,
+        typer.Option(help="Check the models.  Otherwise only the reference (one to two minutes)."),
     ] = True,
     rule: Annotated[
         str | None,
         typer.Option(
-            help="With --no-models: only a small graph (two rounds, one peer), and only this rule "
-            "taken away; no generated files. For the short loop while a rule is written: seconds."
+            help="With --no-models, for work on one rule: use only a small graph (two rounds, one "
+            "peer), disable only this rule, and skip the generated files. Takes seconds."
         ),
     ] = None,
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Run the models whose results are kept as well.")
+        bool, typer.Option("--fresh", help="Ignore kept results: run all models.")
     ] = False,
     json_: Json = None,
 ) -> None:
-    """Model-check, write the oracle, compare the reference with it."""
+    """Check the models, and the reference against the oracle."""
     from automcm_maintenance.verify import verify as verify_
     from automcm_maintenance.verify import verify_screen
     from automcm_spec.model_checking.models import PROFILES
@@ -51,9 +52,9 @@ def verify(
         raise typer.BadParameter(unknown(profile, PROFILES, "profile"))
 
     if rule is not None and (models or profile != "quick"):
-        raise typer.BadParameter("--rule needs --no-models, and goes with no other profile")
+        raise typer.BadParameter("--rule requires --no-models and the profile quick")
     if rule is not None and rule not in RULES:
-        raise typer.BadParameter(f"there is no rule {rule!r}; there are: {', '.join(RULES)}")
+        raise typer.BadParameter(f"there is no rule {rule!r}; the rules are {', '.join(RULES)}")
 
     with progress() as say:
         report = verify_.run(profile, say, models_too=models, rule=rule, fresh=fresh)
@@ -64,9 +65,15 @@ def verify(
 
 @app.command(epilog=example("generate"))
 def generate(
-    two_peers: Annotated[bool, typer.Option(help="Also the two-peer graph (minutes).")] = True,
+    two_peers: Annotated[
+        bool, typer.Option(help="Renew the two-peer graph, too (takes minutes).")
+    ] = True,
 ) -> None:
-    """Renew the generated files.  Oracles, counterexamples, corpus, schema, rule table."""
+    """Renew the generated files.
+
+    These are the oracles, the counterexamples, the corpus, the schemas, and generated pages and
+    tables.
+    """
     from automcm_maintenance.documents import generated_files
     from automcm_spec.model_checking.models import ModelError
     from automcm_spec.model_checking.tlc import TlcError
@@ -78,4 +85,4 @@ def generate(
     for path in changed:
         typer.echo(f"renewed {path.relative_to(ROOT)}")
     if not changed:
-        typer.echo("everything was up to date")
+        typer.echo("all generated files were up to date")

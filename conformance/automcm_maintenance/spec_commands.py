@@ -1,6 +1,6 @@
-"""``automcm spec pages``, ``mutate`` and ``bench``: how far the models can be trusted.
+"""``automcm spec pages``, ``mutate`` and ``bench``: commands for the quality of the models.
 
-Imports lazily: each command only what it needs.
+Each command imports only the modules that it needs.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ app = typer.Typer()
 
 @app.command("pages", epilog=example("spec pages --out runs/counterexamples"))
 def spec_pages(
-    out: Annotated[Path, typer.Option(help="The folder of the pages.")] = Path(
-        "docs/counterexamples"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder for the pages.")] = Path("docs/counterexamples"),
 ) -> None:
-    """Each counterexample of docs/models.md as a page.  It is like those of automcm trace html."""
+    """Write an HTML page for each counterexample of docs/models.md.
+
+    The pages have the form of automcm trace html.
+    """
     from automcm_maintenance.documents import counterexample_pages
     from automcm_spec.model_checking import models
     from automcm_spec.model_checking.tlc import TlcError
@@ -43,35 +44,43 @@ def spec_pages(
 @app.command("mutate", epilog=example("spec mutate --only OnAck"))
 def spec_mutate(
     profile: Annotated[
-        str, typer.Option(help="quick: till a mutant is killed; deep: by which properties.")
+        str,
+        typer.Option(help="quick: stop at the first kill of a mutant; deep: find all properties."),
     ] = "quick",
     module: Annotated[
-        list[str] | None, typer.Option(help="A module to mutate, instead of the usual ones.")
+        list[str] | None,
+        typer.Option(help="Mutate this module instead of the usual ones.  Repeatable."),
     ] = None,
     model: Annotated[
-        list[str] | None, typer.Option(help="A model to use, instead of all that fit.")
+        list[str] | None,
+        typer.Option(help="Use this model instead of all suitable ones.  Repeatable."),
     ] = None,
     only: Annotated[
-        str | None, typer.Option(help="Mutants with this in their id; * and ?.")
+        str | None,
+        typer.Option(help="Only mutants whose id contains this text or matches * and ?."),
     ] = None,
     limit: Annotated[
-        int, typer.Option(min=0, help="A fixed sample of this size; 0: all there are.")
+        int, typer.Option(min=0, help="Use a fixed sample of this size (0 = all mutants).")
     ] = 260,
-    list_: Annotated[bool, typer.Option("--list", help="Name the mutants, run nothing.")] = False,
-    jobs: Annotated[int, typer.Option(min=1, help="Mutants at a time.")] = 2,
+    list_: Annotated[
+        bool, typer.Option("--list", help="List the mutants without running them.")
+    ] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Number of mutants to run in parallel.")] = 2,
     search: Annotated[
-        float, typer.Option(min=0, help="Seconds: longer models are not run for a better kill.")
+        float,
+        typer.Option(min=0, help="Maximum seconds of a model that is run only for a better kill."),
     ] = 2,
     longest: Annotated[
-        float, typer.Option(min=0, help="Seconds: longer models are not run at all.")
+        float, typer.Option(min=0, help="Maximum seconds of a model that is run at all.")
     ] = 6,
     write: Annotated[bool, typer.Option(help="Write docs/mutation.md.")] = False,
     json_: Json = None,
 ) -> None:
-    """Change the specification in small ways; the models must notice.  May take an hour.
+    """Run the models on mutants of the specification.
 
-    What is done is kept under runs/, so an interrupted run goes on where it was.  A mutant that
-    survives must be in spec/models/survivors.toml with the reason.
+    The models must find each small change.  Results are kept under runs/, so that an interrupted
+    run continues where it stopped.  A mutant that survives must be in spec/models/survivors.toml
+    with the reason.  A full run may take an hour.
     """
     from automcm_maintenance.spec_mutation import mutate_commands
 
@@ -95,12 +104,16 @@ def spec_mutate(
 
 @app.command("bench", epilog=example("spec bench --seconds 120"))
 def spec_bench(
-    seconds: Annotated[int, typer.Option(min=1, help="For each naive encoding.")] = 60,
+    seconds: Annotated[
+        int, typer.Option(min=1, help="Time limit for each naive encoding, in seconds.")
+    ] = 60,
     json_: Json = None,
 ) -> None:
-    """Our encoding of the radio against two naive ones.  States and seconds; at least 20 times?
+    """Compare the radio's encoding with two naive ones.
 
-    A naive one that does not finish in time gives a lower bound.  Too low a bound is code 4.
+    The command compares states and seconds; the naive encodings must need at least 20 times as
+    much.  A naive encoding that does not finish in time gives a lower bound.  The exit code is 4 if
+    this bound is too low to decide.
     """
     from automcm_maintenance.benches import encoding_bench
     from automcm_maintenance.benches import encoding_bench_table as bench_

@@ -119,7 +119,7 @@ def it_goes_on_by_its_lease_alone() -> None:
 @breaks("CAMs cut one way", "ACT-2")
 def cam_loss_sends_no_cancel() -> None:
     def then(me: Any, st: State, i: Any) -> Outcome:
-        return Outcome(leave(st), told=Fallback(session=st.session, reason="cam_loss"))
+        return Outcome(leave(st), indication=Fallback(session=st.session, reason="cam_loss"))
 
     first("expire cam", "ACT-2", always, then)
 

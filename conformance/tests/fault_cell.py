@@ -15,7 +15,7 @@ from typing import Any
 
 from fault_reasons import WHY, Why
 
-from automcm.core.outcome import Heard
+from automcm.core.outcome import Received
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.links.clock import AsyncioClock
@@ -158,7 +158,7 @@ class Cell:
             self.marked.append((now, effects.input.marks))
         if before.phase != effects.state.phase:
             reason = ""
-            if isinstance(effects.input, Heard):
+            if isinstance(effects.input, Received):
                 reason = str(getattr(effects.input.message, "reason", "") or "")
                 self._session = effects.input.message.session
             self.way.append((now, effects.state.phase, effects.rule, reason))

@@ -52,5 +52,5 @@ def test_a_cell_without_a_reason_stands_out(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_two_reasons_for_a_cell_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uncited, "WHY", [*uncited.WHY, ("case", ("ACT-1",), "another")])
-    with pytest.raises(ValueError, match="ACT-1, case: two reasons"):
+    with pytest.raises(ValueError, match="ACT-1, case: has two reasons"):
         citations.reasons()

@@ -288,7 +288,7 @@ def test_spec_check_says_when_no_model_tells_a_change(monkeypatch: pytest.Monkey
     answer = automcm("spec", "check", "bare_ack")
     assert answer.exit_code == 0 and "as recorded before your change" in answer.output
     assert "as expected" not in answer.output
-    assert f"{NOT_COVERED}: the specification is not the one recorded" in answer.output
+    assert f"{NOT_COVERED}: the specification differs from the one recorded" in answer.output
     answer = automcm("spec", "check", "bare_ack", "--json", "-")
     assert json.loads(answer.stdout) and NOT_COVERED in answer.stderr
 

@@ -137,7 +137,7 @@ def test_a_process_that_hangs_or_leaves_early_is_a_problem(
 ) -> None:
     monkeypatch.setattr("automcm_cli.reference.demo_processes.ENDING_S", 2)
     early = shown(tmp_path / "early", C=["--for", "2500"])
-    assert early.problems[0] == "C: ended before it was told to"
+    assert early.problems[0] == "C: ended before SIGTERM"
 
     hung = Demo(tmp_path / "hung", listen_ms=0)
 
@@ -150,7 +150,7 @@ def test_a_process_that_hangs_or_leaves_early_is_a_problem(
 
     hung.changed = hang
     asyncio.run(hung.run())
-    assert "A: did not end when told to" in hung.problems
+    assert "A: did not end after SIGTERM" in hung.problems
 
 
 @pytest.mark.slow
@@ -184,13 +184,13 @@ REST: dict[str, Any] = {"session": None, "sending": 0}
     ("args", "error"),
     [
         (["demo", "--kill", "A"], "only B"),
-        (["demo", "--kill", "B", "--second-prescriber"], "two demonstrations"),
+        (["demo", "--kill", "B", "--second-prescriber"], "cannot be combined"),
         (["demo", "--loss", "2"], "loss"),
         (["station", "--id", "0"], "id"),
         (["station", "--id", "1", "--set", "t_cam_loss=900"], "t_cam_loss"),
         (["station", "--id", "1", "--set", "t_resend=-1"], "t_resend"),
-        (["station", "--id", "1", "--set", "speed=1"], "speed: no such parameter"),
-        (["station", "--id", "1", "--set", "t_decide=x"], "t_decide: an integer"),
+        (["station", "--id", "1", "--set", "speed=1"], "there is no parameter 'speed'"),
+        (["station", "--id", "1", "--set", "t_decide=x"], "t_decide must be an integer"),
         (["station", "--id", "1", "--codec", "xml"], "xml"),
         (["station", "--id", "1", "--via", "nowhere"], "HOST:PORT"),
         (["link", "relay", "--delay", "9:1"], "MIN:MAX"),
@@ -213,7 +213,7 @@ def test_a_port_in_use_is_exit_code_3_and_names_it() -> None:
 
 def test_an_address_beyond_loopback_is_exit_code_3() -> None:
     done = automcm_process("station", "--id", "1", "--broadcast", "192.0.2.255:47100")
-    assert done.returncode == 3 and "192.0.2.255: not a loopback address" in done.stderr
+    assert done.returncode == 3 and "192.0.2.255 is not a loopback address" in done.stderr
 
 
 def test_a_station_id_that_is_on_the_air_is_refused() -> None:
@@ -222,7 +222,7 @@ def test_a_station_id_that_is_on_the_air_is_refused() -> None:
         with running("station", "--listen", "0", "--first", *via) as first:
             report(first)
             done = automcm_process("station", "--for", "1", *via)
-    assert done.returncode == 3 and "station_id: 7 is on the air already" in done.stderr
+    assert done.returncode == 3 and "station_id 7 is in use by another station" in done.stderr
 
 
 def test_end_8_the_number_file_makes_the_next_start_a_restart(tmp_path: Path) -> None:
@@ -264,7 +264,7 @@ def test_end_8_a_number_file_with_no_number_is_exit_code_3(text: str, tmp_path: 
     kept = tmp_path / "number"
     kept.write_text(text)
     broken = automcm_process("station", "--id", "9", "--listen", "0", "--number-file", kept)
-    assert broken.returncode == 3 and "holds no session number" in broken.stderr
+    assert broken.returncode == 3 and "expected a session number" in broken.stderr
     assert len(broken.stderr.splitlines()) == 1
 
 

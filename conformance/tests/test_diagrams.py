@@ -119,7 +119,7 @@ def test_an_event_with_two_ways_says_what_is_told(edges: set[Edge]) -> None:
 
 def test_the_order_of_the_graph_does_not_matter(one_peer: Oracle, edges: set[Edge]) -> None:
     assert state_diagrams.text(one_peer, WAYS).endswith("```\n")
-    shuffled = set(sorted(edges, key=lambda e: (e.told, e.event, e.role, e.rule)))
+    shuffled = set(sorted(edges, key=lambda e: (e.indication, e.event, e.role, e.rule)))
     for role in state_diagrams.ROLES:
         assert state_diagrams.diagram(WAYS, shuffled, role) == state_diagrams.diagram(
             WAYS, edges, role

@@ -86,8 +86,8 @@ def test_a_killed_sweep_goes_on(
     ("changes", "text"),
     [
         (["--set", "trials=0"], "trials: 0: Input should be greater than or equal to 1"),
-        (["--set", "trials"], "--set trials: NAME=JSON is needed"),
-        (["--set", "trials=x"], "--set trials=x: NAME=JSON is needed"),
+        (["--set", "trials"], "--set: expected NAME=JSON, not 'trials'"),
+        (["--set", "trials=x"], "--set: expected NAME=JSON, not 'trials=x'"),
         (["--set", "dice=1"], "dice: there is no such setting"),
         (["--profile", "slow"], "no profile 'slow'"),
     ],
@@ -132,4 +132,4 @@ def test_a_report_is_rendered_again(small: Path) -> None:
 
 def test_nothing_to_render_is_told(tmp_path: Path) -> None:
     done = automcm("experiment", "render", tmp_path)
-    assert done.exit_code == 3 and "no folder in it has a results.json" in done.stderr
+    assert done.exit_code == 3 and "no subfolder contains results.json" in done.stderr

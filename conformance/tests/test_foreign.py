@@ -39,10 +39,10 @@ def test_the_mutants_are_well_formed(foreign: Any) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (("int twice;", "int once;"), "a: old: 2 times, not once"),
-        (("int none;", "int once;"), "a: old: 0 times, not once"),
-        (("int once;", "int once;"), "a: new: changes nothing"),
-        (("int once;", "int other;", "NEG-99"), "a: rules: NEG-99"),
+        (("int twice;", "int once;"), "a: old: must occur once in station.hpp, not 2 times"),
+        (("int none;", "int once;"), "a: old: must occur once in station.hpp, not 0 times"),
+        (("int once;", "int once;"), "a: new: must differ from old"),
+        (("int once;", "int other;", "NEG-99"), "a: rules: unknown rule in NEG-99"),
     ],
 )
 def test_a_mutant_that_is_not(

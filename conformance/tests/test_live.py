@@ -298,10 +298,10 @@ def test_a_station_of_the_reference_over_sockets(tmp_path: Path) -> None:
 
 
 def test_a_station_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conform_live, "HEARD_MS", 50)
+    monkeypatch.setattr(conform_live, "FIRST_CAM_MS", 50)
     done = automcm("conform", "live", "7", "--broadcast", "127.255.255.255:47398")
     assert done.exit_code == 3
-    assert done.stderr == "live: no CAM of station 7 on 127.255.255.255:47398\n"
+    assert done.stderr == "live: no CAM of station 7 on 127.255.255.255:47398 within 50 ms\n"
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ BROKEN = {
     ),
     "is killed": ("def bad(): os.abort()", "SIGABRT"),
     "rubbish": ("def bad(): return b'Hello, world\\n'", "not JSON"),
-    "no UTF-8": ("def bad(): return b'\\xff\\n'", "UTF-8"),
+    "not UTF-8": ("def bad(): return b'\\xff\\n'", "UTF-8"),
     "half a line": (
         "def bad():\n    sys.stdout.write('{\"messages\"'); sys.stdout.flush(); os._exit(0)",
         "in the middle of a line, with exit code 0",
@@ -61,7 +61,7 @@ BROKEN = {
 }
 
 
-COSTLY = ("is killed", "no UTF-8", "half a line", "output without end", "an error")
+COSTLY = ("is killed", "not UTF-8", "half a line", "output without end", "an error")
 """Of each kind one other is quick, and test_process.py has them all."""
 
 

@@ -92,7 +92,7 @@ from automcm.core import station as station_
 def receive(self, message, now):
     if isinstance(message, bytes):
         message = self._decode(message)
-    i = message if isinstance(message, station_.Cam) else self._heard(message)
+    i = message if isinstance(message, station_.Cam) else self._received(message)
     return [self._step(i, now), *self.advance(now)]
 station_.Station.receive = receive
 """,

@@ -134,7 +134,7 @@ def test_a_picture_of_two_runs_is_refused(tmp_path: Path) -> None:
 
 def test_itf_of_a_folder_is_refused_in_words(tmp_path: Path) -> None:
     answer = automcm("trace", "itf", tmp_path)
-    assert answer.exit_code == 3 and "is a directory, neither a log" in answer.output
+    assert answer.exit_code == 3 and "is a directory; expected a log" in answer.output
 
 
 def test_export_names_what_it_cannot_read(tmp_path: Path) -> None:

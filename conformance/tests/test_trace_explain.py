@@ -45,7 +45,7 @@ def test_a_divergence_is_exit_1_and_leaves_its_prefix(wrong: Path, tmp_path: Pat
 def test_a_prefix_that_cannot_be_written_is_told(wrong: Path, tmp_path: Path) -> None:
     (tmp_path / "out").write_text("no folder")
     answer = automcm("trace", "explain", wrong, "--out", tmp_path / "out")
-    assert answer.exit_code == 1 and "is not written" in answer.output
+    assert answer.exit_code == 1 and "could not be written" in answer.output
 
 
 def test_a_log_may_come_from_standard_input(wrong: Path, tmp_path: Path) -> None:

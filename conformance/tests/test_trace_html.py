@@ -95,7 +95,7 @@ def test_runs_that_cannot_be_compared_are_refused(tmp_path: Path) -> None:
     run = automcm(*found, "--compare", four, "--stations", "2002=3003")
     assert run.exit_code == 0, run.output
     run = automcm(*found, "--stations", "2002=3003")
-    assert run.exit_code == 2 and "only with --compare" in run.stderr
+    assert run.exit_code == 2 and "is only allowed with --compare" in run.stderr
 
 
 # -- what is read once, and what messages call it
@@ -222,4 +222,4 @@ def test_a_part_that_cannot_be_is_a_usage_error(tmp_path: Path) -> None:
     ) and "no readable event from line 9999 on" in err
     itf = TRACES / "counterexamples" / "ack_from_anybody.itf.json"
     code, _, err = html_of(itf, "--from-line", 2, "--out", tmp_path / "page.html")
-    assert code == 3 and "a counterexample has no lines" in err
+    assert code == 3 and "a counterexample has none" in err

@@ -285,7 +285,7 @@ def test_the_text(logs: Path, tmp_path: Path) -> None:
     args = ["trace", "replay", str(logs / "2002.ndjson"), "--out", str(tmp_path)]
     done = automcm(*args, "--", *REFERENCE)
     assert done.exit_code == 0 and "FOLLOWS the specification" in done.stdout
-    assert "as in the log" in done.stdout and "2002-replayed.ndjson" in done.stdout
+    assert "equal to the log" in done.stdout and "2002-replayed.ndjson" in done.stdout
     done = automcm(*args, "--", *station(MUTANTS["marks nothing"][2]))
     assert done.exit_code == 1 and "DIVERGES: send CAM: marks" in done.stdout
     assert "by an" not in done.stdout and "last input" in done.stdout

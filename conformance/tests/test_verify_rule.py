@@ -49,7 +49,7 @@ def built_once(built: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 )
 def test_it_goes_with_no_models_and_the_quick_profile(arguments: list[str]) -> None:
     answer = automcm("verify", *arguments)
-    assert answer.exit_code == 2 and "--rule needs --no-models" in answer.output
+    assert answer.exit_code == 2 and "--rule requires --no-models" in answer.output
 
 
 def test_an_unknown_rule_is_2_and_the_known_ones_are_named() -> None:

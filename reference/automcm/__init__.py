@@ -1,5 +1,5 @@
-"""The reference implementation of a station, and what drives it.
+"""The reference implementation of a station, with links, scenarios and a bridge.
 
-For engineers who read how a station is written, or run one.
-The station itself is ``core``; it does no input or output. See docs/reference.md.
+For engineers who want to run a station, or to read how one is written.
+``core`` is the station itself; it does no input or output. See docs/reference.md.
 """

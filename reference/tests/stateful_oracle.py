@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 from automcm.adapters.spec_mapping import abstract, abstract_input, answer, is_copy
-from automcm.core.outcome import Expiry, Heard, Restart, Row
+from automcm.core.outcome import Expiry, Received, Restart, Row
 from automcm.core.phases import WAYS
 from automcm.core.rules import RULES
 from automcm.core.state import State, Timer
@@ -175,7 +175,7 @@ class Lockstep:
         if effects.input is None:
             _no_message(before, effects)
             return
-        given = effects.input.message if isinstance(effects.input, Heard) else None
+        given = effects.input.message if isinstance(effects.input, Received) else None
         i = abstract_input(before, effects.input)
         outcome = self._specified.step(self._me, self._state, i)
         messages, told, arm, stop = answer(before, given, effects)
@@ -235,7 +235,7 @@ class Lockstep:
         if not isinstance(i, Restart) and min(self._deadlines.values(), default=now) < now:
             raise broken("oracle timers", f"{now} ms: overdue in {self._deadlines}")
         verify = any(told.name == "verify" for told in effects.indications)
-        heard = [i.message] if isinstance(i, Heard) and verify else []
+        heard = [i.message] if isinstance(i, Received) and verify else []
         for m in (*heard, *effects.messages):
             if isinstance(m, Prescription):
                 self._lease_ms = m.lease_ms

@@ -8,7 +8,7 @@ from typing import Any
 
 from stateful_oracle import IDS, Coverage, Setup, broken
 
-from automcm.core.outcome import Expiry, Heard, Restart
+from automcm.core.outcome import Expiry, Received, Restart
 from automcm.core.rules import kind
 from automcm.core.state import State, Timer, key
 from automcm.core.station import Effects, Station
@@ -83,7 +83,7 @@ class Properties:
                     kept or ended,
                     lambda: f"commitment of {s} ended by {effect.rule}, {_kind_of(effect)}",
                 )
-        if isinstance(i, Heard):
+        if isinstance(i, Received):
             if i.message.type == "Ack" and after is not before:
                 gone = [m for m in before.outbox if m not in after.outbox]
                 for m in gone:
@@ -224,7 +224,7 @@ def _ends_commitment(x: State, i: Any) -> bool:
             return True
         case Expiry(timer):
             return timer.name in ("cam", "lease")
-        case Heard(Fin() | Cancel() as m):
+        case Received(Fin() | Cancel() as m):
             return x.session is not None and (m.src, m.session) == (x.session[0], x.session)
     return False
 

@@ -9,7 +9,7 @@ from typing import Any
 from stateful_oracle import ALL, Coverage, Lockstep, Setup
 from stateful_properties import Properties
 
-from automcm.core.outcome import Expiry, Heard, Restart, Row
+from automcm.core.outcome import Expiry, Received, Restart, Row
 from automcm.core.phases import WAYS
 from automcm.core.rules import RULES
 from automcm.core.state import State
@@ -231,7 +231,7 @@ class World(Properties):
         )
         if excuse and before.role == "receiver" and before.session is not None:
             self.excused.add((before.session, s))
-        if isinstance(i, Heard) and i.message.seq and i.message.dst == s:
+        if isinstance(i, Received) and i.message.seq and i.message.dst == s:
             m = i.message
             self.received[s, m.src, m.type, m.session, m.seq] = encode(m)
         if state.bound and state.session != before.session:

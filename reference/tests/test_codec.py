@@ -135,9 +135,9 @@ def packed(**fields: Any) -> bytes:
 def test_uper_has_one_encoding_of_a_message() -> None:
     data = UPER.encode(fin())
     assert packed() == data
-    refused(UPER, data + b"\0", "one encoding")
-    refused(UPER, data[:-1] + bytes([data[-1] | 1]), "one encoding")
-    refused(UPER, packed(seq=("n16", 7)), "one encoding")
+    refused(UPER, data + b"\0", "canonical encoding")
+    refused(UPER, data[:-1] + bytes([data[-1] | 1]), "canonical encoding")
+    refused(UPER, packed(seq=("n16", 7)), "canonical encoding")
     assert UPER.decode(packed(seq=("n16", 700))) == fin(seq=700)
 
 
@@ -150,12 +150,12 @@ def test_end_5_details_in_uper_are_compact_json() -> None:
     for other, problem in [
         (b'{"a":2}', ""),
         (b'{"a" 1}', "Advertisement.details: Invalid JSON"),
-        (b'{"\xff":1}', "no UTF-8"),
+        (b'{"\xff":1}', "not UTF-8"),
         (b"[[[1]]]", "details: must be an object"),
-        (b'{ "":1}', "one encoding"),
+        (b'{ "":1}', "canonical encoding"),
         (b'{"a":-}', "details"),
         (b'{"":.5}', "details"),
-        (b'{"":-0}', "one encoding"),
+        (b'{"":-0}', "canonical encoding"),
     ]:
         swapped = bits.replace(text, f"{int.from_bytes(other, 'big'):0{len(text)}b}")
         changed_packet = int(swapped, 2).to_bytes(len(packet), "big")
@@ -197,7 +197,7 @@ def test_act_5_a_cam_has_room_for_so_many_marks(used: Codec) -> None:
 
 def test_a_codec_has_a_name() -> None:
     assert [codec(used.name) for used in BOTH] == BOTH
-    with pytest.raises(CodecError, match="there is no codec 'xml'; there are: json, uper"):
+    with pytest.raises(CodecError, match="there is no codec 'xml'; the codecs are json, uper"):
         codec("xml")
 
 

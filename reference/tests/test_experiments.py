@@ -147,12 +147,12 @@ def test_a_damaged_line_is_named(dice: Thrown, tmp_path: Path) -> None:
     run(dice, tmp_path)
     kept = tmp_path / "cells.ndjson"
     kept.write_bytes(kept.read_bytes().replace(b'"result"', b'"resolt"', 1))
-    with pytest.raises(ExperimentError, match=r"cells\.ndjson:2: is no finished cell"):
+    with pytest.raises(ExperimentError, match=r"cells\.ndjson:2: not a finished cell"):
         run(dice, tmp_path)
 
 
 def test_a_cell_twice_is_refused(dice: Thrown, tmp_path: Path) -> None:
-    with pytest.raises(ExperimentError, match="a cell stands twice"):
+    with pytest.raises(ExperimentError, match="contains a cell twice"):
         run(dice, tmp_path, sides=[6, 6])
 
 
@@ -207,7 +207,7 @@ def test_a_changed_setting_stands_in_the_command(dice: Thrown, tmp_path: Path) -
 @pytest.mark.parametrize("text", ["", "{}", '{"experiment": "dice", "cells": [1]}'])
 def test_what_is_no_report_is_named(dice: Thrown, tmp_path: Path, text: str) -> None:
     (tmp_path / "results.json").write_text(text)
-    with pytest.raises(ExperimentError, match=r"results\.json: is no report"):
+    with pytest.raises(ExperimentError, match=r"results\.json: not a report"):
         report.load(tmp_path / "results.json")
 
 
@@ -236,7 +236,7 @@ def test_mean_and_quantile() -> None:
     assert quantile([0.0, 1.0], 0.25) == 0.25
     assert quantile([5.0], 0.9) == 5
     for of_none in (mean, lambda v: quantile(v, 0.5)):
-        with pytest.raises(ValueError, match="no values"):
+        with pytest.raises(ValueError, match="at least one value"):
             of_none([])
 
 

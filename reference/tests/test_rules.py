@@ -26,7 +26,7 @@ from automcm_stage import (
     yes,
 )
 
-from automcm.core.outcome import Heard
+from automcm.core.outcome import Received
 from automcm.core.rules import decide
 from automcm_spec.vocabulary.messages import MessageId, Session
 
@@ -157,7 +157,7 @@ def test_end_3_a_second_cancel_while_advertising_is_only_acked() -> None:
 def test_adv_5_after_the_window_an_intention_is_closed_although_there_is_no_room() -> None:
     s = at("prescriber", "CHOOSING")
     me = s.station.me._replace(max_participants=len(s.state.recorded))
-    rule, outcome = decide(me, s.state, Heard(intention(7, OWN)))
+    rule, outcome = decide(me, s.state, Received(intention(7, OWN)))
     assert (rule, [m.type for m in outcome.messages]) == ("ADV-5", ["Cancel"])
 
 

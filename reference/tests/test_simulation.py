@@ -179,5 +179,5 @@ def test_l_3_a_radio_that_falls_silent_leads_both_to_fallback(seed: int) -> None
 def test_a_station_id_is_added_once() -> None:
     simulation = Simulation()
     simulation.add(1, Straight())
-    with pytest.raises(ValueError, match="station_id: 1"):
+    with pytest.raises(ValueError, match="station_id 1 has a link"):
         simulation.add(1, Straight())

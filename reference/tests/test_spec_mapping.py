@@ -7,7 +7,7 @@ from typing import Any
 from automcm_stage import ME, cancel
 
 from automcm.adapters.spec_mapping import without
-from automcm.core.outcome import Heard, Me
+from automcm.core.outcome import Me, Received
 from automcm.core.rules import RULES, decide
 from automcm.core.state import State
 
@@ -16,7 +16,7 @@ LIMITS = Me(ME, 2, 2, 9, 2)
 
 
 def decided(message: Any, rule: str = "END-4") -> str:
-    return decide(LIMITS, IN_SESSION_1, Heard(message), without(rule))[0]
+    return decide(LIMITS, IN_SESSION_1, Received(message), without(rule))[0]
 
 
 def test_without_end_4_any_session_of_the_same_prescriber_is_the_own_one() -> None:

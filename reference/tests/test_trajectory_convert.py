@@ -160,14 +160,14 @@ def test_refused() -> None:
     raises("v_eps", lambda: c(LINE, (1, 1, 1), (0, 0), 0, v_eps=-1))
     raises("speed[2]: -1", lambda: c(LINE, (1, 1, -1), (0, 0), 0))
     raises("speed: shape (2,)", lambda: c(LINE, (1, 1), (0, 0), 0))
-    raises("speed: 0 dim", lambda: c(LINE, 1, (0, 0), 0))
+    raises("speed: must be 1-dim", lambda: c(LINE, 1, (0, 0), 0))
     raises("xy: shape (1, 3)", lambda: c([(1, 2, 3)], (1,), (0, 0), 0))
-    raises("xy: 1 dim", lambda: c([1, 2], (1,), (0, 0), 0))
+    raises("xy: must be 2-dim", lambda: c([1, 2], (1,), (0, 0), 0))
     raises("xy: shape (0, 2)", lambda: c(np.empty((0, 2)), (), (0, 0), 0))
-    raises("xy: no array", lambda: c([(1, 2), (3,)], (1, 1), (0, 0), 0))
+    raises("xy: must be an array", lambda: c([(1, 2), (3,)], (1, 1), (0, 0), 0))
     raises("xy[0, 1]: beyond", lambda: c([(0, 1e200)], (1,), (0, 0), 0))
     raises("position: shape", lambda: c(LINE, (1, 1, 1), (0, 0, 0), 0))
-    raises("t0: 1 dim", lambda: c(LINE, (1, 1, 1), (0, 0), [0]))
+    raises("t0: must be 0-dim", lambda: c(LINE, (1, 1, 1), (0, 0), [0]))
     raises("t[1]", lambda: c(LINE, (1e-300, 1, 1), (0, 0), 0, v_eps=1e-308))
 
 
@@ -200,7 +200,7 @@ def test_type_refuses() -> None:
     two = np.zeros((2, 2))
     raises("t[1]: 0.0 s is not after", lambda: Trajectory(np.zeros(2), two))
     raises("t[2]", lambda: Trajectory(np.array([0, 2.0, 1]), np.zeros((3, 2))))
-    raises("t: at least", lambda: Trajectory(np.zeros(0), np.zeros((0, 2))))
+    raises("t: must have at least", lambda: Trajectory(np.zeros(0), np.zeros((0, 2))))
     raises("xy: shape (2, 2), not (3, 2)", lambda: Trajectory(np.arange(3.0), two))
     for bad in BAD:
         raises("t[0]: not a finite", lambda bad=bad: Trajectory(np.array([bad, 1]), two))

@@ -387,6 +387,6 @@ def test_limits_refused() -> None:
         for name in ("v_max", "v_min", "reaction", "path", "age", "leader_gap", "deceleration"):
             raises(name, lambda bad=bad, name=name: make(**{name: bad}))
     raises("path", lambda: make(path=0))
-    raises("v_max: 1", lambda: make(v_max=1, v_min=2))
+    raises("v_max: must be at least v_min (2), not 1", lambda: make(v_max=1, v_min=2))
     plan = straight(10.0)
     raises("now", lambda: verify.verify(plan, plan, float("nan"), verify.Limits()))

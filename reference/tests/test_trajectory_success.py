@@ -101,4 +101,4 @@ def test_refused() -> None:
     raises("t_resend", lambda: success.sendings(1e12, 1e-300))
     for n in (0, -1, 1.5, True, None):
         raises("n: ", lambda n=n: success.message(0.5, n))
-    raises("loss: no array", lambda: success.message("x", 1))
+    raises("loss: must be an array", lambda: success.message("x", 1))

@@ -170,10 +170,15 @@ def test_one_point_and_standing() -> None:
 
 def test_refused() -> None:
     full = straight(20)
-    raises("budget: -1", lambda: thin.thin(full, -1))
-    raises("budget: nan", lambda: thin.thin(full, float("nan")))  # type: ignore[arg-type]
-    raises("every: 0", lambda: thin.thin(full, every=0))
-    raises("every: 2.5", lambda: thin.thin(full, every=2.5))  # type: ignore[arg-type]
+    raises("budget: must be a whole number of at least 0, not -1", lambda: thin.thin(full, -1))
+    raises(
+        "budget: must be a whole number of at least 0, not nan",
+        lambda: thin.thin(full, float("nan")),
+    )  # type: ignore[arg-type]
+    raises("every: must be a whole number of at least 1, not 0", lambda: thin.thin(full, every=0))
+    raises(
+        "every: must be a whole number of at least 1, not 2.5", lambda: thin.thin(full, every=2.5)
+    )  # type: ignore[arg-type]
     raises("budget: even 2 points are too much: ", lambda: thin.thin(full, 30))
     raises("budget: even 1 points", lambda: thin.thin(full.since(full.t[-1]), 0, points))
     with pytest.raises(TrajectoryError, match="less than 1 ms"):

@@ -123,8 +123,8 @@ def test_survivors_must_be_those_listed(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('[[survivor]]\nid = "a"\nsource = "b"\n', "needs id, source and reason"),
-        ('[[survivor]]\nid = "a"\nsource = "b"\nreason = " "\n', "needs id, source and reason"),
+        ('[[survivor]]\nid = "a"\nsource = "b"\n', "must have id, source and reason"),
+        ('[[survivor]]\nid = "a"\nsource = "b"\nreason = " "\n', "must have id, source and reason"),
         ('[[survivor]]\nid = "a"\nsource = "b"\nreason = "c"\n' * 2, "lists a twice"),
         ("version = 1\n", "unknown key version"),
         ("[[survivor\n", "line 1"),

@@ -1,5 +1,5 @@
-"""``automcm conform``: a station in any language against the specification.
+"""``automcm conform``: tests of a station in any language against the specification.
 
 For vendors.
-Loaded by ``groups`` when one of its commands is wanted.
+Loaded by ``groups`` when one of its commands is used.
 """

@@ -1,4 +1,4 @@
-"""``automcm conform``: anybody's station against the specification."""
+"""``automcm conform``: tests of any station against the specification."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 Selectors = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[SELECTOR]...", help="An id or its beginning, a rule, a level."),
+    typer.Argument(metavar="[SELECTOR]...", help="A case id or its prefix, a rule id, or a level."),
 ]
 
 
@@ -43,16 +43,16 @@ def run(
     ctx: typer.Context,
     selectors: Selectors = None,
     expect: Annotated[
-        Path | None, typer.Option(help="File of known deviations (docs/conformance.md).")
+        Path | None, typer.Option(help="File that lists known deviations (docs/conformance.md).")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
+        Path | None, typer.Option(help="Folder for the report.  Default: runs/<time>.")
     ] = None,
     limit: Limit = LIMIT_S,
-    seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the station's random numbers.", min=0)] = 1,
     json_: Json = None,
 ) -> None:
-    """Run the suite, or a part of it, against a station."""
+    """Run the test suite, or a part of it, against a station."""
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
     from automcm_conformance.report import report as report_
@@ -95,10 +95,10 @@ def run(
 @app.command("list", epilog=example("conform list NEG-4 --json -"))
 def list_(
     selectors: Selectors = None,
-    explain: Annotated[str | None, typer.Option(help="All about the case of this id.")] = None,
+    explain: Annotated[str | None, typer.Option(help="Describe the case with this id.")] = None,
     json_: Json = None,
 ) -> None:
-    """The cases there are."""
+    """List the test cases."""
     from rich.table import Table
 
     chosen = purposes_of([explain] if explain else selectors or [])
@@ -130,11 +130,13 @@ def _described(purpose: Purpose) -> dict[str, Any]:
 )
 def replay(
     ctx: typer.Context,
-    file: Annotated[Path, typer.Argument(help="A replay that a run has written.")],
+    file: Annotated[
+        Path, typer.Argument(help="Replay file written by conform run or conform explore.")
+    ],
     limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
-    """Send exactly the lines of a failure again."""
+    """Send the lines of a recorded failure to a station again."""
     from automcm_conformance.adapter.adapter import Adapter, LineByLine
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
@@ -154,7 +156,7 @@ def replay(
         except Mismatch as error:
             verdict, what = "FAIL", str(error)
             if about["what"].endswith(f": {what}"):
-                what = about["what"]  # it begins with what is odd about the message
+                what = about["what"]  # it begins with the defect of the message
         except ProtocolError as error:
             verdict, what = "ERROR", str(error)
         except AdapterError as error:
@@ -169,8 +171,8 @@ def replay(
             console.print(
                 f"{line.now:>8}  {line.who:<8} {line.text}", markup=False, highlight=False
             )
-        told = f"{about['rule']}: {what}" if what else "every answer is as expected"
-        console.print(f"{verdict} {about['case']}  {told}", markup=False)
+        reason = f"{about['rule']}: {what}" if what else "every answer is as expected"
+        console.print(f"{verdict} {about['case']}  {reason}", markup=False)
         for text in stderr:
             console.print(f"  stderr  {visible(text)}", markup=False, highlight=False)
     raise typer.Exit({"PASS": 0, "FAIL": 1, "ERROR": 3}[verdict])
@@ -180,7 +182,10 @@ def replay(
     "check-adapter", cls=WithCommand, epilog=example("conform check-adapter -- ./my_adapter")
 )
 def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None) -> None:
-    """Holds an adapter against its protocol.  Each line by the schema, and the usual mistakes."""
+    """Check an adapter against the adapter protocol.
+
+    Each line is checked against the schema, and common mistakes are looked for.
+    """
     from automcm_conformance.adapter.check_adapter import check
     from automcm_conformance.report.report import visible
 
@@ -200,12 +205,14 @@ def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None
 
 @app.command(epilog=example("conform new --language cpp my_adapter"))
 def new(
-    folder: Annotated[Path, typer.Argument(help="Where to write it; must be new or empty.")],
+    folder: Annotated[
+        Path, typer.Argument(help="Folder for the adapter; it must be new or empty.")
+    ],
     language: Annotated[
-        str, typer.Option(help="cpp, go, java, javascript, python or rust.")
+        str, typer.Option(help="Language: cpp, go, java, javascript, python or rust.")
     ] = "python",
 ) -> None:
-    """Write an adapter that runs, and holds no station yet."""
+    """Write the skeleton of an adapter, ready to run."""
     from automcm_conformance.adapter.new_adapter import create, next_commands
 
     with code_3("new", OSError), usage(ValueError, FileExistsError):
@@ -219,10 +226,10 @@ def new(
 
 @app.command("report", epilog=example("conform report a.json b.json --html both.html"))
 def report_side_by_side(
-    reports: Annotated[list[Path], typer.Argument(help="report.json of each run.")],
-    html: Annotated[Path, typer.Option(help="The page to write.")] = Path("report.html"),
+    reports: Annotated[list[Path], typer.Argument(help="The report.json file of each run.")],
+    html: Annotated[Path, typer.Option(help="File for the HTML page.")] = Path("report.html"),
 ) -> None:
-    """One page of several runs, side by side."""
+    """Write one HTML page that compares several runs."""
     from automcm_conformance.report import report as report_
 
     with code_3("report", ValueError, OSError):

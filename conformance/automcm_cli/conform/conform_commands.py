@@ -1,4 +1,4 @@
-"""``automcm conform``: all its commands."""
+"""All commands of ``automcm conform``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ app.command(
     cls=WithCommand,
     epilog=example(
         "conform live 7 -- automcm adapter",
-        "The station is automcm station --id 7 --first in another terminal.  ",
+        "Start the station first, in another terminal: automcm station --id 7 --first.  ",
     ),
 )(conform_live.live)

@@ -1,4 +1,4 @@
-"""``automcm conform explore``: walks where the suite does not go."""
+"""``automcm conform explore``: random walks outside the paths of the suite."""
 
 from __future__ import annotations
 
@@ -21,22 +21,25 @@ if TYPE_CHECKING:
 
 def explore(
     ctx: typer.Context,
-    seconds: Annotated[float, typer.Argument(help="Real seconds to walk.", min=0.0)],
-    seed: Annotated[int, typer.Option(help="Of the walks, and of the station.", min=0)] = 1,
+    seconds: Annotated[float, typer.Argument(help="Duration in seconds of real time.", min=0.0)],
+    seed: Annotated[int, typer.Option(help="Seed of the walks and of the station.", min=0)] = 1,
     walks: Annotated[
-        int | None, typer.Option(help="End after so many walks, whatever the time.", min=1)
+        int | None, typer.Option(help="Stop after this many walks instead of after SECONDS.", min=1)
     ] = None,
-    enough: Annotated[int, typer.Option(help="End after so many different failures.", min=1)] = 3,
+    enough: Annotated[
+        int, typer.Option(help="Stop after this many different failures.", min=1)
+    ] = 3,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the report; by default runs/<time>.")
+        Path | None, typer.Option(help="Folder for the report.  Default: runs/<time>.")
     ] = None,
     limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
-    """Walk through the graphs against a station until time is up.
+    """Test a station by random walks through the graphs.
 
-    The walks go where none has been, with peers that answer and a radio that repeats, delays and
-    loses.  What goes wrong is shortened on the station itself, and can be replayed.
+    The walks prefer transitions that no walk has taken.  The peers answer, and the radio repeats,
+    delays and loses messages.  Each failure is shortened on the station itself and is written to a
+    file for conform replay.
     """
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
@@ -79,7 +82,7 @@ def _show(found: Exploration, folder: Path, console: Console) -> None:
         console.print()
         terminal_report.failure(case, case.failures[0], console)
     if not found.cases and found.walks:
-        console.print("Every answer is as the specification says.")
+        console.print("Every answer conforms to the specification.")
     elif found.again:
-        console.print(f"{found.again:,} more walks went wrong as one of these did.")
+        console.print(f"{found.again:,} more walks failed in one of these ways.")
     console.print(f"Report: {folder / 'exploration.json'}", markup=False, soft_wrap=True)

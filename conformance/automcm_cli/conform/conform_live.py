@@ -1,4 +1,4 @@
-"""``automcm conform live``: a station that runs by its own clock, over UDP."""
+"""``automcm conform live``: tests of a station that runs by its own clock, over UDP."""
 
 from __future__ import annotations
 
@@ -25,36 +25,44 @@ if TYPE_CHECKING:
 
 LARGEST = 65_535
 START_MS = 1_000
-"""Where the clock begins, so that something may have been before."""
-HEARD_MS = 5_000
-"""How long to listen for the station; a CAM comes at least every second."""
+"""Initial time of the clock, in ms, so that earlier times exist."""
+FIRST_CAM_MS = 5_000
+"""How long to listen for the station, in ms; a CAM comes at least every second."""
 
 
 def live(
     ctx: typer.Context,
-    station: Annotated[int, typer.Argument(min=1, max=2**32 - 1, help="Its station_id.")],
+    station: Annotated[
+        int, typer.Argument(min=1, max=2**32 - 1, help="The station_id of the live station.")
+    ],
     selectors: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[CASE]...", help="The name of a case, or a rule."),
+        typer.Argument(metavar="[CASE]...", help="The name of a case, or a rule id."),
     ] = None,
     broadcast: Broadcast = EVERYONE,
     host: Host = "127.0.0.1",
     allow_remote: Remote = False,
     jitter: Annotated[
-        int, typer.Option(help="How far from its time a message may come, ms.", min=1)
+        int, typer.Option(help="Tolerated deviation of a message from its time, in ms.", min=1)
     ] = 50,
     set_: Annotated[
-        list[str] | None, typer.Option("--set", help="A parameter that the station runs with.")
+        list[str] | None,
+        typer.Option(
+            "--set", help="A parameter of the station, such as t_timeout=1000.  Repeatable."
+        ),
     ] = None,
-    scenario: Annotated[str, typer.Option(help="One that its application joins.")] = "lane_change",
+    scenario: Annotated[
+        str, typer.Option(help="A scenario that the station's application joins.")
+    ] = "lane_change",
     limit: Limit = LIMIT_S,
     json_: Json = None,
 ) -> None:
-    """Play the other stations against a live receiver, over UDP.  In real time.
+    """Test a live receiver in real time over UDP.
 
-    It must be alone with the kit there, join what it is asked, and accept.  After -- may stand the
-    adapter of the same implementation, its twin in virtual time: without a twin that fails as
-    well, a message at the wrong time is INCONC.
+    The kit plays the other stations.  No other station may be present, and the tested station must
+    join each session and accept each proposal.  The adapter of the same implementation can be given
+    after --; the kit then repeats each case with this twin in virtual time.  A message at the wrong
+    time is INCONC unless the twin fails as well.
     """
     from automcm_conformance.adapter.adapter import Adapter
     from automcm_conformance.adapter.process import AdapterError
@@ -67,7 +75,10 @@ def live(
     known = chosen(set_ or []).known
     parameters = {name: known[name] for name in DEFAULTS}
     if jitter > longest_delay(known):
-        raise typer.BadParameter("--jitter: at most half of t_resend, or copies are not told apart")
+        raise typer.BadParameter(
+            f"--jitter must be at most {longest_delay(known)} ms (half of t_resend), not {jitter}: "
+            "the copies of a message could not be distinguished"
+        )
     command: list[str] = ctx.meta.get(COMMAND, [])
     with (
         code_3("live", AdapterError, ProtocolError, OracleError, OSError),
@@ -82,8 +93,11 @@ def live(
             stack.callback(adapter.stop)
             session.twin = twin(oracle, adapter, parameters)
         say(f"listening for station {station}")
-        if not session.heard(HEARD_MS):
-            typer.echo(f"live: no CAM of station {station} on {broadcast}", err=True)
+        if not session.heard(FIRST_CAM_MS):
+            typer.echo(
+                f"live: no CAM of station {station} on {broadcast} within {FIRST_CAM_MS} ms",
+                err=True,
+            )
             raise typer.Exit(3)
         for case in cases:
             say(case.name)
@@ -97,8 +111,8 @@ def live(
 class UdpAir:
     """UDP as a live station's radio: each message is a datagram of JSON (docs/messages.md).
 
-    ``own`` is the socket to send from, where stations answer; ``shared`` is where all listen, and
-    ``everyone`` its address.  Both are bound, and closed by whoever made them.
+    ``own`` is the socket that sends and receives the stations' answers.  ``shared`` is the socket
+    on the broadcast address ``everyone``.  The caller binds and closes both.
     """
 
     def __init__(self, own: socket, shared: socket, everyone: tuple[str, int]) -> None:
@@ -111,11 +125,11 @@ class UdpAir:
         return int((time.monotonic() - self._zero) * 1000) + START_MS
 
     def send(self, data: bytes) -> None:
-        """Send to all.  Raises OSError if there is no way there."""
+        """Send to all stations.  Raises OSError if the network is unreachable."""
         self._own.sendto(data, self._everyone)
 
     def receive(self, until: int) -> tuple[int, bytes] | None:
-        """What somebody else sends, and when it came; None if nothing comes by then."""
+        """The next datagram of another sender and its time in ms; None after ``until``."""
         while True:
             left = max(0, until - self.now()) / 1000
             ready, _, _ = select.select(self._sockets, (), (), left)
@@ -129,7 +143,7 @@ class UdpAir:
 
 @contextmanager
 def _air(host: str, broadcast: str, allow_remote: bool) -> Iterator[UdpAir]:
-    """The same sockets as those of the reference's stations.  A usage error says what is wrong."""
+    """The same sockets as those of the reference's stations.  A bad address is a usage error."""
     from automcm.links.link import LinkError
     from automcm.links.udp_link import address, bind, local_only
 
@@ -149,7 +163,7 @@ def _cases(selectors: list[str]) -> list[Case]:
     for selector in selectors:
         if all(selector != case.name and selector not in case.rules for case in CASES):
             names = ", ".join(case.name for case in CASES)
-            raise typer.BadParameter(f"{selector}: no such case; there are {names}")
+            raise typer.BadParameter(f"there is no case {selector!r}; the cases are {names}")
     wanted = set(selectors)
     return [c for c in CASES if not wanted or c.name in wanted or wanted & {*c.rules}]
 

@@ -1,4 +1,4 @@
-"""The command ``automcm demo``, and what it shows."""
+"""The command ``automcm demo`` and its output."""
 
 from __future__ import annotations
 
@@ -19,25 +19,27 @@ if TYPE_CHECKING:
 
 def demo(
     loss: Annotated[
-        float, typer.Option(min=0, max=0.9, help="Share of the datagrams that is lost.")
+        float, typer.Option(min=0, max=0.9, help="Share of the datagrams to lose.")
     ] = 0.0,
     kill: Annotated[
-        str | None, typer.Option(help="Kill the process of B while both act.", metavar="B")
+        str | None, typer.Option(help="Kill the process of B during the maneuver.", metavar="B")
     ] = None,
     second_prescriber: Annotated[
-        bool, typer.Option("--second-prescriber", help="A fifth station prescribes B as well.")
+        bool,
+        typer.Option("--second-prescriber", help="Add a fifth station that also prescribes B."),
     ] = False,
-    logs: Annotated[Path, typer.Option(help="Where the logs go.")] = Path("runs/demo"),
-    seed: Annotated[int, typer.Option(help="Seed of what is lost.")] = 0,
+    logs: Annotated[Path, typer.Option(help="Folder for the logs.")] = Path("runs/demo"),
+    seed: Annotated[int, typer.Option(help="Seed of the losses and delays.")] = 0,
     listen: Annotated[int, typer.Option(help="See automcm station --help.", hidden=True)] = 1100,
     json_: Json = None,
 ) -> None:
-    """Four stations as four processes: a prescriber and receivers.
+    """Run a prescriber and three receivers as processes.
 
-    B is prescribed to slow down and accepts, A and C are let go, and it ends with a Fin.  With
-    --kill B the prescriber falls back by CAM loss.  With --second-prescriber, B refuses the
-    instruction of another station because it is busy.  Every station's log is held against the
-    oracle.  Exit code 1 if it did not end as described.
+    The prescriber instructs B to slow down, B accepts, A and C are not selected, and the session
+    ends with a Fin.  With --kill B, the prescriber falls back because of CAM loss.  With
+    --second-prescriber, B refuses the instruction of another station because it is busy.  Every
+    station's log is checked against the oracle.  The exit code is 1 if the outcome differs from
+    this description.
     """
     import asyncio
 
@@ -45,9 +47,9 @@ def demo(
     from automcm_cli.reference.demo_processes import Demo
 
     if kill not in (None, "B"):
-        raise typer.BadParameter(f"{kill}: only B, the target, can be killed")
+        raise typer.BadParameter(f"--kill accepts only B, the target, not {kill!r}")
     if kill and second_prescriber:
-        raise typer.BadParameter("--kill and --second-prescriber are two demonstrations")
+        raise typer.BadParameter("--kill and --second-prescriber cannot be combined")
     shown = Demo(
         logs,
         loss=loss,
@@ -65,7 +67,7 @@ def demo(
 
 @contextmanager
 def _live(shown: Demo) -> Iterator[None]:
-    """A table that follows the events, on a terminal; nothing in a pipe."""
+    """A table that shows the events as they occur, on a terminal; no output to a pipe."""
     from rich.console import Console
     from rich.live import Live
 
@@ -79,17 +81,17 @@ def _live(shown: Demo) -> Iterator[None]:
 
 
 def table(shown: Demo) -> Table:
-    """Who is in which phase, and what it has sent and heard (CAMs apart)."""
+    """Each vehicle's phase, its sent and received messages without CAMs, its last indication."""
     from rich.table import Table
 
-    made = Table("vehicle", "station", "role", "phase", "session", "sent", "received", "told")
+    made = Table("vehicle", "station", "role", "phase", "session", "sent", "received", "indication")
     for v in shown.vehicles:
         phase = "killed" if v.killed else v.phase
         session = "/".join(map(str, v.session)) if v.session else ""
-        told = v.told[-1] if v.told else ""
+        last = v.indications[-1] if v.indications else ""
         sent = " ".join(f"{name} {n}" for name, n in v.sent.items())
-        heard = str(sum(v.received.values()))
-        made.add_row(v.name, str(v.station_id), v.role, phase, session, sent, heard, told)
+        received = str(sum(v.received.values()))
+        made.add_row(v.name, str(v.station_id), v.role, phase, session, sent, received, last)
     return made
 
 
@@ -97,7 +99,7 @@ def _summary(shown: Demo) -> None:
     for v in shown.vehicles:
         way = " > ".join(step.replace(" ", " (") + ")" for step in v.way)
         typer.echo(f"{v.name} (station {v.station_id}): {way}{' > killed' if v.killed else ''}")
-        typer.echo(f"  told: {', '.join(v.told) or 'nothing'}")
+        typer.echo(f"  indications: {', '.join(v.indications) or 'none'}")
         sent = ", ".join(f"{n} {name}" for name, n in sorted(v.sent.items()))
         typer.echo(f"  sent: {sent or 'nothing'}, and CAMs")
     for verdict in shown.verdicts:

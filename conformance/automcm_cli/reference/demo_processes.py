@@ -1,8 +1,8 @@
 """``automcm demo``: the four vehicles of the paper's Fig. 6 as four processes over UDP.
 
-A relay between them loses and delays.  The demonstration ends when nobody is in a session any
-more and nobody has anything left to send; then it is held against what should have happened,
-and every station's log against the oracle.
+A relay between them loses and delays datagrams.  The demonstration ends when no station is in a
+session and none has a message left to send.  Its outcome is then compared with the expected one,
+and every station's log is checked against the oracle.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from automcm_traces.explain.explain import Verdict, explain_files
 LIMIT_S = 50
 ENDING_S = 5
 LATE_MS = 500
-"""How late a timer of a process on a busy machine may be in its log."""
+"""Tolerated delay of a timer in the log of a process on a busy machine."""
 KILL_AFTER_MS = 300
 
 
 @dataclass
 class Vehicle:
-    """One process and what it has reported."""
+    """One process and its reports."""
 
     name: str
     station_id: int
@@ -44,10 +44,10 @@ class Vehicle:
     sent: Counter[str] = field(default_factory=Counter)
     received: Counter[str] = field(default_factory=Counter)
     way: list[str] = field(default_factory=list)
-    """Phases with the rule that led there."""
-    told: list[str] = field(default_factory=list)
+    """Phases, each with the rule of its transition."""
+    indications: list[str] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
-    """Reasons of the Acceptances it sent that refuse."""
+    """The reasons of the refusing Acceptances that it sent."""
     latest_ms: int = 0
     killed: bool = False
     ended: bool = False
@@ -56,7 +56,7 @@ class Vehicle:
     process: asyncio.subprocess.Process | None = None
 
     def take(self, event: dict[str, Any]) -> None:
-        """An event that its process has reported."""
+        """Apply an event that its process has reported."""
         self.phase, self.role = event["phase"], event["role"]
         self.session, self.sending = event["session"], event["sending"]
         match event["event"]:
@@ -70,25 +70,25 @@ class Vehicle:
                 self.way.append(f"{event['phase']} {event['rule']}")
             case "told":
                 reason = f"({event['reason']})" if event["reason"] else ""
-                self.told.append(event["name"] + reason)
+                self.indications.append(event["name"] + reason)
             case "end":
                 self.ended = True
                 self.latest_ms = event["statistics"]["latest_ms"]
 
     @property
     def idle(self) -> bool:
-        """It has been in a session, is in none, and sends nothing any more."""
+        """It has left its session and has no message left to send."""
         return self.killed or (bool(self.way) and self.phase == "STANDALONE" and not self.sending)
 
     def went(self, *steps: str) -> bool:
-        """Whether it went these steps, in this order, with others between."""
+        """Whether its phases contain these steps in this order, possibly with others between."""
         rest = iter(self.way)
         return all(step in rest for step in steps)
 
 
 @dataclass
 class Demo:
-    """What is to be shown.  ``changed`` is called after each event."""
+    """One demonstration.  ``changed`` is called after each event."""
 
     folder: Path
     loss: float = 0.0
@@ -118,16 +118,16 @@ class Demo:
             self.vehicles.append(Vehicle("second prescriber", 5, asks_long + aside))
 
     def vehicle(self, name: str) -> Vehicle:
-        """The one of this name."""
+        """The vehicle with this name."""
         return next(vehicle for vehicle in self.vehicles if vehicle.name == name)
 
     @property
     def logs(self) -> list[Path]:
-        """One of each station."""
+        """The log of each station."""
         return [self.folder / f"{vehicle.station_id}.ndjson" for vehicle in self.vehicles]
 
     async def run(self) -> None:
-        """Raises LinkError or OSError if it cannot be started."""
+        """Run it.  Raises LinkError or OSError if it cannot be started."""
         self.folder.mkdir(parents=True, exist_ok=True)
         for old in self.folder.glob("[1-5].ndjson"):
             old.unlink()
@@ -146,7 +146,7 @@ class Demo:
             while not (over.done() or stopped.done() or any(v.error for v in self.vehicles)):
                 await asyncio.sleep(0.05)
             if stopped.done():
-                self.problems.append(f"told to stop, or not over after {LIMIT_S} s")
+                self.problems.append(f"stopped by a signal, or not finished after {LIMIT_S} s")
         finally:
             self._ending = True
             over.cancel()
@@ -174,14 +174,17 @@ class Demo:
         )
 
     async def _read(self, vehicle: Vehicle) -> None:
-        """Take what one process reports, until it ends."""
+        """Take the reports of one process until it ends."""
         process = vehicle.process
         assert process is not None and process.stdout is not None and process.stderr is not None
         async for line in process.stdout:
             try:
                 report = json.loads(line)
             except ValueError:
-                vehicle.error = f"{vehicle.name}: no report: {line[:200].decode(errors='replace')}"
+                vehicle.error = (
+                    f"{vehicle.name}: expected a report in JSON, not "
+                    f"{line[:200].decode(errors='replace')}"
+                )
                 process.kill()
             else:
                 vehicle.take(report)
@@ -194,10 +197,10 @@ class Demo:
             last = errors.splitlines()[-1] if errors else f"exit code {code}"
             vehicle.error = f"{vehicle.name}: {last}"
         elif not self._ending:
-            vehicle.error = f"{vehicle.name}: ended before it was told to"
+            vehicle.error = f"{vehicle.name}: ended before SIGTERM"
 
     async def _over(self) -> None:
-        """Until all are idle; on the way, kill B if that is to be shown."""
+        """Wait until all vehicles are idle; kill B during the maneuver if requested."""
         prescriber, b = self.vehicle("prescriber"), self.vehicle("B")
         while not all(vehicle.idle for vehicle in self.vehicles):
             await asyncio.sleep(0.05)
@@ -208,7 +211,7 @@ class Demo:
                 b.process.kill()
 
     async def _stop(self, readers: Sequence[asyncio.Task[None]]) -> None:
-        """Tell all processes to end; kill those that do not."""
+        """Terminate all processes; kill those that do not end."""
         alive = [v for v in self.vehicles if v.process and v.process.returncode is None]
         for vehicle in alive:
             assert vehicle.process is not None
@@ -218,12 +221,12 @@ class Demo:
         for vehicle in alive:
             assert vehicle.process is not None
             if vehicle.process.returncode is None:
-                vehicle.error = vehicle.error or f"{vehicle.name}: did not end when told to"
+                vehicle.error = vehicle.error or f"{vehicle.name}: did not end after SIGTERM"
                 vehicle.process.kill()
                 await vehicle.process.wait()
 
     def _judge(self) -> None:
-        """What did not go as described, and what the oracle does not allow."""
+        """Collect the differences from the description and the oracle's findings."""
         self.problems += [vehicle.error for vehicle in self.vehicles if vehicle.error]
         for what, so in self._described():
             if not so:
@@ -240,26 +243,26 @@ class Demo:
         prescriber, a, b, c = self.vehicles[:4]
         acted = prescriber.went("ADVERTISING ADV-1", "CHOOSING PRE-1", "ACTUATING NEG-6")
         agreed = [
-            ("the prescriber advertises, chooses, and acts on B's word", acted),
+            ("the prescriber advertises, chooses, and acts after B's Acceptance", acted),
             ("B accepts", b.went("NEGOTIATING NEG-1", "ACTUATING NEG-2")),
             *(
-                (f"{v.name} is told that it was not selected", NOT_SELECTED in v.told)
+                (f"{v.name} gets the indication {NOT_SELECTED}", NOT_SELECTED in v.indications)
                 for v in (a, c)
             ),
         ]
         if self.kill:
-            fell_back = "fallback(cam_loss)" in prescriber.told
-            return [*agreed, ("the prescriber falls back by CAM loss (ACT-2)", fell_back)]
+            fell_back = "fallback(cam_loss)" in prescriber.indications
+            return [*agreed, ("the prescriber falls back because of CAM loss (ACT-2)", fell_back)]
         finished = [
             ("the prescriber ends with Fin (ACT-3)", prescriber.went("ACTUATING NEG-6", FIN)),
-            ("B is told that it is finished", "finished" in b.told),
+            ("B gets the indication finished", "finished" in b.indications),
         ]
         if not self.second_prescriber:
             return agreed + finished
         second = self.vehicles[4]
         refused = [
             ("B refuses the second prescriber as busy (NEG-4)", "busy" in b.refusals),
-            ("the second prescriber gives up", "fallback(no_agreement)" in second.told),
+            ("the second prescriber gives up", "fallback(no_agreement)" in second.indications),
         ]
         return agreed + finished + refused
 
@@ -276,7 +279,7 @@ class Demo:
                     "name": v.name,
                     "station": v.station_id,
                     "phases": v.way,
-                    "told": v.told,
+                    "told": v.indications,
                     "refusals": v.refusals,
                     "sent": dict(v.sent),
                     "received": dict(v.received),

@@ -18,18 +18,20 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-Profile = Annotated[str, typer.Option(help="quick (all in 2 minutes) or standard (23 minutes).")]
-Seed = Annotated[int, typer.Option(help="Equal seeds give equal bytes.", min=0)]
-Out = Annotated[Path, typer.Option(help="A folder of each experiment's name goes there.")]
+Profile = Annotated[str, typer.Option(help="quick (2 minutes for all) or standard (23 minutes).")]
+Seed = Annotated[int, typer.Option(help="Seed.  Equal seeds give equal files.", min=0)]
+Out = Annotated[
+    Path, typer.Option(help="Folder for the results; each experiment gets a subfolder.")
+]
 Changes = Annotated[
     list[str] | None,
-    typer.Option("--set", help="NAME=JSON: another value of a setting; again for more."),
+    typer.Option("--set", help="NAME=JSON: change the value of a setting.  Repeatable."),
 ]
-Workers = Annotated[int, typer.Option(help="Processes; 0: one for each core.", min=0)]
+Workers = Annotated[int, typer.Option(help="Number of processes (0 = one for each core).", min=0)]
 Scheduler = Annotated[
-    str, typer.Option(help="Address of a Dask scheduler, to run the cells there (automcm[dask]).")
+    str, typer.Option(help="Address of a Dask scheduler that runs the cells (automcm[dask]).")
 ]
-Again = Annotated[bool, typer.Option("--again", help="Forget cells that were finished before.")]
+Again = Annotated[bool, typer.Option("--again", help="Repeat cells that are already finished.")]
 OUT = Path("runs/evaluation")
 
 
@@ -47,19 +49,19 @@ def _command(name: str, about: str) -> None:
         _run([name], profile, seed, out, changes or [], workers, scheduler, again, json_)
 
     command.__doc__ = (
-        f"{about}\n\nWrites results.json, a CSV, a page and figures (automcm[plot]) into a folder "
-        "NAME. An interrupted run goes on where it was. Exit code 1: something that was proved "
+        f"{about}\n\nWrites results.json, a CSV file, a page and figures (automcm[plot]) into a "
+        "subfolder. An interrupted run continues where it stopped. Exit code 1: a proved property "
         "did not hold."
     )
     app.command(name, epilog=example(f"experiment {name} --profile quick --seed 1"))(command)
 
 
 ABOUT = {
-    "bandwidth": "Bytes on the air, event-driven and always-on (figure 7).",
-    "arrival": "When a receiver arrives, coordinated and not (figure 8).",
-    "comfort": "What coordination and fallbacks cost four vehicles (figure 6).",
-    "loss": "Success under loss, three time-outs (figure 9, equation 2).",
-    "safety": "How often and how long hazards are, against the bound (T-2).",
+    "bandwidth": "Bytes sent, event-driven and always-on (figure 7).",
+    "arrival": "Arrival time with and without coordination (figure 8).",
+    "comfort": "Cost of coordination and fallbacks for vehicles (figure 6).",
+    "loss": "Success rate under loss (figure 9, equation 2).",
+    "safety": "Frequency and duration of hazards, and their bound (T-2).",
 }
 for _name, _about in ABOUT.items():
     _command(_name, _about)
@@ -75,22 +77,22 @@ def all_(
     again: Again = False,
     json_: Json = None,
 ) -> None:
-    """All five, one after another, and one page of all claims."""
+    """Run all experiments and write one page of all claims."""
     _run(list(ABOUT), profile, seed, out, [], workers, scheduler, again, json_)
 
 
 @app.command(epilog=example("experiment render runs/evaluation"))
 def render(
-    folder: Annotated[Path, typer.Argument(help="Where folders with results.json are.")],
+    folder: Annotated[Path, typer.Argument(help="Folder whose subfolders contain results.json.")],
 ) -> None:
-    """Figures, pages and CSVs again, from the results that are there."""
+    """Write figures, pages and CSV files from existing results."""
     from automcm_evaluation.framework.experiment import ExperimentError
     from automcm_evaluation.runs import report
 
     found = sorted(folder.glob(f"*/{report.RESULTS}"))
     with code_3("experiment", ExperimentError, OSError):
         if not found:
-            raise ExperimentError(f"{folder}: no folder in it has a {report.RESULTS}")
+            raise ExperimentError(f"{folder}: no subfolder contains {report.RESULTS}")
         for path in found:
             for written in report.write(report.load(path), path.parent):
                 typer.echo(f"written {written}")
@@ -115,7 +117,7 @@ def _run(
         made = [experiment(name) for name in names]
         settings = [one.set(profile, _changes(changes)) for one in made]
         for one, chosen in zip(made, settings, strict=True):
-            one.cells(chosen)  # all are looked at before the first is begun
+            one.cells(chosen)  # check all settings before the first run
     reports = []
     with code_3("experiment", ExperimentError, OSError), progress() as say:
         for one, chosen in zip(made, settings, strict=True):
@@ -160,7 +162,7 @@ def _changes(changes: list[str]) -> dict[str, Any]:
                 raise ValueError("no =")
             found[name] = json.loads(value)
         except ValueError:
-            raise ExperimentError(f"--set {text}: NAME=JSON is needed") from None
+            raise ExperimentError(f"--set: expected NAME=JSON, not {text!r}") from None
     return found
 
 

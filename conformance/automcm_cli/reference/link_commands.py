@@ -1,4 +1,4 @@
-"""``automcm link relay``: what is between stations."""
+"""``automcm link relay``: a simulated radio between stations."""
 
 from __future__ import annotations
 
@@ -14,26 +14,35 @@ app = typer.Typer()
 
 
 def delays(text: str) -> tuple[int, int]:
-    """``MIN:MAX`` in ms."""
+    """Parse ``MIN:MAX`` in ms."""
     low, _, high = text.partition(":")
     if not low.isdecimal() or not high.isdecimal() or int(low) > int(high):
-        raise typer.BadParameter(f"{text}: a delay is MIN:MAX in ms, such as 2:40")
+        raise typer.BadParameter(f"--delay must be MIN:MAX in ms, such as 2:40, not {text!r}")
     return int(low), int(high)
 
 
 @app.command(epilog=example("link relay --port 47200 --loss 0.2 --delay 5:40"))
 def relay(
-    port: Annotated[int, typer.Option(help="Where to listen; 0: any.", min=0, max=65_535)] = 47_200,
-    host: Annotated[str, typer.Option(help="The address to listen on.")] = "127.0.0.1",
-    loss: Annotated[float, typer.Option(min=0, max=1, help="Share of copies lost.")] = 0.0,
-    duplicate: Annotated[float, typer.Option(min=0, max=1, help="Share doubled.")] = 0.0,
-    reorder: Annotated[float, typer.Option(min=0, max=1, help="Share held back.")] = 0.0,
-    delay: Annotated[str, typer.Option(help="MIN:MAX in ms.")] = "0:0",
-    seed: Annotated[int, typer.Option(help="Seed of what is lost, doubled and held back.")] = 0,
+    port: Annotated[
+        int, typer.Option(help="Port to listen on (0 = any free port).", min=0, max=65_535)
+    ] = 47_200,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    loss: Annotated[float, typer.Option(min=0, max=1, help="Share of copies to lose.")] = 0.0,
+    duplicate: Annotated[
+        float, typer.Option(min=0, max=1, help="Share of copies to duplicate.")
+    ] = 0.0,
+    reorder: Annotated[
+        float, typer.Option(min=0, max=1, help="Share of copies to hold back.")
+    ] = 0.0,
+    delay: Annotated[str, typer.Option(help="Delay of a copy, MIN:MAX in ms.")] = "0:0",
+    seed: Annotated[int, typer.Option(help="Seed of losses, duplicates and delays.")] = 0,
     allow_remote: Remote = False,
     for_ms: For = None,
 ) -> None:
-    """Pass what one station sends on to all others, until SIGTERM.  With loss and delay."""
+    """Forward each datagram to all other stations.
+
+    Datagrams can be lost, duplicated, delayed and reordered.  The relay runs until SIGTERM.
+    """
     from automcm.links.relay import Relay
     from automcm.links.simulated_radio import Channel
     from automcm.service.station_process import stopping

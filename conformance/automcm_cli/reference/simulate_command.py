@@ -1,4 +1,4 @@
-"""``automcm simulate``: scenarios on the road simulator, as a story and as pictures."""
+"""``automcm simulate``: scenarios on the road simulator, as a list of events and as plots."""
 
 from __future__ import annotations
 
@@ -17,21 +17,25 @@ app = typer.Typer()
 
 @app.command("lane-change", epilog=example("simulate lane-change --vehicles 4 --speed 30"))
 def lane_change(
-    vehicles: Annotated[int, typer.Option(help="2 to 4.", min=2, max=4)] = 4,
-    speed: Annotated[float, typer.Option(help="Of all vehicles, km/h.", min=5, max=130)] = 30,
-    loss: Annotated[float, typer.Option(help="Share of messages lost.", min=0, max=1)] = 0,
+    vehicles: Annotated[int, typer.Option(help="Number of vehicles.", min=2, max=4)] = 4,
+    speed: Annotated[
+        float, typer.Option(help="Speed of all vehicles, in km/h.", min=5, max=130)
+    ] = 30,
+    loss: Annotated[float, typer.Option(help="Share of messages to lose.", min=0, max=1)] = 0,
     uncoordinated: Annotated[
-        bool, typer.Option("--uncoordinated", help="Without messages: brake late, stop, restart.")
+        bool,
+        typer.Option("--uncoordinated", help="Send no messages: brake late, stop, restart."),
     ] = False,
-    seconds: Annotated[float, typer.Option(help="How long to simulate.", min=1, max=600)] = 40,
-    seed: Annotated[int, typer.Option(help="Of the radio.")] = 0,
-    out: Annotated[Path, typer.Option(help="Where plots and logs go.")] = Path("runs/simulate"),
+    seconds: Annotated[float, typer.Option(help="Simulated time in seconds.", min=1, max=600)] = 40,
+    seed: Annotated[int, typer.Option(help="Seed of the radio.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder for plots and logs.")] = Path("runs/simulate"),
     json_: Json = None,
 ) -> None:
-    """A prescriber changes lanes beside A, B and C (figure 6).
+    """Simulate a lane change among four vehicles (figure 6).
 
-    Prints the story and writes the plots speed-over-position and space-time (they need
-    automcm[plot]) and each station's log.  Exit code 1 if the lane change was not done.
+    The prescriber changes lanes beside the receivers A, B and C.  The command prints the events,
+    and writes each station's log and the plots speed-over-position and space-time (they need
+    automcm[plot]).  The exit code is 1 if the lane change was not completed.
     """
     from automcm.links.simulated_radio import Channel
     from automcm.scenarios.drive import FourVehicles
@@ -61,9 +65,9 @@ def lane_change(
         for path in plots:
             typer.echo(f"written {path}")
         if not plots:
-            typer.echo("no plots: install automcm[plot]", err=True)
+            typer.echo("no plots were written: install automcm[plot]", err=True)
         if not report["done"]:
-            typer.echo(f"the lane change was not done within {seconds:g} s", err=True)
+            typer.echo(f"the lane change was not completed within {seconds:g} s", err=True)
     raise typer.Exit(0 if report["done"] else 1)
 
 

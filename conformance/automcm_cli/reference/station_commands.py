@@ -1,4 +1,4 @@
-"""``automcm station``, ``automcm adapter`` and ``automcm drive``: the reference at work."""
+"""``automcm station``, ``automcm adapter`` and ``automcm drive``."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ if TYPE_CHECKING:
     from automcm.bridge.websocket_bridge import WebSocketBridge
     from automcm.service.line_output import LineOutput
 
-Target = Annotated[int, typer.Option(help="Whom to prescribe; 0: who answers first.")]
-For = Annotated[int | None, typer.Option("--for", help="End after so many ms.")]
+Target = Annotated[
+    int, typer.Option(help="station_id of the station to prescribe (0 = the first that answers).")
+]
+For = Annotated[int | None, typer.Option("--for", help="Stop after this many ms.")]
 
 FINISH_S = 0.2
-"""How long the end waits for somebody who reads slowly."""
+"""How long to wait at the end for a slow reader."""
 
 
 class Lines:
-    """Reports on standard output and complaints on standard error, neither of which is waited for.
+    """Non-blocking reports on standard output and warnings on standard error.
 
-    What nobody reads, or has no room, is lost and counted; standard error says so once and at the
-    end.
+    A report that cannot be written at once is lost and counted.  Standard error shows the first
+    loss and the final count.
     """
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._err = _line_output(sys.stderr)
-        self._out = _line_output(sys.stdout, lambda why: self._trouble(why))
+        self._out = _line_output(sys.stdout, lambda why: self._report_loss(why))
 
     def report(self, event: dict[str, Any]) -> None:
         """One line of JSON on standard output."""
@@ -49,20 +51,20 @@ class Lines:
         self._err.write(f"{self._name}: {text}\n".encode(errors="backslashreplace"))
 
     def finish(self) -> None:
-        """Write what can still be written, within a moment."""
+        """Write the pending lines for up to FINISH_S."""
         self._out.finish(FINISH_S)
         if self._out.lost and not self._out.closed_by_reader:
-            self.complain(f"standard output: {self._out.lost} reports are lost")
+            self.complain(f"standard output: {self._out.lost} reports were lost")
         self._err.finish(FINISH_S)
 
-    def _trouble(self, why: str) -> None:
-        self.complain(f"standard output: {why}; the reports of now are lost")
+    def _report_loss(self, why: str) -> None:
+        self.complain(f"standard output: {why}; current reports are lost")
 
 
 def _line_output(stream: TextIO, trouble: Callable[[str], None] = lambda why: None) -> LineOutput:
-    """On the descriptor itself, so that nothing waits in Python's buffer at the end.
+    """An output on the descriptor itself, so that no data remains in Python's buffer at the end.
 
-    A descriptor that was closed is occupied by then (automcm_cli.exit_codes).
+    automcm_cli.exit_codes has opened a descriptor that was closed.
     """
     from automcm.service.line_output import LineOutput
 
@@ -71,7 +73,7 @@ def _line_output(stream: TextIO, trouble: Callable[[str], None] = lambda why: No
 
 
 def carry_out(name: str, what: Callable[[Lines], Coroutine[Any, Any, None]]) -> None:
-    """Run it; what goes wrong is one line and exit code 3."""
+    """Run the coroutine; an error gives a one-line message and exit code 3."""
     import asyncio
     import logging
 
@@ -81,7 +83,7 @@ def carry_out(name: str, what: Callable[[Lines], Coroutine[Any, Any, None]]) -> 
     lines = Lines(name)
     handler = logging.Handler()
     handler.emit = lambda record: lines.complain(record.getMessage())  # type: ignore[method-assign]
-    logging.getLogger().addHandler(handler)  # its own would wait for whoever reads standard error
+    logging.getLogger().addHandler(handler)  # logging's own handler would block
     try:
         asyncio.run(what(lines))
     except (LinkError, NumberError, OSError) as error:
@@ -93,60 +95,83 @@ def carry_out(name: str, what: Callable[[Lines], Coroutine[Any, Any, None]]) -> 
 
 
 def station(
-    station_id: Annotated[int, typer.Option("--id", min=1, max=2**32 - 1, help="Its station_id.")],
-    via: Annotated[str | None, typer.Option(help="A relay's HOST:PORT; else broadcast.")] = None,
+    station_id: Annotated[
+        int, typer.Option("--id", min=1, max=2**32 - 1, help="The station's station_id.")
+    ],
+    via: Annotated[
+        str | None, typer.Option(help="HOST:PORT of a relay to use instead of broadcast.")
+    ] = None,
     broadcast: Broadcast = EVERYONE,
     host: Host = "127.0.0.1",
     allow_remote: Remote = False,
-    codec: Annotated[str, typer.Option(help="json or uper.")] = "json",
+    codec: Annotated[str, typer.Option(help="Encoding of messages: json or uper.")] = "json",
     set_: Annotated[
-        list[str] | None, typer.Option("--set", help="A parameter, such as t_timeout=1000.")
+        list[str] | None,
+        typer.Option("--set", help="Change a parameter, such as t_timeout=1000.  Repeatable."),
     ] = None,
     log: Annotated[
         Path | None,
-        typer.Option(help="Write a log here (automcm.trace/1).  If the file exists: name.2, ..."),
+        typer.Option(
+            help="File for the log (automcm.trace/1).  If it exists, the log goes to name.2, and "
+            "so on."
+        ),
     ] = None,
     number_file: Annotated[
         Path | None,
-        typer.Option(help="Keeps the session number.  If it is there, this is a restart (END-8)."),
+        typer.Option(
+            help="File that stores the session number.  If it exists, the station starts as after "
+            "a restart (END-8)."
+        ),
     ] = None,
     first: Annotated[
-        bool, typer.Option("--first", help="Without --number-file: it never ran before (END-8).")
+        bool,
+        typer.Option(
+            "--first",
+            help="Without --number-file: start as a station that has never run (END-8).",
+        ),
     ] = False,
     bridge: Annotated[
         int | None,
         typer.Option(
-            help="Serve driving software on this WebSocket port (9090 is usual; 0: any).",
+            help="WebSocket port for driving software (usually 9090; 0 = any free port).",
             min=0,
             max=65_535,
         ),
     ] = None,
     request_after: Annotated[
-        int | None, typer.Option(help="Ask for a lane change after so many ms.")
+        int | None, typer.Option(help="Request a lane change after this many ms.")
     ] = None,
     target: Target = 0,
-    concerned: Annotated[bool, typer.Option(help="Join the maneuvers of others.")] = True,
-    refuse_first: Annotated[int, typer.Option(help="How many proposals to refuse.")] = 0,
-    maneuver: Annotated[int, typer.Option(help="How long the maneuver takes, ms.")] = 3000,
+    concerned: Annotated[bool, typer.Option(help="Join the maneuvers of other stations.")] = True,
+    refuse_first: Annotated[
+        int, typer.Option(help="Number of proposals to refuse before accepting.")
+    ] = 0,
+    maneuver: Annotated[int, typer.Option(help="Duration of the maneuver, in ms.")] = 3000,
     listen: Annotated[
-        int, typer.Option(help="First listen so many ms for a station of the same id.")
+        int,
+        typer.Option(
+            help="Before the start, listen this many ms for another station with the same id."
+        ),
     ] = 1100,
     for_ms: For = None,
     zero: Annotated[
-        float, typer.Option(help="What counts as 0 ms on the host's monotonic clock, in s.")
+        float,
+        typer.Option(help="Time of the host's monotonic clock, in s, that counts as 0 ms."),
     ] = 0.0,
 ) -> None:
-    """Run one station on UDP until SIGTERM.  Messages and phases are reported as lines of JSON.
+    """Run one station on UDP until SIGTERM.
 
-    At SIGTERM, SIGINT or SIGHUP it cancels its session (END-1), waits at most 1 s for the Ack, and
-    ends; a second signal ends it at once.  Neither a full disk nor a reader that is slow or gone
-    stops it: reports and log records that cannot be written are counted.  The exit code is 3 if
-    the log lost records.
+    The station reports messages and phases as lines of JSON.  On SIGTERM, SIGINT or SIGHUP it
+    cancels its session (END-1), waits at most 1 s for the Ack, and ends; a second signal ends it at
+    once.  A full disk, or a slow or absent reader, does not stop it: reports and log records that
+    cannot be written are counted.  The exit code is 3 if log records were lost.
 
-    With --bridge its application is at the other end of a WebSocket: driving software that speaks
-    rosbridge JSON, or automcm drive.  Without, it drives straight on and agrees to what it is
-    asked.  Unless a --number-file or --first says that it never ran before, it starts as after a
-    restart: its session number comes from the clock, and for some seconds it joins no session.
+    With --bridge, its application is at the other end of a WebSocket: driving software that speaks
+    rosbridge JSON, or automcm drive.  Without --bridge, it drives straight on and accepts
+    proposals.
+
+    The station starts as after a restart unless --first is given or the --number-file does not
+    exist yet: it takes its session number from the clock, and for some seconds it joins no session.
     """
     from automcm.encoding.codec import CodecError, CodecMissing
     from automcm.encoding.codec import codec as by_name
@@ -156,7 +181,9 @@ def station(
     from automcm.service.station_process import NumberFile, StationProcess
 
     if not 0 <= zero <= time.monotonic():
-        raise typer.BadParameter(f"--zero: {zero} is not a time that has been")
+        raise typer.BadParameter(
+            f"--zero must be between 0 and the present time of the monotonic clock, not {zero}"
+        )
     with usage(LinkError, CodecError), code_3("station", CodecMissing):
         to, relay = address(broadcast), address(via) if via else None
         coded = by_name(codec)
@@ -203,15 +230,20 @@ def _bridge(port: int, host: str, allow_remote: bool) -> WebSocketBridge:
 
 
 def drive(
-    uri: Annotated[str, typer.Option(help="Where the bridge is.")] = "ws://127.0.0.1:9090",
+    uri: Annotated[str, typer.Option(help="Address of the bridge.")] = "ws://127.0.0.1:9090",
     request_after: Annotated[
-        int | None, typer.Option(help="Ask for a lane change so many ms after connecting.")
+        int | None, typer.Option(help="Request a lane change this many ms after connecting.")
     ] = None,
     target: Target = 0,
-    attempts: Annotated[int, typer.Option(help="To connect the first time.", min=1)] = 5,
+    attempts: Annotated[
+        int, typer.Option(help="Maximum attempts for the first connection.", min=1)
+    ] = 5,
     for_ms: For = None,
 ) -> None:
-    """The driving software's end of a bridge.  Drives straight on, agrees to what it is asked."""
+    """Play the driving software at a bridge.
+
+    The vehicle drives straight on and accepts proposals.
+    """
     import asyncio
 
     from automcm.links.link import LinkError
@@ -251,12 +283,16 @@ def adapter(
     websocket: Annotated[
         str | None,
         typer.Option(
-            metavar="HOST:PORT", help="Serve it there over WebSocket, a station per connection."
+            metavar="HOST:PORT",
+            help="Serve the adapter over WebSocket, with one station for each connection.",
         ),
     ] = None,
     allow_remote: Remote = False,
 ) -> None:
-    """The reference as an adapter, on standard input and output.  See docs/adapter.md."""
+    """Run the reference as an adapter.
+
+    It uses standard input and output.  The protocol is in docs/adapter.md.
+    """
     from automcm.adapters.adapter_lines import main
 
     if websocket is not None:
@@ -266,7 +302,7 @@ def adapter(
 
 
 async def _served(lines: Lines, where: str, allow_remote: bool) -> None:
-    """Serve until SIGTERM; where it listens is told in a line of JSON."""
+    """Serve until SIGTERM.  A line of JSON reports the address."""
     from automcm.adapters.adapter_server import serve
     from automcm.service.station_process import stopping
 

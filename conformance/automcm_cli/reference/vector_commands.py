@@ -1,4 +1,4 @@
-"""``automcm vectors``: the kernels of the reference against the test vectors."""
+"""``automcm vectors``: checks the kernels of the reference against the test vectors."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ app = typer.Typer()
 
 @app.callback()
 def _group() -> None:
-    """Keeps ``check`` a command of its own."""
+    """Makes typer keep ``check`` as a subcommand."""
 
 
 @app.command(epilog=example("vectors check --kernel collide"))
 def check(
     kernel: Annotated[
-        list[str] | None, typer.Option(help="Only this one, such as collide; may be repeated.")
+        list[str] | None, typer.Option(help="Only this kernel, such as collide.  Repeatable.")
     ] = None,
     json_: Json = None,
 ) -> None:
-    """Does the reference compute what the rules KIN-1 to KIN-7 say?"""
+    """Check the reference against the vectors for KIN-1 to KIN-7."""
     from automcm.adapters import vector_adapter
     from automcm_conformance.vectors import vectors
 
@@ -56,7 +56,7 @@ def check(
 
 
 def as_dict(results: list[Result]) -> dict[str, list[dict[str, object]]]:
-    """For ``--json``: each vector, and whether it is as expected."""
+    """For ``--json``: each vector, and whether its result is as expected."""
     return {
         "vectors": [
             {"id": result.case.id, "kernel": result.case.kernel, "ok": result.ok}
@@ -82,6 +82,6 @@ def show(results: list[Result], console: Console) -> None:
                 result.problem,
                 f"expected {result.case.expected}",
                 f"got {result.got}",
-                f"the bug it is there for: {result.case.bug}",
+                f"the bug that this vector finds: {result.case.bug}",
             ):
                 console.print("  " + line, markup=False, highlight=False, soft_wrap=True)

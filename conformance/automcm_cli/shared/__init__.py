@@ -1,5 +1,5 @@
-"""What commands share: options, exit codes in words, JSON, progress.
+"""Shared by commands: options, exit codes as text, JSON, progress.
 
-For the modules of commands.
+For the modules that define commands.
 Imports none of the other subpackages.
 """

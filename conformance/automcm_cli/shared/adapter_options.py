@@ -1,4 +1,4 @@
-"""What commands share that start an adapter: its command, its time limit, cases, a folder."""
+"""Shared by commands that start an adapter: its command, time limit, cases and folder."""
 
 from __future__ import annotations
 
@@ -15,36 +15,41 @@ if TYPE_CHECKING:
     from automcm_conformance.suite.purposes import Purpose
 
 COMMAND = "automcm.command"
-Limit = Annotated[float, typer.Option(help="Real seconds an answer may take.", min=0.01)]
+Limit = Annotated[
+    float, typer.Option(help="Time limit for an answer, in seconds of real time.", min=0.01)
+]
 
 
 class WithCommand(TyperCommand):
-    """What stands after ``--`` is the command of the adapter, or the address of a WebSocket."""
+    """A command that takes the adapter's command, or its WebSocket address, after ``--``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """What stands behind ``--`` is the command, whatever it looks like."""
+        """Take all arguments after ``--`` as the adapter's command, including options."""
         if "--" in args:
             at = args.index("--")
             args, ctx.meta[COMMAND] = args[:at], args[at + 1 :]
         return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """The command stands in the line of usage."""
+        """Add the adapter's command to the usage line."""
         return [*super().collect_usage_pieces(ctx), "-- COMMAND..."]
 
 
 def command_of(ctx: typer.Context) -> list[str]:
-    """The command after ``--``, or the address (ws://...) alone."""
+    """The command after ``--``, or the address (ws://...) as its only element."""
     command: list[str] = ctx.meta.get(COMMAND, [])
     if not command:
         raise typer.BadParameter(
-            "the command of the adapter, or its ws:// address, is missing; it stands after --"
+            "the adapter is missing: give its command, or its ws:// address, after --"
         )
     return command
 
 
 def purposes_of(selectors: Sequence[str]) -> list[Purpose]:
-    """The cases that these select; all without any.  A usage error names what selects nothing."""
+    """The cases that the selectors match; all cases without selectors.
+
+    A selector that matches no case is a usage error.
+    """
     from automcm_conformance.suite import purposes
 
     with usage(ValueError):
@@ -52,7 +57,7 @@ def purposes_of(selectors: Sequence[str]) -> list[Purpose]:
 
 
 def fresh_folder() -> Path:
-    """runs/<time>, with a number behind it if it is there."""
+    """runs/<time>, with a number appended if that exists."""
     from automcm_conformance.adapter import kit_paths
 
     with usage(FileExistsError):

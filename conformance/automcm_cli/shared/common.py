@@ -1,4 +1,4 @@
-"""What all commands share: the exit codes, ``--json`` and the status line."""
+"""Shared by all commands: the exit codes, ``--json`` and the status line."""
 
 from __future__ import annotations
 
@@ -19,30 +19,33 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 CODES = (
-    "Exit codes: 0 as expected; 1 a verdict against; 2 usage; 3 a tool, an input or an output "
-    "could not be run, read or written; 4 cannot tell; 70 a fault of automcm; 130 interrupted; "
-    "141 the reader of standard output closed it."
+    "Exit codes: 0 success; 1 a check failed; 2 usage error; 3 a tool could not be run, or an "
+    "input or output failed; 4 cannot tell; 70 internal error; 130 interrupted; 141 the reader "
+    "closed standard output."
 )
 
 Json = Annotated[
     Path | None,
-    typer.Option("--json", help="Write the report here as JSON; - for standard output."),
+    typer.Option("--json", help="Write the report as JSON to this file; - for standard output."),
 ]
 
 Late = Annotated[
-    int | None, typer.Option(help="How late a timer may be, ms; t_resend / 2 unless told.", min=0)
+    int | None,
+    typer.Option(help="Tolerated delay of a timer in ms.  Default: t_resend / 2.", min=0),
 ]
 
 
 def example(command: str, more: str = "") -> str:
-    """The end of the help of a command: an example, what else there is to say, the exit codes."""
+    """The epilog of a command's help: an example, further text, the exit codes."""
     return f"Example: automcm {command}.  {more}{CODES}"
 
 
 @contextmanager
 def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
-    """Ends ``command`` with code 3 and one line if one of these errors is raised, and what an
-    adapter said last on standard error."""
+    """Exit with code 3 and a one-line message if one of these errors is raised.
+
+    The message is followed by the last lines that an adapter wrote to standard error.
+    """
     try:
         yield
     except errors as error:
@@ -54,7 +57,7 @@ def code_3(command: str, *errors: type[Exception]) -> Iterator[None]:
 
 @contextmanager
 def usage(*errors: type[Exception]) -> Iterator[None]:
-    """Makes a usage error (code 2) of these errors."""
+    """Turn these errors into a usage error (code 2)."""
     try:
         yield
     except errors as error:
@@ -62,20 +65,22 @@ def usage(*errors: type[Exception]) -> Iterator[None]:
 
 
 def unknown(name: str, known: Sequence[str], what: str = "model") -> str:
-    """That there is no such thing, and which come nearest."""
+    """The message for an unknown name, with the nearest known names."""
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
     nearest = f"; nearest: {', '.join(near)}" if near else f"; there are: {', '.join(known)}"
     return f"there is no {what} {name!r}{nearest}"
 
 
 def write_json(target: Path | None, value: Any) -> bool:
-    """Write a report for ``--json``, if there is a target; whether standard output is left for
-    text.  Ends with code 3 on failure."""
+    """Write a report for ``--json`` if there is a target.  Exits with code 3 on failure.
+
+    Returns whether standard output is free for text.
+    """
     if target is None:
         return True
     text = json.dumps(value, indent=2) + "\n"
     if str(target) == "-":
-        sys.stdout.write(text)  # what fails there is for automcm_cli.exit_codes
+        sys.stdout.write(text)  # automcm_cli.exit_codes handles a failure
         return False
     with code_3("--json", OSError):
         files.write(target, text)
@@ -84,7 +89,7 @@ def write_json(target: Path | None, value: Any) -> bool:
 
 @contextmanager
 def progress() -> Iterator[Callable[[str], None]]:
-    """A status line on a terminal; nothing in a pipe."""
+    """A status line on a terminal; no output to a pipe."""
     from rich.console import Console
 
     console = Console(stderr=True)
@@ -96,7 +101,7 @@ def progress() -> Iterator[Callable[[str], None]]:
 
 
 def console_of(columns: int = 100) -> Console:
-    """The terminal, or so many columns where there is none."""
+    """A console as wide as the terminal, or of this many columns without a terminal."""
     from rich.console import Console
 
     console = Console()
@@ -104,7 +109,7 @@ def console_of(columns: int = 100) -> Console:
 
 
 def table_of(*columns: str, words: int = 1) -> Table:
-    """Without lines; so many columns hold words, and those behind them figures."""
+    """A table without lines.  The first ``words`` columns are left-aligned, the others right."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")

@@ -1,4 +1,4 @@
-"""What commands share that send UDP."""
+"""Options shared by the commands that send UDP."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 Remote = Annotated[
-    bool, typer.Option("--allow-remote", help="Also addresses that other hosts can reach.")
+    bool, typer.Option("--allow-remote", help="Allow addresses that other hosts can reach.")
 ]
-Broadcast = Annotated[str, typer.Option(help="Where all stations listen.")]
-Host = Annotated[str, typer.Option(help="The address to send from.")]
+Broadcast = Annotated[str, typer.Option(help="HOST:PORT on which all stations listen.")]
+Host = Annotated[str, typer.Option(help="Local address to send from.")]
 EVERYONE = "127.255.255.255:47100"

@@ -11,15 +11,20 @@ from automcm_spec.vocabulary.parameters import DEFAULTS, ParameterError, Paramet
 
 
 def chosen(settings: Sequence[str]) -> Parameters:
-    """The defaults, changed by ``NAME=VALUE``.  A bad one is a usage error that names it."""
+    """The default parameters with the changes ``NAME=VALUE``.
+
+    An unknown name or a bad value is a usage error.
+    """
     values: dict[str, int] = {}
     for text in settings:
         name, _, value = text.partition("=")
         if name not in DEFAULTS:
-            raise typer.BadParameter(f"{name}: no such parameter; there are {', '.join(DEFAULTS)}")
+            raise typer.BadParameter(
+                f"there is no parameter {name!r}; the parameters are {', '.join(DEFAULTS)}"
+            )
         try:
             values[name] = int(value)
         except ValueError:
-            raise typer.BadParameter(f"{name}: an integer is needed, not {value!r}") from None
+            raise typer.BadParameter(f"{name} must be an integer, not {value!r}") from None
     with usage(ParameterError):
         return Parameters(**values)

@@ -1,5 +1,5 @@
-"""``automcm spec``: the models, checked one by one.
+"""``automcm spec``: commands that check single models.
 
-For protocol engineers running TLC.
-Loaded by ``groups``; ``verify`` uses what it prints.
+For protocol engineers who run TLC.
+Loaded by ``groups``; ``verify`` uses its texts.
 """

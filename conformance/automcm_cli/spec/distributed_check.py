@@ -1,4 +1,4 @@
-"""``automcm spec check --distributed``: one model, with the workers that join."""
+"""``automcm spec check --distributed``: checks a model together with remote workers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from automcm_spec.model_checking import distributed_tlc, models
 
 
 def check(model: models.Model, host: str, say: Callable[[str], None]) -> distributed_tlc.Shared:
-    """Serve a model, saying which workers have come and how far they are."""
+    """Serve a model to workers; report their number and the progress."""
     workers = 0
 
     def line(text: str) -> None:
@@ -25,7 +25,7 @@ def check(model: models.Model, host: str, say: Callable[[str], None]) -> distrib
 
 
 def shown(found: distributed_tlc.Shared) -> str:
-    """The outcome in words."""
+    """The outcome as text."""
     model = found.model
     expected = f"NOT as expected: {found.problem}" if found.problem else "as expected"
     figures = f"{found.distinct_states:,} distinct states, {found.seconds:.1f} s"
@@ -33,12 +33,12 @@ def shown(found: distributed_tlc.Shared) -> str:
         return f"{model.cfg}: every safety property holds; {figures}; {expected}"
     return (
         f"{model.cfg}: a property is violated; {figures}; {expected}\n"
-        f"which one, and by which steps: automcm spec check {model.cfg}"
+        f"for the property and the steps, run: automcm spec check {model.cfg}"
     )
 
 
 def as_dict(found: distributed_tlc.Shared) -> dict[str, Any]:
-    """A model and its outcome as JSON."""
+    """A model and its outcome, for JSON."""
     return {
         "name": found.model.cfg,
         "expect": found.model.expect,

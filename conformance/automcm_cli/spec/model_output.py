@@ -1,4 +1,4 @@
-"""``automcm spec``: single models, and their counterexamples as inputs and what changed."""
+"""``automcm spec``: single models, and their counterexamples as inputs and changed fields."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def described(model: models.Model) -> str:
 
 
 def checks(model: models.Model) -> str:
-    """The properties a model checks; S-1 to S-8 together as S."""
+    """The properties that a model checks; S-1 to S-8 together as S."""
     checked = _ids(model)
     ids = [id_ for id_ in models.PROPERTIES if id_ in checked and id_ != "TypeInv"]
     safety = [id_ for id_ in ids if id_ in models.SAFETY]
@@ -32,7 +32,7 @@ def checks(model: models.Model) -> str:
 
 
 def _ids(model: models.Model) -> set[str | None]:
-    """The ids of the properties a model checks."""
+    """The ids of the properties that a model checks."""
     checked = models.checked_in(MODELS / f"{model.cfg}.cfg")
     return {models.PROPERTY_IDS.get(name) for name in checked}
 
@@ -40,9 +40,9 @@ def _ids(model: models.Model) -> set[str | None]:
 def chosen(
     loaded: Sequence[models.Model], names: Sequence[str], profile: str | None, property_: str | None
 ) -> list[models.Model]:
-    """The models of these names, or of the profile, that check the property if one is given.
+    """The models with these names, or of the profile, that check the property if one is given.
 
-    Raises ValueError for what is unknown, with the nearest matches, and if nothing is left.
+    Raises ValueError for an unknown name, with the nearest matches, and if no model is left.
     """
     known = {model.cfg: model for model in loaded}
     for name in names:
@@ -59,14 +59,14 @@ def chosen(
     if property_ is not None:
         found = [m for m in found if ids[property_] in _ids(m)]
     if not found:
-        raise ValueError("there is no such model: nothing would be checked")
+        raise ValueError("no model matches all options; automcm spec list shows the models")
     return found
 
 
 def check(
     model: models.Model, say: Callable[[str], None], timeout_s: float | None, heap_mb: int | None
 ) -> models.Verdict:
-    """Run TLC on one model, saying how far it is."""
+    """Run TLC on one model and report its progress."""
 
     def progress(p: tlc.Progress) -> None:
         say(f"{model.cfg}: depth {p.depth}, {p.distinct_states:,} states, {p.queue:,} to go")
@@ -76,7 +76,7 @@ def check(
 
 
 def counterexample(verdict: models.Verdict) -> str:
-    """A model's counterexample as ITF; each step with its action, input, rule and line."""
+    """A counterexample as ITF, each step with its action, input, rule and line."""
     values = [
         {name: value for name, value in state.values.items() if name != "last"}
         for state in verdict.trace
@@ -99,7 +99,7 @@ def counterexample(verdict: models.Verdict) -> str:
 
 
 def write_trace(verdict: models.Verdict, folder: Path) -> Path:
-    """Write the counterexample as ITF into a folder; returns its path."""
+    """Write the counterexample as ITF into a folder and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{verdict.model.cfg}.itf.json"
     files.write(path, counterexample(verdict))
@@ -126,13 +126,15 @@ def as_dict(verdict: models.Verdict) -> dict[str, Any]:
 
 
 def specification_changed() -> bool:
-    """Whether Station.tla or OpenStation.tla is another text than that of the committed graphs,
-    and so than that of the recorded models; False if there are no graphs."""
+    """Whether Station.tla or OpenStation.tla has changed since the committed graphs were made.
+
+    The recorded results of the models are as old as the graphs.  False without graphs.
+    """
     return oracle_generation.recorded_hash() not in (None, oracle_generation.spec_hash())
 
 
 def shown(verdict: models.Verdict, changed: bool = False) -> str:
-    """The outcome in words, with the counterexample; ``changed`` as ``specification_changed``."""
+    """The outcome as text, with the counterexample; ``changed`` as ``specification_changed``."""
     model, result = verdict.model, verdict.result
     if result is None:
         return f"{model.cfg}: {verdict.outcome}: {verdict.problem}"
@@ -147,34 +149,36 @@ def shown(verdict: models.Verdict, changed: bool = False) -> str:
 
 
 def not_covered(verdicts: Sequence[models.Verdict]) -> str:
-    """That none of these models tells a changed specification from the recorded one; empty if one
-    does.  Only for ``specification_changed``."""
+    """The warning that no model distinguishes a changed specification from the recorded one.
+
+    Empty if a model does.  Only for use with ``specification_changed``.
+    """
     if not verdicts or not all(verdict.ok for verdict in verdicts):
         return ""
     checked = "the model" if len(verdicts) == 1 else f"each of the {len(verdicts)} models"
     return (
-        "No property covers what you changed: the specification is not the one recorded in "
-        f"spec/oracle, and {checked} comes out exactly as before. "
-        "If you changed more than a comment, add a model or a property that tells the two apart."
+        "No property covers what you changed: the specification differs from the one recorded in "
+        f"spec/oracle, but {checked} gives exactly the recorded result. "
+        "If you changed more than a comment, add a model or a property that shows the difference."
     )
 
 
 def steps(trace: Sequence[tlc.TraceState], loop: int | None = None) -> list[str]:
-    """Each step: the action, the station, its input, the rule and line that decided, the fields
-    changed."""
+    """One line for each step: the action, the station, its input, the rule and line that decided,
+    and the changed fields."""
     lines = [f"{step.index:3}. {step.text}" for step in steps_.steps(trace)]
     if loop == len(trace):
-        lines.append("     and so it stays for ever")
+        lines.append("     and the state stays the same for ever")
     elif loop:
         lines.append(
-            f"     and from here (by a step TLC does not name) again what followed step {loop - 1},"
-            " for ever"
+            f"     and from here (by a step that TLC does not name) the steps after {loop - 1} "
+            "repeat for ever"
         )
     return lines
 
 
 def exit_code(verdicts: Sequence[models.Verdict]) -> int:
-    """0 as expected, 1 not, 3 if TLC gave no verdict, 4 if it did not come to the end."""
+    """0 as expected, 1 not as expected, 3 if TLC gave no verdict, 4 if TLC did not finish."""
     outcomes = {verdict.outcome for verdict in verdicts}
     if "error" in outcomes:
         return 3

@@ -1,4 +1,4 @@
-"""The commands ``automcm spec ...``.  Imports lazily: each command only what it needs."""
+"""The commands ``automcm spec ...``.  Each command imports only the modules that it needs."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ app = typer.Typer()
 
 
 Profile = Annotated[
-    str | None, typer.Option(help="quick, full or deep: the models of these and of those before.")
+    str | None,
+    typer.Option(help="quick, full or deep.  Each includes the models of the previous ones."),
 ]
 Property = Annotated[
-    str | None, typer.Option("--property", help="Only models that check it, such as S-5.")
+    str | None,
+    typer.Option("--property", help="Only models that check this property, such as S-5."),
 ]
 
 
 @app.command("list", epilog=example("spec list --property T-2"))
 def spec_list(profile: Profile = None, property_: Property = None, json_: Json = None) -> None:
-    """The models: what each must show, and why it is there."""
+    """List the models: the expected result and the purpose of each."""
     from automcm_cli.spec import model_output as spec_
 
     models = _chosen([], profile, property_)
@@ -34,37 +36,42 @@ def spec_list(profile: Profile = None, property_: Property = None, json_: Json =
 @app.command("check", epilog=example("spec check rejoin --json -"))
 def spec_check(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Models, as automcm spec list names them.")
+        list[str] | None, typer.Argument(help="Names of models, as shown by automcm spec list.")
     ] = None,
     profile: Profile = None,
     property_: Property = None,
     timeout: Annotated[
-        float | None, typer.Option(min=0, help="Seconds for each model; then it is incomplete.")
+        float | None, typer.Option(min=0, help="Time limit for each model, in seconds.")
     ] = None,
-    heap: Annotated[int | None, typer.Option(min=16, help="Memory for Java, in MB.")] = None,
-    traces: Annotated[Path, typer.Option(help="Folder for counterexamples, in ITF.")] = Path(
+    heap: Annotated[int | None, typer.Option(min=16, help="Heap size of Java, in MB.")] = None,
+    traces: Annotated[Path, typer.Option(help="Folder for counterexamples in ITF.")] = Path(
         "runs/counterexamples"
     ),
     distributed: Annotated[
         bool,
-        typer.Option("--distributed", help="Wait for automcm spec worker; only safety, no trace."),
+        typer.Option(
+            "--distributed",
+            help="Serve the model to automcm spec worker.  Only safety properties, no trace.",
+        ),
     ] = False,
     host: Annotated[
-        str, typer.Option(help="With --distributed: the address workers reach this machine under.")
+        str,
+        typer.Option(help="With --distributed: the address at which workers reach this machine."),
     ] = "127.0.0.1",
     json_: Json = None,
 ) -> None:
-    """Check models with TLC.  A counterexample is shown as the inputs that lead to it.
+    """Check models with TLC.
 
-    A run that does not come to its end (time, memory, disk) is incomplete: code 4, and the
-    states it has looked at.  If the specification is not the one that spec/oracle was made from
-    and every model comes out as recorded, no property covers the change, and that is said.
+    A counterexample is shown as the inputs that lead to it.  A run that TLC does not finish (time,
+    memory, disk) is incomplete: the exit code is 4, and the number of states examined is shown.
+    The command warns when no property covers a change: the specification differs from the one in
+    spec/oracle, but every model gives the recorded result.
     """
     from automcm_cli.spec import model_output as spec_
     from automcm_spec.model_checking import tlc
 
     if not names and profile is None and property_ is None:
-        raise typer.BadParameter("name a model, or give --profile or --property")
+        raise typer.BadParameter("no model is selected: give a name, --profile or --property")
     asked = _chosen(names or [], profile, property_)
     if distributed:
         _check_distributed(asked, host, json_)
@@ -107,14 +114,17 @@ def _check_distributed(asked: list[Any], host: str, json_: Path | None) -> None:
 @app.command("worker", epilog=example("spec worker 192.0.2.7"))
 def spec_worker(
     server: Annotated[
-        str, typer.Argument(metavar="HOST", help="Where spec check --distributed is.")
+        str, typer.Argument(metavar="HOST", help="Host that runs spec check --distributed.")
     ],
-    threads: Annotated[int, typer.Option(min=1, help="How much to do at a time.")] = 1,
+    threads: Annotated[int, typer.Option(min=1, help="Number of worker threads.")] = 1,
     host: Annotated[
-        str, typer.Option(help="The address the server reaches this machine under.")
+        str, typer.Option(help="The address at which the server reaches this machine.")
     ] = "127.0.0.1",
 ) -> None:
-    """Help a check on another machine until it is done.  For a network one trusts."""
+    """Work for a check on another machine until it ends.
+
+    Use it in a trusted network only.
+    """
     from automcm_spec.model_checking import distributed_tlc as distributed
     from automcm_spec.model_checking.tlc import TlcError
 
@@ -127,20 +137,30 @@ def spec_worker(
 @app.command("simulate", epilog=example("spec simulate two_by_three"))
 def spec_simulate(
     name: Annotated[
-        str, typer.Argument(metavar="MODEL", help="As automcm spec list names it, or two_by_three.")
+        str,
+        typer.Argument(
+            metavar="MODEL", help="Name as shown by automcm spec list, or two_by_three."
+        ),
     ],
-    seed: Annotated[int, typer.Option(min=0, help="The same gives the same behaviours.")] = 1,
-    seconds: Annotated[int, typer.Option(min=1, help="When to end, with the start of Java.")] = 30,
-    depth: Annotated[int, typer.Option(min=1, help="Steps of a behaviour, at most.")] = 100,
-    behaviours: Annotated[int | None, typer.Option(min=1, help="How many, at most.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Equal seeds give equal behaviours.")] = 1,
+    seconds: Annotated[
+        int, typer.Option(min=1, help="Time limit in seconds, including the start of Java.")
+    ] = 30,
+    depth: Annotated[int, typer.Option(min=1, help="Maximum steps of a behaviour.")] = 100,
+    behaviours: Annotated[
+        int | None, typer.Option(min=1, help="Maximum number of behaviours.")
+    ] = None,
     lively: Annotated[
-        bool, typer.Option("--lively", help="Without what ends sessions early (Simulation.tla).")
+        bool,
+        typer.Option("--lively", help="Omit actions that end sessions early (Simulation.tla)."),
     ] = False,
     json_: Json = None,
 ) -> None:
-    """Random behaviours of a model, till a property is violated.  Which rules decided how often?
+    """Run random behaviours of a model.
 
-    Code 4: a model that must fail did not in these behaviours, or there were none in time.
+    The run ends when a property is violated or a limit is reached.  The command shows how many
+    steps each rule decided.  The exit code is 4 if a model that must fail did not fail, or if no
+    behaviour was finished in time.
     """
     from automcm_cli.spec import walk_summary as walks_
     from automcm_spec.model_checking import random_walks

@@ -1,5 +1,5 @@
-"""``automcm trace``: what a log means, and where it diverges.
+"""``automcm trace``: commands that show, check, compare and convert logs.
 
 For anyone with a log.
-Loaded by ``groups`` when one of its commands is wanted.
+Loaded by ``groups`` when one of its commands is used.
 """

@@ -1,4 +1,4 @@
-"""``automcm trace``: what a log means."""
+"""``automcm trace``: all its commands, and ``explain``."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ def explain(
     ] = Path("runs/explain"),
     engine: Annotated[
         Literal["oracle", "tlc"],
-        typer.Option(help="Who judges: the compiled specification, or TLC on its text."),
+        typer.Option(help="oracle: the compiled specification; tlc: TLC on the TLA+ text."),
     ] = "oracle",
     json_: Json = None,
 ) -> None:
-    """Is each log allowed?  If not: the first event that is not, why.
+    """Check logs against the specification.
 
-    Several logs of one run are also judged together: what was received against what was sent,
-    and the properties of the whole (S-*, T-*), with the hazards that a fault has caused.
+    For each log that the specification does not allow, reports the first violation and its cause.
+    Several logs of one run are also checked together: received messages against sent ones, and
+    the properties of the system (S-*, T-*), with the hazards that a fault has caused.
     """
     from automcm_traces.explain import explain as explain_
 
@@ -59,11 +60,11 @@ def explain(
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))
-    told = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
+    reports = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
     if system is None:
-        write_json(json_, told[0])
+        write_json(json_, reports[0])
     else:
-        write_json(json_, {"logs": told, "system": system.as_dict()})
+        write_json(json_, {"logs": reports, "system": system.as_dict()})
     if str(json_) != "-":
         for verdict, where in zip(verdicts, written, strict=True):
             typer.echo(explain_.text(verdict))
@@ -76,7 +77,10 @@ def explain(
 
 
 def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
-    """The failing prefix of a log that diverges, beside those before, and how to replay it."""
+    """Write the failing prefix of a log that diverges; its path and the command that replays it.
+
+    ``before`` holds the earlier results, whose files are not overwritten.
+    """
     from automcm_traces.explain.explain import prefix, replay
 
     if verdict.verdict != "diverges" or not verdict.seen:
@@ -85,7 +89,7 @@ def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]
         taken = {Path(other["prefix"]) for other in before if other}
         path = prefix(verdict, out, taken, log)
     except OSError as error:
-        typer.echo(f"explain: {error}: the prefix is not written", err=True)
+        typer.echo(f"explain: the failing prefix could not be written: {error}", err=True)
         return {}
     return {"prefix": str(path), "replay": replay(path)}
 
@@ -93,7 +97,7 @@ def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]
 app.command(
     epilog=example(
         "trace html 1001.ndjson 2002.ndjson --out page.html",
-        "Two runs: give the second with --compare.  ",
+        "To compare two runs, give the logs of the second with --compare.  ",
     )
 )(trace_html.html)
 app.command(epilog=example("trace shrink 1001.ndjson 2002.ndjson --out small"))(trace_edit.shrink)

@@ -1,4 +1,4 @@
-"""``automcm trace shrink`` and ``diff``: less of a log, and two side by side."""
+"""``automcm trace shrink`` and ``diff``: shortens logs, and compares two runs."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ if TYPE_CHECKING:
     from automcm_traces.edit.log_shrinking import Shrunk
 
 ROWS = 100
-"""Events of a shrunk log that are printed."""
+"""Maximum number of events of a shrunk log that are printed."""
 
 
 def shrink(
     logs: Logs,
-    out: Annotated[Path, typer.Option(help="Folder for the smallest logs.")] = Path("runs/shrink"),
-    tries: Annotated[int, typer.Option(help="How many candidates may be judged.", min=1)] = 3000,
+    out: Annotated[Path, typer.Option(help="Folder for the shrunk logs.")] = Path("runs/shrink"),
+    tries: Annotated[
+        int, typer.Option(help="Maximum number of candidates to check.", min=1)
+    ] = 3000,
     late: Late = None,
     json_: Json = None,
 ) -> None:
-    """The smallest logs that show the same.  The same event diverges, by the same rule.
+    """Find the smallest logs with the same violation.
 
-    Sessions go first, then logs, then steps, then single events. The gaps are closed: later
-    events come earlier, and numbers are counted anew. What is wrong only with the other logs (a
-    forged message, a property of the system) is shrunk with them. Exit code 0: shrunk; 1: there
-    is nothing wrong to shrink.
+    The same event diverges by the same rule. The command removes sessions first, then logs, then
+    steps, then single events. It moves later events to earlier times and renumbers the messages. A
+    violation that involves several logs (a forged message, a property of the system) is kept in
+    all of them. Exit code 0: shrunk; 1: the logs have no violation.
     """
     from automcm_traces.edit import log_shrinking as shrink_
     from automcm_traces.explain.log_table import columns
@@ -43,10 +45,10 @@ def shrink(
     except shrink_.NothingToShrink as error:
         typer.echo(f"shrink: {error}", err=True)
         raise typer.Exit(error.code) from None
-    told = found.as_dict()
-    for one, path in zip(told["logs"], written, strict=True):
+    report = found.as_dict()
+    for one, path in zip(report["logs"], written, strict=True):
         one["written"] = str(path)
-    if not write_json(json_, told):
+    if not write_json(json_, report):
         return
     for line in found.text():
         typer.echo(line)
@@ -59,9 +61,9 @@ def shrink(
 
 
 def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
-    """The smallest logs as files, each by the name of the log it comes from.
+    """Write the shrunk logs, each under the name of its original log, and return the paths.
 
-    Raises OSError; typer.BadParameter if that would overwrite a log that was given.
+    Raises OSError; typer.BadParameter if a file would overwrite a given log.
     """
     from automcm_spec.support.bad_input import name_of
 
@@ -72,7 +74,10 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
         if path in paths:
             path = out / f"{path.stem}-{log.header.station}.ndjson"
         if path.resolve() in {other.resolve() for other in given}:
-            raise typer.BadParameter(f"{path} is a log to be shrunk", param_hint="--out")
+            raise typer.BadParameter(
+                f"{path} is a given log and would be overwritten; choose another folder",
+                param_hint="--out",
+            )
         paths.append(path)
     out.mkdir(parents=True, exist_ok=True)
     for path, log in zip(paths, found.logs, strict=True):
@@ -82,20 +87,21 @@ def _written(found: Shrunk, given: list[Path], out: Path) -> list[Path]:
 
 def compare(
     a: Annotated[Path, typer.Argument(help="A log, or a folder with logs (*.ndjson).")],
-    b: Annotated[Path, typer.Argument(help="The one to compare it with.")],
+    b: Annotated[Path, typer.Argument(help="The log or folder to compare with A.")],
     stations: Annotated[
         list[str] | None,
-        typer.Option(help="A station of A and which of B it is, such as 1001=7; may be repeated."),
+        typer.Option(help="A station of A and the one of B, such as 1001=7.  Repeatable."),
     ] = None,
-    times: Annotated[bool, typer.Option(help="With how far times are apart.")] = False,
+    times: Annotated[bool, typer.Option(help="Show the differences of times.")] = False,
     width: Annotated[int, typer.Option(help="Columns of the table.", min=40)] = 80,
     json_: Json = None,
 ) -> None:
-    """Two runs, or two implementations: where do they first differ?
+    """Find the first difference between two runs.
 
-    Logs are compared by station, a step (an input with its effects) at a time. What a station is
-    free to choose is not compared: numbers of sessions, transmission ids, the order of the effects
-    of a step, times, CAMs. Exit code 0: the same; 1: they differ.
+    The runs may come from two implementations. Logs are compared for each station, one step (an
+    input with its effects) at a time. A station's free choices are not compared: session numbers,
+    transmission ids, the order of the effects of a step, times, CAMs. Exit code 0: the runs are
+    equal; 1: they differ.
     """
     from automcm_spec.support.bad_input import BadInput
     from automcm_traces.edit import log_diff as diff_
@@ -111,8 +117,13 @@ def compare(
 
 
 def station_pairs(texts: list[str] | None) -> dict[int, int]:
-    """``--stations``: which station of B each of A is.  Raises typer.BadParameter."""
-    pairs = dict(two_numbers(text, "=", "pair; 1001=7", "--stations") for text in texts or ())
+    """``--stations``: for stations of A, the station of B.  Raises typer.BadParameter."""
+    pairs = dict(
+        two_numbers(text, "=", "a pair of stations, such as 1001=7", "--stations")
+        for text in texts or ()
+    )
     if len(set(pairs.values())) < len(texts or ()):
-        raise typer.BadParameter("a station is named twice", param_hint="--stations")
+        raise typer.BadParameter(
+            "a station occurs in two pairs; each may occur in one only", param_hint="--stations"
+        )
     return pairs

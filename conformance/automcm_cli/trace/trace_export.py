@@ -1,4 +1,4 @@
-"""``automcm trace export`` and ``itf``: logs for other tools, and logs of counterexamples."""
+"""``automcm trace export`` and ``itf``: converts logs for other tools, and counterexamples."""
 
 from __future__ import annotations
 
@@ -14,18 +14,22 @@ from automcm_spec.support import files
 
 
 def export(
-    logs: Annotated[list[Path], typer.Argument(help="Logs, or folders with logs; or one .mcap.")],
+    logs: Annotated[
+        list[Path], typer.Argument(help="Logs, or folders with logs; with --to logs, .mcap files.")
+    ],
     to: Annotated[
         Literal["mermaid", "svg", "itf", "mcap", "logs"],
-        typer.Option(help="mermaid; svg; itf (of one log); mcap (extra mcap); logs, of an .mcap."),
+        typer.Option(help="Target format; mcap and logs need automcm[mcap]."),
     ] = "mermaid",
-    out: Annotated[Path, typer.Option(help="Folder for what is written.")] = Path("runs/export"),
+    out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("runs/export"),
     json_: Json = None,
 ) -> None:
-    """Logs for other tools.  A diagram, a picture, states in ITF, or MCAP for Foxglove.
+    """Convert logs for other tools.
 
-    A diagram has 400 messages at most, and says how many more there are. MCAP has a channel of
-    JSON for each station; --to logs makes logs of it again, byte for byte.
+    mermaid is a sequence diagram, svg a drawing, itf the states of a station in ITF, and mcap a
+    recording for Foxglove. A sequence diagram shows 400 messages at most and gives the number of
+    omitted ones. MCAP has one JSON channel for each station; --to logs restores the logs from it
+    byte for byte.
     """
     given = logs if to == "logs" else files_of("export", logs)
     _write("export", lambda: _exported(given, to), out, json_, read=logs)
@@ -33,16 +37,19 @@ def export(
 
 def itf(
     file: Annotated[Path, typer.Argument(help="A counterexample in ITF, or a log (.ndjson).")],
-    out: Annotated[Path, typer.Option(help="Folder for what is written.")] = Path("."),
+    out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("."),
     json_: Json = None,
 ) -> None:
-    """A counterexample in ITF as logs of its stations, a log as ITF.
+    """Convert a counterexample in ITF to logs, or a log to ITF.
 
-    The counterexample is one of ours (automcm spec check, traces/counterexamples): TLC works out
-    what its stations send.  In the ITF of a log each state is the station after a step.
+    The counterexample must come from automcm spec check or traces/counterexamples.  TLC computes
+    the messages that its stations send.  In the ITF of a log, each state is the station's state
+    after a step.
     """
     if file.is_dir():
-        typer.echo(f"itf: {file}: is a directory, neither a log nor a counterexample", err=True)
+        typer.echo(
+            f"itf: {file} is a directory; expected a log (.ndjson) or a counterexample", err=True
+        )
         raise typer.Exit(3)
     make = _itf_of if file.suffix == ".ndjson" else _logs_of
     _write("itf", lambda: make(file), out, json_)
@@ -55,7 +62,7 @@ def _write(
     json_: Path | None,
     read: Collection[Path] = (),
 ) -> None:
-    """Write files by their names into a folder, but none over what is read, and name them."""
+    """Write files into a folder and print their paths.  None may overwrite a file in ``read``."""
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.support.bad_input import BadInput
     from automcm_traces.checker.track import CannotTell
@@ -72,7 +79,10 @@ def _write(
             out.mkdir(parents=True, exist_ok=True)
             for path, data in contents.items():
                 if path.resolve() in {other.resolve() for other in read}:
-                    raise typer.BadParameter(f"{path} is what is read", param_hint="--out")
+                    raise typer.BadParameter(
+                        f"{path} is an input and would be overwritten; choose another folder",
+                        param_hint="--out",
+                    )
                 files.write(path, data)
     except CannotTell as error:
         typer.echo(f"{command}: CANNOT TELL: {error}", err=True)
@@ -83,7 +93,7 @@ def _write(
 
 
 def _exported(paths: list[Path], to: str) -> dict[str, bytes]:
-    """What is to be written, by name."""
+    """The contents of the files to write, by name."""
     from automcm_traces.explain.log_table import Logs
     from automcm_traces.export import mcap_file
     from automcm_traces.export.mermaid import diagram
@@ -93,7 +103,7 @@ def _exported(paths: list[Path], to: str) -> dict[str, bytes]:
 
     if to == "itf":
         if len({path.stem for path in paths}) < len(paths):
-            raise typer.BadParameter("two logs have one name; export each by itself")
+            raise typer.BadParameter("two logs have the same file name; export each separately")
         return {name: data for path in paths for name, data in _itf_of(path).items()}
     if to == "svg":
         merged = merge([read(path) for path in paths])

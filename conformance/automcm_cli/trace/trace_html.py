@@ -1,4 +1,4 @@
-"""``automcm trace html``: logs as one page that shows everything."""
+"""``automcm trace html``: logs as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -22,38 +22,38 @@ def html(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            help="Logs of one run, folders of them, - for standard input; or one counterexample "
-            "(.itf.json)."
+            help="Logs of one run, or folders with logs; - for standard input; or one "
+            "counterexample (.itf.json)."
         ),
     ],
     compare: Annotated[
         list[Path] | None,
-        typer.Option(help="Logs of another run, to stand beside it; may be repeated."),
+        typer.Option(help="Logs of another run to compare with.  Repeatable."),
     ] = None,
     stations: Annotated[
         list[str] | None,
-        typer.Option(help="A station and which of --compare it is, such as 1001=7."),
+        typer.Option(help="A station and the one of --compare, such as 1001=7.  Repeatable."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="The page.")] = Path("runs/trace.html"),
+    out: Annotated[Path, typer.Option(help="File for the page.")] = Path("runs/trace.html"),
     late: Late = None,
     from_line: Annotated[
-        int | None, typer.Option(help="Only a part: the first log from this line on.", min=1)
+        int | None, typer.Option(help="Show the first log from this line on.", min=1)
     ] = None,
     to_line: Annotated[
-        int | None, typer.Option(help="Only a part: the first log up to this line.", min=1)
+        int | None, typer.Option(help="Show the first log up to this line.", min=1)
     ] = None,
     json_: Json = None,
 ) -> None:
-    """One page: what happened, what was allowed, where it went wrong.
+    """Write an HTML page that explains the logs of a run.
 
-    The page is one file and needs no network. It has what explain says, the messages between the
-    stations, the timers, the states, and the lines of Station.tla. With --compare it has two runs
-    side by side, aligned up to where they first differ, as diff finds it. Exit code 0: it was
-    written, whatever the verdict.
+    The page is one file and needs no network. It shows the verdict of explain, the messages between
+    the stations, the timers, the states, and the lines of Station.tla. With --compare it shows two
+    runs side by side, aligned up to the first difference that diff finds. The exit code is 0 when
+    the page was written, whatever the verdict.
 
-    Logs of more than 100,000 events are refused, but for a part of them: with --from-line,
-    --to-line or both, so many lines of the first log, and of the others what stands between the
-    first and the last message exchanged with these lines.
+    Logs of more than 100,000 events are refused. For a part of them, give --from-line, --to-line or
+    both: the page then shows these lines of the first log, and the lines of the other logs from the
+    first to the last message exchanged with them.
     """
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.support.bad_input import BadInput
@@ -65,10 +65,12 @@ def html(
 
     pairs = station_pairs(stations)
     if pairs and not compare:
-        raise typer.BadParameter("only with --compare", param_hint="--stations")
+        raise typer.BadParameter("is only allowed with --compare", param_hint="--stations")
     part = _part(from_line, to_line)
     if part and compare:
-        raise typer.BadParameter("not with --compare", param_hint="--from-line, --to-line")
+        raise typer.BadParameter(
+            "cannot be combined with --compare", param_hint="--from-line, --to-line"
+        )
     logs, other = (files_of("html", paths) for paths in (logs, compare or []))
     with code_3("html", ItfError, BadInput, OSError, PageError, BehaviourError, TlcError):
         page = page_of(logs, late, other, pairs, part)
@@ -87,8 +89,9 @@ def page_of(
     stations: Mapping[int, int] | None = None,
     part: Part | None = None,
 ) -> Page:
-    """The page of logs, or of one counterexample; with ``compare``, of two runs.  ``part`` is not
-    for a counterexample.
+    """The page of logs or of one counterexample; with ``compare``, of two runs.
+
+    ``part`` is not allowed with a counterexample.
 
     Raises ItfError, BadInput, OSError, PageError, StoryError, TlcError.
     """
@@ -110,12 +113,14 @@ def _part(first: int | None, last: int | None) -> Part | None:
     if first is None and last is None:
         return None
     if first is not None and last is not None and last < first:
-        raise typer.BadParameter(f"{last} is before --from-line {first}", param_hint="--to-line")
+        raise typer.BadParameter(
+            f"must be at least --from-line ({first}), not {last}", param_hint="--to-line"
+        )
     return Part(first or 1) if last is None else Part(first or 1, last)
 
 
 def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple[Run, str]:
-    """A run, and its title."""
+    """A run and its title."""
     from automcm_spec.support.bad_input import SpooledInput
     from automcm_traces.export.itf_log import behaviour
     from automcm_traces.viewer.page_run import PageError, load
@@ -125,9 +130,11 @@ def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple
         run = load(paths, late, part)
         return run, run.title
     if len(paths) > 1:
-        raise PageError("a counterexample is one run, without other logs")
+        raise PageError("a counterexample must be the only file; give it without other logs")
     if part:
-        raise PageError("a counterexample has no lines: without --from-line and --to-line")
+        raise PageError(
+            "--from-line and --to-line select lines of a log; a counterexample has none"
+        )
     found = behaviour(itf[0])
     with scratch.folder("html") as folder:
         logs = []
@@ -137,4 +144,4 @@ def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple
             log.write_bytes(text)
             logs.append(log)
         run = load(sorted(logs), late)
-        return run, f"{found.model}, as TLC found it"
+        return run, f"{found.model}, counterexample found by TLC"

@@ -1,4 +1,4 @@
-"""``automcm trace lint``, ``show`` and ``coverage``: what logs hold."""
+"""``automcm trace lint``, ``show`` and ``coverage``: the contents of logs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Logs = Annotated[
 
 
 def files_of(command: str, logs: list[Path]) -> list[Path]:
-    """The logs that are meant; what has none ends the command with exit code 3.
+    """The log files in these paths.  Exits with code 3 if a path has none.
 
-    Standard input and pipes are kept in files till the end: a log is read more than once.
+    Standard input and pipes are copied to files, because a log is read more than once.
     """
     from automcm_spec.support.bad_input import BadInput
     from automcm_traces.format.reader import logs_below
@@ -56,13 +56,14 @@ def _kept(log: Path) -> Path:
 def lint(
     logs: Logs,
     most: Annotated[
-        int, typer.Option(help="How many findings to tell of each file; 0 for all.", min=0)
+        int, typer.Option(help="Maximum findings to print for each file (0 = all).", min=0)
     ] = 100,
     json_: Json = None,
 ) -> None:
-    """Is each file a log in the format?  If not: all that is wrong.
+    """Check files against the log format.
 
-    Warnings (a missing end, an event of an unknown kind) do not count against a log.
+    Reports all errors of each file.  Warnings (a missing end, an event of an unknown kind) do not
+    change the exit code.
     """
     from automcm_traces.explain import lint as lint_
 
@@ -92,36 +93,38 @@ STYLES = {
 def show(
     logs: Logs,
     station: Annotated[
-        list[int] | None, typer.Option(help="Only this station; may be repeated.")
+        list[int] | None, typer.Option(help="Only this station.  Repeatable.")
     ] = None,
     session: Annotated[str, typer.Option(help="Only this session, such as 1001/1.")] = "",
     type_: Annotated[
         list[str] | None,
-        typer.Option("--type", help="Only messages of this type; may be repeated."),
+        typer.Option("--type", help="Only messages of this type.  Repeatable."),
     ] = None,
-    cams: Annotated[
-        bool, typer.Option(help="With CAMs, and the timer that each arms anew.")
-    ] = False,
-    timers: Annotated[bool, typer.Option(help="With timers.")] = True,
-    from_line: Annotated[int, typer.Option(help="Each log from this line on.", min=0)] = 0,
-    last: Annotated[int, typer.Option(help="Only this many last rows; 0 for all.", min=0)] = 0,
+    cams: Annotated[bool, typer.Option(help="Show CAMs and the timers that they restart.")] = False,
+    timers: Annotated[bool, typer.Option(help="Show timers.")] = True,
+    from_line: Annotated[int, typer.Option(help="Show each log from this line on.", min=0)] = 0,
+    last: Annotated[int, typer.Option(help="Show only this many last rows (0 = all).", min=0)] = 0,
     width: Annotated[
-        int, typer.Option(help="Columns; 0 for those of the terminal, 80 in a pipe.", min=0)
+        int,
+        typer.Option(help="Columns of the table (0 = width of the terminal, or 80).", min=0),
     ] = 0,
     json_: Json = None,
 ) -> None:
-    """What happened: a row for each event, a column for each station.
+    """Show logs as a table of events.
 
-    Whatever is received stands below where it was sent. CAMs are left out unless asked for.
-    With several logs, what became of a message stands before it: x2002 lost on the way to 2002,
-    ?2002 not yet there when that log ends, 2nd a second copy, unsent sent by nobody.
+    Each event is a row and each station a column. A received message stands below its sending.
+    CAMs are hidden by default. With several logs, a mark before a message shows its delivery:
+    x2002: lost on the way to 2002; ?2002: not yet received when the log of 2002 ends; 2nd: a second
+    copy; unsent: no log contains its sending.
     """
     from automcm_spec.support.bad_input import BadInput
     from automcm_traces.explain import log_table as show_
 
     wanted = show_.Filter(
         stations=frozenset(station or ()),
-        session=two_numbers(session, "/", "session; 1001/1", "--session") if session else None,
+        session=two_numbers(session, "/", "a session, such as 1001/1", "--session")
+        if session
+        else None,
         types=frozenset(type_ or ()),
         cams=cams or "CAM" in (type_ or ()),
         timers=timers,
@@ -166,11 +169,13 @@ def _print(shown: FilteredRows, stations: Sequence[int], width: int) -> None:
 
 
 def two_numbers(text: str, sign: str, what: str, option: str) -> tuple[int, int]:
-    """The numbers on both sides of a sign; ``what`` they are, with an example.  Raises
-    typer.BadParameter."""
+    """The numbers on both sides of a sign.  ``what`` describes the expected text, with an example.
+
+    Raises typer.BadParameter.
+    """
     parts = text.split(sign)
     if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
-        raise typer.BadParameter(f"{text!r} is no {what} is one", param_hint=option)
+        raise typer.BadParameter(f"expected {what}, not {text!r}", param_hint=option)
     return int(parts[0]), int(parts[1])
 
 
@@ -178,28 +183,29 @@ def coverage(
     logs: Logs,
     annotate: Annotated[
         bool,
-        typer.Option("--annotate", help="Print the operators of Station.tla with a mark per line."),
+        typer.Option("--annotate", help="Print the text of Station.tla with a mark on each line."),
     ] = False,
     late: Late = None,
     json_: Json = None,
 ) -> None:
-    """What of the specification these logs exercise, and what not.
+    """Measure which parts of the specification the logs cover.
 
-    A log that diverges, or cannot be told or read, is counted up to there.
+    A log is counted up to the first event that diverges, that cannot be decided, or that cannot be
+    read.
     """
     from automcm_spec.vocabulary.condition_coverage import annotated
     from automcm_traces.explain import coverage as coverage_
 
     files = files_of("coverage", logs)
     with progress() as status:
-        found = coverage_.measure(_told(files, status), late)
+        found = coverage_.measure(_with_progress(files, status), late)
     if write_json(json_, found.as_dict()):
         for line in annotated(found.conditions) if annotate else coverage_.text(found):
             typer.echo(line)
     raise typer.Exit(coverage_.exit_code(found))
 
 
-def _told(files: Sequence[Path], status: Callable[[str], None]) -> Iterator[Path]:
+def _with_progress(files: Sequence[Path], status: Callable[[str], None]) -> Iterator[Path]:
     for n, path in enumerate(files, 1):
         status(f"{n} of {len(files)}")
         yield path

@@ -1,4 +1,4 @@
-"""``automcm trace replay``: the inputs of a log into any station."""
+"""``automcm trace replay``: sends the inputs of a log to any station."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from automcm_conformance.replay.replay_log import Replayed
 
 LONGEST = 2_000
-"""Characters of a line that is printed; what it quotes is somebody else's."""
+"""Maximum characters of a printed line, because it quotes text of the station."""
 
 
 def replay(
@@ -23,12 +23,13 @@ def replay(
     log: Annotated[Path, typer.Argument(help="A log in the format automcm.trace/1.")],
     out: Annotated[Path, typer.Option(help="Folder for the new log.")] = Path("runs/replay"),
     limit: Limit = LIMIT_S,
-    seed: Annotated[int, typer.Option(help="For what is random in the station.", min=0)] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the station's random numbers.", min=0)] = 1,
     json_: Json = None,
 ) -> None:
-    """Give a log's inputs to a station.  It is followed on the specification.
+    """Send a log's inputs to a station and check its answers.
 
-    What the log's own station sent is only compared.  The new log goes into --out.
+    The answers are checked against the specification.  They are also compared with the effects in
+    the log; a difference does not change the exit code.  The new log is written to --out.
     """
     from automcm_conformance.replay.replay_log import replay as replay_
     from automcm_conformance.report.report import visible
@@ -67,15 +68,17 @@ def _text(result: Replayed) -> list[str]:
     lines += [f"  standard error: {text!r}" for text in result.stderr]
     if result.difference is not None:
         d = result.difference
-        lines.append(f"  not as in the log, first at {result.file}:{d.line}, {d.t_ms} ms")
+        lines.append(f"  differs from the log, first at {result.file}:{d.line}, {d.t_ms} ms")
         lines += [f"    log:     {d.log or 'nothing'}", f"    station: {d.station or 'nothing'}"]
     elif result.same:
-        lines.append("  as in the log: the same is sent and told")
+        lines.append("  equal to the log: the same messages and indications")
     elif result.verdict == "allowed":
-        lines.append("  not compared with the log, which does not hold all that was sent")
+        lines.append("  not compared with the log, which does not contain all sent messages")
     lines += [f"  note: {note}" for note in result.notes]
     if result.log:
         lines.append(f"  its log: {at_line(result.log, result.log_line)}")
         if result.verdict == "diverges" and not result.in_log:
-            lines.append("  the new log alone does not show it: no log holds the next deadline")
+            lines.append(
+                "  the new log alone does not show the error: logs do not contain next deadlines"
+            )
     return lines

@@ -1,5 +1,8 @@
-"""What the check costs: the same lines to an adapter with every answer judged, to the same adapter
-with no answer looked at, and to an echo in the same language."""
+"""The cost of checking an adapter.
+
+The same lines go to an adapter with every answer checked, to the same adapter with no answer
+checked, and to an echo adapter in the same language.
+"""
 
 from __future__ import annotations
 
@@ -19,31 +22,31 @@ from automcm_spec.graph.oracle import Oracle
 
 LIMIT_S = 60.0
 SINGLES = 20_000
-"""Lines that are sent one by one; the time for all is taken from these."""
+"""Number of lines that are sent one by one; the time for all lines is extrapolated from them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One language.  Times in seconds for ``lines`` lines."""
+    """The figures of one language.  Times in seconds for ``lines`` lines."""
 
     language: str
     lines: int
     checked_s: float
     unchecked_s: float
     echo_s: float
-    """In the same bulks."""
+    """The echo adapter, with the same batches."""
     single_s: float
-    """To the echo, each line when the one before is answered: what a kit without bulks pays."""
+    """The echo adapter, with one line at a time: the cost of a kit without batches."""
     faults: int
-    """Wrong answers: the figures are of a station that has none."""
+    """Wrong answers; the figures are only valid without any."""
 
     @property
     def steps_per_s(self) -> float:
-        """With every answer judged."""
+        """The adapter with every answer checked."""
         return self.lines / self.checked_s
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The row for ``--json``."""
         return asdict(self) | {
             "steps_per_s": round(self.steps_per_s),
             "checked_over_echo": round(self.checked_s / self.echo_s, 2),
@@ -53,7 +56,7 @@ class Row:
 
 
 class _Recorder(Adapter):
-    """Keeps what it writes."""
+    """Records the lines that it writes."""
 
     def __init__(self, command: Sequence[str]) -> None:
         super().__init__(command, LIMIT_S)
@@ -72,7 +75,7 @@ def measure(
     purposes: Sequence[Purpose],
     say: Say,
 ) -> Row:
-    """Drive these purposes on ``oracle``.  Raises AdapterError and ProtocolError."""
+    """Run these purposes on ``oracle``.  Raises AdapterError and ProtocolError."""
     adapter = _Recorder(command)
     runner = Runner(adapter, purposes, 1, say)
     everything = (a for state in range(len(oracle.states)) for a in oracle.answers(state))
@@ -95,7 +98,7 @@ def measure(
 
 
 def _unread(command: Sequence[str], bulks: list[list[bytes]]) -> float:
-    """Seconds to send the same lines and look at no answer."""
+    """The time in seconds to send the same lines without checking the answers."""
     with Process(command, limit_s=LIMIT_S) as process:
         process.exchange([b'{"cmd":"hello","protocol":1}\n'])
         start = perf_counter()
@@ -105,5 +108,5 @@ def _unread(command: Sequence[str], bulks: list[list[bytes]]) -> float:
 
 
 def memory_mb() -> int:
-    """The most memory that this process has had, in MB."""
+    """The peak memory of this process, in MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024

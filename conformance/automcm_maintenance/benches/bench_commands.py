@@ -1,4 +1,4 @@
-"""``automcm bench``: what is measured beside what."""
+"""``automcm bench``: all its commands."""
 
 from __future__ import annotations
 

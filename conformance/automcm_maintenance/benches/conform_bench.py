@@ -21,19 +21,21 @@ if TYPE_CHECKING:
 
 def conform(
     selector: Annotated[
-        list[str] | None, typer.Option(help="Cases to drive; may be repeated.")
+        list[str] | None,
+        typer.Option(help="Cases to run; a selector as in conform run.  Repeatable."),
     ] = None,
     cpp: Annotated[
-        Path | None, typer.Option(help="Folder with the built C++ station and echo.")
+        Path | None, typer.Option(help="Folder with the built C++ station and echo adapter.")
     ] = None,
     must: Annotated[
-        bool, typer.Option(help="Also time all MUST cases on the C++ station (a minute).")
+        bool, typer.Option(help="Measure all MUST cases on the C++ station, too (a minute).")
     ] = False,
     json_: Json = None,
 ) -> None:
-    """Steps a second through an adapter, beside an echo.  The echo is in the same language.
+    """Measure the kit's steps per second.
 
-    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    Each adapter is compared with an echo adapter in the same language.  There is no verdict: the
+    figures depend on the machine, the ratios less so.
     """
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
@@ -68,7 +70,7 @@ def conform(
 
 
 def _build(folder: Path) -> Path | None:
-    """Build the C++ station and its echo; None if that cannot be done here."""
+    """Build the C++ station and its echo adapter; None if the tools are missing."""
     if not SOURCE.is_dir() or missing():
         return None
     try:
@@ -78,7 +80,7 @@ def _build(folder: Path) -> Path | None:
 
 
 def _all_must(command: list[str], folder: Path) -> float:
-    """Seconds for a run of all MUST cases, loading and reports included."""
+    """The time in seconds of a run of all MUST cases, including loading and reports."""
     words = [sys.executable, "-m", "automcm_cli", "conform", "run", "MUST", "--out"]
     start = perf_counter()
     words += [str(folder / "run"), "--", *command]

@@ -1,7 +1,7 @@
-"""What the reference costs, each figure beside a baseline measured in the same run.
+"""The cost of the reference, each figure with a baseline measured in the same run.
 
-Times are the best of several repetitions, in microseconds a message; sessions are counted per
-second of the machine; memory is what tracemalloc sees.
+Times are the best of several repetitions, in microseconds for a message.  Sessions are counted for
+a second of real time.  Memory is measured by tracemalloc.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from automcm.core.outcome import Expiry, Heard, Restart
+from automcm.core.outcome import Expiry, Received, Restart
 from automcm.core.phases import PrescriberPhases
 from automcm.core.rules import decide
 from automcm.core.station import Effects, Station
@@ -47,8 +47,8 @@ POINTS = 52
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Microseconds for each of ``messages``: decoding it, the core, and of the core the rules
-    (``decide``) and the timers that are armed and stopped."""
+    """Microseconds for each of ``messages``: its decoding, the core, and the parts of the core: the
+    rules (``decide``) and the arming and stopping of timers."""
 
     messages: int
     decode_us: float
@@ -59,8 +59,8 @@ class Parts:
 
 @dataclass(frozen=True, slots=True)
 class Core:
-    """Microseconds a message: the core, a dictionary look-up for each, decoding it from JSON,
-    and a transition of python-statemachine, which the core's table stands in for."""
+    """Microseconds for a message: the core, a dictionary look-up, decoding from JSON, and a
+    transition of python-statemachine, which the core's table replaces."""
 
     messages: int
     core_us: float
@@ -72,7 +72,7 @@ class Core:
 
 @dataclass(frozen=True, slots=True)
 class Coding:
-    """A codec on a Prescription of ``points`` points: bytes, and microseconds each way."""
+    """A codec on a Prescription of ``points`` points: bytes, microseconds to encode and decode."""
 
     codec: str
     points: int
@@ -83,7 +83,7 @@ class Coding:
 
 @dataclass(frozen=True, slots=True)
 class Sessions:
-    """Whole sessions of a prescriber and a receiver, CAMs and all, through a simulated radio."""
+    """Complete sessions of a prescriber and a receiver with CAMs, over a simulated radio."""
 
     t_timeout: int
     loss: float
@@ -95,14 +95,14 @@ class Sessions:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """Bytes a station (with its service), of ``stations`` in one process."""
+    """Bytes for a station with its service, with ``stations`` in one process."""
 
     stations: int
     idle: int
     waiting: int
     acting: int
     trajectory: int
-    """Of these, one trajectory of POINTS points; an acting receiver holds two."""
+    """The part of one trajectory of POINTS points; an acting receiver holds two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ class Report:
     memory: Memory
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The report for ``--json``."""
         return asdict(self)
 
 
@@ -123,7 +123,7 @@ Input = Message | Cam | Command
 
 
 def run(seconds: float, say: Callable[[str], None] = lambda text: None) -> Report:
-    """All figures, in about ``seconds`` and some for the memory."""
+    """Measure all figures in about ``seconds``, plus the time for the memory."""
     say("core")
     core_ = core(seconds / 5)
     say("codecs")
@@ -141,7 +141,7 @@ def run(seconds: float, say: Callable[[str], None] = lambda text: None) -> Repor
 
 
 def recorded() -> dict[int, list[tuple[int, Input]]]:
-    """What each of four stations gets in a session with one target, with times in ms."""
+    """The inputs of each of four stations in a session with one target, with times in ms."""
     inputs: dict[int, list[tuple[int, Input]]] = {}
 
     def note(to: list[tuple[int, Input]]) -> Observer:
@@ -149,7 +149,7 @@ def recorded() -> dict[int, list[tuple[int, Input]]]:
             match effects.input:
                 case Expiry() | Restart() | None:
                     pass
-                case Heard(message):
+                case Received(message):
                     to.append((effects.now_ms, message))
                 case other:
                     to.append((effects.now_ms, other))
@@ -166,7 +166,7 @@ def recorded() -> dict[int, list[tuple[int, Input]]]:
 
 
 class _Long(Straight):
-    """With trajectories of POINTS points."""
+    """An application with trajectories of POINTS points."""
 
     def trajectory(self, per_cent: int = 100) -> Trajectory:
         step = 5_000_000 // self.speed_mm_s * 100 // per_cent
@@ -177,13 +177,13 @@ S = TypeVar("S", bound=Station)
 
 
 class _Measured(Station):
-    """A station that notes how long the rules and the timers of the last input took, in s."""
+    """A station that records the time in s that the rules and timers of the last input took."""
 
     decided = rearmed = 0.0
 
     def _step(self, i: Any, now: int) -> Effects:
         began = time.perf_counter()
-        decide(self.me, self.state, i)  # beside the real one: it changes nothing
+        decide(self.me, self.state, i)  # a second evaluation, which has no effect
         self.decided, self.rearmed = time.perf_counter() - began, 0.0
         return super()._step(i, now)
 
@@ -195,7 +195,7 @@ class _Measured(Station):
 
 
 def replay(station: Station, inputs: Sequence[tuple[int, Input]]) -> Iterator[float]:
-    """Give a fresh station its inputs; the seconds of each message, without what was due before."""
+    """Give a new station its inputs; the time in s of each message, without earlier due timers."""
     for now, i in inputs:
         if isinstance(i, Command):
             station.command(i, now)
@@ -207,7 +207,7 @@ def replay(station: Station, inputs: Sequence[tuple[int, Input]]) -> Iterator[fl
 
 
 def decoding(encoded: Sequence[bytes]) -> Iterator[float]:
-    """The seconds of decoding each."""
+    """The time in s to decode each message."""
     for data in encoded:
         began = time.perf_counter()
         decode(data)
@@ -215,7 +215,7 @@ def decoding(encoded: Sequence[bytes]) -> Iterator[float]:
 
 
 def core(seconds: float) -> Core:
-    """Replay recorded sessions through fresh stations."""
+    """Replay recorded sessions through new stations."""
     inputs = recorded()
     messages = [i for each in inputs.values() for _, i in each if not isinstance(i, Command)]
     encoded = [encode(m) for m in messages]
@@ -255,7 +255,7 @@ def core(seconds: float) -> Core:
 
 
 def best_us(call: Callable[[], object], seconds: float, count: int = 1) -> float:
-    """The best of several, divided by ``count``; at least three calls."""
+    """The best time of at least three calls, divided by ``count``."""
     call()
     began = time.perf_counter()
     call()
@@ -271,7 +271,7 @@ def best_us(call: Callable[[], object], seconds: float, count: int = 1) -> float
 
 
 def codings(seconds: float) -> tuple[Coding, ...]:
-    """Both codecs; UPER only if it is installed."""
+    """Measure both codecs; UPER only if it is installed."""
     found = []
     for name in NAMES:
         try:
@@ -289,7 +289,7 @@ def codings(seconds: float) -> tuple[Coding, ...]:
 
 
 def session(seed: int, t_timeout: int, loss: float) -> tuple[bool, int]:
-    """One session from the request until nobody has anything to send: agreed?, messages sent."""
+    """One session, from the request until no message is left: whether agreed, messages sent."""
     simulation = Simulation(seed=seed, channel=Channel(loss=loss))
     parameters = Parameters(t_timeout=t_timeout)
     services = [
@@ -306,7 +306,7 @@ def session(seed: int, t_timeout: int, loss: float) -> tuple[bool, int]:
 
 
 def sessions(t_timeout: int, loss: float, seconds: float) -> Sessions:
-    """As many sessions as fit; at least one."""
+    """Run as many sessions as the time allows, at least one."""
     began = time.perf_counter()
     n = agreed = messages = 0
     while n == 0 or time.perf_counter() < began + seconds:
@@ -320,7 +320,7 @@ def sessions(t_timeout: int, loss: float, seconds: float) -> Sessions:
 
 
 def memory(stations: int = STATIONS) -> Memory:
-    """Stations on one radio; then each waits as a receiver; then each acts."""
+    """Measure stations on one radio: idle, then as waiting receivers, then acting."""
     path = _Long().trajectory()
     tracemalloc.start()
     began = tracemalloc.get_traced_memory()[0]
@@ -357,7 +357,7 @@ def _service(n: int, application: Application, radio: Radio, clock: VirtualClock
 
 
 def decode_trajectory(path: Trajectory) -> Trajectory:
-    """A copy that shares nothing."""
+    """A deep copy."""
     return Trajectory.model_validate_json(path.model_dump_json())
 
 

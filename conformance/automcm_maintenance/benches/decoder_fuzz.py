@@ -1,9 +1,9 @@
-"""Decoders against rubbish: nothing but MessageError may come out of them (END-5).
+"""A fuzzer for the decoders, which may raise only MessageError (END-5).
 
 ``python -m automcm_maintenance.benches.decoder_fuzz --count 10000000 --seed 1`` changes valid
-encodings at random and decodes the results.  An input that is accepted must come back the same when
-encoded and decoded again. The same seed, count and codec give the same inputs.  Exit code 1 if one
-is found that breaks a decoder; it is printed in hexadecimal.
+encodings at random and decodes the results.  An accepted input must be unchanged after encoding and
+decoding it again.  The same seed, count and codec give the same inputs.  The exit code is 1 if an
+input breaks a decoder; it is printed in hexadecimal.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ from automcm_spec.vocabulary.messages import (
 )
 
 POOL = 512
-"""How many encodings are kept to be changed; accepted inputs replace others at random."""
+"""Number of encodings kept for mutation; accepted inputs replace others at random."""
 KEPT_BYTES = 2048
-"""Longer ones are not kept, so that the run does not slow down."""
+"""Longer inputs, in bytes, are not kept, so that the run stays fast."""
 
 _TOKEN = re.compile(rb'"(?:[^"\\]|\\.)*"|[-+.\w]+|.', re.DOTALL)
-_ODD = (
+_EDGE_TOKENS = (
     *b"null true NaN -Infinity -0 1.0 1e3 1E400 0x1 +1 01".split(),
     *(str(n).encode() for n in (0, -1, 1, 2**31, 2**32, LIMIT, LIMIT + 1, -LIMIT, 2**63, 2**64)),
     *(b"9" * 4300, b"9" * 5000, b"-" + b"9" * 400, b"0." + b"1" * 400),
@@ -58,7 +58,7 @@ _ODD = (
 
 
 class Found(Exception):
-    """An input that breaks a decoder, and how."""
+    """An input that breaks a decoder, and the failure."""
 
     def __init__(self, data: bytes, problem: str) -> None:
         super().__init__(problem)
@@ -67,14 +67,14 @@ class Found(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How many inputs were taken for messages, and how many refused."""
+    """Numbers of accepted and refused inputs."""
 
     accepted: int
     refused: int
 
 
 def examples() -> list[Message | Cam]:
-    """Messages of every type, reason and form: what the inputs are made from."""
+    """Messages of every type, reason and form, from which the inputs are made."""
     car = {"src": 1001, "dst": 2002, "session": (1001, 3), "seq": 4}
     short = Trajectory(t0=1000, points=((0, 0, 0), (600, 5000, -20)))
     far = Trajectory(t0=-LIMIT, points=((LIMIT, -LIMIT, 0), (2048, 8192, -8193), (2050, 8193, 0)))
@@ -109,7 +109,7 @@ def examples() -> list[Message | Cam]:
 
 
 class Mutator:
-    """Makes inputs from ``valid`` encodings; the same seed makes the same ones."""
+    """Makes inputs from ``valid`` encodings; the same seed gives the same inputs."""
 
     def __init__(self, valid: Sequence[bytes], seed: str, text: bool) -> None:
         self._random = random.Random(seed)
@@ -121,7 +121,7 @@ class Mutator:
         return _TOKEN.findall(data) if self._text else []
 
     def keep(self, data: bytes) -> None:
-        """Make further inputs from this one as well."""
+        """Use this input as a source of further ones."""
         if len(data) > KEPT_BYTES:
             return
         if len(self._pool) < POOL:
@@ -132,7 +132,7 @@ class Mutator:
             self._pool[at], self._tokens[at] = data, self._split(data)
 
     def next(self) -> bytes:
-        """One more input."""
+        """The next input."""
         at = self._below(len(self._pool))
         times = 1
         while times < 6 and self._random.random() < 0.4:
@@ -154,7 +154,7 @@ class Mutator:
         at = self._below(len(tokens)) if tokens else 0
         match self._below(7):
             case 0:
-                tokens[at : at + 1] = [_ODD[self._below(len(_ODD))]]
+                tokens[at : at + 1] = [_EDGE_TOKENS[self._below(len(_EDGE_TOKENS))]]
             case 1 | 2:
                 other = self._tokens[self._below(len(self._tokens))]
                 if other:
@@ -187,7 +187,7 @@ class Mutator:
                 data[at:at] = self._random.randbytes(1 + self._below(8))
             case 6:
                 data[at:at] = data[at : at + 1 + self._below(32)]
-            case 7 if size:  # a bit more or less: what follows moves
+            case 7 if size:  # insert or delete a bit, which shifts the rest
                 value, bits = int.from_bytes(data, "big"), self._below(8 * size)
                 low = value & ((1 << bits) - 1)
                 if self._below(2):
@@ -204,7 +204,7 @@ class Mutator:
 
 
 def check(tested: Codec, data: bytes) -> bool:
-    """Whether the codec accepts the input.  Raises Found if it breaks on it."""
+    """Whether the codec accepts the input.  Raises Found if the input breaks it."""
     try:
         message = tested.decode(data)
     except MessageError as error:
@@ -214,7 +214,7 @@ def check(tested: Codec, data: bytes) -> bool:
         return False
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # a panic of compiled code is no Exception
+    except BaseException as error:  # a panic of compiled code is not an Exception
         raise Found(data, f"decode raised {type(error).__name__}: {error!s:.200}") from error
     try:
         again = tested.decode(tested.encode(message))
@@ -232,7 +232,7 @@ def fuzz(
     seed: int,
     progress: Callable[[int], None] | None = None,
 ) -> Outcome:
-    """Decode ``count`` inputs.  Raises Found for the first that breaks the codec."""
+    """Decode ``count`` inputs.  Raises Found for the first input that breaks the codec."""
     valid = [tested.encode(message) for message in examples()]
     mutator = Mutator(valid, f"{tested.name} {seed}", text=tested.name == "json")
     accepted = 0
@@ -247,7 +247,7 @@ def fuzz(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The fuzzer as a command; 1 if a decoder let something through or leaked."""
+    """The fuzzer as a command; returns 1 if an input breaks a decoder or memory leaks."""
     parser = argparse.ArgumentParser(
         prog="python -m automcm_maintenance.benches.decoder_fuzz", description=__doc__
     )

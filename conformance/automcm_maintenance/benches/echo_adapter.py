@@ -1,4 +1,4 @@
-"""The floor of ``automcm bench conform``: reads a line as JSON and answers the same each time."""
+"""The baseline of ``automcm bench conform``: an adapter with a constant answer to each line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ANSWER: dict[str, object] = {
 
 
 def main() -> None:
-    """Until ``stop``."""
+    """Answer lines until ``stop``."""
     for line in sys.stdin.buffer:
         command = json.loads(line)
         if command["cmd"] == "stop":

@@ -1,4 +1,4 @@
-"""What the encoding of the radio saves: its states against those of two naive encodings."""
+"""The saving by the radio's encoding: its states compared with two naive encodings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from automcm_spec.model_checking import tlc
 from automcm_spec.support import scratch
 from automcm_spec.support.paths import BENCH, TLA
 
-#: The naive encodings must have at least so many times the states of ours.
+#: The naive encodings must have at least this many times the states.
 FACTOR = 20
 
 ENCODINGS = {
@@ -20,20 +20,20 @@ ENCODINGS = {
     "consumed_set": ("Naive", "a set; receiving takes out, anything may be lost"),
     "bag": ("Naive", "a bag of at most two copies; receiving takes out, anything may be lost"),
 }
-"""Each cfg of spec/bench, ours first: its module, and what it is."""
+"""Each cfg of spec/bench, the specification's encoding first: its module and description."""
 
 _SECONDS = re.compile(r"^(\s*Seconds = )\d+$", re.MULTILINE)
 
 
 class BenchError(Exception):
-    """A run from which nothing can be compared."""
+    """A run that gives no comparison."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """What TLC found with an encoding. If it has not finished, the counts are lower bounds.
+    """TLC's result with an encoding.  If TLC did not finish, the counts are lower bounds.
 
-    seconds is the time it took, with the start of Java.
+    seconds is the duration, including the start of Java.
     """
 
     encoding: str
@@ -47,18 +47,18 @@ class Figure:
 
 @dataclass(frozen=True)
 class Report:
-    """Our encoding and the naive ones on the same model, measured one after the other."""
+    """The specification's encoding and the naive ones on the same model, measured in sequence."""
 
     ours: Figure
     naive: tuple[Figure, ...]
 
     def ratio(self, figure: Figure) -> float:
-        """The distinct states of an encoding over ours; a lower bound if it has not finished."""
+        """The ratio of an encoding's distinct states; a lower bound if TLC did not finish."""
         return figure.distinct_states / self.ours.distinct_states
 
     @property
     def shown(self) -> bool | None:
-        """Whether every naive encoding has FACTOR times our states; None if that is open."""
+        """Whether every naive encoding has FACTOR times the states; None if undecided."""
         less = [figure for figure in self.naive if self.ratio(figure) < FACTOR]
         if any(figure.finished for figure in less):
             return False
@@ -66,7 +66,7 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """0 if FACTOR is reached, 1 if not, 4 if the time was too short to tell."""
+        """0 if FACTOR is reached, 1 if not, 4 if the time was too short to decide."""
         return {True: 0, False: 1, None: 4}[self.shown]
 
     def as_dict(self) -> dict[str, Any]:
@@ -94,10 +94,10 @@ class Report:
 def run(
     seconds: int, say: Callable[[str], None] = lambda text: None, *, bench: Path = BENCH
 ) -> Report:
-    """Measure every encoding, each naive one for at most so many seconds.
+    """Measure every encoding, each naive one for at most ``seconds``.
 
-    bench is the folder of the cfgs.  Raises tlc.TlcError if TLC gives no verdict, BenchError if
-    it finds a violation or does not finish with our encoding.
+    bench is the folder of the cfgs.  Raises tlc.TlcError if TLC gives no verdict, and BenchError if
+    it finds a violation or does not finish with the specification's encoding.
     """
     figures: list[Figure] = []
     for name in ENCODINGS:
@@ -105,7 +105,7 @@ def run(
         figures.append(_measure(name, seconds, bench))
     ours, *naive = figures
     if not ours.finished:
-        raise BenchError("TLC has not finished with our own encoding")
+        raise BenchError("TLC did not finish with the specification's own encoding")
     return Report(ours, tuple(naive))
 
 
@@ -119,6 +119,6 @@ def _measure(name: str, seconds: int, bench: Path) -> Figure:
         r = tlc.run(module, cfg, tla_dir=TLA, on_progress=progress.append)
     if r.outcome != "holds":
         raise BenchError(f"{name}: {r.property or 'a property'} is violated")
-    # Stopped by the time box, TLC says "No error has been found" as well; but states are left.
+    # TLC also prints "No error has been found" when the time limit stops it, but states are left.
     finished = bool(progress) and progress[-1].queue == 0
     return Figure(name, about, r.distinct_states, r.states, r.depth, r.seconds, finished)

@@ -9,7 +9,7 @@ from automcm_maintenance.benches.encoding_bench import FACTOR, Figure, Report
 
 
 def show(report: Report, console: Console) -> None:
-    """Print the table, and what follows from it."""
+    """Print the table and the conclusion."""
     table = table_of("encoding", "distinct states", "depth", "seconds", "ratio")
     table.add_column("")
     for figure in (report.ours, *report.naive):

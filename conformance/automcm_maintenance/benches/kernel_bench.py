@@ -1,8 +1,9 @@
-"""What the trajectory kernels cost, each figure beside its peers measured in the same run.
+"""The cost of the trajectory kernels, each figure with its peers measured in the same run.
 
-Microseconds, the best of several repetitions; of batched kernels, for each pair.  ``floor`` is a
-copy of the bytes that must be read at least, in the same arrays.  shapely and pycrcc solve less:
-the STRtree knows no time, and pycrcc looks at time steps only.  docs/kernels.md says what follows.
+Times are the best of several repetitions in microseconds, for batched kernels per pair.  ``floor``
+is a copy of the bytes that must at least be read, in the same arrays.  shapely and pycrcc solve a
+simpler problem: the STRtree has no time, and pycrcc only checks time steps.  docs/kernels.md
+discusses the results.
 """
 
 from __future__ import annotations
@@ -42,8 +43,10 @@ Call = Callable[[], object]
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One kernel on ``points`` points and ``pairs`` pairs, µs a pair.  A peer that cannot do it, or
-    is not installed, is None."""
+    """One kernel on ``points`` points and ``pairs`` pairs, in µs per pair.
+
+    A peer that does not support the problem, or is not installed, is None.
+    """
 
     kernel: str
     points: int
@@ -51,19 +54,19 @@ class Row:
     us: float
     floor_us: float
     numpy_us: float | None
-    """The cheapest formulation of the problem in numpy: no checks, nothing but the figure."""
+    """The cheapest formulation of the problem in numpy, without checks."""
     python_us: float | None
     shapely_us: float | None
     pycrcc_us: float | None
 
     @property
     def to_floor(self) -> float:
-        """Times the floor."""
+        """The ratio to the floor."""
         return self.us / self.floor_us
 
     @property
     def ahead(self) -> dict[str, float]:
-        """How many times as long each peer takes."""
+        """The ratio of each peer's time to the kernel's."""
         peers = {name: getattr(self, f"{name}_us") for name in PEERS}
         return {name: us / self.us for name, us in peers.items() if us is not None}
 
@@ -77,7 +80,7 @@ class Report:
     """Peers that are not installed."""
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The report for ``--json``."""
         rows = [{**asdict(r), "to_floor": r.to_floor, "ahead": r.ahead} for r in self.rows]
         return {"rows": rows, "missing": list(self.missing)}
 
@@ -88,7 +91,7 @@ def run(
     pairs: Sequence[int] = PAIRS,
     say: Callable[[str], None] = lambda text: None,
 ) -> Report:
-    """All figures, in about ``seconds``."""
+    """Measure all figures in about ``seconds``."""
     peers = {name: _peer(name) for name in ("shapely", "commonroad_dc.pycrcc")}
     each = seconds / (len(points) * (7 + 2 * len(pairs)) * 3)
     rows: list[Row] = []
@@ -119,18 +122,18 @@ def _copy_us(arrays: Sequence[Floats], seconds: float, count: int = 1) -> float:
     return best_us(copy, seconds, count)
 
 
-# -- what they work on
+# -- inputs
 
 
 def road(n: int, ahead: float = 0.0, aside: float = 0.0, speed: float = SPEED) -> Trajectory:
-    """n points 5 m apart on a road that bends a little."""
+    """n points 5 m apart on a slightly curved road."""
     x = np.arange(0.0, 5 * n, 5)
     xy = np.stack([x + ahead, aside + 3 * np.sin(x / 60)], axis=1)
     return Trajectory(x / speed, xy)
 
 
 def traffic(n: int, pairs: int) -> tuple[Floats, Floats, Floats]:
-    """Times (n,), and places (pairs, n, 2) of cars in two lanes at 20 to 50 km/h."""
+    """Times (n,), and positions (pairs, n, 2) of cars in two lanes at 20 to 50 km/h."""
     rng = np.random.default_rng(0)
     t = np.arange(0.0, n) * 0.6
     sides = []
@@ -141,7 +144,7 @@ def traffic(n: int, pairs: int) -> tuple[Floats, Floats, Floats]:
     return t, sides[0], sides[1]
 
 
-# -- one vehicle
+# -- kernels of one vehicle
 
 
 def _kernels(n: int, seconds: float) -> list[Row]:
@@ -196,7 +199,7 @@ def _kernels(n: int, seconds: float) -> list[Row]:
     ]
 
 
-# -- two
+# -- kernels of two vehicles
 
 
 def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
@@ -223,7 +226,7 @@ def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
 
 def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
     t, a, b = traffic(n, pairs)
-    some = min(pairs, 16)  # of the slow ones: each pair costs them the same
+    some = min(pairs, 16)  # fewer for slow peers, whose cost per pair is constant
     floor = _copy_us([a, b], seconds, pairs)
     times = t.tolist()
     lists = [
@@ -255,7 +258,7 @@ def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[
 
 
 def _cheapest(a: Trajectory, b: Trajectory) -> float:
-    """The least distance of two with times of their own: union of the grids, the equation."""
+    """The least distance of two trajectories with different times: union of the grids, equation."""
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     t = np.concatenate([a.t, b.t])
     t.sort()
@@ -274,7 +277,7 @@ def _dense_squares(x: Floats, y: Floats) -> Floats:
 
 
 def _dense(a: Floats, b: Floats) -> Floats:
-    """The equation for every interval of every pair, in one go."""
+    """The equation for every interval of every pair, vectorized."""
     d = a - b
     least: Floats = np.sqrt(_dense_squares(d[..., 0], d[..., 1]).min(axis=1))
     return least
@@ -283,7 +286,7 @@ def _dense(a: Floats, b: Floats) -> Floats:
 def _python_approach(
     a: Sequence[tuple[float, float, float]], b: Sequence[tuple[float, float, float]]
 ) -> tuple[float, float]:
-    """Walks along both; the least distance and its time."""
+    """A loop along both trajectories; the least distance and its time."""
     start, end = max(a[0][0], b[0][0]), min(a[-1][0], b[-1][0])
     i = j = 0
     best, when = math.inf, start
@@ -315,7 +318,7 @@ def _python_approach(
 
 
 def _tree(shapely: Any, a: Sequence[Floats] | Floats, b: Sequence[Floats] | Floats) -> Call:
-    """An STRtree of the segments of all b, asked for those within the threshold of each a's."""
+    """An STRtree of the segments of all b, queried for those within the threshold of each a."""
 
     def segments(ways: Sequence[Floats] | Floats) -> Any:
         ends = np.concatenate([np.stack([way[:-1], way[1:]], axis=1) for way in ways])
@@ -333,7 +336,7 @@ def _tree(shapely: Any, a: Sequence[Floats] | Floats, b: Sequence[Floats] | Floa
 
 
 def _circles(pycrcc: Any, a: Floats, b: Floats) -> Call:
-    """Two circles at each time step; made before, only the collision is timed."""
+    """Two circles at each time step; only the collision check is timed."""
 
     def moving(way: Floats) -> Any:
         made = pycrcc.TimeVariantCollisionObject(0)
@@ -404,7 +407,7 @@ def _python_discover(cars: Sequence[Candidate]) -> int:
 def _python_prescribe(
     t: list[float], xy: list[list[float]], start: float, hold: float, gain: float
 ) -> list[tuple[float, float]]:
-    """Times and ways only; the way is not put on the path."""
+    """Times and distances only, without positions on the path."""
     made, gained, way = [], 0.0, 0.0
     for k in range(len(t) - 1):
         span = t[k + 1] - t[k]
@@ -417,7 +420,7 @@ def _python_prescribe(
 
 
 def _python_follows(a: list[list[float]], b: list[list[float]]) -> float:
-    """The greatest distance of a sample of a from the path b; no more of the checks."""
+    """The greatest distance of a sample of a from the path b, without the other checks."""
     worst = 0.0
     for x, y in a:
         best = math.inf

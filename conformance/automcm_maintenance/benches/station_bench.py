@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
 
 def station(
-    seconds: Annotated[float, typer.Option(help="About how long to measure.", min=0.1)] = 20,
+    seconds: Annotated[float, typer.Option(help="Approximate duration in seconds.", min=0.1)] = 20,
     json_: Json = None,
 ) -> None:
-    """Messages, sessions and memory, each beside a baseline.  Both are measured in the same run.
+    """Measure messages, sessions and memory of the reference.
 
-    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    Each figure is compared with a baseline measured in the same run.  There is no verdict: the
+    figures depend on the machine, the ratios less so.
     """
     from automcm_maintenance.benches import core_bench as measured
 
@@ -32,13 +33,14 @@ def station(
 
 
 def kernels(
-    seconds: Annotated[float, typer.Option(help="About how long to measure.", min=1)] = 60,
+    seconds: Annotated[float, typer.Option(help="Approximate duration in seconds.", min=1)] = 60,
     json_: Json = None,
 ) -> None:
-    """Each trajectory kernel beside other ways to compute the same.  Single and batched.
+    """Measure each trajectory kernel, single and batched.
 
-    Ratios are to the kernel: 2.0 takes twice as long as it.  The floor is copying the bytes that
-    must be read.  There is no verdict.
+    Each kernel is compared with other ways to compute the same result.  A ratio of 2.0 means twice
+    the time of the kernel.  The floor is the time to copy the bytes that must be read.  There is no
+    verdict.
     """
     from automcm_maintenance.benches import kernel_bench
 

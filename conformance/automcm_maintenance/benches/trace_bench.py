@@ -1,4 +1,4 @@
-"""``automcm bench traces``: what judging logs costs, beside reading them and beside TLC."""
+"""``automcm bench traces``: the cost of checking logs, compared with reading them and with TLC."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from automcm_cli.shared.common import Json, code_3, progress, table_of, write_js
 from automcm_spec.support import scratch
 
 EVENTS = 50
-"""Events of each log."""
+"""Number of events in each log."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Seconds for the same logs: CPU time, but for TLC, which is another process."""
+    """Seconds for the same logs: CPU time, or real time for TLC, which is another process."""
 
     logs: int
     events: int
     json_s: float
-    """json.loads of every line: the floor."""
+    """json.loads of every line, the baseline."""
     read_s: float
-    """LogStream: the format checked, line by line."""
+    """LogStream, which checks the format line by line."""
     explain_s: float
-    """Read, and compared with the compiled specification."""
+    """Reading and checking against the compiled specification."""
     tlc_s: float | None
-    """TLC's batch, its start and the reading included; None if it was not asked for."""
+    """TLC on all logs, including its start and the reading; None if not requested."""
 
     def rows(self) -> list[tuple[str, float]]:
-        """What was measured, and its seconds."""
+        """Each measured task and its time in s."""
         rows = [
             ("json.loads alone", self.json_s),
             ("reading (the format checked)", self.read_s),
@@ -45,7 +45,7 @@ class Measured:
         return rows if self.tlc_s is None else [*rows, ("TLC, one batch", self.tlc_s)]
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The report for ``--json``."""
         engine = self.explain_s - self.read_s
         return asdict(self) | {
             "explain_events_per_s": round(self.events / self.explain_s),
@@ -55,7 +55,7 @@ class Measured:
 
 
 def logs(number: int, folder: Path) -> list[Path]:
-    """``number`` complete logs of EVENTS events each, of stations in lane changes with loss."""
+    """``number`` complete logs of EVENTS events each, from lane changes with loss."""
     return [path for path, _ in zip(_logs(folder), range(number), strict=False)]
 
 
@@ -86,14 +86,14 @@ def _logs(folder: Path) -> Iterator[Path]:
 
 
 def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
-    """Measure.  Raises what the second engine raises if it is asked for and cannot be run."""
+    """Measure.  Raises the errors of the TLC engine if it is requested and cannot be run."""
     from automcm_traces.explain.explain import explain_file
     from automcm_traces.format.reader import LogStream, read
 
     with scratch.folder("bench") as folder:
         say(f"making {number} logs")
         paths = logs(number, folder)
-        explain_file(paths[0])  # what is imported late, and the first answers
+        explain_file(paths[0])  # late imports and first answers
 
         def parse() -> None:
             for path in paths:
@@ -128,7 +128,7 @@ def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
 
 
 def _best(tasks: list[Callable[[], None]], rounds: int = 3) -> list[float]:
-    """The least CPU time of some rounds of each, in turns."""
+    """The least CPU time of several alternating rounds of each task."""
     best = [float("inf")] * len(tasks)
     for _ in range(rounds):
         for n, task in enumerate(tasks):
@@ -140,14 +140,15 @@ def _best(tasks: list[Callable[[], None]], rounds: int = 3) -> list[float]:
 
 def traces(
     number: Annotated[
-        int, typer.Option("--logs", help=f"How many logs of {EVENTS} events.", min=1)
+        int, typer.Option("--logs", help=f"Number of logs, each of {EVENTS} events.", min=1)
     ] = 1000,
-    tlc: Annotated[bool, typer.Option(help="Measure TLC's batch too.")] = True,
+    tlc: Annotated[bool, typer.Option(help="Measure TLC on the same logs, too.")] = True,
     json_: Json = None,
 ) -> None:
-    """Events a second of the engine, beside parsing and TLC.  All on the same logs.
+    """Measure the log engine's events per second.
 
-    There is no verdict: what is measured depends on the machine, and the ratios less so.
+    The engine is compared with parsing and with TLC on the same logs.  There is no verdict: the
+    figures depend on the machine, the ratios less so.
     """
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.model_checking.toolchain import ToolError

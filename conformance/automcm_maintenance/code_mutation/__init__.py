@@ -1,4 +1,4 @@
-"""Mutants of the reference and the C++ station: does the suite find them?
+"""Mutants of the reference and of the C++ station, to test the suite.
 
 For ``conform certify`` and docs/certificate.md.
 Only maintenance imports it.

@@ -1,6 +1,8 @@
-"""Messages with one thing odd: what of them the reference takes, and as what.  As
-behaviour_digest.py, it is imported after the reference has been replaced, so its bounds are its
-own."""
+"""Messages with one edge-case value, and the reference's interpretation of them.
+
+As behaviour_digest.py, it is imported after the reference has been replaced, so it defines its own
+bounds.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,7 @@ def _nested(depth: int, of: type) -> Any:
     return value
 
 
-ODD: tuple[Any, ...] = (
+EDGE_VALUES: tuple[Any, ...] = (
     *(None, True, False, 0, 1, 2, 3, -1, 1.0, 1.5, "", "x", "1", [], {}, [1], {"a": 1}),
     *(bound + n for bound in (LIMIT, -LIMIT, 2**32 - 1) for n in (-1, 0, 1)),
     *("unsafe", "undecided", "busy", "unknown_session", "closed", "timeout", "not_selected"),
@@ -49,7 +51,7 @@ ODD: tuple[Any, ...] = (
     *("Advertisement", "Intention", "Prescription", "Acceptance", "Fin", "Cancel", "Ack", "CAM"),
     *("é", "\ud800", "a" * 65_507, "a" * 65_508, "é" * 65_507),
     *({"a" * n: 1} for n in (65_507, 65_508)),
-    *({"a": odd} for odd in (None, 1.5, True, "\ud800", LIMIT + 1, -LIMIT - 1, LIMIT, -LIMIT)),
+    *({"a": entry} for entry in (None, 1.5, True, "\ud800", LIMIT + 1, -LIMIT - 1, LIMIT, -LIMIT)),
     *(_nested(n, of) for n in (31, 32, 33) for of in (list, dict)),
     *({"a": _nested(n, list)} for n in (30, 31, 32)),
     *([[2, k + 1] for k in range(n)] for n in (0, 1, 254, 255, 256)),
@@ -59,24 +61,24 @@ ODD: tuple[Any, ...] = (
 
 
 class Forms:
-    """Each base in turn is a state; what is odd in it is the input."""
+    """Each base message is a state; its edge-case values are the inputs."""
 
     states = BASES
 
     def answers(self, n: int) -> Iterator[tuple[str, str]]:
-        """Each odd message, and what it is taken for."""
+        """Each message with an edge case, and its interpretation."""
         base = BASES[n]
         yield "as it is", _taken(base)
         yield "one more", _taken(base | {"more": 1})
         for path in _paths(base):
             yield f"without {path}", _taken(_with(base, path, ...))
-            for odd in ODD:
-                text = json.dumps(odd)
+            for entry in EDGE_VALUES:
+                text = json.dumps(entry)
                 shown = text if len(text) < LONG else f"{text[:LONG]}… ({len(text)} characters)"
-                yield f"{path}: {shown}", _taken(_with(base, path, odd))
+                yield f"{path}: {shown}", _taken(_with(base, path, entry))
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
-        """As that of a Walker; all is of one kind."""
+        """As ``Walker.digests``; all inputs have one kind."""
         found = hashlib.blake2b(digest_size=8)
         for what, text in self.answers(n):
             found.update(f"{what}{text}".encode())
@@ -104,14 +106,14 @@ def _paths(value: Any, *before: Any) -> Iterator[tuple[Any, ...]]:
             yield from _paths(each, *before, name)
 
 
-def _with(value: Any, path: tuple[Any, ...], odd: Any) -> Any:
-    """A copy with something odd at that place; without anything there for ``...``."""
+def _with(value: Any, path: tuple[Any, ...], entry: Any) -> Any:
+    """A copy with ``entry`` at this path; for ``...`` the path is removed."""
     name, *rest = path
     copy = dict(value) if isinstance(value, dict) else list(value)
     if rest:
-        copy[name] = _with(copy[name], tuple(rest), odd)
-    elif odd is ...:
+        copy[name] = _with(copy[name], tuple(rest), entry)
+    elif entry is ...:
         del copy[name]
     else:
-        copy[name] = odd
+        copy[name] = entry
     return copy

@@ -1,7 +1,7 @@
-"""All that the reference says and keeps, at each state of a graph, as a digest: two sources with
-the same digests behave the same there.
+"""Digests of the reference's outputs and states at each state of a graph.
 
-It is imported after the reference has been replaced (mutated_process.py), and by nobody else.
+Two sources with equal digests behave equally there.  This module is only imported after the
+reference has been replaced (mutated_process.py).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ SIZE = 8
 
 @dataclass(frozen=True)
 class Variant:
-    """Parameters, when what is remembered was joined, and durations set from outside."""
+    """Parameters, the time at which sessions were joined, and external durations."""
 
     parameters: dict[str, int] = field(default_factory=dict)
     joined_ms: int = 400
@@ -51,17 +51,17 @@ VARIANTS = (
     ),
     Variant({"t_timeout": 0, "t_resend": 1}, 1_000, {"cam": 77, "resend": 13, "backoff": 5}),
 )
-"""The first stands for all where the graph is large."""
+"""For a large graph, only the first is used."""
 
 
-ODD = "odd"
-"""The kind of what is always looked at: the state itself, and inputs that no graph has."""
+EXTRA = "odd"
+"""The kind of answers that are always compared: the state, and inputs that no graph has."""
 Act = Callable[[], list[Effects]]
 REQUEST = Request(scenario="lane_change", details={})
 
 
 class Walker:
-    """The reference in any state of a graph, and everything that may be told of it."""
+    """The reference in any state of a graph, with all its observable behaviour."""
 
     def __init__(self, oracle: Oracle, variant: Variant) -> None:
         self.oracle, self.states = oracle, oracle.states
@@ -90,15 +90,15 @@ class Walker:
     def answers(
         self, n: int, kinds: Set[str] | None = None
     ) -> Iterator[tuple[str, Input | str, str]]:
-        """The state itself, then each input there, odd ones as well: its kind, the input, and all
-        that it brings about.  With ``kinds`` only inputs of these."""
+        """The state itself, then each input including extra ones: its kind, the input and its
+        outcome.  With ``kinds``, only inputs of these kinds."""
         station, reference = self.station, self.reference
         reference.put(self.oracle.states[n])
         base, timers = station.state, station.timers.copy()
         self._remember(base)
         station._random.seed(SEED)
         looks = (base.marks, base.bound, base.awaits_answer, base.peer)
-        yield ODD, "the state", f"{self._kept()}{looks!r}"
+        yield EXTRA, "the state", f"{self._kept()}{looks!r}"
         message: Receive | None = None
         for i, name in enumerate(self.kinds):
             value = self.oracle.inputs[i]
@@ -107,15 +107,15 @@ class Walker:
             if (kinds is None or name in kinds) and self.oracle.answer(n, i) is not None:
                 yield name, value, self._tried(base, timers, partial(self._give, value))
         assert message is not None
-        for what, act in self._odd(message).items():
-            yield ODD, what, self._tried(base, timers, act)
+        for what, act in self._extra_inputs(message).items():
+            yield EXTRA, what, self._tried(base, timers, act)
 
     def _give(self, value: Input) -> list[Effects]:
         return self.reference.give(value)[1]
 
-    def _odd(self, message: Receive) -> dict[str, Act]:
-        """What no graph has: everything due at once, alone and before an input; no message at
-        all; a time that goes back."""
+    def _extra_inputs(self, message: Receive) -> dict[str, Act]:
+        """Inputs that no graph has: all timers due at once, alone and before an input; invalid
+        bytes; a time that decreases."""
         station, reference = self.station, self.reference
 
         def back(act: Callable[[int], object]) -> list[Effects]:
@@ -142,45 +142,45 @@ class Walker:
         self.station._joined_at = dict.fromkeys(base.joined, self.variant.joined_ms)
 
     def _tried(self, base: State, timers: dict[Timer, int], act: Act) -> str:
-        """What an input brings about from here."""
+        """The outcome of an input in this state."""
         station = self.station
         station.state = base
         station.timers = timers.copy()
         station._now = 0
-        said = _said(act)
+        outcome = _outcome_text(act)
         if station.state is base and station.timers == timers:
-            return f"{said}{station._now}"
-        kept = f"{said}{self._kept()}{station.state.marks!r}"
+            return f"{outcome}{station._now}"
+        kept = f"{outcome}{self._kept()}{station.state.marks!r}"
         self._remember(base)
-        station._random.seed(SEED)  # else a back-off would depend on what was tried before
+        station._random.seed(SEED)  # so that a back-off does not depend on earlier inputs
         return kept
 
     def at(self, n: int) -> State:
-        """The state that stands for this one of the graph."""
+        """The reference's state for this state of the graph."""
         self.reference.put(self.oracle.states[n])
         return self.station.state
 
-    def said(self, state: State, value: Input) -> tuple[str, State]:
-        """What an input brings about in a state, but for the state, and the state after it."""
+    def outcome(self, state: State, value: Input) -> tuple[str, State]:
+        """The outcome of an input in a state, without the next state, and the next state."""
         station = self.station
         station.state = state
         station.timers = dict.fromkeys(armed(ME, state), LATER)
         station._now = 0
         self._remember(state)
         station._random.seed(SEED)
-        text = _said(partial(self._give, value))
+        text = _outcome_text(partial(self._give, value))
         return f"{text}{station.timers!r}{station.state.marks!r}", station.state
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
-        """Of each kind of input all answers at a state, in a few bytes."""
-        found = {ODD: hashlib.blake2b(digest_size=SIZE)}
+        """For each kind of input, a digest of all answers at a state."""
+        found = {EXTRA: hashlib.blake2b(digest_size=SIZE)}
         try:
             for name, _, text in self.answers(n, kinds):
                 if name not in found:
                     found[name] = hashlib.blake2b(digest_size=SIZE)
                 found[name].update(text.encode())
-        except Exception as error:  # not even a state can be set up
-            found[ODD].update(type(error).__name__.encode())
+        except Exception as error:  # the state cannot be set up
+            found[EXTRA].update(type(error).__name__.encode())
         return {kind: value.digest() for kind, value in found.items()}
 
     def shown(self, n: int) -> list[tuple[str, str]]:
@@ -194,38 +194,38 @@ class Walker:
         return out
 
 
-def _said(act: Act) -> str:
-    """All that an input brings about; which exception, if it raises one."""
+def _outcome_text(act: Act) -> str:
+    """The outcome of an input as text, or the name of the exception that it raises."""
     try:
-        return "".join(map(_told, act()))
+        return "".join(map(_effects_text, act()))
     except Exception as error:  # a mutant may raise anything
         return type(error).__name__
 
 
-def _told(effects: Effects) -> str:
-    """All of it but the rule and the detail, which explain and are not judged (adapter.md)."""
+def _effects_text(effects: Effects) -> str:
+    """The effects without the rule and the detail, which are not checked (adapter.md)."""
     messages = b"".join(map(encode, effects.messages)) if effects.messages else b""
-    told = [i.name if isinstance(i, Refused | Discarded) else i for i in effects.indications]
+    indications = [i.name if isinstance(i, Refused | Discarded) else i for i in effects.indications]
     armed = f"{effects.armed!r}{effects.stopped!r}" if effects.armed or effects.stopped else ""
-    return f"{effects.now_ms}{messages!r}{told!r}{armed}"
+    return f"{effects.now_ms}{messages!r}{indications!r}{armed}"
 
 
 class Walked(Protocol):
-    """A graph with the reference in it, or the forms of messages (forms.py)."""
+    """A graph with the reference, or the forms of messages (accepted_forms.py)."""
 
     @property
     def states(self) -> Sequence[object]:
-        """All, by number; 0 is the initial one."""
+        """All states by number; 0 is the initial one."""
 
     def digests(self, n: int, kinds: Set[str] | None = None) -> dict[str, bytes]:
-        """What every input does in state ``n``: a digest of the answer, by input."""
+        """The digests of the answers in state ``n``, by kind of input."""
 
     def shown(self, n: int) -> list[tuple[str, str]]:
-        """The inputs of state ``n`` and what they do, to read."""
+        """The inputs of state ``n`` and their outcomes as text."""
 
 
 def write(walked: Walked, path: Path) -> None:
-    """The digests of a graph, a line for each state."""
+    """Write the digests of a graph, one line for each state."""
     with files.writing(path) as out:
         for n in range(len(walked.states)):
             found = walked.digests(n)
@@ -236,8 +236,10 @@ def write(walked: Walked, path: Path) -> None:
 def first_difference(
     walked: Walked, known: Path, kinds: Set[str] | None
 ) -> tuple[int, list[str]] | None:
-    """The first state that is not as known, and the kinds of input that are answered otherwise;
-    with ``kinds`` only inputs of these are given."""
+    """The first state with other digests than the known ones, and the kinds of input that differ.
+
+    With ``kinds``, only inputs of these kinds are given.
+    """
     with known.open() as lines:
         for n, line in enumerate(lines):
             wanted = json.loads(line)

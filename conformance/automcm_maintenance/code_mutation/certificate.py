@@ -1,7 +1,7 @@
 """A certificate of the suite: every mutant is killed by a case, or is equivalent on the graphs.
 
-What is decided is kept in ``decided.jsonl`` of the folder, so a run that was interrupted goes on
-from there; an edit of the suite, of the specification or of the mutant makes it decide anew.
+Results are kept in ``decided.jsonl`` in the folder, so that an interrupted run continues.  An edit
+of the suite, of the specification or of the mutant invalidates a result.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
 HIDDEN = "keeps something else, and never says anything else"
 UNTIL_S = 1_800.0
-"""Real seconds for one mutant."""
+"""Time limit for one mutant, in seconds of real time."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """How the mutants are judged: ``cases`` that do not pass end the run of one (0: none do),
-    ``selectors`` say which part of the suite is held against them (all if there are none)."""
+    """The settings of a run.  A mutant's run stops after ``cases`` failed cases (0 = never).
+    ``selectors`` select a part of the suite (all without any)."""
 
     folder: Path
     seed: int = 1
@@ -62,8 +62,8 @@ class Asked:
 
 @dataclass
 class Row:
-    """What became of a mutant.  ``cases`` kill it; ``difference`` is where a survivor can be told
-    from the reference, ``why`` what is to be said otherwise."""
+    """The result for a mutant: the ``cases`` that kill it, the ``difference`` of a survivor from
+    the reference, or another explanation ``why``."""
 
     id: str
     class_: str
@@ -79,13 +79,13 @@ class Row:
     difference: Difference | None = None
 
     def as_dict(self) -> dict[str, object]:
-        """As in the file."""
+        """The row for the file."""
         return {"class" if k == "class_" else k: v for k, v in asdict(self).items()}
 
 
 @dataclass
 class Certificate:
-    """A run.  Of the mutants ``made``, ``chosen`` were to be judged."""
+    """A run.  ``chosen`` of the mutants ``made`` were selected."""
 
     asked: Asked
     spec_hash: str
@@ -94,27 +94,27 @@ class Certificate:
     rows: list[Row] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
-    """What went wrong with the certificate itself."""
+    """Problems of the run itself."""
 
     def counts(self, rows: Sequence[Row] | None = None) -> Counter[str]:
-        """How many of each verdict."""
+        """The number of mutants with each verdict."""
         return Counter(row.verdict for row in (self.rows if rows is None else rows))
 
     @property
     def complete(self) -> bool:
-        """Whether every mutant that was chosen was run."""
+        """Whether every selected mutant was run."""
         return len(self.rows) == self.chosen
 
     @property
     def exit_code(self) -> int:
-        """0: all are killed or equivalent; 1: some survive, or nothing is known of them; 3: the
-        certificate itself broke, or is not complete."""
+        """0: all are killed or equivalent; 1: some survive or are undecided; 3: the run failed or
+        is not complete."""
         if self.counts()["survived"] or self.counts()["undecided"]:
             return 1
         return 3 if self.problems or not self.complete else 0
 
     def as_dict(self) -> dict[str, object]:
-        """The JSON of ``--json``: the same, byte by byte, in each run with one seed."""
+        """The report for ``--json``; equal bytes in each run with the same seed."""
         return {
             "format": FORMAT,
             "seed": self.asked.seed,
@@ -149,14 +149,14 @@ class _Job:
 
 
 class _Worker:
-    """What a worker process reads once."""
+    """The data that a worker process reads once."""
 
     graphs: Graphs
 
     @classmethod
     def start(cls) -> None:
         children.end_with_parent()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent terminates this process
         signal.signal(signal.SIGTERM, _end)
         cls.graphs = Graphs.load(spec_hash())
 
@@ -166,7 +166,7 @@ def _end(*_: object) -> None:
 
 
 def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
-    """The mutant's id, what was found (None: no difference), and what broke."""
+    """The mutant's id, the finding (None: no difference), and an error."""
     mutant, asked = job.mutant, job.asked
     with scratch.folder("certify") as folder:
         source = folder / f"{mutant.module}.py"
@@ -194,7 +194,7 @@ def _work(job: _Job) -> tuple[str, Kills | Difference | None, str]:
 
 
 def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None, str]:
-    """The same for a mutant of the C++ station."""
+    """As the previous function, for a mutant of the C++ station."""
     mutant, asked = job
     with scratch.folder("certify") as folder:
         try:
@@ -205,7 +205,7 @@ def _work_cpp(job: tuple[cpp_station.Mutant, Asked]) -> tuple[str, Kills | None,
 
 
 def _first_look(mutant: Mutant, source: Path, asked: Asked) -> set[str] | None:
-    """The cases that should find it; None if nothing differs on the graphs of the first look."""
+    """The cases that should find it; None without a difference on the graphs of the quick look."""
     for walk in _looked_at(asked):
         found = equivalence.differs(mutant, source, asked.folder, walk)
         if found is not None:
@@ -283,7 +283,7 @@ def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
             for n, (name, kills, error) in enumerate(pool.imap_unordered(_work_cpp, jobs)):
                 say(f"the C++ station: {n + 1} of {len(jobs)}")
                 if kills is not None:
-                    _told(rows[name], kills)
+                    _set_verdict(rows[name], kills)
                 rows[name].why = rows[name].why or error
     except KeyboardInterrupt:
         problems.append("interrupted")
@@ -328,7 +328,7 @@ def _judge(
             m = by_id[id_]
             row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new, why=error)
             if isinstance(kills, Kills):
-                _told(row, kills)
+                _set_verdict(row, kills)
             if row.verdict == "survived":
                 open_.append(by_id[id_])
             kept.keep(by_id[id_], row, rows)
@@ -350,8 +350,8 @@ def _judge(
         kept.keep(by_id[id_], row, rows)
 
 
-def _told(row: Row, kills: Kills) -> None:
-    """What the suite says of a mutant."""
+def _set_verdict(row: Row, kills: Kills) -> None:
+    """Set the verdict of a mutant from the suite's result."""
     row.cases, row.why = kills.cases, kills.what
     if kills.unstarted == NO_IMPORT:
         row.verdict = "invalid"
@@ -362,7 +362,7 @@ def _told(row: Row, kills: Kills) -> None:
 
 
 class _Kept:
-    """What was decided before, by the same suite."""
+    """Earlier results with the same suite."""
 
     def __init__(self, asked: Asked) -> None:
         self.path = asked.folder / "decided.jsonl"
@@ -377,7 +377,7 @@ class _Kept:
         return hashlib.sha256(f"{self.suite}{mutant.id}{mutant.source}".encode()).hexdigest()
 
     def row(self, mutant: Mutant) -> Row | None:
-        """A mutant that was decided for good."""
+        """The earlier result of a mutant, if it is final."""
         entry = self.known.get(self._key(mutant))
         if entry is None or (entry["verdict"] == "undecided"):
             return None
@@ -395,7 +395,7 @@ class _Kept:
 
 
 def suite_hash(asked: Asked) -> str:
-    """Of all that a verdict depends on but the mutant."""
+    """A hash of all that a verdict depends on, except the mutant."""
     found = hashlib.sha256(f"{spec_hash()} {asked.seed} {asked.cases} {asked.selectors}".encode())
     folders = (Path(automcm_conformance.__path__[0]), REFERENCE, SPECIFICATION, SUITE)
     for folder in folders:

@@ -23,11 +23,11 @@ MEANING = {
     "station": "a mistake that a programmer made by hand, in the C++ station",
 }
 LONGEST = 110
-"""Characters of a change in the table; the JSON has all."""
+"""Maximum characters of a change in the table; the JSON report contains the complete text."""
 
 
 def summary(found: Certificate) -> str:
-    """A few lines for the screen: counts, and all about what is not killed."""
+    """The text for the screen: counts, and the mutants that were not killed."""
     lines = [_counted("all", found.rows)]
     lines = [_counted(name, rows) for name, rows in _by_class(found)] + lines
     for row in found.rows:
@@ -37,13 +37,13 @@ def summary(found: Certificate) -> str:
     lines += [f"Problem: {problem}" for problem in found.problems]
     if not found.complete:
         lines.append(
-            f"Incomplete: {len(found.rows)} of {found.chosen}; the same command goes on from here"
+            f"Incomplete: {len(found.rows)} of {found.chosen}; repeat the command to continue"
         )
     return "\n".join(lines)
 
 
 def survivor(row: Row) -> list[str]:
-    """All that is needed to make a case of it."""
+    """The data for a new case that kills this mutant."""
     lines = [f"{row.verdict} {row.id} ({row.file}:{row.line}, {row.rule})"]
     lines.append(f"  {row.old}  =>  {row.new}")
     if row.why:
@@ -58,8 +58,8 @@ def survivor(row: Row) -> list[str]:
 
 def _counted(name: str, rows: Sequence[Row]) -> str:
     counts = Counter(row.verdict for row in rows)
-    told = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
-    return f"{name:>8} {len(rows):>4}: {told}"
+    counted = ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+    return f"{name:>8} {len(rows):>4}: {counted}"
 
 
 def _by_class(found: Certificate) -> list[tuple[str, list[Row]]]:

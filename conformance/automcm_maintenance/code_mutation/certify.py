@@ -1,4 +1,4 @@
-"""``automcm conform certify``: does the suite find what is wrong?"""
+"""``automcm conform certify``: measures which defects the suite finds."""
 
 from __future__ import annotations
 
@@ -16,38 +16,44 @@ if TYPE_CHECKING:
 STATIONS = ("reference", "cpp", "all")
 EPILOG = (
     "Example: automcm conform certify --class timer --out runs/certificate.  Exit codes: 0 every "
-    "mutant is killed, or equivalent; 1 some survive; 2 usage; 3 the certificate itself broke, or "
-    "was interrupted."
+    "mutant is killed or equivalent; 1 a mutant survived; 2 usage error; 3 the run failed or was "
+    "interrupted."
 )
 app = typer.Typer()
 
 
 @app.command(epilog=EPILOG)
 def certify(
-    seed: Annotated[int, typer.Option(help="Chooses the mutants; the seed of the suite.")] = 1,
-    mutant: Annotated[list[str] | None, typer.Option(help="This mutant; may be repeated.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the sample and of the suite.")] = 1,
+    mutant: Annotated[list[str] | None, typer.Option(help="Only this mutant.  Repeatable.")] = None,
     class_: Annotated[
-        list[str] | None, typer.Option("--class", help="Mutants of this class; may be repeated.")
+        list[str] | None, typer.Option("--class", help="Only mutants of this class.  Repeatable.")
     ] = None,
     mutants: Annotated[
-        int | None, typer.Option(help="Mutants of the reference that are chosen; 0: all.", min=0)
+        int | None, typer.Option(help="Sample size for the reference's mutants (0 = all).", min=0)
     ] = None,
     cases: Annotated[
-        int, typer.Option(help="Failed cases that end the run of a mutant; 0: none do.", min=0)
+        int, typer.Option(help="Stop a mutant after this many failed cases (0 = never).", min=0)
     ] = 3,
     suite: Annotated[
-        list[str] | None, typer.Option(help="Part of the suite (as of run); may be repeated.")
+        list[str] | None,
+        typer.Option(
+            help="Only this part of the suite; a selector as in conform run.  Repeatable."
+        ),
     ] = None,
-    station: Annotated[str, typer.Option(help="reference, cpp or all.")] = "reference",
-    out: Annotated[Path, typer.Option(help="Folder in which what is decided is kept.")] = Path(
-        "runs/certificate"
-    ),
-    jobs: Annotated[int, typer.Option(help="Mutants at a time.", min=1)] = 2,
-    list_: Annotated[bool, typer.Option("--list", help="Name the mutants, run nothing.")] = False,
-    page: Annotated[bool, typer.Option(help="Write docs/certificate.md as well.")] = False,
+    station: Annotated[str, typer.Option(help="Mutate reference, cpp or all.")] = "reference",
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("runs/certificate"),
+    jobs: Annotated[int, typer.Option(help="Number of mutants to run in parallel.", min=1)] = 2,
+    list_: Annotated[
+        bool, typer.Option("--list", help="List the mutants without running them.")
+    ] = False,
+    page: Annotated[bool, typer.Option(help="Write docs/certificate.md, too.")] = False,
     json_: Json = None,
 ) -> None:
-    """A certificate of the kit.  The suite is held against stations that are wrong on purpose."""
+    """Measure the suite on mutants of stations.
+
+    The suite must fail each mutant, a station with one deliberate defect.
+    """
     from automcm_maintenance.code_mutation import certificate, certificate_page, cpp_station
     from automcm_maintenance.code_mutation.certificate import Asked
     from automcm_maintenance.code_mutation.equivalence import WalkError
@@ -55,9 +61,11 @@ def certify(
     from automcm_spec.graph.oracle_generation import spec_hash
 
     if station not in STATIONS:
-        raise typer.BadParameter(f"--station: one of {', '.join(STATIONS)}")
+        raise typer.BadParameter(f"--station must be one of {', '.join(STATIONS)}, not {station!r}")
     if page and (mutant or class_ or suite):
-        raise typer.BadParameter("--page needs a whole certificate: no --mutant, --class, --suite")
+        raise typer.BadParameter(
+            "--page requires a complete certificate: omit --mutant, --class and --suite"
+        )
     purposes_of(suite or [])
     asked = Asked(out, seed, cases, tuple(suite or ()), jobs)
     with code_3("certify", OracleError, WalkError, OSError, SyntaxError, ValueError):
@@ -75,7 +83,9 @@ def certify(
                 rows, problems = certificate.run(chosen, asked, say)
             if station != "reference" and not problems:
                 if lacking := cpp_station.missing():
-                    notes.append(f"the C++ station and its mutants: {lacking} is not installed")
+                    notes.append(
+                        f"the C++ station and its mutants were not run: {lacking} is not installed"
+                    )
                 else:
                     others, problems = certificate.run_cpp(asked, say)
                     rows, count = rows + others, count + len(others)
@@ -95,19 +105,23 @@ def _chosen(
     count: int | None,
     seed: int,
 ) -> tuple[Generated, list[Mutant]]:
-    """The mutants of the reference there are, and those to be judged."""
+    """All mutants of the reference, and those selected."""
     from automcm_maintenance.code_mutation import source_mutants
     from automcm_maintenance.code_mutation.source_edits import CLASSES
 
     if unknown := set(classes or ()) - set(CLASSES):
-        raise typer.BadParameter(f"--class: no {', '.join(sorted(unknown))}: {', '.join(CLASSES)}")
+        raise typer.BadParameter(
+            f"there is no class {', '.join(sorted(unknown))}; the classes are {', '.join(CLASSES)}"
+        )
     made = source_mutants.generate()
     if station == "cpp":
         return made, []
     if ids:
         chosen = [each for each in made.mutants if each.id in ids]
         if missing := set(ids) - {each.id for each in chosen}:
-            raise typer.BadParameter(f"--mutant: there is no {', '.join(sorted(missing))}")
+            raise typer.BadParameter(
+                f"there is no mutant {', '.join(sorted(missing))}; --list shows all"
+            )
         return made, chosen
     share = source_mutants.SHARE if count is None else count
     chosen = source_mutants.sample(made.mutants, share, seed)

@@ -1,4 +1,4 @@
-"""The C++ station of the repository and its mutants (implementations/cpp/mutants.toml): built."""
+"""Builds the C++ station of the repository and its mutants (implementations/cpp/mutants.toml)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from automcm_spec.vocabulary.rules import RULES
 
 SOURCE = Path(__file__).resolve().parents[2] / "implementations" / "cpp"
 SECONDS = 900
-"""For one compiler, or one run of the suite."""
+"""Time limit for one compiler run or one run of the suite, in s."""
 COMBINED = SOURCE / "combined.toml"
 INCLUDE = b"#include <nlohmann/json.hpp>\nint main() {}\n"
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """Mistakes in station.hpp: ``edits`` are texts and what stands there instead."""
+    """A mutant of station.hpp: ``edits`` are texts with their replacements."""
 
     name: str
     story: str
@@ -29,7 +29,7 @@ class Mutant:
 
 
 def mutants(path: Path = SOURCE / "mutants.toml") -> list[Mutant]:
-    """The mutants of a file.  Raises ValueError naming the mutant and the field."""
+    """The mutants of a file.  Raises ValueError, which names the mutant and the field."""
     station = (path.parent / "station.hpp").read_text()
     found = []
     for row in tomllib.loads(path.read_text())["mutant"]:
@@ -37,19 +37,22 @@ def mutants(path: Path = SOURCE / "mutants.toml") -> list[Mutant]:
         mutant = Mutant(row["name"], row["story"], tuple(row["rules"]), edits)
         for old, new in edits:
             if station.count(old) != 1:
-                raise ValueError(f"{mutant.name}: old: {station.count(old)} times, not once")
+                raise ValueError(
+                    f"{mutant.name}: old: must occur once in station.hpp, not "
+                    f"{station.count(old)} times"
+                )
             if new == old:
-                raise ValueError(f"{mutant.name}: new: changes nothing")
+                raise ValueError(f"{mutant.name}: new: must differ from old")
         if not mutant.rules or set(mutant.rules) - set(RULES):
-            raise ValueError(f"{mutant.name}: rules: {', '.join(mutant.rules)}")
+            raise ValueError(f"{mutant.name}: rules: unknown rule in {', '.join(mutant.rules)}")
         found.append(mutant)
     if len({mutant.name for mutant in found}) != len(found):
-        raise ValueError("name: used twice")
+        raise ValueError("name: each name may be used only once")
     return found
 
 
 def missing() -> str:
-    """What is not there; empty if all is."""
+    """The missing tool; empty if all are installed."""
     for tool in ("cmake", "g++"):
         if shutil.which(tool) is None:
             return tool
@@ -60,7 +63,7 @@ def missing() -> str:
 
 
 def build(folder: Path, *more: str) -> Path:
-    """The station as its README says, and more targets.  Raises CalledProcessError."""
+    """Build the station as in its README, and more targets.  Raises CalledProcessError."""
     for command in (
         ["cmake", "-S", str(SOURCE), "-B", str(folder)],
         ["cmake", "--build", str(folder), "-j2", "--target", "station", *more],
@@ -70,7 +73,7 @@ def build(folder: Path, *more: str) -> Path:
 
 
 def build_mutant(mutant: Mutant, folder: Path) -> Path:
-    """A copy of the folder with the mistake in it, compiled.  Raises CalledProcessError."""
+    """Compile a copy of the folder with the mutant.  Raises CalledProcessError."""
     copy = folder / mutant.name
     shutil.copytree(SOURCE, copy)
     header = copy / "station.hpp"

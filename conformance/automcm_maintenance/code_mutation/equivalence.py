@@ -1,8 +1,8 @@
-"""Does a mutant behave as the reference does, everywhere on the graphs?  Decided by comparison.
+"""Decides whether a mutant is equivalent to the reference on the graphs.
 
-At every state of a graph every input is given to both, and all that is said and kept is compared
-(behaviour_digest.py).  Inputs are left out only if the changed function cannot be called for them:
-the functions that each kind of input may call are known from the tables of the reference.
+At every state of a graph both get every input, and their outputs and states are compared
+(behaviour_digest.py).  An input is only skipped if it cannot call the changed function; the tables
+of the reference define which functions each kind of input can call.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ WALKS = (
     *(("one-peer", n) for n in range(3)),
     ("two-peers", 0),
 )
-"""Graphs and variants, the quick ones first."""
+"""Graphs and variants, the fast ones first."""
 SECONDS = 3_600
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a mutant behaves differently; ``state`` and ``input`` in the form of JSON."""
+    """A state and an input at which a mutant behaves differently, in the form of JSON."""
 
     graph: str
     state: object
@@ -46,15 +46,15 @@ class Difference:
     right: str
     wrong: str
     hidden: bool = False
-    """It is in what the mutant keeps, and never shows in what it says."""
+    """Whether only the mutant's state differs, and never its outputs."""
 
 
 class WalkError(Exception):
-    """A walk that did not come to its end; the text is what it said last."""
+    """A walk that did not finish; the text is the last line of its standard error."""
 
 
 def digests(folder: Path, walk: tuple[str, int]) -> Path:
-    """The digests of the reference itself; written if they are not there.  Raises WalkError."""
+    """The digests of the reference; written if they do not exist.  Raises WalkError."""
     graph, variant = walk
     path = folder / f"{graph}-{variant}-{_present()}.digests"
     if not path.exists():
@@ -67,8 +67,10 @@ def digests(folder: Path, walk: tuple[str, int]) -> Path:
 def difference(
     mutant: Mutant, source: Path, folder: Path, walks: Iterable[tuple[str, int]] = WALKS
 ) -> Difference | None:
-    """The first difference on these graphs; None if there is none.  ``source`` is the file of the
-    mutated module, ``folder`` holds the digests.  Raises WalkError."""
+    """The first difference on these graphs, or None.
+
+    ``source`` is the file of the mutated module, ``folder`` holds the digests.  Raises WalkError.
+    """
     for walk in walks:
         found = differs(mutant, source, folder, walk)
         if found is not None:
@@ -79,8 +81,10 @@ def difference(
 def differs(
     mutant: Mutant, source: Path, folder: Path, walk: tuple[str, int]
 ) -> tuple[int, list[str]] | None:
-    """The first state of a graph at which something differs, and the kinds of input that are
-    answered otherwise there.  Raises as ``difference``."""
+    """The first state of a graph with a difference, and the kinds of input that differ there.
+
+    Raises WalkError.
+    """
     graph, variant = walk
     known, kinds = str(digests(folder, walk)), sorted(kinds_of(mutant))
     task = ("compare", graph, str(variant), known, *kinds)
@@ -92,8 +96,10 @@ def differs(
 
 
 def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]] = WALKS) -> bool:
-    """A mutant that differs somewhere never says anything else on these graphs, wherever they lead
-    it (lockstep.py).  Raises WalkError."""
+    """Whether a mutant with another state has equal outputs on these graphs (lockstep.py).
+
+    Raises WalkError.
+    """
     kinds = sorted(kinds_of(mutant))
     return all(
         json.loads(_child(mutant.module, str(source), "lockstep", graph, str(variant), "-", *kinds))
@@ -104,7 +110,7 @@ def hidden(mutant: Mutant, source: Path, walks: Iterable[tuple[str, int]] = WALK
 
 
 def hint(walk: tuple[str, int], found: tuple[int, list[str]], owners: Owners) -> set[str]:
-    """The cases to which such inputs belong at such a state: they should see the difference."""
+    """The cases with such inputs at such a state, which should find the difference."""
     if walk[0] not in GRAPHS:
         return set()
     oracle = load(GRAPHS[walk[0]].path)
@@ -126,12 +132,12 @@ def _shown(mutant: Mutant, source: Path, walk: tuple[str, int], n: int) -> Diffe
     for given, answer in right["answers"]:
         if wrong.get(given, "") != answer:
             return Difference(graph, right["state"], given, answer, wrong.get(given, ""))
-    raise WalkError(f"{mutant.id}: {graph} {n}: the difference does not come again")
+    raise WalkError(f"{mutant.id}: {graph} {n}: the difference is not reproducible")
 
 
 @cache
 def _present() -> str:
-    """Of the reference, the graphs and the walk, as they are now."""
+    """A hash of the reference, the graphs and the walk."""
     found = hashlib.sha256(spec_hash().encode())
     walk = [Path(__file__).with_name(name) for name in ("behaviour_digest.py", "accepted_forms.py")]
     for path in [
@@ -158,11 +164,11 @@ def _child(*arguments: str) -> str:
     return done.stdout
 
 
-# -- which kinds of input may call which function
+# -- the functions that each kind of input can call
 
 
 def kinds_of(mutant: Mutant) -> set[str]:
-    """The kinds of input for which the changed code may be run; empty: any kind."""
+    """The kinds of input that can run the changed code; empty: any kind."""
     place = mutant.id.split("/")[1]
     always, by_kind = _reach()
     if place in always:
@@ -172,7 +178,7 @@ def kinds_of(mutant: Mutant) -> set[str]:
 
 @cache
 def _reach() -> tuple[set[str], dict[str, set[tuple[str, str]]]]:
-    """Names of functions that any input may call, and for each kind of input what it may."""
+    """The functions that any input can call, and those of each kind of input."""
     import importlib
 
     from automcm.core.rules import RULES
@@ -190,7 +196,7 @@ def _reach() -> tuple[set[str], dict[str, set[tuple[str, str]]]]:
 
 
 def _tables(modules: Mapping[str, ModuleType], kind: str, rows: Any) -> Iterable[tuple[str, str]]:
-    """The tables that the rows of a kind come from."""
+    """The tables with the rows of a kind."""
     mine = {id(row) for row in rows}
     for module, content in modules.items():
         for name, value in vars(content).items():
@@ -219,7 +225,7 @@ def _functions(modules: Iterable[ModuleType]) -> list[FunctionType]:
 
 
 def _closure(roots: Iterable[FunctionType], all_: list[FunctionType]) -> list[FunctionType]:
-    """These, and all that they may call: whatever has a name that they mention."""
+    """These functions and all that they can call, found by the names that they mention."""
     seen: dict[int, FunctionType] = {}
     todo = list(roots)
     while todo:
@@ -243,7 +249,7 @@ def _mentioned(code: CodeType) -> set[str]:
 
 
 def _names(functions: Iterable[FunctionType]) -> set[tuple[str, str]]:
-    """Module and name of each, and of the functions that they stand in."""
+    """Module and name of each function, and of its enclosing functions."""
     return {
         (function.__module__.rpartition(".")[2], name)
         for function in functions

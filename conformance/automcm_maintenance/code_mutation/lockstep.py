@@ -1,9 +1,9 @@
-"""A mutant that keeps something else: does it ever say something else?  A product of two graphs.
+"""Compares the outputs of a mutant with another state to the reference, on a product of two graphs.
 
-The reference is imported a second time, unchanged, under another name.  Wherever a step leaves the
-two with different states, what differs is carried on to the next state of the graph, as long as
-that is new, and all inputs are given to both there.  If what they send, tell, and arm is always the
-same, with all deadlines, nobody can tell them apart on this graph.
+The unchanged reference is imported a second time under another name.  Where a step gives the two
+different states, the difference is carried to the next state of the graph if it is new there, and
+both get all inputs.  If their messages, indications, timers and deadlines are always equal, the
+mutant is equivalent on this graph.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Changed = dict[str, Any]
 
 
 class _Again(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
-    """The reference and its walker once more, from their files, under names of their own."""
+    """Imports the unchanged reference and its walker from their files under other names."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -60,20 +60,20 @@ class _Again(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 
 
 def unchanged() -> Any:
-    """The module ``behaviour`` over the unchanged reference."""
+    """The module ``behaviour_digest`` on the unchanged reference."""
     if not any(isinstance(finder, _Again) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Again())
     return importlib.import_module(f"{RIGHT}.behaviour")
 
 
-def told_apart(
+def distinguished(
     wrong: behaviour_digest.Walker, right: Any, kinds: Set[str] | None = None
 ) -> list[object] | None:
-    """The first pair that tells them apart: the state, the mutant's changes of it, the input, and
-    what each says.  None if there is none.
+    """The first difference of outputs: the state, the mutant's changes of it, the input, and both
+    outcomes.  None without a difference.
 
-    ``right`` is a walker of ``unchanged``.  ``kinds``: only inputs of these can be answered
-    otherwise where both are in the same state; None: all.
+    ``right`` is a walker of ``unchanged``.  With ``kinds``, only inputs of these kinds can differ
+    where both have the same state.
     """
     oracle = wrong.oracle
     left: deque[tuple[int, Changed]] = deque((n, {}) for n in range(len(oracle.states)))
@@ -88,10 +88,11 @@ def told_apart(
             same = not changed and kinds is not None and wrong.kinds[i] not in kinds
             if answer is None or same:
                 continue
-            said, after = right.said(here, value)
-            heard, then = wrong.said(other, value)
-            if said != heard:
-                return [to_json(oracle.states[n]), repr(changed), to_json(value), said, heard]
+            right_outcome, after = right.outcome(here, value)
+            wrong_outcome, then = wrong.outcome(other, value)
+            if right_outcome != wrong_outcome:
+                outcomes = right_outcome, wrong_outcome
+                return [to_json(oracle.states[n]), repr(changed), to_json(value), *outcomes]
             if after is here and then is other:
                 continue
             differs = _changed(after, then)
@@ -103,7 +104,7 @@ def told_apart(
 
 
 def _changed(right: Any, wrong: Any) -> Changed:
-    """The fields in which two states differ; they are of two classes, so by what they print."""
+    """The fields in which two states differ, compared by repr because their classes differ."""
     found = wrong._asdict()
     return {
         name: value for name, value in found.items() if repr(value) != repr(getattr(right, name))

@@ -1,16 +1,17 @@
-"""A child process in which one module of the reference is another one.
+"""A child process in which one module of the reference is replaced.
 
-``python -m automcm_maintenance.code_mutation.mutated_process MODULE FILE`` answers as ``automcm
-adapter`` does, with the source of FILE in the place of MODULE; FILE may be ``-``, then nothing is
-replaced.  Behind that may stand what to do instead (behaviour_digest.py):
+``python -m automcm_maintenance.code_mutation.mutated_process MODULE FILE`` answers like ``automcm
+adapter``, with the source of FILE instead of MODULE; with ``-`` as FILE nothing is replaced.
+Another task can follow (behaviour_digest.py):
 
     write GRAPH VARIANT DIGESTS             writes the digests of a graph
-    compare GRAPH VARIANT DIGESTS [KIND]... prints the first state that has others
+    compare GRAPH VARIANT DIGESTS [KIND]... prints the first state with other digests
                                             and the kinds of input, or nothing
     show GRAPH VARIANT STATE                prints a state and all answers there, as JSON
-    lockstep GRAPH VARIANT - [KIND]...      prints what tells it from the reference, or null
+    lockstep GRAPH VARIANT - [KIND]...      prints the first difference of outputs, or null
 
-The graph `forms` is none: its states are messages, its inputs what is odd in them (forms.py).
+The states of the special graph `forms` are messages; its inputs are their edge cases
+(accepted_forms.py).
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ from pathlib import Path
 from types import ModuleType
 
 NO_IMPORT = 86
-"""Exit code of a child whose module cannot even be imported."""
+"""Exit code of a child whose module cannot be imported."""
 BYTES = 2 << 30
 CPU_S = 600
 
 
 class _Replaced(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
-    """Gives one module another source."""
+    """Imports one module from another source."""
 
     def __init__(self, name: str, file: Path) -> None:
         self.name, self.file = name, file
@@ -51,31 +52,30 @@ class _Replaced(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
 
 
 def full_name(module: str) -> str:
-    """With its package: the grammar and the table of parameters are not in the reference's own."""
+    """The name with its package; the messages and parameters are not in the reference's package."""
     grammar = module in ("messages", "parameters")
     package = "automcm_spec.vocabulary" if grammar else "automcm.core"
     return f"{package}.{module}"
 
 
 def replace(module: str, file: str) -> None:
-    """From now on this module is what stands in the file.  Nothing of the reference may have been
-    imported before."""
+    """Replace a module by a file.  No module of the reference may have been imported before."""
     if file == "-":
         return
     name = full_name(module)
     if name in sys.modules or any(name.startswith("automcm.") for name in sys.modules):
-        raise RuntimeError("the reference has been imported already")
+        raise RuntimeError("the reference must not be imported before its module is replaced")
     sys.meta_path.insert(0, _Replaced(name, Path(file)))
 
 
 def limited(cpu_s: int = CPU_S) -> None:
-    """A mutant may loop or eat memory: it ends by its own limits then."""
+    """Set limits on time and memory, because a mutant may loop or allocate without end."""
     resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
 
 
 def main() -> None:
-    """Replace a module as the arguments say, then do the task they name."""
+    """Replace the module given by the arguments, then run the task."""
     module, file, *task = sys.argv[1:]
     limited()
     replace(module, file)
@@ -105,7 +105,7 @@ def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> Non
     from automcm_spec.graph.oracle_generation import GRAPHS
     from automcm_spec.vocabulary.json_forms import to_json
 
-    gc.disable()  # the graph stays, and is large
+    gc.disable()  # the graph is large and permanent
     walked: behaviour_digest.Walked = accepted_forms.Forms()
     if graph != "forms":
         oracle, chosen = load(GRAPHS[graph].path), behaviour_digest.VARIANTS[int(variant)]
@@ -114,7 +114,7 @@ def _behave(task: str, graph: str, variant: str, about: str, *kinds: str) -> Non
         assert isinstance(walked, behaviour_digest.Walker)
         right = lockstep.unchanged()
         other = right.Walker(walked.oracle, right.VARIANTS[int(variant)])
-        print(json.dumps(lockstep.told_apart(walked, other, set(kinds) or None)))
+        print(json.dumps(lockstep.distinguished(walked, other, set(kinds) or None)))
     elif task == "write":
         behaviour_digest.write(walked, Path(about))
     elif task == "compare":

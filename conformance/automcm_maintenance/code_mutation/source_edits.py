@@ -1,4 +1,4 @@
-"""Small faults in Python source, made from its syntax tree: what is changed, and into what."""
+"""The edits that make mutants of Python source, from its syntax tree."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ TIMER_PLACES = frozenset(
         *("Parameters", "TIMERS", "rank", "longest_delay", "lease_lasts", "forgotten_at"),
     )
 )
-"""Functions and tables about timers alone: whatever is wrong there is a fault of a timer."""
+"""Functions and tables about timers only; every mutant there has the class timer."""
 UNTOUCHED = frozenset(
     (
         *("__post_init__", "as_dict", "compiled", "_guard", "refusal", "short", "from_dict"),
         *("to_dict", "known", "_given", "_derived", "in_header", "derived", "longest_session"),
     )
 )
-"""Not mutated: what checks a configuration or a table of the program, and texts of errors."""
+"""Not mutated: checks of a configuration or of a table in the program, and error messages."""
 COSTS = frozenset(("fail_fast", "json_schema_input_type", "discriminator", "mode", "frozen"))
-"""Keywords that say what a check costs or how a schema is printed, not what is refused."""
+"""Keywords about the cost of a check or the form of a schema, without effect on the verdict."""
 _COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.Eq: (ast.NotEq,),
     ast.NotEq: (ast.Eq,),
@@ -43,11 +43,11 @@ _COMPARED: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
     ast.IsNot: (ast.Is,),
 }
 _STATES = frozenset(("replace", "moved", "_replace", "State"))
-_SAID = frozenset(
+_EFFECT_CALLS = frozenset(
     (
         *(model.__name__ for model in (*get_args(Message), *get_args(Indication))),
         *("MessageId", "answer", "refusal", "refuse_proposal", "cancels"),
-        *("cancel_peer", "Effects", "Heard"),
+        *("cancel_peer", "Effects", "Received"),
     )
 )
 _NUMBERS = frozenset(("seq", "proposal", "number", "first", "lease_ms", "hold_ms", "lease_left_ms"))
@@ -56,7 +56,7 @@ _SWAPPED: tuple[tuple[str, ...], ...] = (
     tuple(reason for reason in get_args(RefusalReason) if reason not in ANSWER_REASONS),
     tuple(reason for reason in get_args(RefusalReason) if reason in ANSWER_REASONS),
 )
-"""Words that may stand for each other, as far as their form goes."""
+"""Words of the same type that can be exchanged."""
 _TWINS: tuple[tuple[str, ...], ...] = (
     ("src", "dst"),
     ("target", "peer"),
@@ -69,7 +69,7 @@ _TWINS: tuple[tuple[str, ...], ...] = (
     ("backoff_min", "backoff_max"),
     ("quarantine", "backoff"),
 )
-"""Fields that a programmer may take for each other."""
+"""Fields that a programmer may confuse."""
 
 
 @dataclass(frozen=True)
@@ -83,24 +83,24 @@ class Edit:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a node stands: the function or table, and the calls around it, the inner first."""
+    """The place of a node: its function or table, and the enclosing calls, the innermost first."""
 
     name: str
     form: bool
     calls: tuple[str, ...] = ()
     keyword: str = ""
-    told: bool = False
-    """In a function that returns bool."""
+    returns_bool: bool = False
+    """Whether it is in a function that returns bool."""
 
     def class_of(self, usual: Class) -> Class:
-        """The class of a fault here that elsewhere has the ``usual`` one."""
+        """The class of a mutant at this place; elsewhere it has the ``usual`` one."""
         if self.form:
             return "form"
         return "timer" if self.name in TIMER_PLACES else usual
 
 
 def called(node: ast.AST) -> str:
-    """The last name of what is called; empty for anything else."""
+    """The last name of a call's function; empty for other nodes."""
     if not isinstance(node, ast.Call):
         return ""
     of = node.func
@@ -118,7 +118,7 @@ def _without_item(items: Sequence[T], k: int) -> list[T]:
 
 
 def edits(node: ast.AST, place: Place) -> Iterator[Edit]:
-    """The faults at this node itself."""
+    """The edits of this node."""
     for class_, new in _faults(node, place):
         yield Edit(place.class_of(class_), node, new if isinstance(new, str) else _text(new))
 
@@ -221,7 +221,7 @@ def _call(node: ast.Call, place: Place) -> Iterator[tuple[Class, ast.AST | str]]
             yield "memory", dropped
         elif name == "Outcome":
             yield ("timer" if keyword.arg == "again" else "field"), dropped
-        elif name in _SAID or place.form:
+        elif name in _EFFECT_CALLS or place.form:
             yield "field", dropped
         if keyword.arg in _NUMBERS and not isinstance(keyword.value, ast.Constant):
             more = ast.keyword(keyword.arg, ast.BinOp(keyword.value, ast.Add(), ast.Constant(1)))
@@ -273,7 +273,7 @@ def _word(word: str, place: Place) -> Iterator[tuple[Class, ast.AST | str]]:
     if not place.calls or place.form:
         return
     for family in _SWAPPED:
-        if word in family and place.calls[0] in _SAID:
+        if word in family and place.calls[0] in _EFFECT_CALLS:
             yield "field", repr(family[(family.index(word) + 1) % len(family)])
 
 
@@ -291,7 +291,7 @@ def _statement(node: ast.stmt, place: Place) -> Iterator[tuple[Class, ast.AST | 
             yield "memory", "pass"
         case ast.Assign([ast.Attribute() | ast.Subscript()]):
             yield "memory", "pass"
-        case ast.Return(value) if value is not None and place.told:
+        case ast.Return(value) if value is not None and place.returns_bool:
             if not isinstance(value, ast.Compare | ast.UnaryOp | ast.Constant):
                 yield "guard", f"return not ({ast.unparse(value)})"
             elif isinstance(value, ast.Constant):
@@ -303,18 +303,18 @@ def _statement(node: ast.stmt, place: Place) -> Iterator[tuple[Class, ast.AST | 
 
 
 def _head(node: ast.If, test: str) -> str:
-    """An if with another test; what stands below it is indented as it was."""
+    """An if statement with another test and the same indentation of its body."""
     return _indented(ast.If(ast.Name(test), node.body, node.orelse, col_offset=node.col_offset))
 
 
 def inner(node: ast.AST, place: Place) -> Iterator[tuple[ast.AST, Place]]:
-    """What stands below a node and may be changed, each with its place."""
+    """The children of a node that may be changed, each with its place."""
     match node:
         case ast.Assert() | ast.Raise() | ast.Import() | ast.ImportFrom():
             return
         case ast.FunctionDef():
-            told = node.returns is not None and ast.unparse(node.returns) == "bool"
-            within = Place(node.name, place.form, told=told)
+            returns_bool = node.returns is not None and ast.unparse(node.returns) == "bool"
+            within = Place(node.name, place.form, returns_bool=returns_bool)
             for statement in node.body:
                 yield statement, within
         case ast.ClassDef():
@@ -329,11 +329,11 @@ def inner(node: ast.AST, place: Place) -> Iterator[tuple[ast.AST, Place]]:
         case ast.Assign([ast.Name(name)], value) if not place.name:
             yield value, Place(name, place.form)
         case ast.Call(ast.Name("_given")):
-            return  # a default: the kit says all parameters
+            return  # a default, which the kit never uses
         case ast.Call():
             calls = (called(node), *place.calls)
             for value in [*([] if called(node) else [node.func]), *node.args]:
-                yield value, Place(place.name, place.form, calls, told=False)
+                yield value, Place(place.name, place.form, calls, returns_bool=False)
             if isinstance(node.func, ast.Attribute):
                 yield node.func.value, Place(place.name, place.form, place.calls)
             for keyword in node.keywords:

@@ -1,6 +1,6 @@
-"""Mutants of the reference: small faults in its core, generated from its source, each with a name.
+"""Mutants of the reference: small faults in its core, generated from its source, with stable names.
 
-The suite of the conformance kit is held against them (``automcm conform certify``).
+``automcm conform certify`` runs the suite on them.
 """
 
 from __future__ import annotations
@@ -38,39 +38,39 @@ TYPES = frozenset(
         *("Phase", "Role", "Way", "Input", "Plan", "Decode", "Message", "Reliable", "MESSAGE"),
         *("Version", "MessageType", "_MODELS", "Plain", "LIMIT", "Row", "Outcome", "Me"),
         *("Effects", "EntryKey", "Timer", "MACHINES", "NOBODY", "BROADCAST", "_GUARDS"),
-        *("_HEARD", "_EXPIRED", "DEFAULTS", "DERIVED", "UNITS", "LIMITS", "IN_HEADER"),
+        *("_RECEIVED", "_EXPIRED", "DEFAULTS", "DERIVED", "UNITS", "LIMITS", "IN_HEADER"),
         *("TimerRow", "ADVERTISED_RANK", "Known", "Formula", "Unit"),
     )
 )
-"""Names at the top of a module that are types or wiring of the program, no behaviour."""
+"""Names at the top of a module that are types or wiring of the program, not behaviour."""
 SHARE = 260
-"""Mutants of a certificate, about."""
+"""The approximate number of mutants in a certificate."""
 AROUND = 16
-"""Words and signs shown on either side of a change."""
+"""Number of tokens shown on either side of a change."""
 _RULE = re.compile(r"\b[A-Z]{3}-\d\b")
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One fault.  ``source`` is the whole module with it; ``line`` counts from 1."""
+    """One mutant.  ``source`` is the complete mutated module; ``line`` counts from 1."""
 
     id: str
     class_: Class
     file: str
     line: int
     rule: str
-    """The nearest rule that is cited beside it."""
+    """The rule that is cited nearest to the change."""
     old: str
     new: str
     source: str
 
     @property
     def module(self) -> str:
-        """The module it changes."""
+        """The module that it changes."""
         return self.id.split("/")[0]
 
     def as_dict(self) -> dict[str, str | int]:
-        """Without the source."""
+        """The mutant without its source, for JSON."""
         out = asdict(self)
         del out["source"]
         return {"class" if name == "class_" else name: value for name, value in out.items()}
@@ -78,7 +78,7 @@ class Mutant:
 
 @dataclass
 class Generated:
-    """All mutants, and how many changes were left out since they do not compile."""
+    """All mutants, and the number of changes that do not compile."""
 
     mutants: list[Mutant]
     broken: int = 0
@@ -107,8 +107,11 @@ def of_file(path: Path) -> list[Mutant]:
 
 
 def sample(mutants: Sequence[Mutant], count: int, seed: int) -> list[Mutant]:
-    """So many of them, in their order: in turn one of each class and in a class one of each
-    function, those with the smallest hash of seed and id first.  All if ``count`` is 0."""
+    """A sample of ``count`` mutants in their order (0 = all).
+
+    It takes in turn one of each class, and within a class one of each function, those with the
+    smallest hash of seed and id first.
+    """
     if count == 0:
         return list(mutants)
     places: dict[tuple[str, str], list[Mutant]] = defaultdict(list)
@@ -130,7 +133,7 @@ def _in_turn(groups: Sequence[Sequence[Mutant]]) -> Iterator[Mutant]:
 
 
 def hash_of(text: str) -> str:
-    """What a draw by seed is ordered by."""
+    """The sort key of a sample by seed."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -170,7 +173,7 @@ def _mutants(module: str, path: Path, found: Generated) -> None:
 
 
 def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, Edit, ast.stmt]]:
-    """The name of the function or table, the edit, and the statement at the top it is in."""
+    """The name of the function or table, the edit, and its top-level statement."""
     for statement in tree.body:
         targets: list[ast.expr] = []
         if isinstance(statement, ast.AnnAssign):
@@ -193,12 +196,12 @@ def _all(tree: ast.Module, form: bool) -> Iterator[tuple[str, Edit, ast.stmt]]:
 
 
 def _starts(source: str) -> list[int]:
-    """Where each line begins."""
+    """The offset of each line."""
     return [0, *accumulate(len(line) for line in source.splitlines(keepends=True))]
 
 
 def _span(source: str, starts: Sequence[int], node: ast.AST) -> tuple[int, int]:
-    """Where the text of a node begins and ends, in characters."""
+    """The offsets in characters at which a node begins and ends."""
 
     def at(line: int, column: int) -> int:
         text = source[starts[line - 1] : starts[line]]
@@ -228,7 +231,7 @@ def _rule(source: str, statement: ast.stmt, line: int) -> str:
 
 
 def _shown(old: str, edit: Edit) -> tuple[str, str]:
-    """What is changed into what, on a line each: of a long text only what is around the change."""
+    """The old and the new text on one line each; of a long text only the changed part."""
     old = old if isinstance(edit.node, ast.Pass) else ast.unparse(edit.node)
     one, other = " ".join(old.split()), " ".join(edit.new.split())
     words, others = re.split(r"(?<=\W)|(?=\W)", one), re.split(r"(?<=\W)|(?=\W)", other)
@@ -240,7 +243,7 @@ def _shown(old: str, edit: Edit) -> tuple[str, str]:
 
 
 def _cut(words: Sequence[str], head: int, tail: int) -> str:
-    """The words between head and tail, with some before and behind."""
+    """The words between head and tail, with some context on both sides."""
     first, last = max(0, head - AROUND), len(words) - max(0, tail - AROUND)
     text = "".join(words[first:last]).strip()
     return f"{'… ' if first else ''}{text}{' …' if last < len(words) else ''}"

@@ -1,4 +1,4 @@
-"""The suite alone, against a station that is known to be wrong: which cases find it?"""
+"""Runs the suite on a station that is known to be wrong, to find the cases that fail."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from automcm_conformance.suite.purposes import Purpose
 from automcm_conformance.suite.suite_run import Graphs, special, tours, uncollected
 
 RUNS, STARTS = 12, 2
-"""A short exchange is shown to nobody; these few tries are for the case that is to blame."""
+"""Tries to shorten a failure: few, because only the failing case is needed."""
 
 
 @dataclass
 class Kills:
-    """The cases that do not pass (FAIL or ERROR); none if the suite finds nothing wrong."""
+    """The cases that do not pass (FAIL or ERROR)."""
 
     cases: list[str] = field(default_factory=list)
     what: str = ""
-    """What the first of them found."""
+    """The finding of the first of them."""
     unstarted: int | None = None
-    """The exit code of a station that did not even say hello (0: it went on living)."""
+    """The exit code of a station that did not answer hello (0: it kept running)."""
     late: bool = False
-    """The time was over before enough was found."""
+    """Whether the time limit came before enough cases failed."""
 
 
 class _Late(Exception):
@@ -50,10 +50,12 @@ def kills(
     until_s: float,
     brief: bool = False,
 ) -> Kills:
-    """Run these purposes until so ``enough`` cases do not pass (0: all), the quick ones first.
+    """Run these purposes until ``enough`` cases fail (0 = run all), the fast ones first.
 
-    ``limit_s`` is for an answer, ``until_s`` about for all.  ``brief``: the first wrong answer that
-    is none of these cases' ends the run as well.  Raises OSError, OracleError.
+    ``limit_s`` is the time limit for an answer, ``until_s`` approximately that for all.  With
+    ``brief``, a wrong answer that belongs to none of these cases ends the run, too.
+
+    Raises OSError, OracleError.
     """
     due = monotonic() + until_s
 

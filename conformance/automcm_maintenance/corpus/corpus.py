@@ -1,13 +1,13 @@
-"""The corpus: logs with the verdict that is right for each, and the index that says which.
+"""The corpus: logs with their correct verdicts, and the index of these.
 
 ``traces/corpus/`` holds four folders:
 
 * ``behaviours``: every transition of the stations of the closed models (``corpus_walks``);
-* ``counterexamples``: what the must-fail models show, as the logs of their stations;
-* ``bad``: good logs with one thing wrong (``corpus_bad``);
+* ``counterexamples``: the counterexamples of the must-fail models, as logs of their stations;
+* ``bad``: good logs with one defect (``corpus_bad``);
 * ``four-vehicles`` and ``pair``: runs of the reference.
 
-The first two need TLC.  The rest, the index and its page follow from what is on disk.
+The first two need TLC.  The rest, the index and its page are made from the files on disk.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ WALKED = (
     "unreduced",
     "probe_two_prescribers",
 )
-"""The closed models of the quick profile, in the order in which they are walked through.
+"""The closed models of the quick profile, in the order of their walks.
 
-Not ``one_by_three``: its receivers have no ids, and one more of them does nothing new."""
+``one_by_three`` is omitted: its receivers have no ids, and a third one adds no behaviour."""
 COVERAGE = "behaviours/coverage.json"
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A log of the corpus and what is right to say of it; ``file`` is relative to the corpus.
+    """A log of the corpus with its correct verdict; ``file`` is relative to the corpus.
 
-    ``line`` is 0 where the verdict names none.  ``beside`` is a log it must be judged with.
+    ``line`` is 0 if the verdict names none.  ``beside`` is a log that must be checked with it.
     """
 
     file: str
@@ -107,12 +107,12 @@ def counterexamples(folder: Path, say: Callable[[str], None]) -> dict[str, bytes
 
 
 def _silent(text: bytes) -> bool:
-    """Whether a log has no event: the station did nothing in this behaviour."""
+    """Whether a log has no event, because the station did nothing in this behaviour."""
     return text.count(b"\n") <= 2
 
 
 def rest(corpus: Path, runs: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The bad logs and the index, from what is in ``corpus`` and the ``runs`` of the reference.
+    """The bad logs and the index, from the files in ``corpus`` and the ``runs`` of the reference.
 
     ``runs`` is by file, such as ``pair/1001.ndjson``.  Raises OSError.
     """
@@ -137,7 +137,7 @@ def _is(file: str, kind: str) -> bool:
 
 
 def index_text(entries: Iterable[Entry]) -> bytes:
-    """The index: a JSON list, one log a line, what is empty left out."""
+    """The index: a JSON list with one log on each line and without empty fields."""
     lines = [
         json.dumps({k: v for k, v in asdict(e).items() if v or k == "line"}, ensure_ascii=False)
         for e in sorted(entries, key=lambda e: e.file)
@@ -170,7 +170,7 @@ def _of_bad(one: Bad) -> Entry:
 
 
 def _of_walk(file: str, text: bytes) -> Entry:
-    """A walk is allowed because TLC took it; its story is the rules it went by."""
+    """The entry of a walk: it is allowed because TLC took it; its story is its rules."""
     _, model, name = file.split("/")
     rules: dict[str, None] = {}
     for line in text.splitlines():
@@ -183,7 +183,7 @@ def _of_walk(file: str, text: bytes) -> Entry:
 
 
 def _of_counterexamples(corpus: Path, files: list[str]) -> list[Entry]:
-    """What the engine says of each station of a must-fail model, with the model's story."""
+    """The engine's verdict on each station of a must-fail model, with the model's story."""
     why = {m.cfg: m for m in models.load()}
     verdicts = [explain_files([corpus / file])[0] for file in files]
     entries = []

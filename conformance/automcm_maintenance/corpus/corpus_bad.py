@@ -1,7 +1,7 @@
-"""Logs with one thing wrong, made from good ones: each a small edit, and what must be said of it.
+"""Logs with one defect, made from good ones by a small edit, with their correct verdicts.
 
-The line that must be named comes from where the edit was made.  What a step lacks is told at the
-step's input, for that is what called for it; everything else at the line edited.
+The line of the verdict follows from the edit.  A missing effect is reported at the input of its
+step; every other defect at the edited line.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ INPUTS = ("receive", "command", "restart")
 
 @dataclass(frozen=True)
 class Bad:
-    """One bad log: its text, its story, and the verdict that is right.
+    """One bad log: its text, its story, and its correct verdict.
 
-    ``rule`` is empty where no rule called for the event.  ``beside`` is the station whose good log
-    it is judged with, 0 for none.
+    ``rule`` is empty if no rule required the event.  ``beside`` is the station whose good log is
+    checked with it, 0 for none.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Bad:
 
 
 class Log:
-    """The records of a good log, to be edited.  Lines count from 1."""
+    """The records of a good log, for editing.  Lines count from 1."""
 
     def __init__(self, text: bytes) -> None:
         self.records: list[Json] = [json.loads(line) for line in text.splitlines()]
@@ -49,24 +49,24 @@ class Log:
                 nth -= 1
                 if not nth:
                     return number
-        raise LookupError(f"{ev} {wanted}")
+        raise LookupError(f"the good log has no event {ev} with {wanted}")
 
     def input_of(self, line: int) -> int:
-        """The line of the input of the step that a line belongs to."""
+        """The line of the input of a line's step."""
         while not _is_input(self.records[line - 1]):
             line -= 1
         return line
 
     def at(self, line: int) -> Json:
-        """The record of a line, from 1."""
+        """The record of a line."""
         return self.records[line - 1]
 
     def drop(self, line: int) -> None:
-        """Leave a line out."""
+        """Remove a line."""
         del self.records[line - 1]
 
     def text(self) -> bytes:
-        """The log, its events counted anew."""
+        """The log with renumbered events."""
         number = 0
         for record in self.records:
             if record["rec"] == "event":
@@ -77,7 +77,7 @@ class Log:
         return self.as_it_is()
 
     def as_it_is(self) -> bytes:
-        """The log as it stands now."""
+        """The log with its present numbers."""
         return b"".join(_line(record) for record in self.records)
 
 
@@ -90,11 +90,11 @@ def _line(record: Json) -> bytes:
 
 
 Edit = Callable[[Log], tuple[int, bytes | None]]
-"""Changes a log; returns the line to be named, and the text if the records do not hold it."""
+"""Changes a log; returns the line of the verdict, and the text if the records do not have it."""
 
 
 def _set(ev: str, change: Mapping[str, Json], nth: int = 1, **wanted: Json) -> Edit:
-    """Change fields of the message, or of the event itself: the line edited must be named."""
+    """Change fields of the message or of the event; the verdict names the edited line."""
 
     def edit(log: Log) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
@@ -111,7 +111,7 @@ def _set(ev: str, change: Mapping[str, Json], nth: int = 1, **wanted: Json) -> E
 
 
 def _drop(ev: str, nth: int = 1, **wanted: Json) -> Edit:
-    """Leave out an effect: the input of its step must be named."""
+    """Remove an effect; the verdict names the input of its step."""
 
     def edit(log: Log) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
@@ -123,7 +123,7 @@ def _drop(ev: str, nth: int = 1, **wanted: Json) -> Edit:
 
 
 def _drop_input(ev: str, nth: int = 1, **wanted: Json) -> Edit:
-    """Leave out an input: what followed it, now in its line, must be named."""
+    """Remove an input; the verdict names the event that followed it."""
 
     def edit(log: Log) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
@@ -134,7 +134,7 @@ def _drop_input(ev: str, nth: int = 1, **wanted: Json) -> Edit:
 
 
 def _twice(ev: str, nth: int = 1, **wanted: Json) -> Edit:
-    """The same event twice: the second must be named."""
+    """Duplicate an event; the verdict names the second."""
 
     def edit(log: Log) -> tuple[int, bytes | None]:
         line = log.find(ev, nth, **wanted)
@@ -145,7 +145,7 @@ def _twice(ev: str, nth: int = 1, **wanted: Json) -> Edit:
 
 
 def _step_later(ms: int, nth: int = 1, **wanted: Json) -> Edit:
-    """An expiry and what follows it come later: the expiry must be named."""
+    """Delay an expiry and all later events; the verdict names the expiry."""
 
     def edit(log: Log) -> tuple[int, bytes | None]:
         line = log.find("timer", nth, op="expire", **wanted)
@@ -349,7 +349,7 @@ SEEDS: tuple[tuple[str, str, str, Edit, str, str, int], ...] = (
 def bad_logs(bases: Mapping[str, bytes]) -> Iterator[Bad]:
     """Every bad log.  ``bases`` are the good ones by name: "pair-1001" and so on.
 
-    Raises LookupError if a base does not hold what is to be edited.
+    Raises LookupError if a base does not contain the line to edit.
     """
     for name, base, story, edit, verdict, rule, beside in SEEDS:
         log = Log(bases[base])
@@ -366,7 +366,7 @@ def bad_logs(bases: Mapping[str, bytes]) -> Iterator[Bad]:
         )
 
 
-#: What else is needed of good logs, and what each must hold.
+#: Further good logs that are needed, and the events that each must contain.
 WANTED: Mapping[str, tuple[str, Mapping[str, Json]]] = {
     "busy": ("send", {"type": "Acceptance", "reason": "busy"}),
     "abort": ("send", {"type": "Cancel", "reason": "abort"}),
@@ -376,7 +376,7 @@ WANTED: Mapping[str, tuple[str, Mapping[str, Json]]] = {
 
 
 def bases_among(logs: Sequence[bytes]) -> dict[str, bytes]:
-    """The shortest of these logs that holds what ``WANTED`` names; of equals the first."""
+    """The first of the shortest of these logs with the events of ``WANTED``."""
     found: dict[str, bytes] = {}
     for text in sorted(logs, key=len):
         for name, (ev, fields) in WANTED.items():

@@ -1,4 +1,4 @@
-"""docs/corpus.md: what the corpus holds, from its index."""
+"""docs/corpus.md: the contents of the corpus, from its index."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from automcm_maintenance.corpus.corpus import COVERAGE, WALKED, Entry
 from automcm_spec.model_checking import models
 
-SAID = {
+VERDICTS = {
     "allowed": "allowed",
     "diverges": "diverges",
     "unreadable": "unreadable",
@@ -83,7 +83,7 @@ RUNS = """
 
 
 def page(corpus: Path, index: bytes) -> str:
-    """The page; the counts of the walks come from the corpus on disk."""
+    """The page, with the counts of the walks from the corpus on disk."""
     entries = [Entry(**item) for item in json.loads(index)]
     by_kind: dict[str, list[Entry]] = {}
     for entry in entries:
@@ -93,11 +93,11 @@ def page(corpus: Path, index: bytes) -> str:
     breaks = {m.cfg: m.property for m in models.load()}
     for e in by_kind.get("counterexamples", []):
         model = e.file.split("/")[1]
-        out.append(f"| `{_short(e)}` | {breaks[model]} | {_said(e)} |\n")
+        out.append(f"| `{_short(e)}` | {breaks[model]} | {_verdict_cells(e)} |\n")
     out.append(BAD)
     for e in by_kind.get("bad", []):
         with_ = f" (judged with `{e.beside}`)" if e.beside else ""
-        out.append(f"| `{_short(e)}` | {e.story}{with_} | {_said(e)} |\n")
+        out.append(f"| `{_short(e)}` | {e.story}{with_} | {_verdict_cells(e)} |\n")
     out.append(RUNS)
     for kind in ("four-vehicles", "pair"):
         for e in by_kind.get(kind, []):
@@ -125,5 +125,5 @@ def _short(entry: Entry) -> str:
     return entry.file.split("/", 1)[1]
 
 
-def _said(entry: Entry) -> str:
-    return f"{SAID[entry.verdict]} | {entry.line or ''} | {entry.rule}"
+def _verdict_cells(entry: Entry) -> str:
+    return f"{VERDICTS[entry.verdict]} | {entry.line or ''} | {entry.rule}"

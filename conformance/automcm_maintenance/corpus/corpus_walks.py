@@ -1,12 +1,12 @@
 """Behaviours of a closed model that take every transition of its stations at least once.
 
 TLC prints the graph of the model: each state, and each step from it with its input.  A transition
-is what one station does: the station, its state and the input.  An input that changes nothing
-anywhere (a copy sent again, a message heard twice) is no step of the model, but it is a transition
-here: it is taken on the way, where the walk passes a state that offers it.
+is a station with its state and an input.  An input without effect (a repeated copy, a message
+received twice) is not a step of the model but is a transition here: the walk takes it in a state
+that allows it.
 
-A walk goes from the start to the nearest state that still has a transition to show, and on from
-there; where there is none left to reach, the next walk begins.
+A walk goes from the initial state to the nearest state with a missing transition, and on from
+there.  If none can be reached, the next walk begins.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ GSpec == GInit /\\ [][GNext]_<<vars, place>>
 ====
 """
 """``place`` numbers the states, and the VIEW hides it.  Node is an invariant, so TLC looks at it
-once for each state.  ``v = v`` brings a value into the form in which equal ones print alike."""
+once for each state.  ``v = v`` normalizes a value, so that equal ones have equal texts."""
 
 
 Key = tuple[int, Input]
@@ -58,11 +58,11 @@ Walk = list[tuple[int, Key, int]]
 
 
 class Transition(NamedTuple):
-    """What one station does: its state and the input, as texts, as the station sees them.
+    """A transition of one station: its state and the input as texts, from the station's view.
 
-    To itself it is 1; the others are 2, 3, … in the order in which state and input name them.  So
-    what two stations do alike is one transition.  Whether the application is concerned counts with
-    an Advertisement alone.
+    The station itself is 1; the others are 2, 3, … in the order in which state and input name them,
+    so that equal behaviour of two stations is one transition.  Whether the application is concerned
+    only counts for an Advertisement.
     """
 
     state: str
@@ -95,9 +95,9 @@ def transition(station: int, at: State, value: Input) -> Transition:
 
 @dataclass
 class Node:
-    """A state of the model: the stations and the radio, its inputs and where they lead.
+    """A state of the model: the stations, the radio, the inputs and the next states.
 
-    ``idle`` are the inputs that change nothing.
+    ``idle`` are the inputs without effect.
     """
 
     st: dict[int, State]
@@ -107,14 +107,14 @@ class Node:
     _known: dict[Key, Transition] = field(default_factory=dict)
 
     def transition(self, key: Key) -> Transition:
-        """A transition, worked out once."""
+        """A transition, computed once."""
         if key not in self._known:
             self._known[key] = transition(key[0], self.st[key[0]], key[1])
         return self._known[key]
 
 
 class Graph:
-    """The graph of a closed model, as TLC prints it.  Node 0 is the start."""
+    """The graph of a closed model, as printed by TLC.  Node 0 is the initial state."""
 
     def __init__(self, model: Model, tla: Path = TLA) -> None:
         self.model = model
@@ -159,7 +159,7 @@ class Graph:
             self._open = ()
 
     def _input(self, text: str) -> Key:
-        """The station and the input that the end of a printed tuple names."""
+        """The station and the input at the end of a printed tuple."""
         if text not in self._inputs:
             unquoted = tla_values.parse(f'"{text}')
             who, value = _pair(tla_values.parse(f"<<{unquoted}"))
@@ -175,7 +175,7 @@ class Graph:
 
     @property
     def transitions(self) -> set[Transition]:
-        """All that the stations do in some reachable state."""
+        """All transitions of the stations in reachable states."""
         return {
             node.transition(key)
             for node in self.nodes.values()
@@ -183,7 +183,7 @@ class Graph:
         }
 
     def walks(self, seen: Iterable[Transition] = ()) -> list[Walk]:
-        """Walks that take every transition but those seen elsewhere."""
+        """Walks that take every transition except those seen in other models."""
         missing = self.transitions - set(seen)
         walks = []
         while missing:
@@ -207,7 +207,7 @@ class Graph:
         return taken
 
     def _nearest(self, at: int, missing: set[Transition]) -> Walk | None:
-        """The shortest way from a node that takes something missing; None if there is none."""
+        """The shortest walk from a node to a missing transition; None if there is none."""
         came: dict[int, tuple[int, Key, int] | None] = {at: None}
         queue = deque([at])
         while queue:
@@ -229,16 +229,16 @@ class Graph:
         return self.all_logs([(run, walk)])[0]
 
     def all_logs(self, walks: list[tuple[str, Walk]]) -> list[dict[int, bytes]]:
-        """The logs of several named walks; TLC is asked about all of them at once."""
+        """The logs of several named walks, from one query to TLC."""
         reduced = "Reduced = TRUE" in self.cfg
         asker = _Cached(partial(effects_of, self.model.module, self.cfg))
         moves = [[self._move(*step) for step in walk] for _, walk in walks]
-        told = steps_of_all(moves, asker, reduced)
+        histories = steps_of_all(moves, asker, reduced)
         return [
             behaviour_to_log.logs(
                 run, some, sorted(self.nodes[0].st), {"max_rounds": self.max_rounds}
             )
-            for (run, _), some in zip(walks, told, strict=True)
+            for (run, _), some in zip(walks, histories, strict=True)
         ]
 
     def _move(self, source: int, key: Key, target: int) -> Move:
@@ -247,7 +247,7 @@ class Graph:
 
 
 class _Cached:
-    """Asks TLC only what has not been asked."""
+    """Caches TLC's answers."""
 
     def __init__(self, asker: Any) -> None:
         self._ask = asker

@@ -1,4 +1,4 @@
-"""docs/cli.md: every command with its help, its options and its example, from the code."""
+"""docs/cli.md: each command with its help, options and example, generated from the code."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def text() -> str:
 
 
 def _below(group: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Groups and commands, those without a group first, each in the order of their names."""
+    """Groups and commands, sorted by name, commands without a group first."""
     for name in sorted(
         group.commands, key=lambda name: (hasattr(group.commands[name], "commands"), name)
     ):
@@ -36,17 +36,17 @@ def _below(group: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...],
 
 
 def _shown(path: tuple[str, ...], command: Any) -> dict[str, Any]:
-    """What is said of a command, or of a group, which has no usage."""
-    said = [_plain(line.strip()) for line in (command.help or "").strip().splitlines()]
+    """The template values of a command, or of a group, which has no usage."""
+    about = [_plain(line.strip()) for line in (command.help or "").strip().splitlines()]
     if hasattr(command, "commands"):
-        return {"path": path, "said": said, "usage": ""}
+        return {"path": path, "about": about, "usage": ""}
     name = " ".join(path)
     context = command.context_class(command, info_name=name)
     example, _, rest = command.epilog.removeprefix("Example: ").partition(".  ")
     rows = [_row(each) for each in command.params if not each.hidden]
     return {
         "path": path,
-        "said": said,
+        "about": about,
         "usage": " ".join([name, *command.collect_usage_pieces(context)]),
         "options": markdown_table(_HEADS, rows, left=_HEADS) if rows else "",
         "example": example,
@@ -55,7 +55,7 @@ def _shown(path: tuple[str, ...], command: Any) -> dict[str, Any]:
 
 
 def _row(each: Any) -> tuple[str, str, str]:
-    """What is typed, its default, and what it means."""
+    """The table row of a parameter: its syntax, its default and its meaning."""
     if not each.opts[0].startswith("-"):
         typed = each.metavar or each.name.upper()
     else:
@@ -63,8 +63,7 @@ def _row(each: Any) -> tuple[str, str, str]:
         typed = ", ".join([*(f"{opt}{value}" for opt in each.opts), *each.secondary_opts])
     bounds = [f"at least {each.min}"] if each.min is not None else []
     bounds += [f"at most {each.max}"] if each.max is not None else []
-    many = " May be given several times." if each.opts[0].startswith("-") and each.multiple else ""
-    meaning = _plain(" ".join((each.help or "").split())) + many
+    meaning = _plain(" ".join((each.help or "").split()))
     nothing = each.default is None or each.default is False or each.default in ((), [], "")
     default = "" if nothing else f"`{_default(each)}`"
     return (
@@ -74,13 +73,13 @@ def _row(each: Any) -> tuple[str, str, str]:
     )
 
 
-def _plain(said: str) -> str:
-    """What Markdown would take for emphasis or for a tag stays as it is."""
-    return said.replace("*", "\\*").replace("<", "&lt;")
+def _plain(text: str) -> str:
+    """The text with the characters of Markdown emphasis and of HTML tags escaped."""
+    return text.replace("*", "\\*").replace("<", "&lt;")
 
 
 def _default(each: Any) -> str:
-    """The default; of a switch, the name that it goes by."""
+    """The default; for a flag, the option's name."""
     if each.default is True:
         return str(each.opts[0])
     return (
@@ -89,7 +88,7 @@ def _default(each: Any) -> str:
 
 
 def _value(each: Any) -> str:
-    """What stands after an option."""
+    """The placeholder of an option's value."""
     if each.metavar:
         return str(each.metavar)
     of = each.type_descriptor.annotation

@@ -1,5 +1,5 @@
-"""Counterexamples as pages: the committed ones (``automcm spec pages``), and those of models that
-``automcm verify`` finds to fail."""
+"""HTML pages of counterexamples: the committed ones (``automcm spec pages``), and those of models
+with unexpected results in ``automcm verify``."""
 
 from __future__ import annotations
 
@@ -24,10 +24,9 @@ FOLDER = Path("runs/verify")
 def committed(
     loaded: Iterable[models.Model], folder: Path, say: Callable[[str], None] = lambda text: None
 ) -> list[Path]:
-    """A page for each must-fail model that can have one, in ``folder``; docs/models.md links to
-    them.
+    """Write a page for each must-fail model that can have one; docs/models.md links to them.
 
-    Raises what ``trace_html.page_of`` raises, and OSError.
+    Raises OSError and the errors of ``trace_html.page_of``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -42,9 +41,9 @@ def committed(
 
 
 def failed(verdicts: Sequence[models.Verdict], folder: Path = FOLDER) -> list[Path]:
-    """Write what each counterexample that is not as expected shows; returns the pages.
+    """Write a page for each unexpected counterexample and return the paths.
 
-    One that cannot be told as logs is left as ITF.  Raises OSError.
+    A counterexample that cannot be converted to logs is written as ITF.  Raises OSError.
     """
     written = []
     for verdict in verdicts:

@@ -1,4 +1,4 @@
-"""Files that are generated and committed, and whether they still are what would be generated."""
+"""Writes the committed generated files, and finds stale ones."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _counterexamples(verdicts: Iterable[models.Verdict]) -> dict[Path, str]:
 
 
 def counterexample_drift(verdicts: Sequence[models.Verdict]) -> list[str]:
-    """Which committed counterexamples are not those just found."""
+    """The committed counterexamples that differ from those just found."""
     return [
         _stale(path) for path, text in _counterexamples(verdicts).items() if _differs(path, text)
     ]
@@ -112,7 +112,7 @@ def picture() -> str:
 
 
 def _corpus() -> dict[Path, bytes]:
-    """What of the corpus is generated in seconds, from the logs on disk that need TLC."""
+    """The part of the corpus that is generated in seconds, from logs on disk that need TLC."""
     runs = {}
     for name, run in (("four-vehicles", four_vehicles), ("pair", pair)):
         with scratch.folder("logs") as folder:
@@ -125,13 +125,13 @@ def _corpus() -> dict[Path, bytes]:
 
 
 def _corpus_of_tlc(say: Callable[[str], None]) -> dict[Path, bytes]:
-    """The logs of the closed and of the must-fail models; minutes."""
+    """The logs of the closed and of the must-fail models; takes minutes."""
     files = corpus.behaviours(say) | corpus.counterexamples(COUNTEREXAMPLES, say)
     return {CORPUS_ROOT / name: data for name, data in files.items()}
 
 
 def _superfluous(kinds: Sequence[str], files: dict[Path, bytes]) -> list[Path]:
-    """Files in these folders of the corpus that nothing generates any more."""
+    """Obsolete files in these folders of the corpus."""
     there = [p for kind in kinds for p in (CORPUS_ROOT / kind).rglob("*") if p.is_file()]
     return sorted(path for path in there if path not in files)
 
@@ -158,7 +158,7 @@ def _write_corpus(kinds: Sequence[str], wanted: dict[Path, bytes]) -> list[Path]
 
 
 def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
-    """What is generated within a second each; ``one_peer`` is the graph that the diagrams show."""
+    """The texts that are generated within a second each; ``one_peer`` is the diagrams' graph."""
     from automcm.core import phases
     from automcm.encoding import sizes
     from automcm_evaluation.runs import report
@@ -200,15 +200,15 @@ def _architecture() -> str:
 
 
 def between(text: str, name: str, part: str) -> str:
-    """A page with ``part`` between the two marks of that name; the rest of it stays.
+    """A page with ``part`` between the two marks with that name and the rest unchanged.
 
-    Raises ValueError if the marks are not there.
+    Raises ValueError without the marks.
     """
     begin, end = f"<!-- begin: {name} -->", f"<!-- end: {name} -->"
     before, begun, rest = text.partition(begin)
     _, ended, after = rest.partition(end)
     if not (begun and ended):
-        raise ValueError(f"the marks {begin} and {end} are needed")
+        raise ValueError(f"the page must contain the marks {begin} and {end}")
     return f"{before}{begin}\n{part}\n{end}{after}"
 
 
@@ -218,10 +218,10 @@ def drift(
     say: Callable[[str], None],
     verdicts: Sequence[models.Verdict] = (),
 ) -> list[str]:
-    """Which generated files are stale, or cannot be generated now; a line for each.
+    """One line for each generated file that is stale or cannot be generated.
 
-    one_peer is the graph of the specification as it is.  The quick profile does not look at the
-    other graphs: who compares with them reads their version.
+    one_peer is the graph of the present specification.  The quick profile does not check the other
+    graphs, because their users check their version.
     """
     whole = profile != "quick"
     checks: list[tuple[Path, Callable[[], list[str]]]] = [
@@ -244,19 +244,22 @@ def drift(
 
 
 def _lines(path: Path, check: Callable[[], list[str]]) -> list[str]:
-    """What a check finds.  Whatever it raises is a line as well: what it runs may be in the middle
-    of a change, and the other files are still compared."""
+    """The findings of a check.
+
+    An exception becomes a finding, because the checked code may be under change and the other files
+    must still be compared.
+    """
     try:
         return check()
     except oracle.OracleError as error:
-        reason = said(error)
+        reason = error_text(error)
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
     return [f"{_name(path)}: cannot be generated now: {reason}"]
 
 
-def said(error: oracle.OracleError) -> str:
-    """The text, with the path from the repository on."""
+def error_text(error: oracle.OracleError) -> str:
+    """The error's text, with paths relative to the repository."""
     return str(error).replace(f"{ROOT}/", "")
 
 
@@ -278,8 +281,10 @@ def _graph_drift(
 
 
 def graph_changed(one_peer: bytes) -> bool:
-    """Whether the one-peer graph differs from the committed one in more than the text that it was
-    made from; False if there is none that can be read."""
+    """Whether the one-peer graph differs from the committed one apart from the specification hash.
+
+    False if the committed one cannot be read.
+    """
     try:
         committed = oracle.content(oracle_generation.ONE_PEER.path)
     except oracle.OracleError:
@@ -297,7 +302,7 @@ def _remainder_drift(whole: bool) -> list[str]:
 
 
 def _remainder() -> str:
-    """What two peers say beyond one; a minute, from the graphs as they are on disk."""
+    """The two-peer remainder, from the graphs on disk; takes a minute."""
     two, one = (
         oracle.load(graph.path)
         for graph in (oracle_generation.TWO_PEERS, oracle_generation.ONE_PEER)
@@ -306,7 +311,7 @@ def _remainder() -> str:
 
 
 def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
-    """Renew all generated files; returns those that changed."""
+    """Renew all generated files and return those that changed."""
     changed = []
     verdicts = models.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
     for graph in oracle_generation.GRAPHS.values():
@@ -332,7 +337,7 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
 
 
 def write_corpus(say: Callable[[str], None]) -> list[Path]:
-    """Renew the corpus; returns the files that changed or are gone."""
+    """Renew the corpus and return the files that changed or were deleted."""
     changed = _write_corpus(_FROM_TLC, _corpus_of_tlc(say))
     return changed + _write_corpus(_AT_ONCE, _corpus())
 

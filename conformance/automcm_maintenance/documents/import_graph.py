@@ -1,4 +1,4 @@
-"""Who imports whom among our packages, read from their source; docs/architecture.md."""
+"""The imports between the project's packages, read from their source, for docs/architecture.md."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PACKAGES = {
     "automcm_cli": "conformance",
     "automcm_maintenance": "conformance",
 }
-"""The packages with their folders, each after those it may import."""
+"""The packages with their folders, each after those that it may import."""
 LAYERS = {
     "automcm_spec": "support vocabulary model_checking graph compilation",
     "automcm_traces": "format checker system explain edit export viewer",
@@ -27,9 +27,9 @@ LAYERS = {
     "automcm_cli": "shared conform reference spec trace",
     "automcm_maintenance": "corpus documents spec_mutation code_mutation benches verify",
 }
-"""The subpackages of each; each may import those before it.  Modules beside them may import all."""
-# What of ours a package may import, besides itself; a module stands for itself alone.
-# What is about the operating system and knows nothing of the protocol, and the grammar.
+"""The subpackages of each package; each may import those before it.  Top-level modules may import
+all."""
+# Modules without protocol logic: those about the operating system, and the vocabulary.
 SHARED = {
     *(f"automcm_spec.vocabulary.{name}" for name in ("application", "messages", "parameters")),
     *(f"automcm_spec.support.{name}" for name in ("children", "files", "markdown", "scratch")),
@@ -38,7 +38,7 @@ MAY = {
     "automcm_spec": set[str](),
     "automcm_traces": {"automcm_spec"},
     "automcm": {"automcm_traces.format.writer", *SHARED},
-    # The map between the reference and the specification; the station itself decides alone.
+    # Only the mapping to the specification uses the compiled station, the station itself does not.
     "automcm.adapters.spec_mapping": {"automcm_spec.vocabulary.station"},
     "automcm_evaluation": {"automcm", *SHARED},
     "automcm_conformance": {"automcm_spec", "automcm_traces"},
@@ -49,7 +49,7 @@ MAY = {
 
 @dataclass(frozen=True, order=True)
 class Import:
-    """One module of ours imports another, when it is loaded itself or only later."""
+    """An import of one module of the project by another, at load time or later."""
 
     importer: str
     imported: str
@@ -57,9 +57,9 @@ class Import:
 
 
 def read(root: Path) -> set[Import]:
-    """All imports among our packages below ``root``; what only a type checker sees is not one.
+    """All imports among the project's packages below ``root``, except those for type checkers.
 
-    A syntax error is that of ``ast.parse``, with the name of the file.
+    Raises the SyntaxError of ``ast.parse``, with the name of the file.
     """
     trees = {
         ".".join((package, *_inner(path.relative_to(root / folder / package)))): ast.parse(
@@ -71,17 +71,17 @@ def read(root: Path) -> set[Import]:
     found = set()
     for importer, tree in trees.items():
         for names, at_load in _imports(tree, at_load=True):
-            # ``from a import b`` loads the module a.b if there is one, and else a, which has b.
+            # ``from a import b`` loads the module a.b if it exists, else only a, which defines b.
             known = next((name for name in names if name in trees), None)
             if known is None and names[-1].split(".")[0] in PACKAGES:
-                raise ValueError(f"{importer}: imports {names[-1]}, which is not there")
+                raise ValueError(f"{importer}: imports {names[-1]}, which does not exist")
             if known is not None and known != importer:
                 found.add(Import(importer, known, at_load))
     return found
 
 
 def forbidden(imports: set[Import]) -> list[Import]:
-    """Those between packages that ``MAY`` does not allow, and those upward in ``LAYERS``."""
+    """The imports between packages that ``MAY`` does not allow, and those upward in ``LAYERS``."""
     return sorted(one for one in imports if not _allowed(one))
 
 
@@ -93,7 +93,7 @@ def _allowed(one: Import) -> bool:
 
 
 def _layer(module: str) -> int:
-    """The place of its subpackage in ``LAYERS``: 0 for a package itself."""
+    """The position of a module's subpackage in ``LAYERS``; 0 for a package."""
     package, _, inner = module.partition(".")
     names = LAYERS[package].split()
     name = inner.partition(".")[0]
@@ -101,7 +101,7 @@ def _layer(module: str) -> int:
 
 
 def cycles(imports: set[Import]) -> list[list[str]]:
-    """Groups of modules that load one another: strongly connected, of two or more."""
+    """Import cycles: strongly connected groups of two or more modules."""
     after: dict[str, set[str]] = {}
     for one in imports:
         if one.at_load:
@@ -116,8 +116,11 @@ def cycles(imports: set[Import]) -> list[list[str]]:
 
 
 def picture(imports: set[Import]) -> str:
-    """The packages with their subpackages in Mermaid: an arrow to each that is imported, but from
-    package to package a single one, and none that follows from others."""
+    """The packages with their subpackages in Mermaid.
+
+    An arrow leads to each imported subpackage, but only one from package to package, and none that
+    follows from others.
+    """
     lines = ["```mermaid", "flowchart TD"]
     inside: dict[str, set[tuple[str, str]]] = {package: set() for package in PACKAGES}
     outside: dict[tuple[str, str], set[str]] = {}
@@ -148,7 +151,7 @@ def picture(imports: set[Import]) -> str:
 
 
 def table(root: Path, imports: set[Import]) -> str:
-    """As Markdown: each subpackage, what it is, and the module of it that most others import."""
+    """A Markdown table: each subpackage with its summary and its most imported module."""
     lines = ["| package | subpackage | what it is | begin with |", "|---|---|---|---|"]
     count = Counter(one.imported for one in imports)
     for package, names in LAYERS.items():
@@ -174,13 +177,13 @@ def _reachable(after: dict[str, set[str]], start: str) -> set[str]:
 
 
 def _inner(path: Path) -> tuple[str, ...]:
-    """The names behind the package's: ``links/udp.py`` is links, udp; ``__init__.py`` is none."""
+    """The parts of a module name: ``links/udp.py`` gives links, udp; ``__init__.py`` gives none."""
     parts = path.with_suffix("").parts
     return parts[:-1] if parts[-1] == "__init__" else parts
 
 
 def _imports(node: ast.AST, at_load: bool) -> Iterator[tuple[list[str], bool]]:
-    """Each import below a node: the modules it may name, the likelier first."""
+    """Each import below a node: the modules that it may name, the likelier first."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
             for other in child.orelse:

@@ -13,7 +13,7 @@ from automcm_spec.support.paths import MODELS
 
 
 def models_page(loaded: Sequence[models.Model]) -> str:
-    """docs/models.md: every model, with what was recorded of it."""
+    """docs/models.md: every model with its recorded result."""
     usual = {pair for m in loaded if m.expect == "holds" for pair in _replaced(m)}
 
     def changed(model: models.Model) -> str:

@@ -1,4 +1,4 @@
-"""The clone of the repository that is maintained, and how its pages are written."""
+"""The folders of the repository, and tables of Markdown."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-"""The clone."""
+"""The root of the repository."""
 PAGES = Path(__file__).with_name("pages")
 """Templates of Markdown."""
 
@@ -14,7 +14,7 @@ PAGES = Path(__file__).with_name("pages")
 def markdown_table(
     heads: Sequence[str], rows: Sequence[Sequence[object]], left: Sequence[str] = ("what",)
 ) -> str:
-    """A table of Markdown; the first column and those named are texts, the others figures."""
+    """A table of Markdown; the first and the ``left`` columns are left-aligned."""
     ruler = ["---" if n == 0 or head in left else "---:" for n, head in enumerate(heads)]
     cells = [[str(value).replace("|", "\\|") for value in row] for row in rows]
     return "\n".join(f"| {' | '.join(row)} |" for row in [list(heads), ruler, *cells])

@@ -29,12 +29,12 @@ class Edge:
     target: str
     event: str
     rule: str
-    told: str
-    """What the application is told; empty for nothing."""
+    indication: str
+    """The indication to the application; empty for none."""
 
     @property
     def way(self) -> Way:
-        """What the drawings know it by."""
+        """The transition's key in the diagrams."""
         return self.role, self.source, self.target, self.rule
 
 
@@ -69,7 +69,7 @@ def edges(oracle: Oracle) -> set[Edge]:
             after.phase,
             event(oracle.inputs[step.input]),
             step.effect.rule,
-            _told(step.effect.indication),
+            _indication_text(step.effect.indication),
         )
         for number, before in enumerate(oracle.states)
         for step in oracle.changes(number)
@@ -78,8 +78,8 @@ def edges(oracle: Oracle) -> set[Edge]:
     }
 
 
-def _told(told: tuple[str, ...]) -> str:
-    name, *about = told
+def _indication_text(indication: tuple[str, ...]) -> str:
+    name, *about = indication
     return "" if name == "nothing" else f"{name}({about[0]})" if about else name
 
 
@@ -93,22 +93,24 @@ def check(declared: Collection[Way], found: set[Edge]) -> None:
         for role, source, target, rule in sorted(ways)
     ]
     if wrong:
-        raise ValueError("the phases declared and the graph differ: " + "; ".join(wrong))
+        raise ValueError("the declared phases and the graph differ: " + "; ".join(wrong))
 
 
 def _label(rule: str, among: set[Edge], found: set[Edge]) -> str:
     """A line of an arrow's label: the rule and its events.
 
-    What the application is told is added where the event alone does not say which way it goes.
+    The indication is added if the event alone does not determine the transition.
     """
     texts: dict[str, None] = {}
-    for edge in sorted(among, key=lambda e: (e.event, e.told)):
+    for edge in sorted(among, key=lambda e: (e.event, e.indication)):
         elsewhere = any(
             (e.role, e.source, e.event) == (edge.role, edge.source, edge.event)
             and e.target != edge.target
             for e in found
         )
-        texts[f"{edge.event} / {edge.told}" if elsewhere and edge.told else edge.event] = None
+        texts[
+            f"{edge.event} / {edge.indication}" if elsewhere and edge.indication else edge.event
+        ] = None
     return f"{', '.join(texts)} ({rule})"
 
 

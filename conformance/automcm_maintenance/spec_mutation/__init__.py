@@ -1,4 +1,4 @@
-"""Mutants of the specification: do the models notice?
+"""Mutants of the specification, to test the models.
 
 For ``spec mutate`` and docs/mutation.md.
 Only maintenance imports it.

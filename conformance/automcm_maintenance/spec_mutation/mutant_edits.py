@@ -1,4 +1,4 @@
-"""The changes that can be made to one definition, from its syntax tree (``mutants``)."""
+"""The possible edits of one definition, from its syntax tree (``mutants``)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _RELATIONS = {"eq", "neq", "leq", "lt", "geq", "gt", "in", "notin", "subseteq"}
 
 @dataclass(frozen=True)
 class Edit:
-    """Replace bytes; node is what is changed."""
+    """A replacement of bytes; node is the changed one."""
 
     kind: str
     start: int
@@ -34,15 +34,15 @@ class Edit:
     node: Node
 
     def order(self) -> tuple[int, int, str, bytes]:
-        """What the mutants of a definition are put in order by."""
+        """The sort key of the mutants of a definition."""
         return (self.start, self.end, self.kind, self.new)
 
 
 class Definition:
     """The edits of one definition.
 
-    A list of bulleted conjuncts depends on columns.  So what is dropped becomes blanks, and a
-    text that grew is followed by a new line up to the column where the rest was.
+    A list of bulleted conjuncts depends on columns.  Therefore dropped text becomes blanks, and
+    longer text is followed by a new line up to the column of the remaining text.
     """
 
     def __init__(self, source: bytes, node: Node) -> None:
@@ -52,7 +52,7 @@ class Definition:
         self._has_station = "st" in {text(name) for name in names}
 
     def edits(self) -> Iterator[Edit]:
-        """All that can be made in it."""
+        """All edits of the definition."""
         body = self._definition.child_by_field_name("definition")
         assert body is not None
         if _symbol(body) in _RELATIONS | {"lnot"}:
@@ -66,7 +66,7 @@ class Definition:
             if not _left_alone(node, child):
                 yield from self._walk(child)
 
-    # What is written
+    # Making edits
 
     def _replace(self, kind: str, node: Node, *parts: bytes | Node) -> Edit:
         """Replace a node by texts and nodes (a node of several lines keeps its columns)."""
@@ -90,13 +90,13 @@ class Definition:
         return Edit(kind, start, end, re.sub(rb"[^\n]", b" ", self._source[start:end]), node)
 
     def _drop_each(self, kind: str, nodes: Sequence[Node]) -> Iterator[Edit]:
-        """Drop each of several expressions with the sign (or comma) that joins it."""
+        """Drop each of several expressions with the operator (or comma) that joins it."""
         for n, node in enumerate(nodes):
             start = nodes[n - 1].end_byte if n else node.start_byte
             end = node.end_byte if n or len(nodes) == 1 else nodes[1].start_byte
             yield self._drop(kind, node, start, end)
 
-    # What is changed
+    # Kinds of edits
 
     def _list(self, node: Node) -> Iterator[Edit]:
         kind = "conjunct" if node.type == "conj_list" else "disjunct"
@@ -148,7 +148,7 @@ class Definition:
             yield from self._negate(_arguments(node)[0])
 
     def _case(self, node: Node) -> Iterator[Edit]:
-        """With an arm OTHER an arm is dropped; without one, TLC could not evaluate the CASE."""
+        """Drop an arm, only if there is an arm OTHER: else TLC could not evaluate the CASE."""
         arms = [child for child in node.named_children if child.type == "case_arm"]
         if any(child.type == "other_arm" for child in node.named_children):
             rest = [child for child in node.named_children if child.type != "comment"]
@@ -167,11 +167,11 @@ class Definition:
     def _filter(self, node: Node) -> Iterator[Edit]:
         condition = node.child_by_field_name("filter")
         assert condition is not None
-        if node.parent is None or node.parent.type != "except_update":  # there @ says the same
+        if node.parent is None or node.parent.type != "except_update":  # there @ has the same value
             yield self._replace("conjunct", condition, b"TRUE")
 
     def _set(self, node: Node) -> Iterator[Edit]:
-        """Not of {e}, where e has a name or what stands around it is dropped as a whole."""
+        """Not of {e} if e has a name or its parent is dropped completely."""
         members = [child for child in node.named_children if child.type != "comment"]
         parent = node.parent
         if len(members) == 1 and parent is not None:
@@ -225,12 +225,12 @@ def text(node: Node | None) -> str:
 
 
 def _up_to(column: int, wanted: int) -> bytes:
-    """White space from one column to another."""
+    """Blanks from one column to another."""
     return b" " * (wanted - column) if column <= wanted else b"\n" + b" " * wanted
 
 
 def _symbol(node: Node) -> str:
-    """The operator of an infix or prefix expression, by its name in the grammar."""
+    """The operator of an infix or prefix expression, as named in the grammar."""
     sign = node.child_by_field_name("symbol")
     return "" if sign is None else sign.type
 
@@ -245,7 +245,7 @@ def _operands(node: Node, symbol: str) -> list[Node]:
 
 
 def _name(node: Node | None) -> Node | None:
-    """The name of the operator that is called or defined here, if one is."""
+    """The name of the called or defined operator, if there is one."""
     return None if node is None else node.child_by_field_name("name")
 
 
@@ -263,7 +263,7 @@ def _assigned(item: Node) -> str | None:
 
 
 def _compared(node: Node) -> str:
-    """The field of a record that a string is compared with ("" if it is with none)."""
+    """The field of a record that is compared with a string ("" if there is none)."""
     parent = node.parent
     if parent is None or _symbol(parent) not in ("eq", "neq"):
         return ""
@@ -272,7 +272,7 @@ def _compared(node: Node) -> str:
 
 
 def _left_alone(node: Node, child: Node) -> bool:
-    """Whether a part of an expression is one that no model can see."""
+    """Whether no model depends on a part of an expression."""
     if child.type == "except_update":
         specifier = child.child_by_field_name("update_specifier")
         fields = text(child).split("=")[0]

@@ -1,9 +1,9 @@
-"""What the mutants change into what, what they leave alone, and why."""
+"""The replacements that make mutants, and the exceptions with their reasons."""
 
 from __future__ import annotations
 
 MODULES = ("Station", "System")
-"""The modules that are mutated unless others are named."""
+"""The modules that are mutated by default."""
 
 KINDS: dict[str, str] = {
     "conjunct": "a conjunct, the condition of an implication or that of a set filter is dropped",
@@ -35,23 +35,23 @@ NOT_MUTATED: dict[str, str] = {
     "System.Excuses": "defines a history variable, which belongs to S-5",
     "System.Received": "defines a history variable, which belongs to S-6",
 }
-"""Definitions that are left alone, and why.  So is every property: see PROPERTIES_FROM."""
+"""Definitions that are not mutated, and the reasons.  For properties see PROPERTIES_FROM."""
 
 PROPERTIES_FROM = "Helpers of the properties"
-"""A module is left alone from the heading with these words on: a property must not be weakened."""
+"""A module is not mutated after the heading with these words, so that no property is weakened."""
 
 HISTORY = {"excused", "received", "last"}
-"""Variables whose next value is left alone: only properties read them."""
+"""Variables whose next value is not mutated, because only properties read them."""
 
 UNSEEN_FIELDS = {"rule", "again"}
-"""Fields of an effect that are left alone: no model reads them (the oracle's graph has them)."""
+"""Fields of an effect that are not mutated: no model reads them (the oracle's graph has them)."""
 
 UNREAD_ZERO = "Cmd"
-"""A zero given to this operator fills a field of a command that nobody reads."""
+"""A zero as this operator's argument fills an unused field of a command."""
 
 UNINDEXED = {"t", "timer", "of"}
-"""Tuples of unlike things, whose index is left alone: TLC could not evaluate the mutant.  For the
-same reason the conditions of a CASE without OTHER are left alone; its actions are not."""
+"""Tuples of different types, whose index is not mutated: TLC could not evaluate the mutant.  For
+the same reason, the conditions of a CASE without OTHER are not mutated; its actions are."""
 
 NEIGHBOURS: dict[str, str] = {
     "STANDALONE": "WAITING",
@@ -97,7 +97,7 @@ NEIGHBOURS: dict[str, str] = {
     "resend": "giveup",
     "giveup": "resend",
 }
-"""A constant and a plausible neighbour of its kind.  "none" is left alone: it has three kinds."""
+"""Constants and plausible replacements of the same kind.  "none" is omitted: it has three kinds."""
 COMMANDS: dict[str, str] = {
     "request": "abort",
     "prescribe": "proceed",
@@ -107,4 +107,4 @@ COMMANDS: dict[str, str] = {
     "complete": "abort",
     "abort": "complete",
 }
-"""The same for the names of commands."""
+"""Replacements for the names of commands."""

@@ -1,4 +1,4 @@
-"""Mutation testing of the specification: which mutants the models find, and how."""
+"""Mutation testing of the specification: finds the mutants that the models kill."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ HOW: dict[How, str] = {
     "timeout": "TLC does not end: three times as long as without the mutant, or no memory left",
     "counts": "nothing but the recorded numbers of states or steps differ",
 }
-"""How a mutant may be killed, the most telling first."""
+"""The ways to kill a mutant, the most informative first."""
 
 MUST_FAIL_COST = 4
-"""By how much a must-fail model comes later than a model as long that must hold: the kill by a
-property tells more."""
+"""The penalty for a must-fail model in the order of models: a kill by a property is more
+informative."""
 
 _WEAK: tuple[How, ...] = ("evaluation", "timeout", "counts")
 GRAPHS = (oracle_generation.TIGHT, oracle_generation.ONE_PEER)
-"""The graphs a mutant of Station is held against if the models say little or nothing of it."""
+"""The graphs that are compared for a mutant of Station if no model kills it by a property."""
 
 Profile = Literal["quick", "deep"]
 Say = Callable[[str], None]
 
 
 class MutationError(Exception):
-    """The run cannot go on: a tool failed, or the models do not fit the specification as it is."""
+    """The run cannot continue: a tool failed, or a model fails without a mutant."""
 
 
 @dataclass(frozen=True)
 class Kill:
-    """That a model found a mutant. what is the property violated, or what else differs."""
+    """A kill of a mutant by a model.  what is the violated property, or another difference."""
 
     model: str
     how: How
@@ -61,7 +61,7 @@ class Kill:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mutant. invalid: it does not parse. seconds: those of TLC, once spent."""
+    """The result for a mutant.  invalid: it does not parse.  seconds: TLC's duration."""
 
     mutant: Mutant
     kills: tuple[Kill, ...]
@@ -70,13 +70,13 @@ class Outcome:
 
     @property
     def how(self) -> How | None:
-        """The most telling kill; None for a survivor and for an invalid mutant."""
+        """The most informative kill; None for a survivor and for an invalid mutant."""
         order = list(HOW)
         return min((kill.how for kill in self.kills), key=order.index, default=None)
 
     @property
     def survived(self) -> bool:
-        """Has no model noticed it?"""
+        """Whether no model killed it."""
         return not self.kills and not self.invalid
 
     @property
@@ -85,7 +85,7 @@ class Outcome:
         return sorted({kill.what for kill in self.kills if kill.how == "property"})
 
     def as_dict(self) -> dict[str, Any]:
-        """As in ``--json``."""
+        """The row for ``--json``."""
         m = self.mutant
         return {
             "id": m.id,
@@ -116,18 +116,18 @@ class Report:
 
     @property
     def complete(self) -> bool:
-        """Have all that were selected been judged?"""
+        """Whether all selected mutants have a result."""
         return len(self.outcomes) == self.selected
 
     @property
     def exit_code(self) -> int:
-        """0 as expected, 1 not, 4 if some are left."""
+        """0 as expected, 1 not as expected, 4 if not complete."""
         return 4 if not self.complete else 1 if self.problems else 0
 
 
 @dataclass(frozen=True)
 class _Found:
-    """What one run of TLC said of a mutant: nothing (how is None), or how it differs."""
+    """The result of one run of TLC on a mutant: no difference (how is None), or its kind."""
 
     how: How | Literal["invalid"] | None
     what: str
@@ -138,9 +138,9 @@ _KEPT = TypeAdapter(tuple[str, How | Literal["invalid"] | None, str, float])
 
 
 class Cache:
-    """The runs done so far, a line of JSON each, so that an interrupted run loses nothing.
+    """A cache of runs with one line of JSON for each, so that an interrupted run loses nothing.
 
-    The key of a run is the hash of all that TLC reads and of what is expected.
+    The key of a run is a hash of all inputs of TLC and of the expected result.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -152,15 +152,15 @@ class Cache:
                 try:
                     key, how, what, seconds = _KEPT.validate_json(line)
                 except ValidationError:
-                    continue  # the line that was being written when the run ended
+                    continue  # a line that the interrupted run did not finish
                 self._found[key] = _Found(how, what, seconds)
 
     def get(self, key: str) -> _Found | None:
-        """What was found before, if anything."""
+        """The cached result, if there is one."""
         return self._found.get(key)
 
     def put(self, key: str, found: _Found) -> None:
-        """Keep what was found."""
+        """Store a result."""
         with self._lock:
             if self._found.get(key) == found:
                 return
@@ -173,7 +173,7 @@ class Cache:
 
 
 class _Run:
-    """The models, the cache, and how one mutant is held against them."""
+    """The models, the cache, and the checks of one mutant."""
 
     def __init__(
         self,
@@ -198,9 +198,9 @@ class _Run:
         self._read_by = {m.module: models.extended(m.module, texts, instances=True) for m in chosen}
 
     def _baseline(self, model: Model) -> float:
-        """How long the model takes without a mutant, on this machine as it is (measured once).
+        """The model's duration without a mutant on this machine, measured once.
 
-        Raises MutationError if it is not as expected.
+        Raises MutationError if the result is not as expected.
         """
         with self._locks[model.cfg]:
             if model.cfg in self._sound:
@@ -216,11 +216,10 @@ class _Run:
             return found.seconds
 
     def quick(self, mutant: Mutant) -> Outcome:
-        """Until something kills it.
+        """Run models until one kills the mutant.
 
-        If nothing but counts differ, or TLC does not end, the graph of one station is looked at,
-        and then the other models that must hold and take no longer than search_s, for a kill
-        that tells more.
+        If only counts differ, or TLC does not finish, compare the graph of one station, and then
+        run the other models that must hold and take at most search_s, for a more informative kill.
         """
         kills: list[Kill] = []
         seconds = 0.0
@@ -246,14 +245,14 @@ class _Run:
                     if not kills:
                         kills.append(Kill(model.cfg, found.how, found.what))
                     elif found.how == "timeout":
-                        break  # the others would not end either
+                        break  # the others would not finish either
                 elif found.how is not None:
                     kills.append(Kill(model.cfg, found.how, found.what))
                     break
         return Outcome(mutant, tuple(kills), False, seconds)
 
     def _graph(self, mutant: Mutant, folder: Path) -> _Found:
-        """Whether the graphs of one station are still the oracles; the small one first."""
+        """Whether the graphs of one station equal the oracles; the small one first."""
         modules = {name: self._modules[name] for name in oracle_generation.MODULES}
         modules["Station"] = mutant.apply(modules["Station"])
         for name, text in modules.items():
@@ -282,7 +281,7 @@ class _Run:
         return _Found("graph", f"{graph.name} differs", seconds)
 
     def deep(self, mutant: Mutant) -> Outcome:
-        """All properties that any of the models that must hold finds violated."""
+        """All properties that are violated in any model that must hold."""
         kills: list[Kill] = []
         seconds = 0.0
         with scratch.folder("mutant") as folder:
@@ -299,13 +298,13 @@ class _Run:
         return (m for m in self.models if mutant.module in self._read_by[m.module])
 
     def _violated(self, mutant: Mutant, model: Model, folder: Path) -> Iterator[_Found]:
-        """Run again without the property just violated, till nothing more is."""
+        """Repeat the run without the violated property until none is violated."""
         rest, left = models.split(self._cfg[model.cfg])
         while left:
             found = self._check(mutant, model, _joined(rest, left), folder)
             ids = [PROPERTY_IDS.get(name, name) for _, name in left]
             if found.how == "property" and found.what not in ids:
-                # TLC does not name a temporal property: each by itself.
+                # TLC does not name a temporal property, so each is checked separately.
                 for one in [x for x in left if x[0].startswith("PROPERT")]:
                     yield self._check(mutant, model, _joined(rest, [one]), folder)
                 return
@@ -315,10 +314,10 @@ class _Run:
             del left[ids.index(found.what)]
 
     def _check(self, mutant: Mutant, model: Model, cfg: str, folder: Path) -> _Found:
-        """What TLC says of a mutant; a difference counts if the model is right without it.
+        """TLC's result on a mutant; a difference counts if the unmutated model is as expected.
 
-        If it does not end, and the model is slower here than it was when it was recorded, it gets
-        more time.
+        If TLC does not finish, and the model is slower on this machine than recorded, it gets more
+        time.
         """
         found = self._run(mutant, model, cfg, folder, _limit(model.seconds))
         if found.how is not None:
@@ -330,9 +329,9 @@ class _Run:
     def _run(
         self, mutant: Mutant | None, model: Model, cfg: str, folder: Path, timeout_s: float
     ) -> _Found:
-        """One run of TLC, or what it said last time. folder is the mutant's own.
+        """One run of TLC, or its cached result.  folder is the mutant's own.
 
-        That it did not end is not taken from the last time: the machine may have been busy.
+        A cached time-out is not used, because the machine may have been busy.
         """
         modules = {name: self._modules[name] for name in sorted(self._read_by[model.module])}
         if mutant is not None:
@@ -364,12 +363,12 @@ class _Run:
 
 
 def _limit(seconds: float) -> float:
-    """When TLC does not end, if it ended after so long without a mutant."""
+    """The time limit for a mutant, from the duration without a mutant."""
     return 3 * seconds + 10
 
 
 def _answers(data: dict[str, Any]) -> str:
-    """All of an oracle but the version of the specification it was made from."""
+    """An oracle without the version of its specification."""
     return json.dumps({k: v for k, v in data.items() if k != "spec_hash"}, sort_keys=True)
 
 
@@ -379,7 +378,7 @@ def _committed(graph: oracle_generation.Graph) -> str:
 
 
 class _Stopped(Exception):
-    """The run is being ended."""
+    """The run is being interrupted."""
 
 
 def _found(verdict: models.Verdict, cfg: str) -> _Found:
@@ -422,11 +421,11 @@ def run(
     search_s: float = 15,
     say: Say = lambda text: None,
 ) -> Report:
-    """Hold each mutant against the models, some at a time; say gets a status line.
+    """Run the models on each mutant, ``jobs`` at a time; say gets a status line.
 
-    On Ctrl-C the runs that go on are killed, and the report has what is known; the next run
-    with the same cache goes on from there. Raises MutationError if a model is not as expected
-    without a mutant or a tool fails.
+    On Ctrl-C the active runs are killed, and the report contains the known results; the next run
+    with the same cache continues.  Raises MutationError if a model is not as expected without a
+    mutant, or if a tool fails.
     """
     if profile == "deep":
         chosen = [model for model in chosen if model.expect == "holds"]

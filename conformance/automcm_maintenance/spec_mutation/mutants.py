@@ -1,4 +1,4 @@
-"""Mutants of the TLA+ modules: small faults, made from the syntax tree, that a model should find.
+"""Mutants of the TLA+ modules: small faults from the syntax tree that the models should find.
 
 Needs the packages of the extra ``mutate`` (tree-sitter and its TLA+ grammar).
 """
@@ -21,7 +21,7 @@ from automcm_spec.support.paths import TLA
 if TYPE_CHECKING:
     from tree_sitter import Node, Parser
 
-_SHOWN = 60  # characters: as much as this is shown around a change
+_SHOWN = 60  # characters of context shown around a change
 
 
 class MissingPackage(Exception):
@@ -32,9 +32,8 @@ class MissingPackage(Exception):
 class Mutant:
     """One change of a module.
 
-    id stays the same while the definition and the text around the change do.  line counts from
-    1; start and end are the bytes replaced; before and after show the change with some of what
-    is around it.
+    id is stable while the definition and the text around the change are.  line counts from 1; start
+    and end are the replaced bytes; before and after show the change with some context.
     """
 
     id: str
@@ -50,11 +49,11 @@ class Mutant:
 
     @property
     def change(self) -> str:
-        """What is changed into what, on one line."""
+        """The old and the new text, on one line."""
         return f"{self.before}  =>  {self.after or '(nothing)'}"
 
     def apply(self, source: bytes) -> bytes:
-        """The module with the change."""
+        """The text of the mutated module."""
         return source[: self.start] + self.replacement + source[self.end :]
 
 
@@ -69,8 +68,10 @@ def generate(tla: Path = TLA, modules: Sequence[str] = MODULES) -> list[Mutant]:
 
 
 def sample(mutants: Sequence[Mutant], limit: int | None) -> list[Mutant]:
-    """As many mutants, those with the smallest hash of their id: the same ones every time, and
-    mostly the same ones after an edit of the specification."""
+    """A fixed sample: the mutants with the smallest hash of their id.
+
+    It remains mostly the same after an edit of the specification.
+    """
     if limit is None:
         return list(mutants)
     chosen = {m.id for m in sorted(mutants, key=lambda m: _hash(m.id))[:limit]}
@@ -78,7 +79,7 @@ def sample(mutants: Sequence[Mutant], limit: int | None) -> list[Mutant]:
 
 
 def _squeezed(source: bytes) -> bytes:
-    """To compare mutants: they differ in blanks that mean nothing."""
+    """The text without insignificant blanks, to compare mutants."""
     return b"".join(source.split())
 
 
@@ -95,7 +96,7 @@ def _parser() -> Parser:
             f"the package {error.name} is not installed; the extra 'mutate' has it: "
             "pip install 'automcm[mutate]'"
         ) from error
-    with warnings.catch_warnings():  # the grammar still hands its pointer over as a number
+    with warnings.catch_warnings():  # the grammar still passes its pointer as a number
         warnings.simplefilter("ignore", DeprecationWarning)
         return tree_sitter.Parser(tree_sitter.Language(tree_sitter_tlaplus.language()))
 
@@ -104,7 +105,7 @@ def _mutants(parser: Parser, tla: Path, module: str) -> list[Mutant]:
     source = (tla / f"{module}.tla").read_bytes()
     tree = parser.parse(source)
     if tree.root_node.has_error:
-        raise ValueError(f"{module}.tla: the grammar of the mutants does not understand it")
+        raise ValueError(f"{module}.tla: the grammar tree-sitter-tlaplus cannot parse it")
     end = source.find(PROPERTIES_FROM.encode())
     found: list[Mutant] = []
     texts = {_squeezed(source)}
@@ -131,7 +132,7 @@ def _mutants(parser: Parser, tla: Path, module: str) -> list[Mutant]:
 
 
 def _around(source: bytes, edit: Edit) -> tuple[str, str]:
-    """What is shown as before and after: the change within the largest short expression."""
+    """The texts before and after: the change within the largest short expression."""
     start, end = min(edit.start, edit.node.start_byte), max(edit.end, edit.node.end_byte)
     node: Node | None = edit.node
     if edit.node.parent is not None and edit.node.parent.type == "record_literal":
@@ -148,6 +149,6 @@ def _around(source: bytes, edit: Edit) -> tuple[str, str]:
 
 
 def _flat(source: bytes) -> str:
-    """On one line, without comments and without the blanks that something dropped has left."""
+    """The text on one line, without comments and without the blanks of dropped text."""
     words = " ".join(re.sub(r"\\\*[^\n]*", "", source.decode()).split())
     return re.sub(r"(?<=[(\[{]) | (?=[])},])", "", words)

@@ -1,4 +1,4 @@
-"""``automcm spec mutate``: which mutants are run, and what is said of them."""
+"""``automcm spec mutate``: selects mutants, runs them and formats the report."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class Usage(Exception):
 
 
 FAULTS = (MissingPackage, MutationError, models.ModelError, OSError, ValueError)
-"""What ends a run with exit code 3."""
+"""Errors that end a run with exit code 3."""
 
 
 @dataclass
 class Asked:
-    """The options: see the help of the command.  Raises Usage if they do not fit together."""
+    """The options of the command.  Raises Usage if they cannot be combined."""
 
     profile: str
     modules: Sequence[str] | None
@@ -59,17 +59,17 @@ class Asked:
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
-            raise Usage(f"{self.profile!r} is neither of {', '.join(PROFILES)}")
+            raise Usage(f"--profile must be one of {', '.join(PROFILES)}, not {self.profile!r}")
         if self.page and (self.only or self.modules or self.models):
-            raise Usage("--write does not go with --only, --module and --model")
+            raise Usage("--write cannot be combined with --only, --module or --model")
         self.modules = self.modules or MODULES
         if unknown := [name for name in self.modules if not (TLA / f"{name}.tla").is_file()]:
             raise Usage(f"there is no module {', '.join(unknown)}")
 
 
 def select(asked: Asked) -> list[Mutant]:
-    """The mutants of the modules; those whose id matches a pattern (* ?, or a part of the id);
-    of these as many as wanted (``sample``)."""
+    """The mutants of the modules whose id matches the pattern (* ?, or a part of the id), sampled
+    (``sample``)."""
     mutants = generate(modules=asked.modules or MODULES)
     if (only := asked.only) is not None:
         pattern = only if any(c in only for c in "*?[") else f"*{only}*"
@@ -80,7 +80,7 @@ def select(asked: Asked) -> list[Mutant]:
 
 
 def listed(mutants: Sequence[Mutant]) -> str:
-    """For --list: line and change of each, and how many there are of each kind."""
+    """The text for --list: line and change of each mutant, and the number of each kind."""
     lines = [f"{m.id}  {m.module}.tla:{m.line}\n    {m.change}" for m in mutants]
     kinds = Counter(m.kind for m in mutants)
     counts = ", ".join(f"{kinds[kind]} {kind}" for kind in KINDS if kinds[kind])
@@ -88,7 +88,7 @@ def listed(mutants: Sequence[Mutant]) -> str:
 
 
 def as_rows(mutants: Sequence[Mutant]) -> list[dict[str, Any]]:
-    """For --list --json."""
+    """The rows for --list --json."""
     return [
         {"id": m.id, "kind": m.kind, "line": m.line, "before": m.before, "after": m.after}
         for m in mutants
@@ -96,11 +96,10 @@ def as_rows(mutants: Sequence[Mutant]) -> list[dict[str, Any]]:
 
 
 def run(asked: Asked, mutants: Sequence[Mutant], say: Callable[[str], None]) -> Report:
-    """Hold the mutants against the models named, else the quick and the full ones that are no
-    longer than longest_s.
+    """Run the named models on the mutants; by default the quick and full ones up to longest_s.
 
-    The longer come last, so only what has survived all others gets there.  The list of survivors
-    is compared only if no models are named.
+    The longer models come last, so that only survivors of the others reach them.  The list of
+    survivors is only compared if no models are named.
     """
     loaded = models.load()
     if unknown := set(asked.models or ()) - {model.cfg for model in loaded}:
@@ -129,7 +128,7 @@ def _by_kind(report: Report) -> list[tuple[str, list[Outcome]]]:
 
 
 def _cells(outcomes: Sequence[Outcome]) -> list[int]:
-    """How many mutants, killed in each way, survived, and do not parse."""
+    """The numbers of mutants, of kills in each way, of survivors and of invalid mutants."""
     killed = [sum(o.how == how for o in outcomes) for how in HOW]
     ends = [sum(o.survived for o in outcomes), sum(o.invalid for o in outcomes)]
     return [len(outcomes), *killed, *ends]
@@ -158,7 +157,7 @@ def _rates(report: Report) -> tuple[float, float]:
 
 def as_dict(report: Report) -> dict[str, Any]:
     """The report as JSON."""
-    rate, telling = _rates(report)
+    rate, without_counts = _rates(report)
     rows = []
     for o in report.outcomes:
         row = o.as_dict()
@@ -175,14 +174,14 @@ def as_dict(report: Report) -> dict[str, Any]:
         },
         "properties": _per_property(report),
         "kill_rate": round(rate, 4),
-        "kill_rate_without_records": round(telling, 4),
+        "kill_rate_without_records": round(without_counts, 4),
         "problems": report.problems,
         "mutants": rows,
     }
 
 
 def show(report: Report, console: Console) -> None:
-    """Print the tables, the survivors and what is wrong."""
+    """Print the tables, the survivors and the problems."""
     table = Table(title="Mutants: how they were killed", title_justify="left", box=None)
     table.add_column("kind", no_wrap=True)
     for name in _heads():
@@ -206,14 +205,12 @@ def show(report: Report, console: Console) -> None:
         console.print(f"[red]Problem[/]     {escape(text)}", soft_wrap=True)
     if not report.complete:
         done = len(report.outcomes)
-        console.print(
-            f"Incomplete: {done} of {report.selected}; the same command goes on from here"
-        )
+        console.print(f"Incomplete: {done} of {report.selected}; repeat the command to continue")
 
 
 def _rate_text(report: Report) -> str:
-    rate, telling = _rates(report)
-    return f"Killed: {rate:.1%}; by more than the recorded counts: {telling:.1%}"
+    rate, without_counts = _rates(report)
+    return f"Killed: {rate:.1%}; by more than the recorded counts: {without_counts:.1%}"
 
 
 def markdown(report: Report) -> str:

@@ -1,4 +1,4 @@
-"""The list of mutants that may survive, each with the reason somebody has written down."""
+"""The list of mutants that may survive, each with its reason."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ SURVIVORS = "survivors.toml"
 
 @dataclass(frozen=True)
 class Survivor:
-    """Why a mutant may survive. source is its change (Mutant.change)."""
+    """A listed survivor with its reason.  source is its change (Mutant.change)."""
 
     source: str
     reason: str
 
 
 def load(models_dir: Path = MODELS) -> dict[str, Survivor]:
-    """The survivors that somebody has looked at, by id; none if there is no file.
+    """The listed survivors by id; none without a file.
 
-    Raises ValueError if the file is not as it should be.
+    Raises ValueError for an invalid file.
     """
     path = models_dir / SURVIVORS
     if not path.is_file():
@@ -36,7 +36,7 @@ def load(models_dir: Path = MODELS) -> dict[str, Survivor]:
         if set(entry) != {"id", "source", "reason"} or not all(
             isinstance(value, str) and value.strip() for value in entry.values()
         ):
-            raise ValueError(f"{SURVIVORS}: an entry needs id, source and reason: {entry}")
+            raise ValueError(f"{SURVIVORS}: an entry must have id, source and reason: {entry}")
         if entry["id"] in found:
             raise ValueError(f"{SURVIVORS} lists {entry['id']} twice")
         found[entry["id"]] = Survivor(entry["source"], entry["reason"])
@@ -48,9 +48,9 @@ def load(models_dir: Path = MODELS) -> dict[str, Survivor]:
 def compare(
     report: Report, listed: dict[str, Survivor], generated: Sequence[Mutant], modules: Sequence[str]
 ) -> list[str]:
-    """What is wrong with the list of survivors: one is missing, or not a survivor (any longer).
+    """The problems of the list of survivors: missing entries, and entries that do not survive.
 
-    generated are all mutants of the modules; entries of other modules are left alone.
+    generated are all mutants of the modules; entries of other modules are ignored.
     """
     known = {mutant.id: mutant for mutant in generated}
     problems = [

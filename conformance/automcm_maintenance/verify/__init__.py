@@ -1,5 +1,5 @@
 """``make verify``: its stages and its screen.
 
-For engineers who want to see every claim checked.
+For engineers who want to check every claim.
 Only ``repository_commands`` imports it.
 """

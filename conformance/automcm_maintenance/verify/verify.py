@@ -1,4 +1,4 @@
-"""``automcm verify``: model-check, generate, compare.  One report, whatever happens."""
+"""``automcm verify``: model checking, generation and comparison, with a report in every case."""
 
 from __future__ import annotations
 
@@ -29,47 +29,47 @@ from automcm_spec.vocabulary import json_forms
 from automcm_spec.vocabulary.rules import RULES
 
 BEHAVIOURS = ((30, 40, False), (70, 40, True))
-"""How many random behaviours of the closed models are replayed, how long, and which kind."""
+"""The number, length and kind of random behaviours of the closed models that are replayed."""
 SEED = 7
 KEPT = ROOT / "runs" / "kept"
-"""What later runs use: results of models, and how long each stage took."""
+"""The folder of data for later runs: results of models, and durations of stages."""
 SECONDS = "seconds.json"
 EARLIER = 3
-"""Of so many runs."""
+"""Number of runs whose durations are kept."""
 _HISTORY = TypeAdapter(dict[str, dict[str, list[float]]])
 
 
 class NotLoaded(Exception):
-    """The reference cannot be imported; the text says why."""
+    """The reference cannot be imported; the text gives the reason."""
 
 
 @dataclass
 class Report:
-    """What ``automcm verify`` found.  ``errors`` are tools and inputs that did not work."""
+    """The results of ``automcm verify``.  ``errors`` are failures of tools and inputs."""
 
     profile: str
     models_too: bool = True
-    """Models are checked, not the reference compared alone."""
+    """Whether the models are checked; otherwise only the reference is compared."""
     rule: str | None = None
-    """The short loop: only the small graph, and only this rule taken away."""
+    """The rule of the short loop, which uses the small graph and disables only this rule."""
     verdicts: list[models.Verdict] = field(default_factory=list)
     oracle: dict[str, Any] = field(default_factory=dict)
     compared: dict[str, graph_comparison.Comparison] = field(default_factory=dict)
     compiled: dict[str, oracle_agreement.Agreement] = field(default_factory=dict)
-    """The compiled station against TLC's graphs; not with ``rule``."""
+    """The comparison of the compiled station with TLC's graphs; not with ``rule``."""
     coverage: graph_comparison.Coverage | None = None
-    """None too if the reference differs: then a difference shows whatever is taken away."""
+    """Also None if the reference differs, because then every disabled rule shows a difference."""
     behaviours: int = 0
     behaviour_differences: list[str] = field(default_factory=list)
     drift: list[str] = field(default_factory=list)
     pages: list[str] = field(default_factory=list)
-    """Counterexamples that should not be, each as a page (docs/trace-format.md)."""
+    """Unexpected counterexamples, each as a page (docs/trace-format.md)."""
     unnoticed: bool = False
-    """The specification's graph is not the committed one, and no model noticed."""
+    """Whether the specification's graph differs from the committed one, but no model does."""
     errors: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
     earlier: dict[str, list[float]] = field(default_factory=dict)
-    """How long each stage took in earlier runs of this profile here, the last one first."""
+    """The durations of each stage in earlier runs of this profile here, the last one first."""
 
     @property
     def loop(self) -> str:
@@ -78,11 +78,11 @@ class Report:
 
     @property
     def kept(self) -> int:
-        """How many models were not run: nothing that their result depends on has changed."""
+        """The number of models with a kept result, because none of its inputs has changed."""
         return sum(verdict.kept for verdict in self.verdicts)
 
     def took_earlier(self, stage: str) -> str:
-        """Those durations as text; empty without any."""
+        """The earlier durations as text; empty without any."""
         times = ", ".join(f"{seconds:.0f}" for seconds in self.earlier.get(stage, ()))
         return f" (earlier: {times} s)" if times else ""
 
@@ -93,7 +93,7 @@ class Report:
 
     @property
     def divergences(self) -> list[dict[str, Any]]:
-        """Of all comparisons, as in ``--json``; those of the rule asked for first."""
+        """The divergences of all comparisons for ``--json``, those of the requested rule first."""
         found = [d for c in self.compared.values() for d in c.divergences]
         found.sort(key=lambda d: d.rule != self.rule)
         return [d.as_dict() for d in found] + [
@@ -102,24 +102,24 @@ class Report:
 
     @property
     def all_errors(self) -> list[str]:
-        """Each error once, those of single models too."""
+        """Each error once, including those of single models."""
         return list(dict.fromkeys([str(v.error) for v in self.verdicts if v.error] + self.errors))
 
     @property
     def pairs(self) -> int:
-        """How many pairs of state and input the rule asked for decides."""
+        """The number of pairs of state and input that the requested rule decides."""
         return sum(c.decided[self.rule or ""] for c in self.compared.values())
 
     @property
     def undecided(self) -> bool:
-        """The rule asked for decides nothing in the small graph, and is not missed there."""
+        """Whether the requested rule decides nothing in the small graph and has no effect there."""
         covered = self.coverage.covered if self.coverage else {}
-        told = bool(self.pairs or self.divergences or self.rule in covered)
-        return self.rule is not None and bool(self.compared) and not told
+        decided = bool(self.pairs or self.divergences or self.rule in covered)
+        return self.rule is not None and bool(self.compared) and not decided
 
     @property
     def ok(self) -> bool:
-        """Whether everything is as it must be."""
+        """Whether all results are as expected."""
         return (
             not self.errors
             and not self.drift
@@ -136,8 +136,8 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """0 as expected, 1 a verdict against, 3 something did not run, 4 the rule asked for
-        decides nothing."""
+        """0 success, 1 a check failed, 3 a tool could not be run, 4 the requested rule decides
+        nothing."""
         if self.errors:
             return 3
         if self.undecided:
@@ -145,7 +145,7 @@ class Report:
         return model_output.exit_code(self.verdicts) or int(not self.ok)
 
     def as_dict(self) -> dict[str, Any]:
-        """The JSON of ``--json``."""
+        """The report for ``--json``."""
         rules = self.coverage or graph_comparison.Coverage(by_test={})
         return {
             "ok": self.ok,
@@ -231,13 +231,14 @@ def run(
     rule: str | None = None,
     fresh: bool = False,
 ) -> Report:
-    """Model-check, write the oracle out, compare, look for drift.  With ``rule``, only
-    compare, in the small graph.  ``fresh``: run the models whose results are kept as well; the
-    larger profiles do so anyway.
+    """Check the models, write the oracle, compare, and find stale files.
 
-    Never raises for what it examines: a spec that does not parse, a reference that cannot be
-    imported, a missing Java or a full disk ends up in the report's errors.  Raises ValueError for
-    an unknown profile.
+    With ``rule``, only compare, in the small graph.  ``fresh``: ignore kept results; the larger
+    profiles always do.
+
+    Problems of the examined files become errors of the report: a specification that does not parse,
+    a reference that cannot be imported, a missing Java, a full disk.  Raises ValueError for an
+    unknown profile.
     """
     if profile not in models.PROFILES:
         raise ValueError(unknown(profile, models.PROFILES, "profile"))
@@ -269,14 +270,14 @@ def run(
 
 
 def _history() -> dict[str, dict[str, list[float]]]:
-    """``Report.earlier`` of each loop; empty if there is none that can be read."""
+    """``Report.earlier`` of each loop; empty without a readable file."""
     with suppress(OSError, ValueError):
         return _HISTORY.validate_json((KEPT / SECONDS).read_bytes())
     return {}
 
 
 def _remember(report: Report) -> None:
-    """Add the durations to the history; the last of two runs at once wins."""
+    """Add the durations to the history; of two concurrent runs, the last one wins."""
     stages = {
         name: [round(seconds, 1), *report.earlier.get(name, ())][:EARLIER]
         for name, seconds in report.seconds.items()
@@ -291,7 +292,7 @@ def _remember(report: Report) -> None:
 def _timed(
     report: Report, name: str, say: Callable[[str], None]
 ) -> Iterator[Callable[[str], None]]:
-    """A stage, and what says how far it is."""
+    """A stage, with a callback for its progress."""
     earlier = report.took_earlier(name)
     started = time.monotonic()
     try:
@@ -333,7 +334,7 @@ def _oracle(report: Report, graph: oracle_generation.Graph, say: Callable[[str],
 
 
 def _compare_rule(report: Report, rule: str, say: Callable[[str], None]) -> None:
-    """The short loop: every input in every state of the small graph, and the rule taken away."""
+    """The short loop: all inputs in all states of the small graph, also with the rule disabled."""
     _load_reference()
     data = _oracle(report, oracle_generation.SMALL, say)
     with _timed(report, "comparison", say) as say:
@@ -344,7 +345,7 @@ def _compare_rule(report: Report, rule: str, say: Callable[[str], None]) -> None
 
 
 def _load_reference() -> None:
-    """Raises NotLoaded: what it is changed into need not even be importable."""
+    """The reference.  Raises NotLoaded, because code under change may not be importable."""
     try:
         importlib.import_module("automcm.adapters.spec_mapping")
     except Exception as error:
@@ -377,10 +378,10 @@ def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> Non
                 found = oracle.content(graph.path)
                 oracle.parse(found, graph.path, oracle_generation.spec_hash())
             except oracle.OracleError as error:
-                report.drift.append(generated_files.said(error))
+                report.drift.append(generated_files.error_text(error))
                 continue
             data[graph.name] = found
-        # The largest first: it takes half of the time.
+        # The largest first, because it takes half of the time.
         ordered = sorted(data, key=lambda name: -len(data[name]))
         begun = {
             name: pool.submit(_walk, data[name], name in report.transitions_only)

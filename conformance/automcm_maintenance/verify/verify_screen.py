@@ -1,4 +1,4 @@
-"""The one screen of ``automcm verify``."""
+"""The output of ``automcm verify``, on one screen."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def show(report: Report, console: Console) -> None:
 
 
 def _short_loop(report: Report) -> list[str]:
-    """What the small graph shows of the rule asked for, and what was left out."""
+    """The result of the small graph for the requested rule, and the omitted checks."""
     rule = str(report.rule)
     differing = sum(c.differing[rule] for c in report.compared.values())
     lines = []
@@ -105,7 +105,7 @@ def _holds(verdicts: list[models.Verdict]) -> Table:
 
 
 def _fails(verdicts: list[models.Verdict]) -> Table:
-    """Two to a row, so that it stays on one screen."""
+    """Two entries in a row, so that the output fits on one screen."""
     table = _table("Must fail: a mechanism taken away breaks what it protects")
     for name in ("breaks", "steps", "", "model", "breaks", "steps", ""):
         table.add_column(name, justify="right" if name == "steps" else "left", no_wrap=True)
@@ -131,7 +131,7 @@ def _table(title: str) -> Table:
 
 
 def _problem(v: models.Verdict) -> tuple[str, ...]:
-    """The first line; an error of a tool stands below the tables, once."""
+    """The first line; errors of tools follow the tables."""
     if v.outcome == "error" and v.error is not None:
         return (f"{v.error.kind} error, see below",)
     return (escape(v.problem.splitlines()[0]),) if v.problem else ("",)

@@ -1,5 +1,5 @@
-"""The reference behind the kit's adapter protocol, and its map to the specification.
+"""The reference behind the kit's adapter protocol, and its mapping to the specification.
 
-For the kit, which knows a station through its adapter alone, and for ``verify``.
-Commands, evaluation and maintenance import it. ``spec_mapping`` alone knows the compiled station.
+For the kit, which reaches a station only through its adapter, and for ``verify``.
+Commands, evaluation and maintenance import it. Only ``spec_mapping`` uses the compiled station.
 """

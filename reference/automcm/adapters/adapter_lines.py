@@ -45,29 +45,32 @@ class Kit:
         match command["cmd"]:
             case "hello":
                 if command["protocol"] != PROTOCOL:
-                    raise ValueError(f"protocol {PROTOCOL} is spoken here")
+                    raise ValueError(f"protocol must be {PROTOCOL}, not {command['protocol']}")
                 return HELLO
             case "reset":
                 return self._reset(command)
             case "durations":
                 self._last(command["durations"])
-                return self._told([], [])
+                return self._answer_line([], [])
             case "receive" | "command" | "advance" | "restart" as name:
                 now = command["now"]
                 cams = self._cams(now)
-                return self._told(getattr(self, f"_{name}")(command, now), cams)
+                return self._answer_line(getattr(self, f"_{name}")(command, now), cams)
         raise ValueError(f"unknown command: {command['cmd']!r}")
 
     @property
     def _started(self) -> Station:
         if self._station is None:
-            raise ValueError("reset comes first")
+            raise ValueError("no station: the command reset must come first")
         return self._station
 
     def _last(self, durations: dict[str, int]) -> None:
         for name, ms in durations.items():
             if name not in TIMERS or name == "lease" or type(ms) is not int or ms < 1:
-                raise ValueError(f"durations: {name}: {ms}")
+                raise ValueError(
+                    f"durations: expected a timer other than lease with a positive integer of ms, "
+                    f"not {name}: {ms}"
+                )
         self._started.durations = {**self._started.durations, **durations}
 
     def _reset(self, command: dict[str, Json]) -> dict[str, Json]:
@@ -78,7 +81,7 @@ class Kit:
         self._station.advance(command["now"])
         self._t_cam = parameters.t_cam
         self._cam_ms = command["now"] + self._t_cam
-        return self._told([], [])
+        return self._answer_line([], [])
 
     def _receive(self, command: dict[str, Json], now: int) -> list[Effects]:
         planned = command.get("planned")
@@ -99,7 +102,7 @@ class Kit:
         return self._started.restart(now)
 
     def _cams(self, now: int) -> list[dict[str, Json]]:
-        """The CAMs that fall due up to ``now``, before anything else happens."""
+        """The CAMs that are due up to ``now``; they come before all other effects."""
         cams, station = [], self._started
         while self._cam_ms <= now:
             cam = Cam(
@@ -115,10 +118,10 @@ class Kit:
             self._cam_ms += self._t_cam
         return cams
 
-    def _told(self, effects: list[Effects], cams: list[dict[str, Json]]) -> dict[str, Json]:
+    def _answer_line(self, effects: list[Effects], cams: list[dict[str, Json]]) -> dict[str, Json]:
         answer: dict[str, Json] = {
             "messages": [from_json(encode(m)) for each in effects for m in each.messages],
-            "indications": [_line(i, e.rule) for e in effects for i in e.indications],
+            "indications": [_indication_line(i, e.rule) for e in effects for i in e.indications],
             "deadline": self._started.next_deadline(),
             "phase": self._started.state.phase,
         }
@@ -127,14 +130,16 @@ class Kit:
         return answer
 
 
-def _line(told: Indication, rule: str) -> dict[str, Json]:
-    """An indication in the words of the adapter protocol."""
-    out = told.model_dump(mode="json") | {"rule": rule}
-    return out | ({"detail": told.detail} if isinstance(told, Refused | Discarded) else {})
+def _indication_line(indication: Indication, rule: str) -> dict[str, Json]:
+    """An indication in the form of the adapter protocol."""
+    out = indication.model_dump(mode="json") | {"rule": rule}
+    return out | (
+        {"detail": indication.detail} if isinstance(indication, Refused | Discarded) else {}
+    )
 
 
 def answered(kit: Kit, line: bytes | str) -> bytes | None:
-    """The answer to a line, without a line feed; None to ``stop``."""
+    """The answer to a line, without a line feed; None for ``stop``."""
     try:
         command = from_json(line)
         if command["cmd"] == "stop":

@@ -1,13 +1,12 @@
 """The reference behind the kit, in-process: spec state → reference state → spec state.
 
-The kit's values are those of the specification (automcm_spec.vocabulary.station).  This module is
-the map between them and a ``Station``, written down once: ``concrete`` and ``abstract`` are inverse
-on every state, so nothing can hide between them.  ``abstract``, ``abstract_input`` and ``answer``
-take any ids and limits: the stateful tests give the same inputs to the compiled station.
+The kit's values are those of the specification (automcm_spec.vocabulary.station).  This module maps
+them to and from a ``Station``.  ``concrete`` and ``abstract`` are inverse on every state, so that
+the mapping hides no difference.  ``abstract``, ``abstract_input`` and ``answer`` take any ids and
+limits, because the stateful tests give the same inputs to the compiled station.
 
-What the specification leaves out is chosen here (content, the counter behind seq, generation
-times) and checked here: a copy must be the very message sent before, new content must take a new
-seq.
+This module chooses and checks what the specification omits (content, seq, generation times): a copy
+must equal the message sent before, and new content must have a new seq.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from automcm.core.outcome import Expiry, Heard, Input, Me, Restart, Row, Rules
+from automcm.core.outcome import Expiry, Input, Me, Received, Restart, Row, Rules
 from automcm.core.rules import RULES
 from automcm.core.state import EntryKey, State, Timer, armed, key
 from automcm.core.station import Effects, Station
@@ -43,25 +42,25 @@ _Input = TypeVar("_Input")
 
 ME = 1
 NOW, LATER = 1_000, 1_000_000
-HEARD_MS = 500
+CAM_MS = 500
 LAST_SEQ = 60
-ODD_SEQ = 77
+UNUSED_SEQ = 77
 WRONG = -1
-"""A seq that the specification never sends."""
+"""A seq that no message of the specification has."""
 PLANNED = Trajectory(t0=0, points=((0, 0, 0), (1000, 8333, 0)))
 PRESCRIBED = Trajectory(t0=0, points=((0, 0, 0), (1000, 2778, 0)))
 LEASE_MS, HOLD_MS = 60_000, 2_000
 
 
 def _seq(type_: str, to: int, k: int) -> int:
-    """A concrete seq, unique in its session, for a message the specification numbers k."""
+    """A concrete seq, unique in its session, for the message with number k of the specification."""
     first = {"Advertisement": 0, "Intention": 0, "Prescription": 10, "Acceptance": 20}
     return first[type_] + k if type_ in first else {"Fin": 30, "Cancel": 40}[type_] + to
 
 
 @cache
 def _message(value: spec.Message, seq: int) -> Message:
-    """A message of the specification with content; ``seq`` replaces its seq."""
+    """A message of the specification with content and with ``seq`` as its seq."""
     type_, src, dst, session, _, proposal, accepted = value[:7]
     reason: Any = value.reason
     of: Any = value.of
@@ -95,12 +94,12 @@ def _message(value: spec.Message, seq: int) -> Message:
 
 
 def _first(type_: str, src: int, dst: int, session: spec.Session) -> spec.Message:
-    """The first message of a session from a station."""
+    """The first message of a station in a session."""
     return spec.Message(type_, src, dst, session, 1, 0, False, "none", ("none", 0))
 
 
 def _entry(value: spec.Entry) -> Reliable:
-    """An outbox entry of the specification as the message it stands for."""
+    """The message of an outbox entry of the specification."""
     type_, to, session, k, accepted = value
     proposal = k if type_ in ("Prescription", "Acceptance") else 0
     described = spec.Message(type_, ME, to, session, k, proposal, accepted, "as_sent", ("none", 0))
@@ -110,7 +109,7 @@ def _entry(value: spec.Entry) -> Reliable:
 
 
 def _number(message: Message) -> int:
-    """The seq of the specification: the proposal, 1, or 0 for an answer."""
+    """The number in the specification: the proposal, 1, or 0 for an answer."""
     if message.seq == 0:
         return 0
     return message.proposal if isinstance(message, Prescription | Acceptance) else 1
@@ -147,7 +146,7 @@ def concrete(value: spec.State) -> State:
         target=value.target,
         proposal=value.proposal,
         deciding=value.deciding,
-        heard_ms=HEARD_MS if value.heard else None,
+        heard_ms=CAM_MS if value.heard else None,
         number=value.number,
         joined=MappingProxyType(dict(sorted(value.joined))),
         outbox=tuple(map(_entry, sorted(value.outbox))),
@@ -179,21 +178,21 @@ def abstract(st: State) -> spec.State:
 
 
 def _set(values: Iterable[Any]) -> frozenset[Any]:
-    """A set of what is there once.  Raises ValueError for what is there twice."""
+    """A set of distinct values.  Raises ValueError for a duplicate."""
     listed = list(values)
     if len(made := frozenset(listed)) < len(listed):
-        raise ValueError(f"twice there: {listed}")
+        raise ValueError(f"duplicate value in {listed}")
     return made
 
 
-# -- what a station takes and does, in the specification's form
+# -- inputs and effects in the specification's form
 
 
 def abstract_input(st: State, i: Input) -> spec.Input:
     """The specification's input for an input of the reference in this state."""
     match i:
-        case Heard(message, planned):
-            return spec.Receive("receive", _heard(st, message), planned is not None)
+        case Received(message, planned):
+            return spec.Receive("receive", _received(st, message), planned is not None)
         case Cam():
             newer = st.heard_ms is None or i.generation_ms > st.heard_ms
             return spec.Cam("cam", i.src, frozenset(i.marks), newer)
@@ -205,8 +204,8 @@ def abstract_input(st: State, i: Input) -> spec.Input:
     return spec.Command("command", i.name, getattr(i, "session", (0, 0)), *about)
 
 
-def _heard(st: State, m: Message) -> spec.Message:
-    """A message received.  An Ack names an entry of the outbox, or by -seq what is not there."""
+def _received(st: State, m: Message) -> spec.Message:
+    """A received message.  An Ack names an entry of the outbox, or -seq if there is none."""
     described = _described(m)
     if m.seq and described.reason != "none":
         described = described._replace(reason="as_sent")
@@ -218,7 +217,7 @@ def _heard(st: State, m: Message) -> spec.Message:
 
 
 def _described(m: Message) -> spec.Message:
-    """A message of the specification, but for what an Ack names."""
+    """A message of the specification, without the message that an Ack names."""
     accepted = isinstance(m, Acceptance) and m.accepted
     reason = getattr(m, "reason", None) or "none"
     proposal = m.proposal if isinstance(m, Prescription | Acceptance) else 0
@@ -231,18 +230,18 @@ Answer = tuple[list[spec.Message], tuple[str, ...], list[spec.Timer], list[spec.
 
 
 def answer(before: State, given: Message | None, effects: Effects) -> Answer:
-    """What the specification calls these effects; ``given`` is the message received."""
+    """These effects in the specification's form; ``given`` is the received message."""
     messages = [_sent(before, given, m) for m in effects.messages]
-    told: tuple[str, ...] = ("nothing",)
+    indicated: tuple[str, ...] = ("nothing",)
     for indication in effects.indications:
-        told = _told(indication, given)
+        indicated = _abstract_indication(indication, given)
     arm = [_abstract_timer(t, effects.state) for t, _ in effects.armed]
     stop = [_abstract_timer(t, before) for t in effects.stopped]
-    return messages, told, arm, stop
+    return messages, indicated, arm, stop
 
 
 def is_copy(before: State, m: Message) -> bool:
-    """Is it the very message that is being sent reliably, or broadcast, already?"""
+    """Whether it equals a message that is already being sent reliably or broadcast."""
     return m in before.outbox or m == before.advertisement
 
 
@@ -258,7 +257,7 @@ def _sent(before: State, given: Message | None, m: Message) -> spec.Message:
     return described
 
 
-def _told(indication: Indication, given: Message | None) -> tuple[str, ...]:
+def _abstract_indication(indication: Indication, given: Message | None) -> tuple[str, ...]:
     if not isinstance(indication, Fallback):
         return (indication.name,)
     reason = indication.reason
@@ -284,7 +283,7 @@ def _entry_of(st: State, wanted: EntryKey) -> spec.Entry:
 
 
 class Reference:
-    """A station that the kit puts into a state, gives an input and reads the answer of."""
+    """A station that can be put into a state, takes an input and returns the answer."""
 
     def __init__(self, constants: Mapping[str, Any], rules: Rules = RULES) -> None:
         self._parameters = Parameters(
@@ -304,15 +303,15 @@ class Reference:
     _plan: Trajectory | None = None
 
     def reset(self) -> None:
-        """Back to the initial state."""
+        """Return to the initial state."""
         self.station = self._fresh()
 
     def put(self, state: spec.State) -> None:
-        """Into this state of the specification, with its timers running."""
+        """Enter this state of the specification, with its timers running."""
         self.put_state(concrete(state))
 
     def put_state(self, state: State) -> None:
-        """Into this reference state (one that was reached before)."""
+        """Enter this reference state, which was reached before."""
         if self._base is None or state is not self._base[0]:
             self._base = state, abstract(state)
             self._armed = dict.fromkeys(armed(ME, state), LATER)
@@ -321,26 +320,26 @@ class Reference:
         self.station._now = 0
 
     def save(self) -> State:
-        """What it is in now, for ``put_state``."""
+        """The current state, for ``put_state``."""
         return self.station.state
 
     def state(self) -> spec.State:
-        """The specification's state it is in."""
+        """The current state in the specification's form."""
         state = self.station.state
         return self._base[1] if self._base and state is self._base[0] else abstract(state)
 
     def marks(self) -> frozenset[spec.Session]:
-        """The sessions its CAM would name."""
+        """The sessions that its CAM would name."""
         return _set(self.station.state.marks)
 
     def apply(self, value: spec.Input) -> Answer:
-        """One input, and the answer."""
+        """Apply one input and return the answer."""
         before = self.station.state
         given, (only,) = self.give(value)
         return answer(before, given, only)
 
     def give(self, value: spec.Input) -> tuple[Message | None, list[Effects]]:
-        """One input, as the station takes it: the message if it is one, and what it does."""
+        """Give one input to the station.  Returns its message, if it has one, and the effects."""
         station = self.station
         match value:
             case spec.Receive():
@@ -359,7 +358,7 @@ class Reference:
     # -- inputs
 
     def message(self, value: spec.Message) -> Message:
-        """A message received, with content."""
+        """A received message, with content."""
         if value.type != "Ack":
             return _message(value, 100 + value.seq if value.seq else 0)
         of_type, of_k = value.of
@@ -367,15 +366,15 @@ class Reference:
         return _message(value._replace(of=(of_type, of_seq)), 0)
 
     def _acked_seq(self, src: int, session: spec.Session, type_: str, k: int) -> int:
-        """The seq of the entry named, or, to try the check, of another entry to the same one."""
+        """The seq of the named entry; without one, of another entry to that station, as a test."""
         others = [m for m in self.station.state.outbox if m.dst == src and m.session == session]
         for m in others:
             if (m.type, _number(m)) == (type_, k):
                 return m.seq
-        return next((m.seq for m in others if m.type != type_), ODD_SEQ)
+        return next((m.seq for m in others if m.type != type_), UNUSED_SEQ)
 
     def _cam(self, value: spec.Cam) -> Cam:
-        last = self.station.state.heard_ms or HEARD_MS
+        last = self.station.state.heard_ms or CAM_MS
         return Cam(
             src=value.src,
             generation_ms=last + 100 if value.newer else last,
@@ -403,7 +402,7 @@ class Reference:
         return COMMAND.validate_python(fields)
 
     def _timer(self, value: spec.Timer) -> Timer:
-        """The armed timer that the specification names so."""
+        """The armed timer with this value in the specification."""
         for timer in self.station.timers:
             if _abstract_timer(timer, self.station.state) == value:
                 return timer
@@ -411,9 +410,10 @@ class Reference:
 
 
 def without(rule: str) -> Rules:
-    """The rules with one taken away: its rows go, and what stands below them decides.
+    """The rules with the rows of one removed, so that later rows decide.
 
-    END-4 is no row but the guard of many: without it any session of the same prescriber counts.
+    END-4 has no row of its own but is the guard of many rows: without it, any session of the same
+    prescriber counts as the own one.
     """
     if rule == "END-4":
         return {kind: tuple(map(_loose, rows)) for kind, rows in RULES.items()}
@@ -421,10 +421,10 @@ def without(rule: str) -> Rules:
 
 
 def _loose(row: Row[_Input]) -> Row[_Input]:
-    """The row; to its guard the session of a message is the own one if the prescriber is."""
+    """The row with a guard that ignores the session number if the prescriber is the same."""
 
     def when(me: Me, st: State, i: _Input) -> bool:
-        if isinstance(i, Heard) and st.session and st.session[0] == i.message.session[0]:
+        if isinstance(i, Received) and st.session and st.session[0] == i.message.session[0]:
             st = st._replace(session=i.message.session)
         return row.when(me, st, i)
 

@@ -1,8 +1,8 @@
 """Trajectories and kinematics in Autoware's form: ROS messages as JSON, SI units.
 
-Inside there are integers (mm, ms, mrad); outside there are floats (m, s, rad).  An integer comes
-back from the outside as it was: ``trajectory(to_trajectory(t)) == t`` for every trajectory that
-``to_trajectory`` takes.
+The station uses integers (mm, ms, mrad), ROS messages use floats (m, s, rad).  The conversion is
+lossless for integers: ``trajectory(to_trajectory(t)) == t`` for every trajectory that
+``to_trajectory`` accepts.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from automcm.service.application import Kinematics
 from automcm_spec.vocabulary.messages import MessageError, Trajectory, refusal, short
 
 MAX_POINTS = 1000
-"""Points of a trajectory.  Any such trajectory fits a message of the protocol."""
+"""Maximum points of a trajectory.  Any such trajectory fits in a message of the protocol."""
 LIMIT = 1e9
-"""The largest number, in whatever unit, that is not a time."""
+"""The largest absolute value of a number in any unit, except for times."""
 
 Number = Annotated[float, Field(ge=-LIMIT, le=LIMIT, allow_inf_nan=False)]
 
 
 class Ros(BaseModel):
-    """A ROS message: what is left out has its default, what is unknown is refused."""
+    """A ROS message.  A missing field gets its default; an unknown field is refused."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
@@ -39,17 +39,17 @@ class Time(Ros):
 
     @property
     def ms(self) -> int:
-        """To the nearest ms."""
+        """The time in ms, rounded."""
         return self.sec * 1000 + (self.nanosec + 500_000) // 1_000_000
 
 
 def to_time(ms: int) -> Time:
-    """Raises ValidationError beyond 2^31 s."""
+    """The time as a ROS message.  Raises ValidationError beyond 2^31 s."""
     return Time(sec=ms // 1000, nanosec=ms % 1000 * 1_000_000)
 
 
 class Header(Ros):
-    """std_msgs/Header.  Everything is in the frame ``map``."""
+    """std_msgs/Header.  The frame is always ``map``."""
 
     stamp: Time = Time()
     frame_id: Literal["map"] = "map"
@@ -73,7 +73,7 @@ class Quaternion(Ros):
 
     @property
     def yaw(self) -> float:
-        """The heading: 0 along x, counterclockwise."""
+        """The heading in rad: 0 along x, counterclockwise."""
         return math.atan2(2 * (self.w * self.z + self.x * self.y), 1 - 2 * (self.y**2 + self.z**2))
 
 
@@ -102,7 +102,7 @@ class TrajectoryPoint(Ros):
 
 
 class AutowareTrajectory(Ros):
-    """autoware_planning_msgs/Trajectory.  Without points: none."""
+    """autoware_planning_msgs/Trajectory.  Without points, there is no trajectory."""
 
     header: Header = Header()
     points: list[TrajectoryPoint] = Field(default=[], max_length=MAX_POINTS, fail_fast=True)
@@ -132,7 +132,7 @@ class TwistWithCovariance(_WithCovariance):
 
 
 class Odometry(Ros):
-    """nav_msgs/Odometry: the speed is that forward, ``twist.twist.linear.x``."""
+    """nav_msgs/Odometry; ``twist.twist.linear.x`` is the forward speed."""
 
     header: Header = Header()
     child_frame_id: str = Field(default="base_link", max_length=64)
@@ -144,22 +144,22 @@ NO_TRAJECTORY = AutowareTrajectory()
 
 
 def trajectory(of: AutowareTrajectory, place: str = "trajectory") -> Trajectory:
-    """In integers; velocities and headings follow from times and places, and are not looked at.
+    """The trajectory in integers.  Velocities and headings are ignored; the points define them.
 
-    Raises MessageError, which names ``place``, if there is no point or the times do not grow.
+    Raises MessageError, which names ``place``, if there is no point or the times do not increase.
     """
     if not of.points:
-        raise MessageError(short(f"{place}.points", "at least one point is needed"))
+        raise MessageError(short(f"{place}.points", "at least one point is required"))
     points = tuple((p.time_from_start.ms, *_mm(p.pose.position)) for p in of.points)
     _check_times(points, place)
     return Trajectory(t0=of.header.stamp.ms, points=points)
 
 
 def to_trajectory(of: Trajectory, place: str = "trajectory") -> AutowareTrajectory:
-    """In Autoware's form, with velocity and heading from each point to the next.
+    """The trajectory in Autoware's form, with the velocity and heading from each point to the next.
 
-    Raises MessageError, which names ``place``, for more than ``MAX_POINTS`` points, a place or a
-    time out of bounds, or times that do not grow.
+    Raises MessageError, which names ``place``, for more than ``MAX_POINTS`` points, a position or a
+    time out of bounds, or times that do not increase.
     """
     if len(of.points) > MAX_POINTS:
         raise MessageError(short(f"{place}.points", f"more than {MAX_POINTS}"))
@@ -178,7 +178,7 @@ def _check_times(points: Sequence[tuple[int, int, int]], place: str) -> None:
     for n, (before, after) in enumerate(pairwise(points), 1):
         if after[0] <= before[0]:
             where = f"{place}.points.{n}.time_from_start"
-            raise MessageError(short(where, "not after that of the point before"))
+            raise MessageError(short(where, "must be later than that of the previous point"))
 
 
 def _points(points: Sequence[tuple[int, int, int]]) -> list[TrajectoryPoint]:
@@ -201,7 +201,7 @@ def _points(points: Sequence[tuple[int, int, int]]) -> list[TrajectoryPoint]:
 
 
 def kinematics(of: Odometry) -> Kinematics:
-    """In integers."""
+    """The kinematics in integers."""
     x_mm, y_mm = _mm(of.pose.pose.position)
     return Kinematics(
         x_mm=x_mm,
@@ -212,7 +212,7 @@ def kinematics(of: Odometry) -> Kinematics:
 
 
 def to_odometry(of: Kinematics, now_ms: int) -> Odometry:
-    """In Autoware's form.  Raises ValidationError for numbers out of bounds."""
+    """The kinematics in Autoware's form.  Raises ValidationError for numbers out of bounds."""
     at = Pose(
         position=Vector(x=of.x_mm / 1000, y=of.y_mm / 1000),
         orientation=_heading(of.heading_mrad / 1000),

@@ -1,7 +1,7 @@
-"""The bridge, the vehicle's side: any application of application.py, run in another process.
+"""The vehicle's side of the bridge: runs an application of application.py in another process.
 
-It connects to a ``WebSocketBridge``, turns topics into the application's calls and its commands
-into publications, and connects again when the connection is lost (docs/bridge.md).
+It connects to a ``WebSocketBridge``, turns topics into calls of the application and its commands
+into publications, and reconnects when the connection is lost (docs/bridge.md).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from automcm.service.application import Advertised, Application, Drive
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory
 
-# After rosbridge, which says what to install if this is missing.
+# After rosbridge, whose import error names the extra to install.
 # isort: split
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
@@ -30,15 +30,15 @@ CLOSE_S = 1
 
 
 class RemoteApplication:
-    """Runs ``application`` at the far end of the bridge at ``uri``; towards it, the service.
+    """Runs ``application`` at the remote end of the bridge at ``uri``, and acts as its service.
 
-    ``expect`` holds samples of what other stations may ask: the application is asked about them
-    all the time, so that a first Advertisement is answered.  One that resembles none of them is
-    answered when its next copy comes, by what the application says to the real one.
+    ``expect`` holds examples of expected Advertisements.  The application's plans for them are
+    published regularly, so that the bridge can answer a first Advertisement.  One that resembles no
+    example is answered when its next copy arrives, with the application's plan for it.
 
-    Where it is, and its plans, are published every ``period_ms``.  ``run`` tries ``attempts``
-    times to connect at first, and for ever once it was connected, waiting longer each time,
-    from the first to the second of ``backoff_ms``; ``seed`` spreads the waits.
+    Kinematics and plans are published every ``period_ms``.  ``run`` makes ``attempts`` attempts for
+    the first connection, and reconnects without limit.  The waits grow from the first to the second
+    value of ``backoff_ms``; ``seed`` randomizes them.
     """
 
     def __init__(
@@ -60,17 +60,17 @@ class RemoteApplication:
         self._given_clock = clock
         self._clock: Clock
         self.connected = asyncio.Event()
-        """Set while there is a connection on which the bridge was heard."""
+        """Set while there is a connection on which the bridge has sent its state."""
         self._outbox: ros.Outbox | None = None
         self._socket: ClientConnection | None = None
         self._offset = 0
         self._time = 0
-        self._heard_ms = 0
-        """When the bridge was last heard, on the own clock."""
+        self._received_ms = 0
+        """The time of the bridge's last message, on the own clock, in ms."""
         self._lost_after_ms = 1500
         self._asked: tuple[Session, int] | None = None
         self._last: commands.Command | None = None
-        """The last answer or ending command: said again if it seems to have been lost."""
+        """The last answer or ending command, which is repeated if it may have been lost."""
         self._loaded: Session | None = None
         self._over: Session | None = None
 
@@ -83,7 +83,7 @@ class RemoteApplication:
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
-                task.result()  # neither ends but by an exception of the application
+                task.result()  # they end only by an exception of the application
         finally:
             for task in tasks:
                 task.cancel()
@@ -109,7 +109,10 @@ class RemoteApplication:
                     proxy=None,
                 )
             except InvalidURI:
-                raise LinkError(f"{self._uri} is no address of a bridge") from None
+                raise LinkError(
+                    f"expected the address of a bridge such as ws://127.0.0.1:{ros.PORT}, "
+                    f"not {self._uri!r}"
+                ) from None
             except (OSError, TimeoutError, InvalidHandshake, EOFError) as error:
                 if attempts is not None and attempt >= attempts:
                     why = str(error) or type(error).__name__
@@ -123,7 +126,7 @@ class RemoteApplication:
             socket = await self._connect(None)
 
     async def _serve(self, socket: ClientConnection) -> None:
-        """One connection, until it ends."""
+        """Serve one connection until it ends."""
         self._socket, self._outbox = socket, ros.Outbox(socket, QUEUE, ros.MAX_OUT)
         sending = asyncio.create_task(self._outbox.send())
         try:
@@ -141,17 +144,17 @@ class RemoteApplication:
             await socket.close()
 
     async def _keep(self) -> None:
-        """Publish where it is, and watch that the bridge is there."""
+        """Publish kinematics and plans, and check that the bridge is alive."""
         while True:
             await asyncio.sleep(self._period_ms / 1000)
             self._publish_present()
-            if self._clock.now() - self._heard_ms >= self._lost_after_ms:
+            if self._clock.now() - self._received_ms >= self._lost_after_ms:
                 if self._loaded is not None:
-                    self._let_go(self._loaded)
+                    self._fall_back(self._loaded)
                 if self.connected.is_set() and self._socket is not None:
                     self._socket.transport.abort()
 
-    # -- what is published
+    # -- publications
 
     def _publish(self, message: ros.Input) -> None:
         if self._outbox is not None:
@@ -176,7 +179,7 @@ class RemoteApplication:
     def now(self) -> int:
         """The time in ms on the service's clock, as far as it is known.
 
-        It can go back only when a connection is new: the router may have restarted.
+        It can decrease only with a new connection, because the router may have restarted.
         """
         self._time = max(self._time, self._clock.now() + self._offset)
         return self._time
@@ -184,8 +187,8 @@ class RemoteApplication:
     def command(self, command: commands.Command, after_ms: int = 0) -> None:
         """Give a command, now or later.
 
-        Without a connection a request is refused as ``unreachable``.  Any other is said again
-        when there is one, if it still matters then.
+        Without a connection, a request is refused as ``unreachable``.  Any other command is
+        repeated on the next connection if it is still relevant.
         """
         if after_ms > 0:
             self._clock.at(self._clock.now() + after_ms, lambda: self.command(command))
@@ -199,25 +202,25 @@ class RemoteApplication:
             return
         self._publish(message)
 
-    def _say_again(self) -> None:
+    def _repeat_last(self) -> None:
         if self._last is not None:
             self._publish(ros.of_command(self._last))
 
-    # -- what the bridge says
+    # -- messages of the bridge
 
     def _take(self, data: str | bytes) -> None:
-        """One operation; what cannot be read is answered with a status and changes nothing."""
+        """Take one operation.  An invalid one is answered with a status and changes nothing."""
         try:
             fields = ros.opened(data, marks=ros.MAX_OUT)
             model = ros.OUTPUTS.get(str(fields.get("topic")))
             if fields.get("op") != "publish" or model is None:
                 return
-            self._heard_ms = self._clock.now()
+            self._received_ms = self._clock.now()
             message = ros.read(model, fields.get("msg"))
             if isinstance(message, ros.State):
                 if not self.connected.is_set():
                     self._time = 0  # the router may have restarted, and its clock with it
-                self._offset = message.header.stamp.ms - self._heard_ms
+                self._offset = message.header.stamp.ms - self._received_ms
                 self._lost_after_ms = message.lost_after_ms
                 self.connected.set()
             elif isinstance(message, ros.Refused):
@@ -246,28 +249,28 @@ class RemoteApplication:
                 try:
                     self._coordinated(message.drive(session))
                 except MessageError:
-                    self._let_go(session)
+                    self._fall_back(session)
             case ros.Drive():
                 self._alone(session, message.reason)
 
     def _is_new(self, session: Session, proposal: int) -> bool:
-        """Whether this has not been asked yet; if it has, the answer is said again."""
+        """Whether the question is new; the answer to an old one is repeated."""
         if self._asked != (session, proposal):
             self._asked = session, proposal
             return True
         if self._last is not None and _answers(self._last, session, proposal):
-            self._say_again()
+            self._repeat_last()
         return False
 
     def _coordinated(self, drive: Drive) -> None:
-        if drive.session == self._over:  # it has let go, and the bridge does not know yet
-            self._let_go(drive.session)
+        if drive.session == self._over:  # it has fallen back, and the bridge does not know yet
+            self._fall_back(drive.session)
         elif drive.session != self._loaded:
             self._forget_loaded()
             self._loaded = drive.session
             self._application.load(drive)
         elif _ends(self._last, drive.session):
-            self._say_again()
+            self._repeat_last()
 
     def _alone(self, session: Session, reason: str) -> None:
         if self._loaded != session:
@@ -282,19 +285,19 @@ class RemoteApplication:
             self._application.fallback(session, reason)
 
     def _forget_loaded(self) -> None:
-        """Something else holds: that session ended while there was no connection."""
+        """Fall back from a session that ended while there was no connection."""
         if (session := self._loaded) is not None:
             self._loaded, self._over = None, session
             self._application.fallback(session, "bridge_loss")
 
-    def _let_go(self, session: Session) -> None:
-        """Nothing was heard for too long: drive alone, and tell the bridge when it can be."""
+    def _fall_back(self, session: Session) -> None:
+        """Drive alone, because the bridge was silent for too long; inform it when possible."""
         if not _ends(self._last, session):
             self._last = commands.Abort(session=session)
         if session != self._over:
             self._loaded, self._over = None, session
             self._application.fallback(session, "bridge_loss")
-        self._say_again()
+        self._repeat_last()
 
 
 def _ends(command: commands.Command | None, session: Session) -> bool:

@@ -1,4 +1,4 @@
-"""What both ends of the bridge speak: rosbridge v2, its topics and its messages (docs/bridge.md).
+"""The protocol of the bridge: rosbridge v2, its topics and its messages (docs/bridge.md).
 
 Needs the extra ``automcm[ws]``; importing this without it raises LinkError.
 """
@@ -47,19 +47,19 @@ except ModuleNotFoundError as error:  # pragma: no cover - a test runs this in a
     raise LinkError("the WebSocket bridge needs websockets: pip install 'automcm[ws]'") from None
 
 PORT = 9090
-"""That of rosbridge."""
+"""The default port of rosbridge."""
 TYPES = "automcm_msgs/msg/"
 IN, OUT = "/v2x/mcm/input/", "/v2x/mcm/output/"
 MAX_IN = 2**20
-"""Bytes of a message to the bridge."""
+"""Maximum bytes of a message to the bridge."""
 MAX_MARKS = 40_000
-"""Commas and opening brackets in a message to the bridge: more take too long to read."""
+"""Maximum commas and opening brackets in a message to the bridge, to limit the parsing time."""
 MAX_OUT = 2**22
-"""Bytes of a message from the bridge."""
+"""Maximum bytes of a message from the bridge."""
 MAX_PLANNED = 8000
-"""Points in all the planned trajectories of one choice."""
+"""Maximum points in all planned trajectories of one choice."""
 MAX_DETAILS = 8192
-"""Bytes of a request's ``details``, as JSON."""
+"""Maximum bytes of a request's ``details``, as JSON."""
 MAX_SCENARIOS = 16
 
 Scenario = Annotated[str, Field(max_length=256)]
@@ -68,7 +68,7 @@ Note = Annotated[str, Field(max_length=256)]
 
 
 class Message(Ros):
-    """A message with a topic of its own, which is named as the message is."""
+    """A message with its own topic, which has the name of the message."""
 
     folder: ClassVar[str] = ""
     topic: ClassVar[str]
@@ -76,7 +76,7 @@ class Message(Ros):
     header: Header = Header()
 
     def __init_subclass__(cls) -> None:
-        """Name topic and type."""
+        """Set topic and type."""
         cls.topic, cls.type = cls.folder + cls.__name__.lower(), TYPES + cls.__name__
 
 
@@ -89,19 +89,19 @@ class _Input(Message):
 
 
 class Session(Ros):
-    """A session; 0 and 0 is none."""
+    """A session; 0 and 0 mean no session."""
 
     prescriber: Annotated[int, Field(ge=0, le=2**32 - 1)] = 0
     number: Natural = 0
 
     @property
     def key(self) -> SessionKey | None:
-        """The session, if it names one."""
+        """The session, or None."""
         return (self.prescriber, self.number) if self.prescriber and self.number else None
 
 
 def to_session(session: SessionKey | None) -> Session:
-    """A session as the bridge writes it; none is number 0."""
+    """A session in the bridge's form; number 0 for None."""
     return Session(prescriber=session[0], number=session[1]) if session else Session()
 
 
@@ -114,19 +114,19 @@ def stamped(ms: int) -> Header:
 
 
 class State(_Output):
-    """What the station does, and that the service is there."""
+    """The state of the station, also a sign of life of the service."""
 
     station_id: StationId
     phase: Phase
     role: Role
     session: Session = Session()
     driver: bool
-    """Whether there is one."""
+    """Whether there is a driver."""
     lost_after_ms: Natural
 
 
 class Drive(_Output):
-    """What holds now: ``coordinated`` drives ``selected``, ``alone`` says why the last ended."""
+    """The current mode: ``coordinated`` with ``selected``, or ``alone`` with the last reason."""
 
     mode: Literal["coordinated", "alone"]
     session: Session = Session()
@@ -138,7 +138,7 @@ class Drive(_Output):
 
     @classmethod
     def of(cls, drive: application.Drive, now: int) -> Drive:
-        """What goes to the driving software; ``now`` in ms."""
+        """The message to the driving software; ``now`` in ms."""
         return cls(
             header=stamped(now),
             mode="coordinated",
@@ -150,20 +150,20 @@ class Drive(_Output):
         )
 
     def drive(self, session: SessionKey) -> application.Drive:
-        """What it stands for.  Raises ValueError."""
+        """The value in the application's form.  Raises ValueError."""
         selected = trajectory(self.selected, "selected")
         return application.Drive(session, self.role, selected, self.start.ms, self.until.ms)
 
 
 class Planned(Ros):
-    """What one station plans to drive."""
+    """The planned trajectory of one station."""
 
     station_id: StationId
     trajectory: AutowareTrajectory
 
 
 class Choice(_Output):
-    """Whom to ask for what?"""
+    """The question which target to prescribe which trajectory."""
 
     session: Session
     proposal: Positive
@@ -173,7 +173,7 @@ class Choice(_Output):
 
     @classmethod
     def of(cls, choice: application.Choice, now: int) -> Choice:
-        """What goes to the driving software; ``now`` in ms."""
+        """The message to the driving software; ``now`` in ms."""
         if sum(len(t.points) for t in choice.planned.values()) > MAX_PLANNED:
             raise MessageError(f"planned: more than {MAX_PLANNED} points")
         return cls(
@@ -189,13 +189,13 @@ class Choice(_Output):
         )
 
     def choice(self, session: SessionKey) -> application.Choice:
-        """What it stands for.  Raises ValueError."""
+        """The value in the application's form.  Raises ValueError."""
         planned = {p.station_id: trajectory(p.trajectory, "planned") for p in self.planned}
         return application.Choice(session, self.proposal, planned, self.target, self.reason)
 
 
 class Proposal(_Output):
-    """Is it safe to drive this?"""
+    """The question whether a prescribed trajectory is safe."""
 
     session: Session
     proposal: Positive
@@ -205,7 +205,7 @@ class Proposal(_Output):
 
     @classmethod
     def of(cls, proposal: application.Proposal, now: int) -> Proposal:
-        """What goes to the driving software; ``now`` in ms."""
+        """The message to the driving software; ``now`` in ms."""
         return cls(
             header=stamped(now),
             session=to_session(proposal.session),
@@ -216,24 +216,24 @@ class Proposal(_Output):
         )
 
     def asked(self, session: SessionKey) -> application.Proposal:
-        """What it stands for.  Raises ValueError."""
+        """The value in the application's form.  Raises ValueError."""
         prescribed = trajectory(self.prescribed, "prescribed")
         return application.Proposal(session, self.proposal, prescribed, self.hold_ms, self.lease_ms)
 
 
 class Advertised(_Output):
-    """Another station wants to make a maneuver."""
+    """A maneuver that another station plans."""
 
     session: Session
     scenario: str
     details: Details
     planned: AutowareTrajectory = NO_TRAJECTORY
     concerned: bool
-    """Whether the station joins, by a plan that was there."""
+    """Whether the station joins because of an existing plan."""
 
     @classmethod
     def of(cls, advertised: application.Advertised, concerned: bool, now: int) -> Advertised:
-        """What goes to the driving software; ``now`` in ms."""
+        """The message to the driving software; ``now`` in ms."""
         planned = advertised.planned
         return cls(
             header=stamped(now),
@@ -245,13 +245,13 @@ class Advertised(_Output):
         )
 
     def advertised(self, session: SessionKey) -> application.Advertised:
-        """What it stands for.  Raises ValueError."""
+        """The value in the application's form.  Raises ValueError."""
         planned = trajectory(self.planned, "planned") if self.planned.points else None
         return application.Advertised(session, self.scenario, self.details, planned)
 
 
 class Refused(_Output):
-    """A command changed nothing, by ``rule``."""
+    """A command was refused by ``rule``."""
 
     command: Note
     rule: Note
@@ -261,14 +261,14 @@ class Refused(_Output):
 
 
 class OdometryIn(Odometry):
-    """nav_msgs/Odometry: where the vehicle is."""
+    """nav_msgs/Odometry: the vehicle's kinematics."""
 
     topic: ClassVar[str] = IN + "kinematics"
     type: ClassVar[str] = "nav_msgs/msg/Odometry"
 
 
 class Plan(_Input):
-    """For these scenarios the vehicle plans this; without points they do not concern it."""
+    """The vehicle's plan for these scenarios; without points they do not concern it."""
 
     scenarios: list[Scenario] = Field(max_length=MAX_SCENARIOS, fail_fast=True)
     trajectory: AutowareTrajectory
@@ -282,7 +282,7 @@ class Request(_Input):
     planned: AutowareTrajectory = NO_TRAJECTORY
 
     def command(self) -> commands.Request:
-        """What it asks of the station.  Raises ValueError."""
+        """The command for the station.  Raises ValueError."""
         if len(to_json(self.details)) > MAX_DETAILS:
             raise MessageError(f"msg.details: more than {MAX_DETAILS} bytes")
         planned = trajectory(self.planned, "msg.planned") if self.planned.points else None
@@ -294,13 +294,13 @@ class _OfSession(_Input):
 
     @property
     def key(self) -> SessionKey:
-        """Raises MessageError if none is named."""
+        """The session.  Raises MessageError without one."""
         if (session := self.session.key) is None:
-            raise MessageError("msg.session: must name one")
+            raise MessageError("msg.session: a session is required")
         return session
 
     def command(self) -> commands.Command:
-        """The command of its name, but of ``Accept``, which has no trajectory.
+        """The command with the same name; not for ``Accept``, which has no trajectory.
 
         Raises ValueError.
         """
@@ -319,7 +319,7 @@ class Prescribe(_OfSession):
     lease_ms: Annotated[Duration, Field(ge=1)]
 
     def command(self) -> commands.Prescribe:
-        """What it asks of the station.  Raises ValueError."""
+        """The command for the station.  Raises ValueError."""
         return commands.Prescribe(
             session=self.key,
             proposal=self.proposal,
@@ -331,7 +331,7 @@ class Prescribe(_OfSession):
 
 
 class Proceed(_OfSession):
-    """Nobody is in the way (PRE-3)."""
+    """No vehicle is in the way (PRE-3)."""
 
 
 class Accept(_OfSession):
@@ -347,7 +347,7 @@ class Refuse(_OfSession):
 
 
 class Complete(_OfSession):
-    """The prescriber's maneuver is done (ACT-3)."""
+    """The prescriber has finished its maneuver (ACT-3)."""
 
 
 class Abort(_OfSession):
@@ -355,7 +355,7 @@ class Abort(_OfSession):
 
 
 def of_command(command: commands.Command) -> Input:
-    """Raises MessageError for a trajectory that Autoware's form does not hold."""
+    """The message of a command.  Raises MessageError if a trajectory has no Autoware form."""
     match command:
         case commands.Request():
             planned = command.planned
@@ -407,22 +407,22 @@ def operation(**fields: Any) -> str:
 
 
 def opened(data: str | bytes, marks: int = MAX_MARKS) -> dict[str, Any]:
-    """A rosbridge operation.  Raises MessageError, and nothing else, for anything else."""
+    """Parse a rosbridge operation.  Raises only MessageError."""
     if isinstance(data, bytes):
-        raise MessageError("message: a binary frame; JSON text is needed")
+        raise MessageError("message: must be JSON text, not a binary frame")
     if sum(map(data.count, ",[{")) > marks:
         raise MessageError(f"message: more than {marks} commas and brackets")
     try:
         fields = from_json(data, allow_inf_nan=False, cache_strings=False)
     except ValueError as error:
-        raise MessageError(short("message", f"no JSON: {error}")) from None
+        raise MessageError(short("message", f"not JSON: {error}")) from None
     if not isinstance(fields, dict):
-        raise MessageError("message: a JSON object is needed")
+        raise MessageError("message: must be a JSON object")
     return fields
 
 
 def read(model: type[M], msg: Any) -> M:
-    """``msg`` as a message.  Raises MessageError, naming the first field that is wrong."""
+    """``msg`` as a message.  Raises MessageError, which names the first wrong field."""
     try:
         return model.model_validate(msg)
     except ValidationError as error:
@@ -430,7 +430,7 @@ def read(model: type[M], msg: Any) -> M:
 
 
 class Outbox:
-    """What is still to be sent on a socket.  A peer that does not read is cut off."""
+    """The queue of messages for a socket.  A peer that does not read is disconnected."""
 
     def __init__(self, socket: Connection, messages: int, size: int) -> None:
         self._socket, self._messages, self._size = socket, messages, size
@@ -440,7 +440,7 @@ class Outbox:
         self._cut = False
 
     def put(self, text: str) -> None:
-        """Send it soon; if that is too much to keep, end the connection."""
+        """Append a message; disconnect if the queue is full."""
         if self._cut:
             return
         self._texts.append(text)
@@ -452,7 +452,7 @@ class Outbox:
         self._wake.set()
 
     async def send(self) -> None:
-        """Send what there is, until the connection ends or this is cancelled."""
+        """Send the queue until the connection ends or the task is cancelled."""
         try:
             while not self._cut:
                 await self._wake.wait()

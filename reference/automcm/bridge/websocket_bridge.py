@@ -1,10 +1,10 @@
-"""The bridge, the router's side: the driving software connects over a WebSocket and speaks
-rosbridge v2 (section V-A of the paper; docs/bridge.md).
+"""The router's side of the bridge: driving software connects over a WebSocket with rosbridge v2
+(section V-A of the paper; docs/bridge.md).
 
-``WebSocketBridge`` is an application.  What the service asks it is published on topics, what the
-driving software publishes becomes commands.  It decides two things itself: it aborts the session
-of a vehicle whose driving software has been silent for ``t_cam_loss``, and it declines what it
-cannot put before the driving software.
+``WebSocketBridge`` is an application.  It publishes the service's questions on topics, and turns
+publications of the driving software into commands.  It makes two decisions itself: it aborts the
+session of a vehicle whose driving software has been silent for ``t_cam_loss``, and it declines
+questions that it cannot represent in ROS messages.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from automcm.service.service import McService
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory, refusal, short
 
-# After rosbridge, which says what to install if this is missing.
+# After rosbridge, whose import error names the extra to install.
 # isort: split
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -38,30 +38,30 @@ from websockets.typing import Origin
 
 MAX_CLIENTS = 8
 MAX_SOCKETS = 64
-"""Connections, those that have not said yet that they want a WebSocket among them."""
+"""Maximum number of connections, including those before their WebSocket handshake."""
 QUEUE = 256
-"""Messages that may wait for one client; one more, and it is cut off."""
+"""Maximum messages that wait for one client; it is disconnected beyond that."""
 QUEUE_BYTES = 2 * ros.MAX_OUT
 CHUNK = 2**12
 """Bytes read from a socket at a time."""
 KERNEL = 2**16
-"""Bytes that the system keeps for one client."""
+"""Size of the system's send buffer for one client, in bytes."""
 PONGS = 2**16
-"""Bytes of answers to pings that may wait for one client."""
+"""Maximum bytes of answers to pings that wait for one client."""
 HANDSHAKE_S = 3
 CLOSE_S = 1
 
 
-_QUIET = logging.getLogger("automcm.bridge.websockets")
-_QUIET.setLevel(logging.CRITICAL)
-"""Every failed handshake would be a page in the log."""
+_SILENT_LOGGER = logging.getLogger("automcm.bridge.websockets")
+_SILENT_LOGGER.setLevel(logging.CRITICAL)
+"""The library would log a traceback for each failed handshake."""
 
 
 class _Socket(ServerConnection):
-    """A connection whose peer can neither hold the loop with one read nor fill our memory."""
+    """A connection whose peer can neither block the loop with one read nor fill the memory."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        if hasattr(transport, "max_size"):  # asyncio's reads 256 KiB: 40,000 pings
+        if hasattr(transport, "max_size"):  # asyncio reads 256 KiB at a time: 40,000 pings
             transport.max_size = CHUNK
         super().connection_made(transport)
         plain: socket.socket = transport.get_extra_info("socket")
@@ -76,7 +76,7 @@ class _Socket(ServerConnection):
 
 
 class _Client:
-    """A connection and what it has subscribed to: at most every topic there is."""
+    """A connection and the topics to which it has subscribed."""
 
     def __init__(self, connection: ServerConnection) -> None:
         self.outbox = ros.Outbox(connection, QUEUE, QUEUE_BYTES)
@@ -90,12 +90,12 @@ class _Client:
 
 
 class WebSocketBridge:
-    """The application interface, for driving software in another process or computer.
+    """The application interface for driving software in another process or on another computer.
 
     Give it to an ``McService`` as its application, start the service, and ``await open()``.
-    ``host`` must be a loopback address unless ``allow_remote``: nobody is authenticated.  A
-    web page is refused unless its origin is one of ``origins``.  A plan counts for ``plan_ms``.
-    A peer that answers no ping for ``ping_ms`` is cut off.
+    ``host`` must be a loopback address unless ``allow_remote``, because clients are not
+    authenticated.  A web page is refused unless its origin is one of ``origins``.  A plan is valid
+    for ``plan_ms``.  A peer that answers no ping for ``ping_ms`` is disconnected.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class WebSocketBridge:
         if not allow_remote and not _loopback(host):
             raise LinkError(f"{host!r} is not a loopback address; allow_remote permits it")
         if not 0 <= port <= 65_535:
-            raise LinkError(f"port {port}: there are 0 to 65535")
+            raise LinkError(f"port must be between 0 and 65535, not {port}")
         self._host, self._port = host, port
         self._origins = [*map(Origin, origins), None]
         self._plan_ms, self._ping_ms, self._max_clients = plan_ms, ping_ms, max_clients
@@ -121,34 +121,34 @@ class WebSocketBridge:
         self._turn = asyncio.Lock()
         self._clients: set[_Client] = set()
         self._driver: _Client | None = None
-        self._heard_ms: int | None = None
-        """When the driver, whoever it was, last published."""
+        self._published_ms: int | None = None
+        """The time of the last publication of any driver, in ms."""
         self._kinematics = application.Kinematics()
         self._plans: OrderedDict[str, tuple[Trajectory, int]] = OrderedDict()
-        """For each scenario what is planned, and when it was said."""
+        """For each scenario the planned trajectory, and the time of its publication in ms."""
         self._question: application.Choice | application.Proposal | None = None
         self._asked = ""
         """The publication of that question."""
         self._drive = ""
-        """The last publication of what holds now."""
+        """The last publication of ``Drive``."""
         self._bound: Session | None = None
         self._ended: Session | None = None
         self._given_up: tuple[Session, str] | None = None
-        """The session the bridge has aborted, and why."""
+        """The session that the bridge has aborted, and the reason."""
         self._shown: tuple[Any, ...] = ()
 
     # -- the server
 
     @property
     def port(self) -> int:
-        """The port it listens on; once open, the true one even if 0 was asked for."""
+        """The port it listens on; once open, the actual one even if 0 was requested."""
         if self._server is not None:
             port: int = next(iter(self._server.sockets)).getsockname()[1]
             return port
         return self._port
 
     async def open(self) -> None:
-        """Listen, once there is a service.  Raises LinkError, naming host and port."""
+        """Listen; it must have a service.  Raises LinkError, which names host and port."""
         if not hasattr(self, "_service"):
             raise RuntimeError("the bridge has no service yet: give it to an McService first")
         try:
@@ -166,14 +166,14 @@ class WebSocketBridge:
                 ping_interval=self._ping_ms / 1000,
                 ping_timeout=self._ping_ms / 1000,
                 create_connection=_Socket,
-                logger=_QUIET,
+                logger=_SILENT_LOGGER,
             )
         except OSError as error:
             where = f"ws://{self._host}:{self._port}"
             raise LinkError(f"cannot listen on {where}: {error.strerror or error}") from None
 
     async def close(self) -> None:
-        """Send every client away and listen no more."""
+        """Disconnect every client and stop listening."""
         if self._server is not None:
             self._server.close()
             await self._server.wait_closed()
@@ -200,7 +200,7 @@ class WebSocketBridge:
                 await self._slice(client, data)
         except ConnectionClosed:
             pass
-        except Exception as error:  # of an observer: not the client's fault, nor of use to it
+        except Exception as error:  # of an observer: the client did not cause it
             asyncio.get_running_loop().call_exception_handler(
                 {"message": "a command from the bridge failed", "exception": error}
             )
@@ -212,9 +212,9 @@ class WebSocketBridge:
             await asyncio.gather(sending, return_exceptions=True)
 
     async def _slice(self, client: _Client, data: str | bytes) -> None:
-        """Take one message, and leave the loop to others for as long as that took.
+        """Process one message, then yield the loop for as long as that took.
 
-        Clients take turns, so all of them together use at most half of the loop's time.
+        Clients take turns, so that together they use at most half of the loop's time.
         """
         loop = asyncio.get_running_loop()
         async with self._turn:
@@ -238,7 +238,7 @@ class WebSocketBridge:
                 self._published(client, ros.read(_model(fields, ros.INPUTS), fields.get("msg")))
             case "subscribe":
                 if fields.get("compression", "none") != "none":
-                    raise MessageError("compression: none is all there is")
+                    raise MessageError("compression: only none is supported")
                 client.topics.add(topic := _model(fields, ros.OUTPUTS).topic)
                 self._send_again(client, topic)
             case "unsubscribe":
@@ -248,7 +248,7 @@ class WebSocketBridge:
             case str():
                 raise MessageError(short("op", f"{op!r} is not supported"))
             case _:
-                raise MessageError("op: a text is needed")
+                raise MessageError("op: must be a string")
 
     def _published(self, client: _Client, message: ros.Input) -> None:
         now = self._service.now()
@@ -258,7 +258,7 @@ class WebSocketBridge:
         if self._driver is not client:
             self._leave_driver()
             self._driver = client
-        self._heard_ms = now
+        self._published_ms = now
         match message:
             case ros.OdometryIn():
                 self._kinematics = autoware.kinematics(message)
@@ -292,14 +292,14 @@ class WebSocketBridge:
         self._service.command(command)
         self._look(_OWN.get(command.name, "left"))
 
-    # -- who drives
+    # -- the driver
 
     def _silent(self, now: int) -> bool:
         lost_after = self._service.parameters.t_cam_loss
-        return self._heard_ms is None or now - self._heard_ms >= lost_after
+        return self._published_ms is None or now - self._published_ms >= lost_after
 
     def _leave_driver(self) -> None:
-        """Nobody drives: nothing concerns the vehicle any more."""
+        """Remove the driver and its plans, so that no maneuver concerns the vehicle."""
         self._driver = None
         self._plans.clear()
 
@@ -308,7 +308,7 @@ class WebSocketBridge:
         self._service.command(commands.Abort(session=session))
 
     def _look(self, reason: str) -> None:
-        """Say that a session is over of whose end the service tells nothing."""
+        """Publish the end of a session that the service does not indicate."""
         before, self._bound = self._bound, self._service.state.session
         if before is not None and before not in (self._bound, self._ended):
             if self._given_up is not None and self._given_up[0] == before:
@@ -323,7 +323,7 @@ class WebSocketBridge:
                 client.outbox.put(text)
 
     def _send_again(self, client: _Client, topic: str) -> None:
-        """What a new subscriber must know (as ROS's transient local does)."""
+        """Send a new subscriber the current messages (like ROS's transient local)."""
         self._look("left")
         if topic == ros.State.topic:
             client.outbox.put(self._state())
@@ -358,7 +358,7 @@ class WebSocketBridge:
         )
 
     def _show(self, always: bool = False) -> None:
-        """Publish the state if it is another one, or anyway."""
+        """Publish the state if it has changed, or ``always``."""
         st = self._service.state
         shown = (st.phase, st.role, st.session, self._driver is not None)
         if always or shown != self._shown:
@@ -377,14 +377,14 @@ class WebSocketBridge:
     # -- the application interface
 
     def attach(self, service: application.Service) -> None:
-        """To a service of its own kind only."""
+        """As ``Application.attach``; the service must be an ``McService``."""
         if not isinstance(service, McService):
             raise TypeError("the bridge needs an McService: it publishes the station's state")
         self._service = service
         self._alone(None, "")
 
     def kinematics(self, now_ms: int) -> application.Kinematics:
-        """Where the driving software last said.  Called for every CAM, it also keeps watch."""
+        """The last published kinematics.  Also checks for a silent driver, at every CAM."""
         self._look("left")
         if self._silent(now_ms):
             self._leave_driver()
@@ -395,9 +395,9 @@ class WebSocketBridge:
         return self._kinematics
 
     def concerned(self, advertised: application.Advertised) -> Trajectory | None:
-        """What the driving software last planned for this scenario, if that is not too old.
+        """The driving software's last plan for this scenario, if it is still valid.
 
-        It is told of the maneuver, unless a session is under way.
+        Publishes the advertised maneuver, unless the station is in a session.
         """
         now = self._service.now()
         planned, since = self._plans.get(advertised.scenario, (None, now))
@@ -405,10 +405,10 @@ class WebSocketBridge:
             planned = None
         if not self._service.state.bound:
             try:
-                told = ros.Advertised.of(advertised, planned is not None, now)
-            except ValueError:  # its trajectory fits no message: say nothing
+                message = ros.Advertised.of(advertised, planned is not None, now)
+            except ValueError:  # its trajectory fits no message
                 return planned
-            self._publish(told.topic, ros.publication(told))
+            self._publish(message.topic, ros.publication(message))
         return planned
 
     def choose(self, choice: application.Choice) -> None:
@@ -437,7 +437,7 @@ class WebSocketBridge:
         self._show()
 
     def load(self, drive: application.Drive) -> None:
-        """Hand the drive over."""
+        """Publish the agreed maneuver."""
         try:
             self._drive = ros.publication(ros.Drive.of(drive, self._service.now()))
         except ValueError:
@@ -447,21 +447,21 @@ class WebSocketBridge:
         self._show()
 
     def fallback(self, session: Session, reason: str) -> None:
-        """Tell the driving software that it drives alone."""
+        """Publish that the vehicle drives alone."""
         self._alone(session, reason)
 
     def finished(self, session: Session) -> None:
-        """Tell the driving software that it drives alone."""
+        """Publish that the vehicle drives alone."""
         self._alone(session, "finished")
 
     def refused(self, command: str, rule: str) -> None:
-        """Tell the driving software, with the rule."""
+        """Publish the refused command and the rule."""
         message = ros.Refused(header=ros.stamped(self._service.now()), command=command, rule=rule)
         self._publish(message.topic, ros.publication(message))
 
 
 _OWN = {"complete": "completed", "proceed": "proceeded", "abort": "aborted"}
-"""The reason of ``alone`` after a command of the driving software, which is told nothing."""
+"""The reason of ``alone`` after a command of the driving software, which has no indication."""
 OWN_REASONS = frozenset(_OWN.values())
 
 
@@ -492,7 +492,7 @@ def _model(fields: dict[str, Any], known: dict[str, Any]) -> Any:
     """The message of the topic that an operation names.  Raises MessageError."""
     topic, type_ = fields.get("topic"), fields.get("type")
     if not isinstance(topic, str) or topic not in known:
-        raise MessageError(short("topic", f"{topic!r} is none of {', '.join(known)}"))
+        raise MessageError(short("topic", f"must be one of {', '.join(known)}, not {topic!r}"))
     if type_ is not None and type_ != known[topic].type:
-        raise MessageError(short("type", f"{topic} has {known[topic].type}"))
+        raise MessageError(short("type", f"must be {known[topic].type} for {topic}"))
     return known[topic]

@@ -1,4 +1,4 @@
-"""Advertising: ADV-1 … ADV-8, and END-7 and MEM-1 where they bear on it."""
+"""Advertising: ADV-1 … ADV-8, and END-7 and MEM-1 where they apply to it."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from types import MappingProxyType
 
 from automcm.core.outcome import (
     Expiry,
-    Heard,
     Me,
     Outcome,
+    Received,
     Row,
     ack,
     acked,
@@ -29,7 +29,7 @@ from automcm_spec.vocabulary.messages import Advertisement, Cancel, Intention, M
 
 
 def open_session(me: Me, st: State, i: Request) -> Outcome:
-    """ADV-1: a session with the next number, advertised at once."""
+    """ADV-1: open a session with the next number and advertise it at once."""
     session = (me.station_id, st.number + 1)
     advertisement = Advertisement(
         src=me.station_id,
@@ -51,7 +51,7 @@ def open_session(me: Me, st: State, i: Request) -> Outcome:
 
 
 def advertise_again(me: Me, st: State, i: Expiry) -> Outcome:
-    """ADV-2: the same Advertisement once more."""
+    """ADV-2: repeat the Advertisement."""
     assert st.advertisement is not None
     return Outcome(st, (st.advertisement,))
 
@@ -65,19 +65,19 @@ REQUEST: tuple[Row[Request], ...] = (
 )
 
 
-def joined_before(me: Me, st: State, i: Heard[Advertisement]) -> bool:
-    """ADV-8: has it joined this session or a newer one of that prescriber?"""
+def joined_before(me: Me, st: State, i: Received[Advertisement]) -> bool:
+    """ADV-8: has the station joined this session or a newer one of that prescriber?"""
     return i.message.session[1] <= st.joined.get(i.message.src, 0)
 
 
-def no_room_to_join(me: Me, st: State, i: Heard[Advertisement]) -> bool:
-    """MEM-1: is there no room to join and to remember it?"""
+def no_room_to_join(me: Me, st: State, i: Received[Advertisement]) -> bool:
+    """MEM-1: is there no room to join the session or to remember it?"""
     remembers = i.message.src in st.joined or len(st.joined) < me.memory_limit
     return not (room(me, st) and remembers)
 
 
-def join(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
-    """ADV-3: join, send the Intention, remember the session."""
+def join(me: Me, st: State, i: Received[Advertisement]) -> Outcome:
+    """ADV-3: join the session, send the Intention, remember the session."""
     assert i.planned is not None
     m = i.message
     intention = Intention(src=me.station_id, dst=m.src, session=m.session, seq=1, planned=i.planned)
@@ -90,7 +90,7 @@ def join(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
     return Outcome(post(joined, intention), (intention,))
 
 
-ADVERTISEMENT: tuple[Row[Heard[Advertisement]], ...] = (
+ADVERTISEMENT: tuple[Row[Received[Advertisement]], ...] = (
     Row("ADV-4", lambda me, st, i: st.bound, ignore),
     Row("END-8", lambda me, st, i: st.quarantine, ignore),
     Row("ADV-8", joined_before, ignore),
@@ -100,8 +100,8 @@ ADVERTISEMENT: tuple[Row[Heard[Advertisement]], ...] = (
 )
 
 
-def answer_closed(me: Me, st: State, i: Heard[Message]) -> Outcome:
-    """The Fin or Cancel still being sent there, else Cancel(closed)."""
+def answer_closed(me: Me, st: State, i: Received[Message]) -> Outcome:
+    """Answer with the Fin or Cancel that is still being sent there, else with Cancel(closed)."""
     m = i.message
     for entry in st.outbox:
         if entry.dst == m.src and entry.session == m.session and entry.type in ("Fin", "Cancel"):
@@ -110,14 +110,14 @@ def answer_closed(me: Me, st: State, i: Heard[Message]) -> Outcome:
     return Outcome(st, (closed,))
 
 
-def record(me: Me, st: State, i: Heard[Intention]) -> Outcome:
-    """ADV-5: keep the Intention and ack it."""
+def record(me: Me, st: State, i: Received[Intention]) -> Outcome:
+    """ADV-5: record the Intention and ack it."""
     m = i.message
     recorded = MappingProxyType({**st.recorded, m.src: m})
     return Outcome(st._replace(recorded=recorded), (ack(me, m),))
 
 
-INTENTION: tuple[Row[Heard[Intention]], ...] = (
+INTENTION: tuple[Row[Received[Intention]], ...] = (
     Row("ADV-5", foreign, answer_closed),
     Row("ADV-5", lambda me, st, i: i.message.src in st.recorded, acked),
     Row("ADV-5", lambda me, st, i: i.message.src in st.withdrawn, answer_closed),
@@ -129,11 +129,11 @@ INTENTION: tuple[Row[Heard[Intention]], ...] = (
 
 
 def forget(me: Me, st: State, i: Expiry) -> Outcome:
-    """ADV-8: no copy of the Advertisement is left, so the prescriber is forgotten."""
+    """ADV-8: forget the prescriber, because no copy of its Advertisement can still arrive."""
     kept = {p: n for p, n in st.joined.items() if p != i.timer.station}
     return Outcome(st._replace(joined=MappingProxyType(kept)))
 
 
 def hold_ends(me: Me, st: State, i: Expiry) -> Outcome:
-    """ADV-7: nothing has come while waiting."""
-    return Outcome(leave(st), told=Fallback(session=own(st), reason="timeout"))
+    """ADV-7: leave, because no Prescription has arrived in time."""
+    return Outcome(leave(st), indication=Fallback(session=own(st), reason="timeout"))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from automcm.core.advertising import answer_closed
 from automcm.core.outcome import (
-    Heard,
     Me,
     Outcome,
+    Received,
     Row,
     ack,
     acked,
@@ -34,17 +34,17 @@ from automcm_spec.vocabulary.messages import (
 )
 
 
-def instructed(me: Me, st: State, i: Heard[Prescription]) -> Outcome:
-    """NEG-1: ack, and ask the application to verify."""
+def instructed(me: Me, st: State, i: Received[Prescription]) -> Outcome:
+    """NEG-1: ack, and ask the application to verify the proposal."""
     m = i.message
     verifying = moved(st, "verify")._replace(
         proposal=m.proposal, lease_ms=m.lease_ms, outbox=without(st, "Intention")
     )
-    told = Verify(session=own(st), proposal=m.proposal, prescription=m)
-    return Outcome(verifying, (ack(me, m),), told)
+    indication = Verify(session=own(st), proposal=m.proposal, prescription=m)
+    return Outcome(verifying, (ack(me, m),), indication)
 
 
-PRESCRIPTION: tuple[Row[Heard[Prescription]], ...] = (
+PRESCRIPTION: tuple[Row[Received[Prescription]], ...] = (
     Row(
         "NEG-4",
         lambda me, st, i: foreign(me, st, i) and st.bound,
@@ -62,7 +62,7 @@ PRESCRIPTION: tuple[Row[Heard[Prescription]], ...] = (
 
 
 def not_verifying(me: Me, st: State, i: object) -> bool:
-    """CMD-1: is there nothing to answer?"""
+    """CMD-1: is no proposal waiting for an answer?"""
     return not (st.phase == "NEGOTIATING" and st.role == "receiver")
 
 
@@ -88,17 +88,17 @@ def answer(
 
 
 def accept(me: Me, st: State, i: Accept) -> Outcome:
-    """NEG-2: committed from now on; the Acceptance is sent until acked."""
+    """NEG-2: commit, and send the Acceptance until it is acked."""
     acceptance = answer(me, st, True, selected=i.selected)
     return Outcome(post(moved(st, "accept"), acceptance), (acceptance,))
 
 
 def refuse_proposal(
-    me: Me, st: State, reason: RefusalReason, told: Undecided | None = None
+    me: Me, st: State, reason: RefusalReason, indication: Undecided | None = None
 ) -> Outcome:
-    """NEG-3: refuse for this reason, and wait for another proposal."""
+    """NEG-3: refuse with this reason, and wait for another proposal."""
     acceptance = answer(me, st, False, reason=reason)
-    return Outcome(post(moved(st, "refuse"), acceptance), (acceptance,), told)
+    return Outcome(post(moved(st, "refuse"), acceptance), (acceptance,), indication)
 
 
 ACCEPT: tuple[Row[Accept], ...] = (
@@ -113,48 +113,48 @@ REFUSE: tuple[Row[Refuse], ...] = (
 )
 
 
-def untaken(me: Me, st: State, i: Heard[Acceptance]) -> bool:
-    """NEG-6: is it an answer to another proposal, or to none?"""
+def untaken(me: Me, st: State, i: Received[Acceptance]) -> bool:
+    """NEG-6: does it answer another proposal, or is no answer awaited?"""
     m = i.message
     return not (st.awaits_answer and m.proposal == st.proposal)
 
 
-def not_yet_sent(me: Me, st: State, i: Heard[Acceptance]) -> bool:
-    """END-5: does it answer what was never sent to its sender?"""
+def not_yet_sent(me: Me, st: State, i: Received[Acceptance]) -> bool:
+    """END-5: does it answer a proposal that was never sent to its sender?"""
     m = i.message
     return m.src != st.target or m.proposal > st.proposal
 
 
-def agreed(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
-    """NEG-6: ack, and act."""
+def agreed(me: Me, st: State, i: Received[Acceptance]) -> Outcome:
+    """NEG-6: ack, and begin to act."""
     m = i.message
     acting = moved(st, "accepted")._replace(outbox=without(st, "Prescription"))
-    told = Accepted(session=own(st), proposal=m.proposal, acceptance=m)
-    return Outcome(acting, (ack(me, m),), told)
+    indication = Accepted(session=own(st), proposal=m.proposal, acceptance=m)
+    return Outcome(acting, (ack(me, m),), indication)
 
 
-def may_propose_again(me: Me, st: State, i: Heard[Acceptance]) -> bool:
-    """NEG-7: is there a round left, and a sense in it?"""
+def may_propose_again(me: Me, st: State, i: Received[Acceptance]) -> bool:
+    """NEG-7: is a round left, and does the reason allow another proposal?"""
     m = i.message
     return m.reason not in ANSWER_REASONS and st.proposal < me.max_rounds
 
 
-def refused(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
+def refused(me: Me, st: State, i: Received[Acceptance]) -> Outcome:
     """NEG-7: ack, and ask the application for another proposal."""
     m = i.message
     deciding = moved(st, "refused")._replace(deciding=True, outbox=without(st, "Prescription"))
     assert m.reason is not None
-    told = Propose(session=own(st), proposal=st.proposal + 1, reason=m.reason)
-    return Outcome(deciding, (ack(me, m),), told)
+    indication = Propose(session=own(st), proposal=st.proposal + 1, reason=m.reason)
+    return Outcome(deciding, (ack(me, m),), indication)
 
 
-def no_agreement(me: Me, st: State, i: Heard[Acceptance]) -> Outcome:
-    """NEG-7: ack, and cancel the target."""
+def no_agreement(me: Me, st: State, i: Received[Acceptance]) -> Outcome:
+    """NEG-7: ack, and send the target a Cancel."""
     outcome = cancel_peer("no_agreement")(me, st, i)
     return outcome._replace(messages=acks(me, i.message) + outcome.messages)
 
 
-ACCEPTANCE: tuple[Row[Heard[Acceptance]], ...] = (
+ACCEPTANCE: tuple[Row[Received[Acceptance]], ...] = (
     Row("NEG-6", lambda me, st, i: foreign(me, st, i) and i.message.accepted, answer_closed),
     Row("NEG-6", foreign, acked),
     Row("END-5", not_yet_sent, discard),

@@ -1,7 +1,6 @@
-"""What the rules are made of: inputs, outcomes, rows, and the few things they all do.
+"""The parts of the rules: inputs, outcomes, rows, and functions that several rules use.
 
-A row is ``(rule, when, then)``.  Rule 1: nothing but a ``then`` changes a State.  Rule 2: a
-``when`` only looks.
+A row is ``(rule, when, then)``.  Only a ``then`` makes a new State; a ``when`` has no effect.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from automcm_spec.vocabulary.messages import (
 
 
 class Me(NamedTuple):
-    """What a station is configured with and the rules look at."""
+    """The configuration of a station, as far as the rules need it."""
 
     station_id: int
     max_rounds: int
@@ -54,8 +53,8 @@ M_co = TypeVar("M_co", bound=Message, covariant=True)
 I_contra = TypeVar("I_contra", contravariant=True)
 
 
-class Heard(NamedTuple, Generic[M_co]):
-    """A message, and the trajectory the application would intend (None: not concerned)."""
+class Received(NamedTuple, Generic[M_co]):
+    """A received message, and the trajectory that the application plans (None: not concerned)."""
 
     message: M_co
     planned: Trajectory | None = None
@@ -73,19 +72,19 @@ class Restart:
     """The station comes back and remembers no session (END-8)."""
 
 
-Input = Heard[Message] | Cam | Command | Expiry | Restart
+Input = Received[Message] | Cam | Command | Expiry | Restart
 OfSession = Prescribe | Proceed | Accept | Refuse | Complete | Abort
 """The commands that name a session: all but a request."""
 
 
 class Outcome(NamedTuple):
-    """What a rule decided."""
+    """The outcome of a rule: the next state, messages to send, an indication."""
 
     state: State
     messages: tuple[Message, ...] = ()
-    told: Indication | None = None
+    indication: Indication | None = None
     again: tuple[Timer, ...] = ()
-    """Timers armed anew although they ran before."""
+    """Running timers that restart."""
 
 
 class Row(NamedTuple, Generic[I_contra]):
@@ -95,11 +94,11 @@ class Row(NamedTuple, Generic[I_contra]):
     when: Callable[[Me, State, I_contra], bool]
     then: Callable[[Me, State, I_contra], Outcome]
     declared: bool = True
-    """phases.py declares how it changes the phase.  Only an ablation is exempt."""
+    """Whether phases.py must declare the row's change of the phase.  False only for ablations."""
 
 
 Rules = dict[str, tuple[Row[Never], ...]]
-"""The rows for each kind of input: what a station runs on.  Each takes inputs of that kind."""
+"""The rows of a station for each kind of input.  Each row takes inputs of that kind."""
 
 
 def always(me: Me, st: State, i: object) -> bool:
@@ -108,18 +107,18 @@ def always(me: Me, st: State, i: object) -> bool:
 
 
 def ignore(me: Me, st: State, i: object) -> Outcome:
-    """Nothing happens."""
+    """Change nothing."""
     return Outcome(st)
 
 
-def discard(me: Me, st: State, i: Heard[Message]) -> Outcome:
-    """END-5: nothing happens but that it is reported."""
-    return Outcome(st, told=Discarded(detail=i.message.type))
+def discard(me: Me, st: State, i: Received[Message]) -> Outcome:
+    """END-5: change nothing; indicate the discarded message."""
+    return Outcome(st, indication=Discarded(detail=i.message.type))
 
 
 def refuse(me: Me, st: State, i: Command) -> Outcome:
-    """CMD-1: the command changes nothing, and the application is told."""
-    return Outcome(st, told=Refused(detail=i.name))
+    """CMD-1: change nothing; indicate the refused command."""
+    return Outcome(st, indication=Refused(detail=i.name))
 
 
 def moved(st: State, event: str) -> State:
@@ -128,7 +127,7 @@ def moved(st: State, event: str) -> State:
 
 
 def post(st: State, *messages: Reliable) -> State:
-    """``st`` with ``messages`` in the outbox; they were numbered from st.seq + 1 on."""
+    """``st`` with ``messages``, whose numbers begin with st.seq + 1, in the outbox."""
     return st._replace(outbox=st.outbox + messages, seq=st.seq + len(messages))
 
 
@@ -149,15 +148,17 @@ def leave(st: State) -> State:
     )
 
 
-def leave_with(st: State, messages: Iterable[Reliable], told: Indication | None = None) -> Outcome:
-    """Leave by its own decision, and send ``messages`` reliably.
+def leave_with(
+    st: State, messages: Iterable[Reliable], indication: Indication | None = None
+) -> Outcome:
+    """Leave on the station's own decision, and send ``messages`` reliably.
 
-    ACT-6: a receiver that breaks its commitment off so is quarantined.
+    ACT-6: a receiver that breaks off its commitment in this way is quarantined.
     """
     sent = tuple(messages)
     breaks_off = (st.phase, st.role) == ("ACTUATING", "receiver")
     left = post(leave(st), *sent)._replace(seq=0, quarantine=st.quarantine or breaks_off)
-    return Outcome(left, sent, told)
+    return Outcome(left, sent, indication)
 
 
 def own(st: State) -> Session:
@@ -169,7 +170,7 @@ def own(st: State) -> Session:
 def cancels(
     me: Me, st: State, to: Iterable[int], reason: CancelReason, first: int = 1
 ) -> list[Cancel]:
-    """A Cancel to each, numbered from the first'th next seq on."""
+    """A Cancel to each station; the first has the number st.seq + ``first``."""
     return [
         Cancel(src=me.station_id, dst=p, session=own(st), seq=st.seq + n, reason=reason)
         for n, p in enumerate(to, first)
@@ -177,17 +178,17 @@ def cancels(
 
 
 def cancel_peer(reason: CancelReason) -> Callable[[Me, State, object], Outcome]:
-    """Leave by a Cancel to the peer, and tell the application."""
+    """Leave with a Cancel to the peer; indicate the fallback."""
 
     def then(me: Me, st: State, i: object) -> Outcome:
-        told = Fallback(session=own(st), reason=reason)
-        return leave_with(st, cancels(me, st, [st.peer], reason), told)
+        indication = Fallback(session=own(st), reason=reason)
+        return leave_with(st, cancels(me, st, [st.peer], reason), indication)
 
     return then
 
 
 def others(st: State) -> list[int]:
-    """END-1: whom an abort goes to."""
+    """END-1: the stations to which an abort sends a Cancel."""
     if st.phase in ("ADVERTISING", "CHOOSING"):
         return sorted(st.recorded)
     return [st.peer]
@@ -202,17 +203,17 @@ def ack(me: Me, m: Message) -> Ack:
 
 
 def acks(me: Me, m: Message) -> tuple[Ack, ...]:
-    """What a message is answered with: an Ack, but an answer (seq 0) with nothing."""
+    """The Ack of a message; none for an answer (seq 0)."""
     return (ack(me, m),) if m.seq else ()
 
 
-def acked(me: Me, st: State, i: Heard[Message]) -> Outcome:
-    """Nothing changes but that it is acked."""
+def acked(me: Me, st: State, i: Received[Message]) -> Outcome:
+    """Ack the message; change nothing."""
     return Outcome(st, acks(me, i.message))
 
 
 def refusal(me: Me, m: Prescription, reason: RefusalReason) -> Acceptance:
-    """The answer to a Prescription of a session the station is not in (NEG-4, NEG-5)."""
+    """The answer to a Prescription of a session that the station is not in (NEG-4, NEG-5)."""
     return Acceptance(
         src=me.station_id,
         dst=m.src,
@@ -224,24 +225,24 @@ def refusal(me: Me, m: Prescription, reason: RefusalReason) -> Acceptance:
     )
 
 
-def foreign(me: Me, st: State, i: Heard[Message]) -> bool:
-    """END-4: is it of another session than the own one?"""
+def foreign(me: Me, st: State, i: Received[Message]) -> bool:
+    """END-4: does the message belong to another session than the station's own?"""
     return i.message.session != st.session
 
 
 def room(me: Me, st: State) -> bool:
-    """MEM-1: a session needs room in the outbox."""
+    """MEM-1: has the outbox room for a session?"""
     reserve = 1 + max(me.max_participants, me.max_rounds)
     return len(st.outbox) + reserve <= me.outbox_limit
 
 
 def full(me: Me, st: State) -> bool:
-    """MEM-1: no more stations are recorded."""
+    """MEM-1: can no further station be recorded?"""
     return len(st.recorded) + len(st.withdrawn) >= me.max_participants
 
 
 def stale(me: Me, st: State, i: OfSession) -> bool:
-    """PRE-5: the answer of an application names session and proposal."""
+    """PRE-5: does the command name another session or proposal than the current one?"""
     if isinstance(i, Prescribe | Accept | Refuse) and i.proposal != st.proposal:
         return True
     return i.session != st.session

@@ -1,9 +1,9 @@
 """The phases of both roles, declared once (docs/protocol.md, section 4).
 
 python-statemachine holds the declaration and checks it: every transition has a guard that names
-the rules that may take it, and an event that no transition takes raises.  A station runs on
-``TABLE``, compiled from it at import; a test enumerates that both agree.  What is not in the
-table is an error in this program, never an input's fault: rules decide first.
+the rules that may take it, and an event without a transition raises an exception.  A station uses
+``TABLE``, which is compiled from the declaration at import; a test compares both completely.  A
+missing transition is an error in this program, not in an input, because the rules decide first.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from statemachine import StateMachine
 from automcm_spec.vocabulary.application import Phase, Role
 
 Way = tuple[Role, Phase, Phase, str]
-"""Role, phase before, phase after, and the rule by which."""
+"""Role, phase before, phase after, and the rule."""
 
 RULES = (
     *("ADV-1", "ADV-3", "ADV-6", "ADV-7"),
@@ -28,7 +28,7 @@ RULES = (
 
 
 class _Guarded(StateMachine):
-    """``machine.send(event, rule="ADV-1")``: the guard ADV_1 holds, and no other."""
+    """With ``machine.send(event, rule="ADV-1")`` only the guard ADV_1 holds."""
 
 
 def _guard(of: str) -> Callable[[_Guarded, str], bool]:
@@ -103,7 +103,7 @@ MACHINES: dict[Role, type[StateMachine]] = {
 def compiled(
     machines: dict[Role, type[StateMachine]],
 ) -> dict[tuple[Role, Phase, str, str], Phase]:
-    """Every transition by role, phase, event and rule.  Raises KeyError for another guard."""
+    """Every transition by role, phase, event and rule.  Raises KeyError for an unknown guard."""
     return {
         (role, source.id, transition.event, _GUARDS[name]): transition.target.id
         for role, machine in machines.items()
@@ -119,7 +119,8 @@ NEXT = {(role, phase, event): target for (role, phase, event, _), target in TABL
 WAYS: dict[Way, str] = {
     (role, phase, target, rule): event for (role, phase, event, rule), target in TABLE.items()
 }
-"""The event of each way; no two share one, so what ``require`` lets pass is in TABLE."""
+"""The event of each transition.  It is unique, so every transition that ``require`` allows is in
+TABLE."""
 
 
 def after(role: Role, phase: Phase, event: str) -> Phase:

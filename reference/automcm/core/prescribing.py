@@ -23,15 +23,15 @@ from automcm_spec.vocabulary.messages import Prescription, Reliable
 
 
 def no_participants(me: Me, st: State, i: object) -> Outcome:
-    """PRE-1; END-7: a back-off before the next session."""
-    return Outcome(leave(st)._replace(backoff=True), told=NoParticipants(session=own(st)))
+    """PRE-1, END-7: leave, and begin the back-off before the next session."""
+    return Outcome(leave(st)._replace(backoff=True), indication=NoParticipants(session=own(st)))
 
 
 def window_closes(me: Me, st: State, i: Expiry) -> Outcome:
-    """PRE-1: the application chooses from the Intentions."""
+    """PRE-1: ask the application to choose from the Intentions."""
     intentions = tuple(st.recorded[p] for p in sorted(st.recorded))
     chosen = moved(st, "choose")._replace(withdrawn=frozenset(), advertisement=None)
-    return Outcome(chosen, told=Choose(session=own(st), intentions=intentions))
+    return Outcome(chosen, indication=Choose(session=own(st), intentions=intentions))
 
 
 WINDOW_ENDS: tuple[Row[Expiry], ...] = (
@@ -41,7 +41,7 @@ WINDOW_ENDS: tuple[Row[Expiry], ...] = (
 
 
 def prescribe(me: Me, st: State, i: Prescribe) -> Outcome:
-    """The proposal to the target; every other recorded station is released."""
+    """Send the proposal to the target, and release every other recorded station."""
     prescription = Prescription(
         src=me.station_id,
         dst=i.target,
@@ -65,7 +65,7 @@ def prescribe(me: Me, st: State, i: Prescribe) -> Outcome:
 
 
 def stale_choice(me: Me, st: State, i: Prescribe) -> bool:
-    """PRE-5: is it about another session, or not the next proposal?"""
+    """PRE-5: does it name another session, or not the next proposal?"""
     return i.session != st.session or i.proposal != st.proposal + 1
 
 
@@ -80,7 +80,7 @@ PRESCRIBE: tuple[Row[Prescribe], ...] = (
 
 
 def proceed(me: Me, st: State, i: Proceed) -> Outcome:
-    """PRE-3: leave, with a Cancel to everybody recorded."""
+    """PRE-3: leave, with a Cancel to each recorded station."""
     return leave_with(st, cancels(me, st, sorted(st.recorded), "not_needed"))
 
 

@@ -1,9 +1,9 @@
-"""The tables: which rows decide which input, and ``decide``, which asks them.
+"""The tables of rows for each kind of input, and ``decide``, which evaluates them.
 
-For each input there is a list of rows, ``(rule, when, then)``.  The first row whose ``when``
-holds decides; the rows stand in the order of the specification (Station.tla).  ``decide`` is a
-pure function of a state and an input.  It knows no time: rules arm and stop timers by changing
-the state, and ``state.armed`` says which run.
+For each kind of input there is a list of rows, ``(rule, when, then)``.  The first row whose
+``when`` holds decides; the rows are in the order of the specification (Station.tla).  ``decide`` is
+a pure function of a state and an input, and has no notion of time: rules arm and stop timers by
+changing the state, and ``state.armed`` derives the running timers from it.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from automcm.core.ending import ABORT, ACK, CANCEL, FIRST, drop, restart
 from automcm.core.negotiating import ACCEPT, ACCEPTANCE, PRESCRIPTION, REFUSE, refuse_proposal
 from automcm.core.outcome import (
     Expiry,
-    Heard,
     Input,
     Me,
     Outcome,
+    Received,
     Restart,
     Row,
     Rules,
@@ -45,34 +45,34 @@ from automcm_spec.vocabulary.messages import Cam, Reliable
 
 
 def undecided(me: Me, st: State, i: Expiry) -> Outcome:
-    """NEG-3: the application has not verified in time."""
-    told = Undecided(session=own(st), proposal=st.proposal)
-    return refuse_proposal(me, st, "undecided", told)
+    """NEG-3: refuse, because the application has not verified in time."""
+    indication = Undecided(session=own(st), proposal=st.proposal)
+    return refuse_proposal(me, st, "undecided", indication)
 
 
 def no_choice(me: Me, st: State, i: Expiry) -> Outcome:
-    """PRE-5: the application has not chosen in time."""
-    told = Fallback(session=own(st), reason="abort")
-    return leave_with(st, cancels(me, st, others(st), "abort"), told)
+    """PRE-5: leave, because the application has not chosen in time."""
+    indication = Fallback(session=own(st), reason="abort")
+    return leave_with(st, cancels(me, st, others(st), "abort"), indication)
 
 
 def entry_of(st: State, timer: Timer) -> Reliable:
-    """The entry of the outbox that a timer belongs to."""
+    """The outbox entry of a timer."""
     return next(entry for entry in st.outbox if key(entry) == timer.entry)
 
 
 def send_again(me: Me, st: State, i: Expiry) -> Outcome:
-    """REL-1: the same message once more."""
+    """REL-1: repeat the message."""
     return Outcome(st, (entry_of(st, i.timer),))
 
 
 def gives_up(type_: str) -> Callable[[Me, State, Expiry], bool]:
-    """Has the entry that is given up this type?"""
+    """Has the timer's entry this type?"""
     return lambda me, st, i: i.timer.entry is not None and i.timer.entry.type == type_
 
 
 def give_up(event: str | None) -> Callable[[Me, State, Expiry], Outcome]:
-    """REL-1: the entry leaves the outbox; ``event`` moves the phase."""
+    """REL-1: remove the entry from the outbox; ``event`` changes the phase."""
     return lambda me, st, i: drop(st, entry_of(st, i.timer), event)
 
 
@@ -132,14 +132,14 @@ RULES: Rules = {
 }
 
 
-_HEARD = {name: f"receive {name}" for name in MESSAGES}
+_RECEIVED = {name: f"receive {name}" for name in MESSAGES}
 _EXPIRED = {name: f"expire {name}" for name in TIMERS}
 
 
 def kind(i: Input) -> str:
-    """The key of RULES under which the rows for ``i`` stand."""
-    if isinstance(i, Heard):
-        return _HEARD[i.message.type]
+    """The key of the rows for ``i`` in RULES."""
+    if isinstance(i, Received):
+        return _RECEIVED[i.message.type]
     if isinstance(i, Cam):
         return "receive CAM"
     if isinstance(i, Expiry):
@@ -148,11 +148,11 @@ def kind(i: Input) -> str:
 
 
 def decide(me: Me, st: State, i: Input, rules: Rules = RULES) -> tuple[str, Outcome]:
-    """The rule of the first row that applies, and its outcome.  No row: no rule, no change.
+    """The rule and the outcome of the first row that applies; without one, no rule and no change.
 
-    Raises KeyError if the row changes the phase and phases.py does not declare its rule for that.
+    Raises KeyError if the row changes the phase but phases.py does not declare this for its rule.
     """
-    rows: tuple[Row[Input], ...] = rules[kind(i)]  # type: ignore[assignment]  # kind: they take it
+    rows: tuple[Row[Input], ...] = rules[kind(i)]  # type: ignore[assignment]  # rows of this kind take i
     for rule, when, then, declared in rows:
         if when(me, st, i):
             outcome = then(me, st, i)

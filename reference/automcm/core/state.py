@@ -1,7 +1,7 @@
-"""What a station knows: one immutable value.  The same fields as in Station.tla.
+"""The state of a station: one immutable value with the fields of Station.tla.
 
-Beyond the specification it holds content (the messages themselves, not only what identifies
-them), the counter behind ``seq``, and the generation time of the last CAM that counted.
+In addition to the specification it holds content (whole messages, not only their identification),
+the last ``seq``, and the generation time of the last CAM that counted.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NO_INTENTIONS: Mapping[int, Intention] = MappingProxyType({})
 
 
 class EntryKey(NamedTuple):
-    """What identifies a message that is sent again: an Ack must name all of it (END-6)."""
+    """The identification of a repeated message; an Ack must match it completely (END-6)."""
 
     type: str
     to: int
@@ -45,13 +45,13 @@ def key(message: Reliable) -> EntryKey:
 
 
 class State(NamedTuple):
-    """One station.  ``State()`` is a station that has just been built."""
+    """The state of one station.  ``State()`` is the initial state."""
 
     phase: Phase = "STANDALONE"
     role: Role = "none"
     session: Session | None = None
     advertisement: Advertisement | None = None
-    """ADVERTISING: what is broadcast again (ADV-2)."""
+    """In ADVERTISING, the message that is broadcast again (ADV-2)."""
     recorded: Mapping[int, Intention] = NO_INTENTIONS
     withdrawn: frozenset[int] = frozenset()
     target: int = NOBODY
@@ -63,36 +63,36 @@ class State(NamedTuple):
     joined: Mapping[int, int] = _EMPTY
     """Newest session number joined, by prescriber (ADV-8)."""
     outbox: tuple[Reliable, ...] = ()
-    """Reliable messages still being sent, older before younger."""
+    """Reliable messages that are still being sent, the oldest first."""
     quarantine: bool = False
     backoff: bool = False
     lease_ms: int = 0
-    """Of the last Prescription sent or seen (ACT-4)."""
+    """The lease of the last Prescription sent or received (ACT-4)."""
     seq: int = 0
-    """The last seq used in the session it is bound to."""
+    """The last seq used in the current session."""
 
     @property
     def bound(self) -> bool:
-        """Is it in a session?"""
+        """Whether the station is in a session."""
         return self.phase != "STANDALONE"
 
     @property
     def peer(self) -> int:
-        """Of a receiver its prescriber; of a prescriber from PRESCRIBING on its target."""
+        """A receiver's prescriber, or a prescriber's target (from PRESCRIBING on)."""
         if self.role == "receiver" and self.session is not None:
             return self.session[0]
         return self.target
 
     @property
     def awaits_answer(self) -> bool:
-        """The prescriber waits for the answer to its current proposal (NEG-6)."""
+        """Whether the prescriber waits for the answer to its current proposal (NEG-6)."""
         return self.phase == "PRESCRIBING" or (
             self.phase == "NEGOTIATING" and self.role == "prescriber" and not self.deciding
         )
 
     @property
     def marks(self) -> tuple[Session, ...]:
-        """The sessions its CAM names: the bound one, and those whose Fin is not acked (ACT-5)."""
+        """The sessions that its CAM names: its own, and those whose Fin is not acked (ACT-5)."""
         sessions = {message.session for message in self.outbox if message.type == "Fin"}
         if self.session is not None:
             sessions.add(self.session)
@@ -100,7 +100,7 @@ class State(NamedTuple):
 
 
 def armed(me: int, st: State) -> list[Timer]:
-    """The timers that run; those of one rank in the order of their messages, the oldest first."""
+    """The running timers; those of equal rank in the order of their messages, the oldest first."""
     timers: list[Timer] = []
     match st.phase:
         case "ADVERTISING":

@@ -1,8 +1,8 @@
 """One station, sans-IO: no socket, no clock, no thread.
 
-Every entry point takes ``now`` (integer milliseconds, never going back) and returns what
-happened, in order: due timers first, then the input itself (docs/protocol.md, section 3).
-The rules decide (rules.py); this file keeps the clock of the armed timers.
+Every entry point takes ``now`` (integer milliseconds, never decreasing) and returns the effects in
+order: those of due timers first, then those of the input (docs/protocol.md, section 3).  The rules
+decide (rules.py); this module manages the armed timers.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
-from automcm.core.outcome import Expiry, Heard, Input, Me, Outcome, Restart, Rules
+from automcm.core.outcome import Expiry, Input, Me, Outcome, Received, Restart, Rules
 from automcm.core.rules import RULES, decide
 from automcm.core.state import LEASE, State, Timer, armed
 from automcm_spec.vocabulary.application import Accepted, Command, Discarded, Indication
@@ -34,7 +34,7 @@ from automcm_spec.vocabulary.parameters import (
 )
 
 Plan = Callable[[Advertisement], Trajectory | None]
-"""The application's predicate "concerned" (ADV-3): what it would drive, or None."""
+"""The application's predicate "concerned" (ADV-3): its planned trajectory, or None."""
 Decode = Callable[[bytes], Message | Cam]
 """A codec's decoder; raises MessageError."""
 
@@ -44,27 +44,28 @@ DEFAULT = Parameters()
 
 @lru_cache
 def _times(p: Parameters) -> tuple[Known, Mapping[str, int | None]]:
-    """All parameters by name, and how long timers last; stations of equal ones share both."""
+    """All parameters by name, and the durations of timers; shared by stations with equal ones."""
     return p.known, durations(p.known)
 
 
 def unconcerned(advertisement: Advertisement) -> Trajectory | None:
-    """A plan that joins nothing."""
+    """A plan that joins no session."""
     return None
 
 
 class Effects(NamedTuple):
-    """What one input did at ``now_ms``.
+    """The effects of one input at ``now_ms``.
 
-    ``input`` is None for bytes that are no message.  ``armed`` holds the timers armed (or armed
-    anew) with their deadlines in ms, ``stopped`` those stopped before they expired.
+    ``input`` is None for bytes that are not a valid message.  ``armed`` holds the timers that were
+    armed or restarted, with their deadlines in ms; ``stopped`` those that were stopped before they
+    expired.
     """
 
     now_ms: int
     input: Input | None
     rule: str
     state: State
-    """After the input."""
+    """The state after the input."""
     messages: tuple[Message, ...] = ()
     indications: tuple[Indication, ...] = ()
     armed: tuple[tuple[Timer, int], ...] = ()
@@ -74,8 +75,9 @@ class Effects(NamedTuple):
 class Station:
     """A station that can be a prescriber in one session and a receiver in another.
 
-    ``number`` is the last session number it has used, kept over a restart (END-8); a station
-    that comes back calls ``restart`` at once.  ``seed`` feeds the back-off (END-7).
+    ``number`` is the last session number that the station has used; it must survive a restart
+    (END-8).  After a restart, call ``restart`` at once.  ``seed`` is the seed of the back-off
+    (END-7).
     """
 
     def __init__(
@@ -93,10 +95,10 @@ class Station:
         self.me = Me(station_id, p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit)
         self.state = State(number=number)
         self.timers: dict[Timer, int] = {}
-        """Deadline in ms of each armed timer, older before younger."""
+        """The deadline of each armed timer in ms, the oldest timer first."""
         self.durations: Mapping[str, int] = {}
-        """How long timers of a name last, in ms, instead of what the parameters say.  It counts
-        from the next arming on; for the conformance kit."""
+        """Durations in ms, by timer name, that replace those of the parameters.  They apply from
+        the next arming on.  For the conformance kit."""
         self._times = _times(p)
         self._plan = plan
         self._rules = rules
@@ -107,17 +109,17 @@ class Station:
 
     @property
     def station_id(self) -> int:
-        """Its own id."""
+        """The station's own id."""
         return self.me.station_id
 
     def next_deadline(self) -> int | None:
-        """When ``advance`` is to be called at the latest, in ms; None if no timer runs."""
+        """The time in ms by which ``advance`` must be called; None if no timer runs."""
         return min(self.timers.values(), default=None)
 
     def advance(self, now: int) -> list[Effects]:
-        """Fire what is due.  Raises ValueError if time goes back."""
+        """Fire the due timers.  Raises ValueError if time goes back."""
         if now < self._now:
-            raise ValueError(f"time goes back: {now} ms after {self._now} ms")
+            raise ValueError(f"now must not decrease: {now} ms after {self._now} ms")
         self._now = now
         effects: list[Effects] = []
         while self.timers and min(self.timers.values()) <= now:
@@ -125,38 +127,38 @@ class Station:
         return effects
 
     def receive(self, message: Message | Cam | bytes, now: int) -> list[Effects]:
-        """A message, a CAM, or bytes from the radio; bytes that are no message are END-5."""
+        """Take a message, a CAM, or bytes from the radio.  Invalid bytes are discarded (END-5)."""
         effects = self.advance(now)
         if isinstance(message, bytes):
             try:
                 message = self._decode(message)
             except MessageError as error:
-                told = Discarded(detail=str(error))
-                effects.append(Effects(now, None, "END-5", self.state, indications=(told,)))
+                indication = Discarded(detail=str(error))
+                effects.append(Effects(now, None, "END-5", self.state, indications=(indication,)))
                 return effects
-        i = message if isinstance(message, Cam) else self._heard(message)
+        i = message if isinstance(message, Cam) else self._received(message)
         effects.append(self._step(i, now))
         return effects
 
     def command(self, command: Command, now: int) -> list[Effects]:
-        """A command of the application; one that no rule provides for is refused (CMD-1)."""
+        """Take a command of the application.  It is refused if no rule allows it (CMD-1)."""
         return [*self.advance(now), self._step(command, now)]
 
     def restart(self, now: int) -> list[Effects]:
-        """Come back remembering no session (END-8).  What was due before is lost as well."""
+        """Restart without memory of a session (END-8).  Timers that are due do not fire."""
         if now < self._now:
-            raise ValueError(f"time goes back: {now} ms after {self._now} ms")
+            raise ValueError(f"now must not decrease: {now} ms after {self._now} ms")
         self._now = now
         return [self._step(Restart(), now)]
 
-    def _heard(self, message: Message) -> Heard[Message]:
+    def _received(self, message: Message) -> Received[Message]:
         plan = None
         if isinstance(message, Advertisement) and message.src != self.station_id:
             plan = self._plan(message)
-        return Heard(message, plan)
+        return Received(message, plan)
 
     def _first(self) -> Timer:
-        """The timer that fires next: by deadline, then by rank, then that of the older message."""
+        """The timer that fires next: by deadline, then rank, then age of its message."""
 
         def turn(timer: Timer) -> tuple[int, int]:
             advertises = timer.entry is not None and timer.entry.type == "Advertisement"
@@ -167,21 +169,21 @@ class Station:
     def _step(self, i: Input, now: int) -> Effects:
         before = self.state
         rule, outcome = decide(self.me, before, i, self._rules)
-        self.state, messages, told, again = outcome
+        self.state, messages, indication, again = outcome
         newly: tuple[tuple[Timer, int], ...] = ()
         stopped: tuple[Timer, ...] = ()
         if self.state is not before or again or isinstance(i, Expiry):
             newly, stopped = self._rearm(before, outcome, i, now)
-        if isinstance(told, Accepted):  # only here is a clock
+        if isinstance(indication, Accepted):  # the rules have no clock
             left = self.timers[LEASE] - now
-            told = told.model_copy(update={"lease_left_ms": left})
-        indications = () if told is None else (told,)
+            indication = indication.model_copy(update={"lease_left_ms": left})
+        indications = () if indication is None else (indication,)
         return Effects(now, i, rule, self.state, messages, indications, newly, stopped)
 
     def _rearm(
         self, before: State, outcome: Outcome, i: Input, now: int
     ) -> tuple[tuple[tuple[Timer, int], ...], tuple[Timer, ...]]:
-        """Arm and stop timers so that those of the new state run."""
+        """Arm and stop timers so that exactly those of the new state run."""
         expired = i.timer if isinstance(i, Expiry) else None
         if expired is not None:
             self.timers.pop(expired, None)

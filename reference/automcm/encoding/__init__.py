@@ -1,5 +1,5 @@
-"""Messages as bytes: JSON and ASN.1 UPER, and how large they are.
+"""Messages as bytes: JSON and ASN.1 UPER, and their sizes.
 
 For the service, the links and the evaluation.
-Imports the grammar of the messages alone.
+Imports only the definitions of the messages.
 """

@@ -1,6 +1,6 @@
 """Codecs: a message as bytes and back (docs/messages.md).
 
-There are two, ``json`` and ``uper``.  ``codec(name)`` gives one; UPER needs the extra
+There are two, ``json`` and ``uper``; ``codec(name)`` returns one.  UPER needs the extra
 ``automcm[asn1]``.
 """
 
@@ -13,16 +13,16 @@ from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.messages import MAX_BYTES, Cam, Message, MessageError
 
 FRAME_BYTES = 1400
-"""What a message may need if it is to travel in one frame (KIN-2)."""
+"""Maximum bytes of a message that fits in one frame (KIN-2)."""
 NAMES = ("json", "uper")
 
 
 class CodecError(ValueError):
-    """No codec of that name, or it is not installed; the text says what to do."""
+    """There is no codec with that name, or it is not installed; the text gives the remedy."""
 
 
 class CodecMissing(CodecError):
-    """The codec is in an extra that is not installed."""
+    """The codec needs an extra that is not installed."""
 
 
 class Codec(Protocol):
@@ -33,14 +33,14 @@ class Codec(Protocol):
         """As in ``--codec`` and in logs."""
 
     def encode(self, message: Message | Cam) -> bytes:
-        """At most MAX_BYTES.  Raises MessageError, naming what the codec cannot carry."""
+        """The message in at most MAX_BYTES.  Raises MessageError if the codec cannot carry it."""
 
     def decode(self, data: bytes) -> Message | Cam:
-        """Raises MessageError, and nothing else, naming the first fault (END-5)."""
+        """The message.  Raises only MessageError, which names the first error (END-5)."""
 
 
 def bounded(data: bytes) -> bytes:
-    """``data``.  Raises MessageError if there are more than MAX_BYTES."""
+    """Returns ``data``.  Raises MessageError for more than MAX_BYTES."""
     if len(data) > MAX_BYTES:
         raise MessageError(f"message: {len(data)} bytes, more than {MAX_BYTES}")
     return data
@@ -61,11 +61,11 @@ JSON: Codec = _Json()
 
 
 def codec(name: str) -> Codec:
-    """The codec of that name.  Raises CodecError, CodecMissing."""
+    """The codec with that name.  Raises CodecError, CodecMissing."""
     if name == "json":
         return JSON
     if name != "uper":
-        raise CodecError(f"there is no codec {name!r}; there are: {', '.join(NAMES)}")
+        raise CodecError(f"there is no codec {name!r}; the codecs are {', '.join(NAMES)}")
     try:
         from automcm.encoding.uper import UPER
     except ModuleNotFoundError as error:

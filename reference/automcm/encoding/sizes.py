@@ -1,6 +1,6 @@
-"""How many bytes a message needs in each codec, and what fits one frame (KIN-2).
+"""The size of messages in each codec, and the messages that fit in one frame (KIN-2).
 
-The table stands in docs/messages.md.
+The table is in docs/messages.md.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from automcm_spec.vocabulary.messages import (
 )
 
 POINTS = (1, 10, 52, 260)
-"""52 is the paper's case: 260 m, a point every 5 m.  260 is as many before thinning to a fifth."""
+"""52 is the paper's case: 260 m, a point every 5 m.  260 is the number before thinning to 1/5."""
 
 _CAR, _OTHER, _NOW = 3_000_000_001, 3_000_000_002, 1_800_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """Bytes of one message.  ``points`` is 0 if it carries no trajectory."""
+    """The size of one message in bytes.  ``points`` is 0 without a trajectory."""
 
     type: str
     points: int
@@ -42,18 +42,18 @@ class Size:
 
     @property
     def fits(self) -> bool:
-        """Whether it travels in one frame (KIN-2)."""
+        """Whether it fits in one frame (KIN-2)."""
         return self.bytes <= FRAME_BYTES
 
 
 def trajectory(points: int) -> Trajectory:
-    """Points 5 m apart at 30 km/h, not along an axis, from a place a kilometre off the origin."""
+    """Points 5 m apart at 30 km/h, oblique to the axes, starting a kilometre from the origin."""
     places = ((600 * i, 1_000_000 + 4000 * i, 500_000 + 3000 * i) for i in range(points))
     return Trajectory(t0=_NOW, points=tuple(places))
 
 
 def carrying(driven: Trajectory) -> list[Message]:
-    """One of each type that carries a trajectory; the station ids are long ones."""
+    """One message of each type with a trajectory, with large station ids."""
     session, about = (_CAR, 12), "lane_change"
     to: dict[str, Any] = {"src": _CAR, "dst": _OTHER, "session": session, "seq": 2, "proposal": 1}
     back = to | {"src": _OTHER, "dst": _CAR}
@@ -66,7 +66,7 @@ def carrying(driven: Trajectory) -> list[Message]:
 
 
 def plain() -> list[Message | Cam]:
-    """One of each type without a trajectory."""
+    """One message of each type without a trajectory."""
     session = (_CAR, 12)
     no = {"src": _OTHER, "dst": _CAR, "session": session, "seq": 2, "proposal": 1}
     return [
@@ -88,7 +88,7 @@ def plain() -> list[Message | Cam]:
 
 
 def measure(points: Sequence[int] = POINTS) -> list[Size]:
-    """Each type in each codec; those with a trajectory once for each number of points.
+    """The size of each type in each codec; with a trajectory, for each number of points.
 
     Raises CodecError if the extra ``automcm[asn1]`` is not installed.
     """
@@ -102,14 +102,14 @@ def measure(points: Sequence[int] = POINTS) -> list[Size]:
 
 
 def most_points(used: Codec, budget: int = FRAME_BYTES) -> int:
-    """With how many points a Prescription still fits the budget in bytes (KIN-2)."""
+    """The maximum number of points of a Prescription within the budget in bytes (KIN-2)."""
     low, high = 0, budget
     while low < high:
         middle = (low + high + 1) // 2
         prescription = carrying(trajectory(middle))[2]
         try:
             fits = len(used.encode(prescription)) <= budget
-        except MessageError:  # more than any datagram carries
+        except MessageError:  # too large for a datagram
             fits = False
         low, high = (middle, high) if fits else (low, middle - 1)
     return low

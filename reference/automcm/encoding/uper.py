@@ -1,7 +1,7 @@
 """The messages in UPER, the unaligned packed encoding rules of ASN.1 (docs/messages.md).
 
-``AutoMCM.asn`` beside this module is the schema.  A message has one encoding: what ``encode``
-would not give is refused by ``decode``.
+``AutoMCM.asn`` beside this module is the schema.  The encoding is canonical: ``decode`` refuses any
+other encoding than that of ``encode``.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ class _Uper:
         except asn1tools.DecodeError as error:
             raise _malformed(error) from None
         except UnicodeDecodeError:
-            raise MessageError("Advertisement: scenario or details is no UTF-8") from None
+            raise MessageError("Advertisement: scenario or details is not UTF-8") from None
         message = from_dict(_fields(packet))
         if self.encode(message) != data:
-            raise MessageError("message: not the one encoding of what it says")
+            raise MessageError("message: not the canonical encoding of its content")
         return message
 
 
@@ -163,7 +163,7 @@ def _trajectory(trajectory: Trajectory, place: str) -> dict[str, Any]:
 
 
 def _fields(packet: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a decoded packet as the models take them."""
+    """The fields of a decoded packet in the form that the models expect."""
     kind, body = packet["body"]
     fields: dict[str, Any] = {"v": packet["v"], "type": _BODIES[kind]}
     for name, value in body.items():

@@ -8,11 +8,11 @@ convert.
 |---|---|
 | trajectory | the Trajectory type |
 | convert | KIN-1, a path with speeds as positions over time |
-| thin | KIN-2, few enough points for one frame |
-| collide | KIN-3, how close two come, between samples too |
+| thin | KIN-2, a reduction of the points to one frame |
+| collide | KIN-3, the closest approach of two, also between samples |
 | discover | KIN-4, the target vehicle |
 | prescribe | KIN-5, the prescribed trajectory |
-| verify | KIN-6, is it safe to drive |
+| verify | KIN-6, the safety check of a prescription |
 | success | KIN-7, the probability that an exchange succeeds |
 
 The scenarios and the vector adapter import it; it imports messages and ``encoding``.

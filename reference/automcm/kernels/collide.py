@@ -1,8 +1,8 @@
-"""KIN-3: how close two trajectories come, between samples too (V-B).
+"""KIN-3: the closest approach of two trajectories, also between samples (V-B).
 
-Between two samples both vehicles move straight and evenly, so the place of a relative to b is
-d_0 + s·w with w = d_1 - d_0 and s from 0 to 1.  The distance is least at s = -(d_0·w)/(w·w), held
-within 0 and 1.
+Between two samples both vehicles move with constant velocity, so the position of a relative to b is
+d_0 + s·w with w = d_1 - d_0 and s from 0 to 1.  The distance is least at s = -(d_0·w)/(w·w),
+clipped to 0 and 1.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from automcm.kernels.trajectory import (
 )
 
 ROUNDING = 1e-12
-"""Relative: what is less by no more is not looked for between samples of many pairs."""
+"""Relative tolerance: batched kernels ignore a smaller reduction between samples."""
 CHUNK_BYTES = 1 << 18
-"""Of one temporary array in the batched kernels: the five of them stay in the cache."""
+"""Size of a temporary array in the batched kernels, so that all five fit in the cache."""
 
 Place = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Approach:
-    """Where two come closest: seconds, metres, and the places of both then."""
+    """The closest approach of two: time in s, distance in m, and both positions then."""
 
     time: float
     distance: float
@@ -56,7 +56,7 @@ class Collision:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approaches:
-    """Of each of p pairs: ``time`` (p,), s; ``distance`` (p,), m."""
+    """The closest approaches of p pairs: ``time`` (p,), s; ``distance`` (p,), m."""
 
     time: Floats
     distance: Floats
@@ -69,9 +69,10 @@ class Approaches:
 
 
 def least_share(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats, Floats]:
-    """Relative places at the ends of intervals: (s, squared distance) where it is least in each.
+    """The least distance in each interval, from the relative positions at its ends: s and the
+    squared distance.
 
-    Where the two move less than a nanometre relative to each other, s is 0.
+    If the two move less than a nanometre relative to each other, s is 0.
     """
     wx, wy = x1 - x0, y1 - y0
     square = wx * wx + wy * wy
@@ -83,7 +84,7 @@ def least_share(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats,
 
 
 def _tie(square: Floats) -> Floats:
-    """Squared distances up to this count as the least, ``square``."""
+    """Squared distances up to this value count as equal to the least, ``square``."""
     limit: Floats = np.square(np.sqrt(square) + NANOMETRE)
     return limit
 
@@ -93,7 +94,7 @@ def _tie(square: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Relative:
-    """Two trajectories on the union of their time grids; x, y of a less b."""
+    """Two trajectories on the union of their time grids; x and y are a minus b."""
 
     t: Floats
     a: tuple[Floats, Floats]
@@ -102,7 +103,7 @@ class _Relative:
     y: Floats
 
     def at(self, i: int, share: float) -> tuple[float, Place, Place]:
-        """Time and places at ``share`` of interval i."""
+        """Time and positions at ``share`` of interval i."""
 
         def between(of: Floats) -> float:
             return float(of[i] + share * (of[i + 1] - of[i]))
@@ -112,8 +113,10 @@ class _Relative:
 
 
 def common_time(a: Trajectory, b: Trajectory) -> tuple[float, float] | None:
-    """The times (s) at which both are known; a stopped one is known for ever, and if both are, the
-    times end when nothing moves any more.  None if they are disjoint."""
+    """The time range (s) in which both are known, or None.
+
+    A stopped trajectory is known for ever; if both are, the range ends when both stand.
+    """
     start = max(a.t[0], b.t[0])
     if a.stopped and b.stopped:
         end = max(a.t[-1], b.t[-1])
@@ -142,11 +145,11 @@ def _approach(pair: _Relative, share: Floats, square: Floats) -> Approach:
 
 
 def closest_approach(a: Trajectory, b: Trajectory) -> Approach | None:
-    """The least distance over the times common to both, and when it is reached first (KIN-3).
+    """The least distance over the common times, and the first time of it (KIN-3).
 
-    Distances that differ by no more than a nanometre are the same.  None if there is no common
-    time.  Open in the paper: "the distance at each time" of two trajectories whose samples differ
-    in time; here the union of the two grids, and the minimum between samples in closed form.
+    Distances that differ by no more than a nanometre are equal.  None without a common time.  Open
+    in the paper: "the distance at each time" of two trajectories with different sample times; here
+    the union of the two grids, and the minimum between samples in closed form.
     """
     pair = _relative(a, b)
     if pair is None:
@@ -162,15 +165,14 @@ def collision(
     clock_error: float = 0.0,
     speed: float | None = None,
 ) -> Collision | None:
-    """Whether the distance, centre to centre, is ever below ``threshold`` + v·ε, and since when
-    (KIN-3).
+    """The first time at which the distance, centre to centre, is below ``threshold`` + v·ε (KIN-3).
 
     ``threshold``: m.  ``clock_error``: ε, s, of each of the two clocks.  ``speed``: v, m/s; if
-    None, the greatest speed of a plus the greatest of b, since each is off by its own speed times
-    ε.  A distance that only equals the threshold is no collision; nor is anything outside of the
-    common time, which the clock error does not widen.
+    None, the greatest speed of a plus the greatest of b, because each position is uncertain by its
+    speed times ε.  A distance equal to the threshold is not a collision.  Times outside of the
+    common range are not checked; the clock error does not widen it.
 
-    Open in the paper: the value of the threshold and what it is measured between, and clocks.
+    Open in the paper: the value and the reference points of the threshold, and clocks.
     Raises TrajectoryError for a negative or infinite threshold, clock error or speed.
     """
     number("threshold", threshold, 0)
@@ -194,7 +196,7 @@ def collision(
 
 def _falls(x: float, y: float, wx: float, wy: float, limit: float) -> float:
     """The smaller s with |d + s·w| = limit, for an interval in which the distance falls below it;
-    0 if it is below from the start.  In the form that does not cancel."""
+    0 if it is below from the start.  The formula avoids cancellation."""
     a, b, c = wx * wx + wy * wy, x * wx + y * wy, x * x + y * y - limit * limit
     if c <= 0:
         return 0.0
@@ -213,7 +215,7 @@ def closest_approach_pairs(t: ArrayLike, xy_a: ArrayLike, xy_b: ArrayLike) -> Ap
     """
     times = array("t", t, 1)
     if len(times) == 0 or (np.diff(times) <= 0).any():
-        raise TrajectoryError("t: at least one point is needed, and each after the one before")
+        raise TrajectoryError("t: must have at least one point, and each after the one before")
     a, b = (np.asarray(xy, dtype=np.float64) for xy in (xy_a, xy_b))
     for name, xy in (("xy_a", a), ("xy_b", b)):
         if xy.ndim != 3 or xy.shape[1:] != (len(times), 2):
@@ -225,14 +227,14 @@ def closest_approach_pairs(t: ArrayLike, xy_a: ArrayLike, xy_b: ArrayLike) -> Ap
         x, y, *spare = _work(rows.stop - rows.start, len(times))
         np.subtract(a[rows, :, 0], b[rows, :, 0], out=x)
         np.subtract(a[rows, :, 1], b[rows, :, 1], out=y)
-        if not math.isfinite(x.sum() + y.sum()):  # nor is it if a single entry is not
+        if not math.isfinite(x.sum() + y.sum()):  # true if any entry is not finite
             _refuse(a[rows], b[rows], rows.start)
         key[rows], square[rows] = _least(x, y, *spare)
     return Approaches(np.interp(key, np.arange(len(times)), times), np.sqrt(square))
 
 
 def closest_approach_many(a: Trajectory, others: Sequence[Trajectory]) -> list[Approach | None]:
-    """``closest_approach(a, b)`` for each b of ``others``, whatever their times."""
+    """``closest_approach(a, b)`` for each b of ``others``, with any times."""
     common = [common_time(a, b) for b in others]
     met = [n for n, times in enumerate(common) if times is not None]
     found: list[Approach | None] = [None] * len(others)
@@ -284,8 +286,8 @@ def _least(
     square += np.multiply(y, y, out=product)
     least = square[rows, square.argmin(axis=1)]
 
-    # All rows in one line, which is several times as fast as row by row; what joins the last
-    # sample of a row to the first of the next is no interval.
+    # All rows as one array, which is several times as fast as row by row; the step from the last
+    # sample of a row to the first of the next is not an interval.
     line_x, line_y, line = x.reshape(-1), y.reshape(-1), square.reshape(-1)
     along, other = bound.reshape(-1)[:-1], product.reshape(-1)[:-1]
     np.multiply(line_x[:-1], line_x[1:], out=along)
@@ -307,7 +309,7 @@ def _least(
 
 
 class _Work(threading.local):
-    """The temporary arrays of each thread, kept: memory fresh from the system costs more than the
+    """The temporary arrays of each thread, reused because new memory costs more than the
     arithmetic."""
 
     block = np.empty(0)
@@ -317,14 +319,14 @@ _WORK = _Work()
 
 
 def _work(rows: int, n: int) -> Floats:
-    """Five arrays (rows, n), of any content; until the next call in this thread."""
+    """Five uninitialized arrays (rows, n), valid until the next call in this thread."""
     if _WORK.block.size < 5 * rows * n:
         _WORK.block = np.empty(5 * rows * n)
     return _WORK.block[: 5 * rows * n].reshape(5, rows, n)
 
 
 def _chunks(rows: int, n: int) -> Iterator[slice]:
-    """Rows of n numbers, as many as make CHUNK_BYTES."""
+    """Slices of rows of n numbers with CHUNK_BYTES each."""
     step = max(1, CHUNK_BYTES // (8 * n))
     for begin in range(0, rows, step):
         yield slice(begin, min(begin + step, rows))

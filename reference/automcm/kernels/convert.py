@@ -19,7 +19,7 @@ from automcm.kernels.trajectory import (
 )
 
 V_EPS = 0.1
-"""Below this speed, m/s, a vehicle stands (the paper divides by any speed)."""
+"""A vehicle stands below this speed, m/s (the paper divides by any speed)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Lanes from a Lanelet2 map, as the polygons that KIN-4 asks for (extra ``automcm[map]``)."""
+"""Lanes from a Lanelet2 map, as the polygons for KIN-4 (extra ``automcm[map]``)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from automcm.kernels.trajectory import Floats, TrajectoryError, array
 
 
 class MapError(Exception):
-    """A map that cannot be read, or has no such lane; the text names it."""
+    """A map cannot be read, or a lane does not exist; the text names it."""
 
 
 class LaneMap:
@@ -36,7 +36,7 @@ class LaneMap:
     def zone(self, lane: int) -> Floats:
         """The lanelet with this id as a polygon, shape (n, 2).
 
-        Raises MapError if there is none.
+        Raises MapError if it does not exist.
         """
         try:
             corners = [(p.x, p.y) for p in self._map.laneletLayer[lane].polygon2d()]

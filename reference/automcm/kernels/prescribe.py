@@ -13,11 +13,11 @@ GAIN = 20.0
 DELTA_V = 20 / 3.6
 """ΔV, m/s (Table I)."""
 V_MIN = 1.0
-"""A prescription makes nobody drive slower than this, m/s (the paper has no bound)."""
+"""A prescription has no lower speed than this, m/s (the paper has no bound)."""
 TOLERANCE = 1e-6
-"""The gain is exact to this, m: places and times are doubles, and times may be since 1970."""
+"""Tolerance of the gain, m: positions and times are doubles, and times may be since 1970."""
 SPACING = 1e-3
-"""A bend or planned sample this near (s) to another is left out: a message counts in ms."""
+"""A bend or planned sample this close (s) to another is omitted, because messages count in ms."""
 
 
 def prescribe(
@@ -76,7 +76,7 @@ def prescribe(
     ways = np.interp(times, plan, way) - np.minimum(gained, gain)
     ways = np.maximum.accumulate(ways)
 
-    # Where the path bends, the vehicle now arrives later.
+    # The vehicle now reaches the bends of the path later.
     arcs = _bends(planned, way)
     arcs = arcs[(arcs > ways[0]) & (arcs < ways[-1])]
     firm = np.unique(np.clip([0.0, hold, over, end], 0, end))
@@ -89,7 +89,7 @@ def prescribe(
 
 
 def _bends(planned: Trajectory, way: Floats) -> Floats:
-    """The ways at which the path is not straight."""
+    """The distances along the path at which it is not straight."""
     on = np.concatenate([[True], np.diff(way) > 0])
     steps = np.diff(planned.xy[on], axis=0)
     steps /= np.hypot(steps[:, 0], steps[:, 1])[:, None]

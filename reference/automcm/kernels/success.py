@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from automcm.kernels.trajectory import Floats, TrajectoryError, number, whole
 
 EXCHANGES = 3
-"""Of a session in a row: Intention, Prescription, Acceptance."""
+"""Number of consecutive exchanges of a session: Intention, Prescription, Acceptance."""
 
 
 def sendings(t_timeout: float, t_resend: float) -> int:
@@ -58,10 +58,10 @@ def _loss(loss: ArrayLike) -> Floats:
     try:
         made = np.array(loss, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise TrajectoryError(f"loss: no array of numbers: {error}") from None
+        raise TrajectoryError(f"loss: must be an array of numbers: {error}") from None
     good = (made >= 0) & (made <= 1)
     if not good.all():
         where = tuple(int(i) for i in np.argwhere(~good)[0])
         place = f"loss[{', '.join(map(str, where))}]" if where else "loss"
-        raise TrajectoryError(f"{place}: {made[where]} is not within 0 and 1")
+        raise TrajectoryError(f"{place}: must be between 0 and 1, not {made[where]}")
     return made

@@ -1,4 +1,4 @@
-"""KIN-2: few enough points for one frame (V-C)."""
+"""KIN-2: reduces a trajectory to the points that fit in one frame (V-C)."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from automcm_spec.vocabulary import messages
 EVERY = 5
 """The paper: thinned to a fifth."""
 CHANGE = 0.01
-"""A change of speed: by more than this part of the greater of the two."""
+"""A speed changes if it differs by more than this share of the greater one."""
 
 Indices = NDArray[np.intp]
 
 
 def intention_bytes(trajectory: Trajectory) -> int:
-    """Bytes of an Intention with this trajectory in JSON; ids of the greatest length.
+    """The bytes of an Intention with this trajectory in JSON and the longest ids.
 
     Raises TrajectoryError if a message cannot carry it (``to_message``).
     """
@@ -56,14 +56,14 @@ def thin(
     least (the earliest on a tie).  ``size`` is asked each time, so any codec will do.
 
     Open in the paper: which points, before or after the conversion (here: after it), and what to
-    do if a fifth does not fit.  How far the places move is told by ``deviation``.
+    do if a fifth does not fit.  ``deviation`` gives the resulting error.
 
     Raises TrajectoryError for a negative budget, ``every`` below 1, or if not even the first and
     the last point fit.
     """
     whole("budget", budget, 0)
     every = whole("every", every, 1)
-    trajectory = pick(trajectory, _told_apart(trajectory.t))
+    trajectory = pick(trajectory, _one_per_ms(trajectory.t))
     last = len(trajectory) - 1
     fixed = np.union1d(changes(trajectory), [0, last])
     before = -1
@@ -101,8 +101,8 @@ def deviation(full: Trajectory, thinned: Trajectory) -> float:
     return float(np.hypot(off[:, 0], off[:, 1]).max())
 
 
-def _told_apart(t: Floats) -> Indices:
-    """The first sample of each millisecond, but of the last millisecond the last."""
+def _one_per_ms(t: Floats) -> Indices:
+    """The first sample of each millisecond, but the last sample of the last millisecond."""
     first = np.unique(np.rint(t * 1000), return_index=True)[1]
     return np.union1d(first[:-1], [0, len(t) - 1])
 
@@ -116,7 +116,7 @@ def _excess(thinned: Trajectory, budget: int, size: Callable[[Trajectory], int])
 
 
 def _effects(trajectory: Trajectory) -> Floats:
-    """How far, m, each inner sample is from the straight and even motion between its neighbours."""
+    """The distance, m, of each inner sample from the linear motion between its neighbours."""
     t, xy = trajectory.t, trajectory.xy
     share = ((t[1:-1] - t[:-2]) / (t[2:] - t[:-2]))[:, None]
     off = xy[1:-1] - (xy[:-2] + share * (xy[2:] - xy[:-2]))

@@ -11,15 +11,15 @@ from automcm_spec.vocabulary import messages
 
 Floats = NDArray[np.float64]
 LIMIT = 9e12
-"""The largest time (s) or place (m): what a message can carry, and its square is no infinity."""
+"""The largest time (s) or coordinate (m): a message can carry it, and its square is finite."""
 NANOMETRE = 1e-9
-"""Distances that differ by no more (m) are the same: rounding decides no tie."""
+"""Distances that differ by no more (m) are equal, so that rounding does not decide ties."""
 STAND = 1.0
-"""Seconds for which the message of a stopped trajectory repeats its last place."""
+"""Seconds after which the message of a stopped trajectory repeats its last position."""
 
 
 class TrajectoryError(ValueError):
-    """An array that is no trajectory, path or parameter; the text names the index or the name."""
+    """An invalid trajectory, path or parameter; the text names the index or the name."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class Trajectory:
         t = array("t", self.t, 1)
         xy = array("xy", self.xy, 2)
         if len(t) == 0:
-            raise TrajectoryError("t: at least one point is needed")
+            raise TrajectoryError("t: must have at least one point")
         if xy.shape != (len(t), 2):
             raise TrajectoryError(f"xy: shape {xy.shape}, not ({len(t)}, 2)")
         late = np.flatnonzero(np.diff(t) <= 0)
@@ -71,20 +71,20 @@ class Trajectory:
         return np.stack([np.interp(when, self.t, self.xy[:, axis]) for axis in (0, 1)], axis=1)
 
     def since(self, time: float) -> Trajectory:
-        """What is left of it at ``time``.  Raises TrajectoryError as ``at``."""
+        """The trajectory from ``time`` on.  Raises TrajectoryError as ``at``."""
         first = self.at([time])
         left = self.t > time
         t = np.concatenate([[time], self.t[left]])
         return Trajectory(t, np.concatenate([first, self.xy[left]]), self.stopped)
 
     def speeds(self) -> Floats:
-        """Of each segment, m/s, shape (n - 1,)."""
+        """The speed of each segment, m/s, shape (n - 1,)."""
         steps = np.diff(self.xy, axis=0)
         speeds: Floats = np.hypot(steps[:, 0], steps[:, 1]) / np.diff(self.t)
         return speeds
 
     def arc(self) -> Floats:
-        """Way covered at each sample, m, shape (n,), from 0."""
+        """The distance travelled at each sample, m, shape (n,), from 0."""
         steps = np.diff(self.xy, axis=0)
         return np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
 
@@ -95,9 +95,9 @@ def array(name: str, value: ArrayLike, ndim: int) -> Floats:
     try:
         made = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise TrajectoryError(f"{name}: no array of numbers: {error}") from None
+        raise TrajectoryError(f"{name}: must be an array of numbers: {error}") from None
     if made.ndim != ndim:
-        raise TrajectoryError(f"{name}: {made.ndim} dimensions, not {ndim}")
+        raise TrajectoryError(f"{name}: must be {ndim}-dimensional, not {made.ndim}-dimensional")
     good = np.abs(made) <= LIMIT
     if not good.all():
         where = np.argwhere(~good)[0]
@@ -126,16 +126,17 @@ def number(name: str, value: float, least: float = -LIMIT, *, above: bool = Fals
     """Raises TrajectoryError unless finite and at least (``above``: more than) ``least``."""
     made = float(array(name, value, 0)) if not isinstance(value, float) else value
     if not abs(made) <= LIMIT:
-        raise TrajectoryError(f"{name}: {made} is not a finite number of at most {LIMIT:g}")
+        raise TrajectoryError(f"{name}: must be a finite number of at most {LIMIT:g}, not {made}")
     if made < least or (above and made == least):
-        raise TrajectoryError(f"{name}: {made} is not {'above' if above else 'at least'} {least:g}")
+        bound = f"{'above' if above else 'at least'} {least:g}"
+        raise TrajectoryError(f"{name}: must be {bound}, not {made}")
     return made
 
 
 def whole(name: str, value: int, least: int) -> int:
     """Raises TrajectoryError unless a whole number of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise TrajectoryError(f"{name}: {value!r} is no whole number of at least {least}")
+        raise TrajectoryError(f"{name}: must be a whole number of at least {least}, not {value!r}")
     return int(value)
 
 

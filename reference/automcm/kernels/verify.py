@@ -1,4 +1,4 @@
-"""KIN-6: is a prescribed trajectory safe to drive (IV-B-3)."""
+"""KIN-6: checks whether a prescribed trajectory is safe to drive (IV-B-3)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from automcm.kernels.convert import feet
 from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, number
 
 TOGETHER = 256
-"""Places of the path looked at together, against the segments near them."""
+"""Number of positions of the path that are compared at a time with the segments near them."""
 WINDOW = 0.1
 """Speeds are means over at least this time, s."""
 ROUNDING = 1e-3
@@ -20,14 +20,14 @@ ROUNDING = 1e-3
 
 
 class Reason(StrEnum):
-    """Why a prescribed trajectory is not safe, in the order in which ``verify`` tells them."""
+    """The reasons why a prescribed trajectory is not safe, in the order of ``verify``."""
 
     EXPIRED = "expired"
-    """Nothing of it is left to drive, or it began longer ago than ``Limits.age``."""
+    """It has ended, or it began longer ago than ``Limits.age``."""
     START = "start"
-    """The vehicle is, or when it begins will be, somewhere else."""
+    """It starts at another position than the vehicle's."""
     PATH = "path"
-    """It leaves the planned path, goes back or skips a part of it."""
+    """It leaves the planned path, goes back, or skips a part of it."""
     SPEED = "speed"
     ACCELERATION = "acceleration"
     LEADER_GAP = "leader_gap"
@@ -36,7 +36,7 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Limits:
-    """What a vehicle drives.  The paper has no values; none of these is measured.
+    """The limits of a vehicle.  The paper has no values; none of these is measured.
 
     Raises TrajectoryError for what is negative or not finite, ``reaction`` or ``path`` below
     0.01, or ``v_max`` below ``v_min``.
@@ -56,7 +56,7 @@ class Limits:
     path: float = 0.5
     """Metres to the side of the planned path."""
     start: float = 1.0
-    """Metres between where the prescription begins and where the vehicle is then."""
+    """Metres between the start of the prescription and the vehicle's position then."""
     age: float = 2.6
     """Seconds: t_giveup + t_decide."""
 
@@ -65,7 +65,7 @@ class Limits:
             least = 0.01 if field.name in ("reaction", "path") else 0
             number(field.name, getattr(self, field.name), least)
         if self.v_max < self.v_min:
-            raise TrajectoryError(f"v_max: {self.v_max} is below v_min, {self.v_min}")
+            raise TrajectoryError(f"v_max: must be at least v_min ({self.v_min}), not {self.v_max}")
 
 
 def verify(
@@ -76,11 +76,12 @@ def verify(
     leader: Trajectory | None = None,
     follower: Trajectory | None = None,
 ) -> tuple[Reason, ...]:
-    """Every reason not to drive ``prescribed`` from ``now`` (s) on; none: safe (KIN-6).
+    """Every reason not to drive ``prescribed`` from ``now`` (s) on; none if it is safe (KIN-6).
 
-    ``planned``: what the vehicle drives until it accepts.  ``leader``, ``follower``: what those in
-    front and behind are expected to drive, the follower in answer to the prescription.  A gap is
-    judged over the common times from now on; without common times it is not safe.
+    ``planned``: the vehicle's trajectory until it accepts.  ``leader``, ``follower``: the expected
+    trajectories of the vehicles in front and behind; the follower's is its reaction to the
+    prescription.  A gap is checked over the common times from now on; without common times it is
+    not safe.
 
     Open in the paper: what "safe" is.  Bounded are the speed (mean over WINDOW or a segment, less
     what ROUNDING may add), and the mean acceleration over any time of ``reaction``: the prescribed
@@ -110,7 +111,7 @@ def _known(trajectory: Trajectory, time: float) -> bool:
 
 
 def _starts(prescribed: Trajectory, planned: Trajectory, now: float, limit: float) -> bool:
-    """Now, or when it begins, the two are at one place."""
+    """Whether both are at the same position now, or when the prescription begins."""
     when = max(now, float(prescribed.t[0]))
     if not (_known(prescribed, when) and _known(planned, when)):
         return False
@@ -119,18 +120,18 @@ def _starts(prescribed: Trajectory, planned: Trajectory, now: float, limit: floa
 
 
 def _follows(prescribed: Trajectory, planned: Trajectory, limit: float) -> bool:
-    """Within ``limit`` of the planned path, along it without going back or skipping a part.
+    """Whether it stays within ``limit`` of the planned path without going back or skipping a part.
 
-    Looked at every limit/4 of the way; a place between two of these is at most limit/8 further off,
-    which is taken off the limit: none further off than ``limit`` passes.  A path that comes within
-    ``limit`` of itself may be refused though it is the same.
+    It is checked every limit/4 of the distance; a position between two of these is at most limit/8
+    further away, which is subtracted from the limit, so that no position beyond ``limit`` passes.
+    A path that comes within ``limit`` of itself may be refused although it is the same.
     """
     way, whole = prescribed.arc(), planned.arc()
     if way[-1] > whole[-1] + 2 * limit:
-        return False  # and however long it is, it costs no time
+        return False  # limits the cost of a long path
     spacing = limit / 4
     samples = np.unique(np.concatenate([way, np.arange(0, way[-1], spacing)]))
-    # The boxes that hold what is within the limit of each planned segment.
+    # The boxes that contain all positions within the limit of each planned segment.
     ends = planned.xy[:-1], planned.xy[1:]
     low, high = np.minimum(*ends) - limit, np.maximum(*ends) + limit
     foot_ways = []
@@ -158,7 +159,7 @@ def _speed(prescribed: Trajectory, limits: Limits) -> bool:
 def _speeds(trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
     """Times (m,), and the lowest and the highest speed (m - 1,) between them, given ROUNDING.
 
-    Samples less than WINDOW apart are taken together, else rounding would pass for speed.
+    Samples less than WINDOW apart are merged; otherwise rounding would appear as speed.
     """
     t, kept = trajectory.t, [0]
     for n in range(1, len(t)):
@@ -173,15 +174,15 @@ def _speeds(trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
 
 
 def _acceleration(prescribed: Trajectory, planned: Trajectory, limits: Limits) -> bool:
-    """v(t + reaction) - v(t) for every t: the step function v is the same at both times until one
-    of the two passes a step."""
+    """Check v(t + reaction) - v(t) for every t: it only changes when one of the two times passes a
+    step of v."""
     steps, low, high = _speeds(prescribed)
     before = _speed_at(planned, float(steps[0]))
     low, high = (
         np.concatenate([v[:1] if before is None else [before], v, [0.0] if still else v[-1:]])
         for v, still in ((low, prescribed.stopped), (high, prescribed.stopped))
     )
-    if len(low) <= len(steps):  # of a single sample: no speed is known
+    if len(low) <= len(steps):  # a single sample has no speed
         return True
     changes = np.unique(np.concatenate([steps, steps - limits.reaction]))
     between = (changes[1:] + changes[:-1]) / 2
@@ -193,7 +194,7 @@ def _acceleration(prescribed: Trajectory, planned: Trajectory, limits: Limits) -
 
 
 def _speed_at(trajectory: Trajectory, time: float) -> float | None:
-    """None if it is not known."""
+    """The speed at this time, or None if it is unknown."""
     if not _known(trajectory, time):
         return None
     if time >= trajectory.t[-1] and trajectory.stopped:

@@ -1,7 +1,7 @@
-"""Clocks: what time it is, in integer milliseconds, and "wake me at".
+"""Clocks: the time in integer milliseconds, and one-shot alarms.
 
-The station is given the time and reads no clock.  The service is given a ``Clock``: a virtual
-one in simulations and tests, asyncio's in a process of its own.
+The station gets the time with each input and reads no clock.  The service gets a ``Clock``: a
+virtual one in simulations and tests, asyncio's in a process.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ Cancel = Callable[[], None]
 
 
 class Clock(Protocol):
-    """Time in ms that never goes back, and one-shot alarms."""
+    """Time in ms that never decreases, and one-shot alarms."""
 
     def now(self) -> int:
         """The time in ms."""
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
-        """Call ``do`` at ``when_ms`` or as soon as possible after it; the result calls it off."""
+        """Call ``do`` at ``when_ms`` or as soon as possible after it; the result cancels it."""
 
 
 class VirtualClock:
-    """Time that passes only in ``run``.  Of alarms for one instant, the first set rings first."""
+    """Time that passes only in ``run``.  Alarms for the same time fire in the order of setting."""
 
     def __init__(self) -> None:
         self._now = 0
@@ -45,7 +45,7 @@ class VirtualClock:
         return what.clear
 
     def run(self, until_ms: int) -> None:
-        """Ring every alarm up to and at ``until_ms``; then it is ``until_ms``."""
+        """Fire every alarm up to and including ``until_ms``, and set the time to it."""
         while self._alarms and self._alarms[0][0] <= until_ms:
             self._now, _, what = heapq.heappop(self._alarms)
             if what:
@@ -54,17 +54,17 @@ class VirtualClock:
 
 
 def _suspended() -> float:
-    """How long the host has slept since it started, in s; 0 where the system does not tell."""
+    """The time for which the host was suspended since its start, in s; 0 if unknown."""
     if not hasattr(time, "CLOCK_BOOTTIME"):
         return 0.0
     return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
 
 
 class AsyncioClock:
-    """The running event loop's clock: the host's monotonic time, so that a process that comes
-    back goes on where it was.  ``zero`` is the time in seconds that counts as 0.
+    """The running event loop's clock: the host's monotonic time, less ``zero`` (s).
 
-    The time for which the host sleeps after the start counts too: its peers are awake.
+    The time continues over a restart of the process.  It includes the time for which the host is
+    suspended, because its peers continue.
     """
 
     def __init__(self, zero: float = 0.0) -> None:
@@ -75,7 +75,7 @@ class AsyncioClock:
 
     def _slept(self) -> float:
         slept = _suspended() - self._slept_before
-        return slept if slept > 0.001 else 0.0  # the two clocks are not read at one instant
+        return slept if slept > 0.001 else 0.0  # the two clocks are read one after the other
 
     def now(self) -> int:
         """The time in ms."""
@@ -83,8 +83,8 @@ class AsyncioClock:
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
         """As ``Clock.at``."""
-        # A hair late rather than early: woken early, now() would still be before when_ms.  And a
-        # hair later than the one set before: asyncio does not keep the order of equal times.
+        # The offset makes an alarm fire slightly late, because now() must not be before when_ms,
+        # and after earlier alarms, because asyncio does not keep the order of equal times.
         self._set = self._set % 10_000 + 1
         when = self._zero + when_ms / 1000 - self._slept() + self._set * 1e-8
         return self._loop.call_at(when, do).cancel

@@ -1,4 +1,4 @@
-"""What a link is: it carries encoded messages from one service to others."""
+"""The interface of a link, which carries encoded messages from one service to others."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from collections.abc import Callable
 from typing import Protocol
 
 Receiver = Callable[[bytes, str | None], int | None]
-"""What a link calls with each datagram, and with its transmission id if it knows it.  The
-result is the station that the message in it is from, or None if it is no message."""
+"""A link calls it with each datagram, and with its transmission id if known.
+
+The result is the sender of the message, or None for an invalid message."""
 
 
 class LinkError(Exception):
-    """A link that cannot be opened; the text names the address or the port."""
+    """A link cannot be opened; the text names the address or the port."""
 
 
 class Link(Protocol):
-    """A lossy link: what is sent may be lost, repeated, delayed or overtaken."""
+    """A lossy link: a message may be lost, repeated, delayed or overtaken."""
 
     def open(self, receive: Receiver) -> None:
         """Begin to receive."""
@@ -24,4 +25,4 @@ class Link(Protocol):
         """Send to one station, or to all (``BROADCAST``).  ``tx`` names the transmission."""
 
     def close(self) -> None:
-        """Receive and send nothing more."""
+        """Stop receiving and sending."""

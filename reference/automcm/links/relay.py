@@ -1,8 +1,8 @@
-"""A lossy radio between real sockets: what one station sends, it passes to all others, with
-seeded loss, duplication, delay and reordering.
+"""A lossy radio between real sockets.
 
-A station is known by the address it sends from, from its first datagram on (an empty one only
-registers it) until it has been silent for ``SILENCE_MS``.
+It forwards each datagram to all other stations, with seeded loss, duplication, delay and
+reordering.  It identifies a station by its source address, from its first datagram on (an empty one
+only registers it) until it has been silent for ``SILENCE_MS``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SILENCE_MS = 10_000
 
 
 class Relay:
-    """Made and run within an event loop.  Raises LinkError if the port is taken."""
+    """A relay in the running event loop.  Raises LinkError if the port is in use."""
 
     def __init__(
         self,
@@ -38,12 +38,12 @@ class Relay:
         self._clock = AsyncioClock()
         self.radio = Radio(self._clock, channel, seed, capacity=IN_FLIGHT)
         self._stations: dict[Address, tuple[int, SimulatedLink]] = {}
-        self._heard: dict[Address, int] = {}
+        self._received_ms: dict[Address, int] = {}
         self._number = itertools.count(1)
         asyncio.get_running_loop().add_reader(self._socket, self._readable)
 
     def close(self) -> None:
-        """Passes nothing on any more."""
+        """Stop forwarding."""
         asyncio.get_running_loop().remove_reader(self._socket)
         self._socket.close()
 
@@ -55,15 +55,15 @@ class Relay:
         now = self._clock.now()
         if where not in self._stations and not self._register(where, now):
             return
-        self._heard[where] = now
+        self._received_ms[where] = now
         if data:
             self._stations[where][1].send(data, BROADCAST, "")
 
     def _register(self, where: Address, now: int) -> bool:
-        """Take a new station in; not if there are too many that are not silent."""
-        for silent in [a for a, t in self._heard.items() if now - t > SILENCE_MS]:
+        """Register a new station, unless there are too many active ones."""
+        for silent in [a for a, t in self._received_ms.items() if now - t > SILENCE_MS]:
             self._stations.pop(silent)[1].close()
-            del self._heard[silent]
+            del self._received_ms[silent]
         if len(self._stations) >= STATIONS:
             return False
         number = next(self._number)

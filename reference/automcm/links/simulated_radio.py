@@ -1,5 +1,8 @@
-"""A radio inside one process, in virtual time: seeded loss, duplication, delay, reordering,
-one-way cuts and partitions.  The same seed gives the same deliveries."""
+"""A radio within one process, in virtual time.
+
+It has seeded loss, duplication, delay, reordering, one-way cuts and partitions.  The same seed
+gives the same deliveries.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +18,17 @@ from automcm_spec.vocabulary.messages import BROADCAST
 
 @dataclass(frozen=True, kw_only=True)
 class Channel:
-    """What happens to each copy.  Probabilities from 0 to 1, delays in ms.
+    """The faults of a radio for each copy.  Probabilities from 0 to 1, delays in ms.
 
-    A copy is lost with ``loss``, doubled with ``duplicate``, and takes a delay drawn evenly from
-    ``delay_ms``; with ``reorder`` it is held back for another such delay, so that later ones
-    overtake it.  The rules assume a one-way delay below t_resend / 2 (section 3): with ``reorder``
-    that is twice the longest of ``delay_ms``.
+    A copy is lost with ``loss``, duplicated with ``duplicate``, and delayed by a uniform random
+    time from ``delay_ms``; with ``reorder`` it is held back for another such delay, so that later
+    copies overtake it.  The rules assume a one-way delay below t_resend / 2 (section 3); with
+    ``reorder`` the longest delay is twice that of ``delay_ms``.
 
-    With ``burst_ms`` loss comes in bursts (Gilbert, Capacity of a burst-noise channel, 1960;
-    Elliott, 1963): from each station to each other one there is a good state, in which nothing is
-    lost, and a bad one, which lasts ``burst_ms`` on average and loses with ``burst_loss``.  How
-    often it is bad follows from ``loss``, which stays the mean.
+    With ``burst_ms``, loss comes in bursts (Gilbert, Capacity of a burst-noise channel, 1960;
+    Elliott, 1963): each direction between two stations has a good state without loss and a bad
+    state, which lasts ``burst_ms`` on average and loses with ``burst_loss``.  The share of bad time
+    follows from ``loss``, which remains the mean.
     """
 
     loss: float = 0.0
@@ -38,25 +41,27 @@ class Channel:
     def __post_init__(self) -> None:
         for name in ("loss", "duplicate", "reorder"):
             if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name}: {getattr(self, name)} is not between 0 and 1")
+                raise ValueError(f"{name} must be between 0 and 1, not {getattr(self, name)}")
         low, high = self.delay_ms
         if not 0 <= low <= high:
-            raise ValueError(f"delay_ms: {low} to {high} ms is no range of delays")
+            raise ValueError(f"delay_ms must be a range from 0 ms upwards, not {low} to {high} ms")
         if not 0 <= self.burst_ms < math.inf:
-            raise ValueError(f"burst_ms: {self.burst_ms} is no length of a burst")
+            raise ValueError(f"burst_ms must be a finite number of at least 0, not {self.burst_ms}")
         if not 0 < self.burst_loss <= 1 or (self.burst_ms and self.loss > self.burst_loss):
-            raise ValueError(f"burst_loss: {self.burst_loss} is not above 0, from loss to 1")
+            raise ValueError(
+                f"burst_loss must be above 0 and from loss to 1, not {self.burst_loss}"
+            )
 
     @property
     def bad(self) -> float:
-        """The share of time in the bad state."""
+        """The share of time in the bad state, from 0 to 1."""
         return self.loss / self.burst_loss
 
 
 class Radio:
     """The medium that simulated links share.
 
-    With ``capacity``, a copy is lost while so many others are in the air.
+    With ``capacity``, a copy is lost while that many others are in flight.
     """
 
     def __init__(
@@ -75,22 +80,24 @@ class Radio:
         self._receivers: dict[int, Receiver | None] = {}
         self._cut: set[tuple[int, int]] = set()
         self._burst: dict[tuple[int, int], tuple[bool, int]] = {}
-        """Of each way, whether it was bad, and when."""
+        """For each direction, whether it was bad, and the time in ms."""
 
     def link(self, station_id: int) -> SimulatedLink:
         """The link of a station.  Raises ValueError if it has one already."""
         if station_id in self._receivers:
-            raise ValueError(f"station_id: {station_id} is there already")
+            raise ValueError(f"station_id {station_id} has a link already")
         self._receivers[station_id] = None
         return SimulatedLink(self, station_id)
 
     def cut(self, src: int, dst: int) -> None:
-        """What ``src`` sends from now on does not get to ``dst``; the way back is untouched."""
+        """Lose all that ``src`` sends to ``dst`` from now on; the other direction is unaffected."""
         self._cut.add((src, dst))
 
     def partition(self, *groups: Iterable[int]) -> None:
-        """What is sent from now on does not get from one group to another; a station in no group
-        is left alone."""
+        """Lose all that is sent between groups from now on.
+
+        A station in no group is unaffected.
+        """
         sets = [set(group) for group in groups]
         self._cut |= {
             (src, dst) for a in sets for b in sets if a is not b for src in a for dst in b
@@ -114,8 +121,8 @@ class Radio:
         return self._is_bad((src, dst)) and self._chance(channel.burst_loss)
 
     def _is_bad(self, way: tuple[int, int]) -> bool:
-        """Step the two states of this way to now: a Markov chain in continuous time, looked at
-        when a copy is sent.  Up to a first look it has run for ever."""
+        """The state of this direction now: a Markov chain in continuous time, evaluated when a copy
+        is sent.  It is stationary at its first evaluation."""
         now, bad = self._clock.now(), self.channel.bad
         if (before := self._burst.get(way)) is not None and bad < 1:
             fades = math.exp(-(now - before[1]) / (self.channel.burst_ms * (1 - bad)))

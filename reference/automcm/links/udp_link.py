@@ -1,10 +1,10 @@
-"""Datagrams on loopback or a LAN: one encoded message each, nothing around it.
+"""Datagrams on loopback or a LAN, each with one encoded message.
 
-A station has two sockets: one that listens to the broadcast address, shared by all stations on
-the host, and one of its own, from which it sends everything and where it gets what is addressed
-to it.  Where another station is it learns from what that one sends; until then, once messages of
-one station_id came from two addresses, and if the link goes through a relay, everything is
-broadcast (MSG-1 sorts it out).  There is no authentication, as on any open radio.
+A station has two sockets.  All stations on the host share a socket on the broadcast address.  Each
+sends from its own socket, and receives there the messages addressed to it.  It learns the address
+of another station from that station's messages.  A message is broadcast if the address is unknown,
+if messages of one station_id came from two addresses, or if the link uses a relay; receivers then
+filter by MSG-1.  There is no authentication, as on any open radio.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ Address = tuple[str, int]
 PORT = 47_100
 BROADCAST_HOST = "127.255.255.255"
 ADDRESSES = 1024
-"""How many stations' addresses are remembered."""
+"""Maximum number of stations whose addresses are remembered."""
 LARGEST = 65_535
 
 
 def address(text: str) -> Address:
-    """``HOST:PORT``.  Raises LinkError, naming what is wrong."""
+    """Parse ``HOST:PORT``.  Raises LinkError for a bad address."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdecimal() or not 0 <= int(port) <= 65_535:
-        raise LinkError(f"{text}: an address is HOST:PORT, such as 127.0.0.1:{PORT}")
+        raise LinkError(f"expected an address HOST:PORT such as 127.0.0.1:{PORT}, not {text!r}")
     return ip(host), int(port)
 
 
@@ -39,14 +39,17 @@ def ip(host: str) -> str:
     try:
         return str(ipaddress.IPv4Address("127.0.0.1" if host == "localhost" else host))
     except ValueError:
-        raise LinkError(f"{host}: no IPv4 address") from None
+        raise LinkError(f"expected an IPv4 address or localhost, not {host!r}") from None
 
 
 def bind(
     host: str, port: int, *, shared: bool = False, allow_remote: bool = False
 ) -> socket.socket:
-    """A datagram socket.  Raises LinkError for a port in use, or, unless ``allow_remote``, for
-    an address that other hosts reach."""
+    """A datagram socket.
+
+    Raises LinkError for a port in use, or, unless ``allow_remote``, for an address that other hosts
+    can reach.
+    """
     local_only(host := ip(host), allow_remote)
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setblocking(False)
@@ -64,17 +67,17 @@ def bind(
 def local_only(host: str, allow_remote: bool) -> None:
     """Raises LinkError for an address beyond loopback, unless ``allow_remote``."""
     if not allow_remote and not ipaddress.IPv4Address(host).is_loopback:
-        raise LinkError(f"{host}: not a loopback address; allow remote addresses to use it")
+        raise LinkError(f"{host} is not a loopback address; --allow-remote permits it")
 
 
 class UdpLink:
     """A station's sockets, read by the running event loop.
 
-    ``broadcast`` is where all listen; with ``via`` there is no broadcast, and everything goes to
-    the relay at that address.  ``host`` is the address of the interface to send from.
+    ``broadcast`` is the address on which all stations listen.  With ``via``, everything goes to the
+    relay at that address instead.  ``host`` is the address of the interface to send from.
 
     Raises LinkError for a ``host`` that cannot reach the others: any interface (0.0.0.0), or
-    loopback when they are elsewhere.
+    loopback if the others are on another host.
     """
 
     def __init__(
@@ -86,7 +89,7 @@ class UdpLink:
         allow_remote: bool = False,
     ) -> None:
         self.unsent = 0
-        """Datagrams that the system refused to send; to the protocol they are lost."""
+        """Number of datagrams that the system refused to send; they count as lost."""
         self._all = via or broadcast
         self._via = via
         self._addresses: OrderedDict[int, Address | None] = OrderedDict()
@@ -95,7 +98,9 @@ class UdpLink:
         local_only(self._all[0], allow_remote)
         here, there = ipaddress.IPv4Address(ip(host)), ipaddress.IPv4Address(self._all[0])
         if here.is_unspecified or here.is_loopback != there.is_loopback:
-            raise LinkError(f"host: {here} does not reach {there}; name this host's address there")
+            raise LinkError(
+                f"--host {here} cannot reach {there}; give this host's address in that network"
+            )
         self._own = bind(host, 0, allow_remote=allow_remote)
         self.address: Address = self._own.getsockname()
         self._sockets = [self._own]
@@ -113,7 +118,7 @@ class UdpLink:
         for sock in self._sockets:
             loop.add_reader(sock, self._readable, sock)
         if self._via is not None:
-            self._put(b"", self._via)  # tells the relay where we are
+            self._put(b"", self._via)  # registers this station with the relay
 
     def send(self, data: bytes, to: int, tx: str) -> None:
         """As ``Link.send``."""
@@ -135,13 +140,13 @@ class UdpLink:
             self.unsent += 1
 
     def _readable(self, sock: socket.socket) -> None:
-        """One datagram at a time, so that a flood leaves the loop its timers."""
+        """Read one datagram at a time, so that timers still run under a flood."""
         try:
             data, where = sock.recvfrom(LARGEST)
         except OSError:
             return
         if where == self.address:
-            return  # our own broadcast
+            return  # own broadcast
         src = self._receive(data, None)
         if src is not None:
             known = self._addresses.get(src, where)

@@ -1,5 +1,5 @@
-"""Applications on the service, and a simulated road with vehicles to drive them on.
+"""Applications of the service, and a simulated road with vehicles.
 
-None of them sees an Ack; the service looks into none of their trajectories.
+Applications handle no Acks; the service does not interpret their trajectories.
 The commands and the evaluation import it.
 """

@@ -1,4 +1,4 @@
-"""A road with a service in each vehicle, in one virtual time: what ``automcm simulate`` runs."""
+"""A simulated road with a service in each vehicle, for ``automcm simulate``."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ NAMES = {1: "prescriber", 2: "A", 3: "B", 4: "C"}
 
 
 class Driver(Application, Protocol):
-    """An application with a control loop of its own."""
+    """An application with its own control loop."""
 
     @property
     def vehicle(self) -> Vehicle:
-        """What it drives."""
+        """The vehicle that it drives."""
 
     def tick(self, now_ms: int) -> None:
         """Called after every step of the road."""
@@ -36,7 +36,7 @@ class Driver(Application, Protocol):
 class Drive:
     """The vehicles of these drivers, their services and a radio.
 
-    ``simulation`` instead of one of its own: it has a seed, a channel and logs already.
+    A given ``simulation`` determines the seed, the channel and the logs.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Drive:
         self.road = Road([driver.vehicle for driver in drivers])
         self.simulation = simulation or Simulation(seed=seed, channel=channel, logs=logs)
         self.sent: list[tuple[int, int, str]] = []
-        """Time in ms, station and type of each message but CAMs."""
+        """Time in ms, station and type of each message except CAMs."""
         for driver in drivers:
             self._add(driver, parameters, codec)
         self.simulation.clock.at(STEP_MS, self._step)
@@ -75,7 +75,7 @@ class Drive:
         clock.at(clock.now() + STEP_MS, self._step)
 
     def run(self, until_s: float) -> None:
-        """Run to a time in s.  The logs end here."""
+        """Run to a time in s, and end the logs."""
         self.simulation.run(round(until_s * 1000))
 
 
@@ -101,9 +101,9 @@ class FourVehicles:
 
     def __post_init__(self) -> None:
         if not 2 <= self.vehicles <= 4:
-            raise ValueError(f"vehicles: {self.vehicles} is not 2, 3 or 4")
+            raise ValueError(f"vehicles must be 2, 3 or 4, not {self.vehicles}")
         if self.speed_kmh <= 0:
-            raise ValueError(f"speed_kmh: {self.speed_kmh} is not positive")
+            raise ValueError(f"speed_kmh must be positive, not {self.speed_kmh}")
 
     def run(
         self,
@@ -112,7 +112,7 @@ class FourVehicles:
         parameters: Parameters | None = None,
         logs: Path | None = None,
     ) -> Drive:
-        """The whole drive."""
+        """Run the drive to its end."""
         drive = self.on(Simulation(seed=self.seed, channel=channel, logs=logs), parameters)
         drive.run(self.until_s)
         return drive
@@ -123,8 +123,10 @@ class FourVehicles:
         parameters: Parameters | None = None,
         driver: Callable[[Vehicle, Plan], LaneChange] = LaneChange,
     ) -> Drive:
-        """The drive on this simulation, ready to run; ``driver`` makes each vehicle's
-        application."""
+        """The drive on this simulation, before its start.
+
+        ``driver`` makes each vehicle's application.
+        """
         speed = self.speed_kmh / 3.6
         places = {1: 0.0, 3: -self.beside_m}
         if self.vehicles > 2:
@@ -154,7 +156,7 @@ class FourVehicles:
 
 
 def arrival_s(samples: Sequence[Sample], x: float) -> float | None:
-    """When a vehicle first is at ``x`` m or beyond, s, between samples; None if never."""
+    """The first time in s at which a vehicle reaches ``x`` m, interpolated; None if never."""
     for before, after in pairwise(samples):
         if after.x >= x > before.x:
             return before.t + (after.t - before.t) * (x - before.x) / (after.x - before.x)

@@ -1,8 +1,8 @@
 """The lane change (sections V and VI of the paper), both roles.
 
-The prescriber moves over to another lane.  A receiver there that would come too close is
-prescribed to drive slower for a while, until the prescriber has its gap; the vehicles behind
-that one follow it by themselves.  Everything computed is a kernel (docs/kernels.md).
+The prescriber changes to another lane.  It prescribes a receiver there that would come too close to
+drive slower until the gap is large enough; the vehicles behind that receiver follow it without a
+prescription.  All computations are kernels (docs/kernels.md).
 """
 
 from __future__ import annotations
@@ -33,47 +33,49 @@ from automcm_spec.vocabulary.messages import Session
 
 SCENARIO = "lane_change"
 MARGIN_S = 10.0
-"""By how much a lease is longer than what it is for should take."""
+"""The time by which a lease exceeds the expected duration of the maneuver."""
 MOST_POINTS = 500
-"""Of a trajectory received: more would take longer to thin than there is time to decide."""
+"""Maximum points of a received trajectory; thinning more would exceed the time to decide."""
 UNKNOWN_S = 0.5
-"""For so long from now on it need not be known where another is: clocks differ."""
+"""The time from now on for which another's position may be unknown, because clocks differ."""
 OF_IT = (Reason.EXPIRED, Reason.PATH)
-"""Judged on the trajectory as it was received."""
+"""Reasons that are checked on the trajectory as it was received."""
 LIMITS = Limits(acceleration=3.0, deceleration=3.0, v_max=130 / 3.6)
-"""With these a step of Table I's 20 km/h may be driven, down and up again."""
+"""Limits that allow a step of Table I's 20 km/h, down and up again."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What the prescriber goes by.  Defaults: Table I of the paper where it has them."""
+    """The prescriber's settings.  The defaults are those of the paper's Table I, if it has any."""
 
     hold_s: float = 2.0
     """Δt1."""
     delta_v: float = 20 / 3.6
     """ΔV, m/s."""
     gain_m: float = 20.0
-    """D_add: by how much the gap grows."""
+    """D_add: the growth of the gap, in m."""
     v_min: float = 1.0
     threshold_m: float = 8.0
-    """Centre to centre; closer is a collision (KIN-3)."""
+    """Minimum distance from centre to centre, in m (KIN-3)."""
     clock_error_s: float = 0.0
 
 
 def planned(vehicle: Vehicle, now_ms: int) -> Trajectory:
-    """What it would drive alone: its path as positions over time (KIN-1)."""
+    """The vehicle's trajectory without coordination: its path as positions over time (KIN-1)."""
     xy, speed = vehicle.path()
     return convert(xy, speed, np.array([vehicle.x, vehicle.y]), now_ms / 1000)
 
 
 def intention(vehicle: Vehicle, now_ms: int) -> messages.Trajectory:
-    """The same, for a message: thinned (KIN-2)."""
+    """The planned trajectory for a message, thinned (KIN-2)."""
     return to_message(thin(planned(vehicle, now_ms)))
 
 
 def read(what: str, trajectory: messages.Trajectory) -> Trajectory:
-    """A trajectory that was received.  Raises TrajectoryError, naming ``what``, if it is none or
-    has more than MOST_POINTS."""
+    """A received trajectory.
+
+    Raises TrajectoryError, which names ``what``, if it is invalid or has more than MOST_POINTS.
+    """
     if len(trajectory.points) > MOST_POINTS:
         raise TrajectoryError(f"{what}: more than {MOST_POINTS} points")
     try:
@@ -94,10 +96,10 @@ def along(path: Trajectory, prescribed: Trajectory, now: float) -> Trajectory:
 def judged(
     prescribed: Trajectory, intended: Trajectory, vehicle: Vehicle, now_ms: int, limits: Limits
 ) -> tuple[Trajectory, tuple[Reason, ...]]:
-    """What was received, on the vehicle's own path from here and now, and what is not safe about
-    it (NEG-2, KIN-6).
+    """The received trajectory on the vehicle's own path from its present position, and the reasons
+    not to drive it (NEG-2, KIN-6).
 
-    Path and age are those of what was received; the path is the one it intended.
+    Path and age are checked on the received trajectory, against the intended path.
     """
     now = now_ms / 1000
     alone = planned(vehicle, now_ms)
@@ -110,7 +112,7 @@ def judged(
 
 
 def gained_at(planned: Trajectory, prescribed: Trajectory, gain: float) -> float:
-    """When ``prescribed`` has fallen ``gain`` m behind ``planned``, s."""
+    """The time in s at which ``prescribed`` has fallen ``gain`` m behind ``planned``."""
     times = prescribed.t[prescribed.t <= planned.t[-1]]
     behind = np.interp(times, planned.t, planned.arc()) - np.interp(
         times, prescribed.t, prescribed.arc()
@@ -126,12 +128,12 @@ def lane_zone(lane: int) -> Floats:
 
 
 class Coordinated:
-    """What the applications of all scenarios have: a vehicle and a service."""
+    """The common part of the applications of all scenarios: a vehicle and a service."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
         self.ended: list[str] = []
-        """How sessions ended, and which commands were refused."""
+        """The ends of sessions, and refused commands."""
 
     def attach(self, service: Service) -> None:
         """As ``Application.attach``."""
@@ -160,10 +162,10 @@ class Coordinated:
 
 
 class LaneChange(Coordinated):
-    """A vehicle that may ask for a lane change, and joins those of others.
+    """A vehicle that can request a lane change, and joins those of others.
 
-    ``tick`` is its own control loop, to be called every 0.1 s or so.  ``zone`` gives a lane as a
-    polygon, by default of the simulated road, or of a map (maps.LaneMap.zone).
+    Call ``tick``, its control loop, about every 0.1 s.  ``zone`` gives a lane as a polygon, by
+    default that of the simulated road; it can be that of a map (lanelet_map.LaneMap.zone).
     """
 
     def __init__(
@@ -176,9 +178,9 @@ class LaneChange(Coordinated):
         super().__init__(vehicle)
         self._zone, self.plan, self.limits = zone, plan or Plan(), limits or LIMITS
         self.wanted: int | None = None
-        """The lane it wants to be in."""
+        """The lane to which it changes."""
         self.story: list[tuple[int, str]] = []
-        """What it did, with times in ms."""
+        """Its actions, with times in ms."""
         self._drive: Drive | None = None
         self._begins_ms: int | None = None
         self._proposal: tuple[Proposal, Trajectory] | None = None
@@ -186,17 +188,17 @@ class LaneChange(Coordinated):
     # -- prescriber
 
     def signal(self, lane: int) -> None:
-        """The trigger: the turn signal is set for this lane.  One lane change at a time."""
+        """Set the turn signal for this lane, which triggers a lane change.  One at a time."""
         if self.wanted is not None or self.vehicle.changing or lane == self.vehicle.lane:
-            self._tell(f"does not signal for lane {lane}")
+            self._note(f"does not signal for lane {lane}")
             return
         self.wanted = lane
         planned_ = intention(self._moved_over(), self.service.now())
-        self._tell(f"signals for lane {lane}")
+        self._note(f"signals for lane {lane}")
         self.service.command(Request(scenario=SCENARIO, details={"lane": lane}, planned=planned_))
 
     def _moved_over(self) -> Vehicle:
-        """Itself, as if it changed lanes now."""
+        """The vehicle's own trajectory if it changed lanes now."""
         assert self.wanted is not None
         v = self.vehicle
         as_if = Vehicle(v.station_id, v.x, v.lane, v.speed, v.desired, driving=v.driving)
@@ -204,11 +206,11 @@ class LaneChange(Coordinated):
         return as_if
 
     def choose(self, choice: Choice) -> None:
-        """Discover whom to ask, if anybody (KIN-3, KIN-4), and for what (KIN-5)."""
+        """Choose the target, if there is one (KIN-3, KIN-4), and its trajectory (KIN-5)."""
         try:
             command = self._chosen(choice)
         except TrajectoryError as error:
-            self._tell(f"gives up: {error}")
+            self._note(f"gives up: {error}")
             self._alone()
             command = choice.abort()
         self.service.command(command)
@@ -218,7 +220,7 @@ class LaneChange(Coordinated):
             self._others = {s: read(f"Intention of {s}", t) for s, t in choice.planned.items()}
             self._target = self._discover()
         if self._target is None:
-            self._tell("nobody is in the way")
+            self._note("nobody is in the way")
             self._begins_ms = self.service.now()
             return choice.proceed()
         plan, now = self.plan, self.service.now() / 1000
@@ -230,7 +232,7 @@ class LaneChange(Coordinated):
         action_s = gained_at(theirs, asked, plan.gain_m) - now
         lease_s = action_s + self.vehicle.driving.lane_change_s + MARGIN_S
         prescribed = to_message(thin(asked))
-        self._tell(f"prescribes {self._target} to drive {slower * 3.6:.0f} km/h slower")
+        self._note(f"prescribes {self._target} to drive {slower * 3.6:.0f} km/h slower")
         self._action_ms = round(action_s * 1000)
         return choice.prescribe(
             self._target,
@@ -240,8 +242,10 @@ class LaneChange(Coordinated):
         )
 
     def _discover(self) -> int | None:
-        """Whom to ask: the leader of those in the lane that would come too close.  One of which it
-        is not known for the time of the lane change counts as too close."""
+        """The target: the leader of the vehicles in the lane that would come too close.
+
+        A vehicle whose position during the lane change is unknown counts as too close.
+        """
         assert self.wanted is not None
         now = self.service.now() / 1000
         mine = planned(self._moved_over(), self.service.now())
@@ -256,7 +260,7 @@ class LaneChange(Coordinated):
             if risk or not known:
                 here = theirs.since(now) if known and theirs.t[0] <= now else theirs
                 near.append(Candidate(station_id, here.xy[0], direction(here)))
-        self._tell(f"would come too close to {[c.station_id for c in near] or 'nobody'}")
+        self._note(f"would come too close to {[c.station_id for c in near] or 'nobody'}")
         return discover(near, self._zone(self.wanted))
 
     # -- receiver
@@ -270,7 +274,7 @@ class LaneChange(Coordinated):
         return to_message(thin(self._intended))
 
     def verify(self, proposal: Proposal) -> None:
-        """Safe?  Anchored where and when it accepts, which is here and now (NEG-2, KIN-6)."""
+        """Check the proposal, starting at the present time and position (NEG-2, KIN-6)."""
         reasons: tuple[str, ...]
         try:
             prescribed = read("Prescription", proposal.prescribed)
@@ -281,49 +285,49 @@ class LaneChange(Coordinated):
         except TrajectoryError as error:
             reasons = (str(error),)
         if reasons:
-            self._tell(f"refuses: {', '.join(reasons)}")
+            self._note(f"refuses: {', '.join(reasons)}")
             self.service.command(proposal.refuse())
             return
-        self._tell("accepts to drive slower")
+        self._note("accepts to drive slower")
         self._proposal = proposal, anchored
         self.service.command(proposal.accept())
 
     # -- both
 
     def load(self, drive: Drive) -> None:
-        """Agreed.  A receiver loads the trajectory, a prescriber waits for its gap."""
+        """Load the trajectory (receiver), or begin to wait for the gap (prescriber)."""
         self._drive = drive
         if drive.role == "receiver":
             assert self._proposal is not None
-            self._tell("loads the trajectory")
+            self._note("loads the trajectory")
             self.vehicle.follow(self._proposal[1])
         else:
-            self._tell("is accepted, and waits for the gap")
+            self._note("is accepted, and waits for the gap")
             self._begins_ms = self.service.now() + self._action_ms
 
     def tick(self, now_ms: int) -> None:
-        """The prescriber's control loop: move over when it is time; tell when it is done."""
+        """The prescriber's control loop: change lanes at the right time, then complete."""
         if self.wanted is None:
             return
         if self._begins_ms is not None and now_ms >= self._begins_ms:
             self._begins_ms = None
-            self._tell("moves over")
+            self._note("moves over")
             self.vehicle.change_lane(self.wanted, now_ms / 1000)
         elif self.vehicle.lane == self.wanted and not self.vehicle.changing:
             self.wanted = None
-            self._tell("has changed lanes")
+            self._note("has changed lanes")
             if self._drive is not None:
                 self.service.command(self._drive.complete())
                 self._drive = None
 
     def fallback(self, session: Session, reason: str) -> None:
-        """Drive alone: give up what is not begun; what is begun the planner on board ends."""
-        self._tell(f"drives alone: {reason}")
+        """Drive alone: give up a lane change that has not begun, or finish it."""
+        self._note(f"drives alone: {reason}")
         self._alone()
 
     def finished(self, session: Session) -> None:
         """As ``Application.finished``."""
-        self._tell("is done")
+        self._note("is done")
         self._alone()
 
     def _alone(self) -> None:
@@ -334,16 +338,16 @@ class LaneChange(Coordinated):
 
     def refused(self, command: str, rule: str) -> None:
         """As ``Application.refused``."""
-        self._tell(f"{command} is refused by {rule}")
+        self._note(f"{command} is refused by {rule}")
         if command == "request":
             self.wanted = None
 
-    def _tell(self, what: str) -> None:
+    def _note(self, what: str) -> None:
         self.story.append((self.service.now(), what))
 
 
 def direction(trajectory: Trajectory) -> Floats:
-    """Of travel at its beginning, shape (2,); ahead (1, 0) for a vehicle that stands."""
+    """The direction of travel at the beginning, shape (2,); (1, 0) for a standing vehicle."""
     if len(trajectory) < 2:
         return np.array([1.0, 0.0])
     step = trajectory.xy[1] - trajectory.xy[0]

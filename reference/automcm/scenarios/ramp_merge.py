@@ -1,8 +1,8 @@
 """Merging from a ramp: another scenario on the same service.
 
-The prescriber will be at the place where the ramp joins at a certain time.  Of the vehicles on
-the main road that would be there at about that time it asks the first to come later: the same
-path, the times stretched.
+The prescriber will reach the end of the ramp at a certain time.  It asks the first of the vehicles
+on the main road that would be there at about that time to come later: on the same path, with
+stretched times.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ SCENARIO = "merge"
 
 @dataclass(frozen=True, kw_only=True)
 class Ramp:
-    """Where the ramp joins which lane, and by how much vehicles keep apart there."""
+    """The place and the lane where the ramp joins, and the distance of vehicles there."""
 
     joins_m: float
     lane: int = 1
     apart_s: float = 2.5
     slowest: float = 0.5
-    """Share of its speed below which a receiver does not go."""
+    """The lowest share of its speed that a receiver accepts."""
 
 
 def arrival(trajectory: Trajectory, x: float) -> float | None:
-    """When it passes x, in s; None if it does not, or has already."""
+    """The time in s at which it passes x; None if it does not, or has already."""
     xs = trajectory.xy[:, 0]
     if len(xs) < 2 or not xs[0] < x <= xs[-1]:
         return None
@@ -54,14 +54,14 @@ class Merge(Coordinated):
         super().__init__(vehicle)
         self.ramp = ramp
         self.merging = self.agreed = False
-        """It wants to join, and it may."""
+        """Whether it plans to join and is allowed to."""
         self.delayed: float | None = None
-        """By which factor it was asked to slow down."""
+        """The factor by which it was asked to slow down."""
         self._drive: Drive | None = None
         self._asked: Trajectory | None = None
 
     def signal(self) -> None:
-        """It wants to join.  One attempt at a time."""
+        """Request to join.  One attempt at a time."""
         if self.merging:
             return
         self.merging, self.agreed = True, False
@@ -132,7 +132,7 @@ class Merge(Coordinated):
             self.vehicle.follow(self._asked)
 
     def tick(self, now_ms: int) -> None:
-        """The vehicle on the ramp joins where the ramp does, if it may; else it stays on it."""
+        """Change to the main road at the end of the ramp, if allowed; else stay on the ramp."""
         if self.merging and self.agreed and self.vehicle.x >= self.ramp.joins_m:
             self.vehicle.change_lane(self.ramp.lane, now_ms / 1000)
         if self.merging and self.vehicle.lane == self.ramp.lane and not self.vehicle.changing:

@@ -1,9 +1,10 @@
-"""A straight two-lane road, small enough to read: vehicles in steps of 0.1 s.
+"""A straight two-lane road with vehicles, simulated in steps of 0.1 s.
 
 A vehicle follows the one ahead by the intelligent driver model (Treiber, Hennecke and Helbing,
 2000), and a prescribed trajectory by feedback to its stepwise speed, as the solid line of the
-paper's Fig. 4.  Without coordination a vehicle in the way is noticed late: hard braking, a stop,
-a restart (section VI-B).  SI units; x forward, y left; places are those of a vehicle's centre.
+paper's Fig. 4.  Without coordination a driver notices a vehicle in the way late: it brakes hard,
+stops and restarts (section VI-B).  SI units; x forward, y left; positions are those of a vehicle's
+centre.
 """
 
 from __future__ import annotations
@@ -18,34 +19,36 @@ from automcm.kernels.trajectory import Floats, Trajectory
 STEP_S = 0.1
 LANE_WIDTH = 3.5
 ROAD_M = 600.0
-"""How far ahead a planned path goes."""
+"""The length of a planned path, in m."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Driving:
-    """How a vehicle drives.  The IDM parameters are common values for cars in a town."""
+    """A driver's parameters.  Those of the IDM are common values for cars in a town."""
 
     acceleration: float = 1.5
     comfortable: float = 2.0
-    """Deceleration that the IDM aims at, m/s²."""
+    """Comfortable deceleration of the IDM, m/s²."""
     hardest: float = 8.0
     headway_s: float = 1.0
     standstill: float = 2.0
-    """Gap to the one ahead when both stand, bumper to bumper, m."""
+    """Gap to the vehicle ahead when both stand, bumper to bumper, m."""
     gain: float = 1.0
-    """Of the feedback to a prescribed speed, 1/s."""
+    """Gain of the feedback to a prescribed speed, 1/s."""
     lane_change_s: float = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Late:
-    """Without coordination, the paper's behaviour: an explicit model.  The paper has no values for
-    it.  These are plausible ones, of which ``restart_gap`` is calibrated: with it the differences
-    of section VI-B come out (experiments/arrival.py).  So those are fitted here, not confirmed.
+    """A model of the paper's behaviour without coordination.
 
-    A vehicle that moves over is noticed when it is ``notice`` m from its old lane's middle; who
-    then has it within ``range_m`` ahead brakes at ``brake`` to a stop, and restarts when the gap
-    is ``restart_gap`` m and ``restart_s`` have passed.
+    The paper has no values for it.  The values here are plausible, and ``restart_gap`` is
+    calibrated to give the differences of section VI-B (automcm_evaluation.arrival), which are
+    therefore fitted and not confirmed.
+
+    A driver notices a vehicle that changes lanes when it is ``notice`` m from the middle of its
+    old lane.  If that vehicle is within ``range_m`` ahead, the driver brakes at ``brake`` to a
+    stop, and restarts when the gap is ``restart_gap`` m and ``restart_s`` have passed.
     """
 
     notice: float = 0.5
@@ -67,7 +70,7 @@ class Vehicle:
     length: float = 4.5
     driving: Driving = field(default_factory=Driving)
     late: Late | None = None
-    """Set: it brakes late and stops for a vehicle that moves over before it."""
+    """If set, it brakes late and stops for a vehicle that changes to its lane ahead."""
     acceleration: float = 0.0
     y: float = 0.0
     target_lane: int = 0
@@ -83,25 +86,25 @@ class Vehicle:
 
     @property
     def changing(self) -> bool:
-        """It is between two lanes."""
+        """Whether it is between two lanes."""
         return self._moving_since is not None
 
     @property
     def lanes(self) -> frozenset[int]:
-        """The lanes it is in the way on: both while it changes."""
+        """The lanes that it occupies: both during a lane change."""
         return frozenset({self._moved_from, self.target_lane})
 
     def follow(self, trajectory: Trajectory | None) -> None:
-        """Drive at the speeds of this trajectory from its first time on; None: no more."""
+        """Drive at the speeds of this trajectory from its first time on; None ends this."""
         self._profile = trajectory
 
     def change_lane(self, lane: int, now: float) -> None:
-        """Begin to move over; not while it changes already."""
+        """Begin a lane change, unless one is in progress."""
         if lane != self.target_lane and not self.changing:
             self._moved_from, self.target_lane, self._moving_since = self.lane, lane, now
 
     def profile_speed(self, now: float) -> float | None:
-        """The prescribed speed now; None where nothing is prescribed.  Stopped is stopped."""
+        """The prescribed speed now; None without a prescription.  A stop is permanent."""
         p = self._profile
         if p is None or now < p.t[0]:
             return None
@@ -110,10 +113,9 @@ class Vehicle:
         return float(p.speeds()[np.searchsorted(p.t, now, side="right") - 1])
 
     def path(self) -> tuple[Floats, Floats]:
-        """What it plans to drive: points 5 m apart and the speed at each, shape (n, 2) and (n,).
+        """The planned path: points 5 m apart and the speed at each, shape (n, 2) and (n,).
 
-        A vehicle that is about to change lanes plans a straight way over to the other lane,
-        which takes ``lane_change_s``.
+        Before a lane change, the path leads straight to the other lane within ``lane_change_s``.
         """
         x = self.x + np.arange(0.0, ROAD_M, 5.0)
         over = max(self.speed, 1.0) * self.driving.lane_change_s
@@ -134,7 +136,7 @@ def idm(gap: float, speed: float, ahead_speed: float, desired: float, d: Driving
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One vehicle at one time."""
+    """The state of one vehicle at one time."""
 
     t: float
     station_id: int
@@ -145,30 +147,30 @@ class Sample:
 
 
 class Road:
-    """The vehicles, their steps, and what was recorded."""
+    """The vehicles, their simulation, and the recorded samples."""
 
     def __init__(self, vehicles: list[Vehicle]) -> None:
         ids = [vehicle.station_id for vehicle in vehicles]
         if len(set(ids)) != len(ids):
-            raise ValueError(f"station_id: one is there twice, of {ids}")
+            raise ValueError(f"station_id: must be unique, not {ids}")
         self.vehicles = vehicles
         self.t = 0.0
         self.samples: list[Sample] = []
         self._record()
 
     def ahead(self, of: Vehicle) -> Vehicle | None:
-        """The next vehicle ahead that is in the way on one of its lanes."""
+        """The next vehicle ahead on one of its lanes."""
         inn = [v for v in self.vehicles if v is not of and v.x > of.x and v.lanes & of.lanes]
         return min(inn, key=lambda v: v.x, default=None)
 
     def gap(self, behind: Vehicle, front: Vehicle | None) -> float:
-        """Bumper to bumper, m; infinite with nobody ahead."""
+        """The gap to the vehicle ahead, bumper to bumper, m; infinite without one."""
         if front is None:
             return math.inf
         return front.x - behind.x - (front.length + behind.length) / 2
 
     def step(self) -> None:
-        """STEP_S further: all decide on what they see now, then all move."""
+        """Advance by STEP_S: all vehicles decide on the present state, then all move."""
         decided = [self._decide(vehicle) for vehicle in self.vehicles]
         for vehicle, acceleration in zip(self.vehicles, decided, strict=True):
             self._move(vehicle, acceleration)
@@ -191,7 +193,7 @@ class Road:
         return max(following, -d.hardest)
 
     def _late(self, v: Vehicle, late: Late) -> float | None:
-        """What late notice makes of it; None if there is nothing to notice."""
+        """The acceleration after a late notice; None without one."""
         if not v._braking:
             others = (o for o in self.vehicles if o is not v and o.changing)
             v._braking = any(
@@ -215,7 +217,7 @@ class Road:
         return 0.0
 
     def _move(self, v: Vehicle, acceleration: float) -> None:
-        """Even acceleration for one step; a vehicle does not go backwards."""
+        """Move with constant acceleration for one step, but never backwards."""
         after = v.speed + acceleration * STEP_S
         if after < 0:
             v.x += v.speed**2 / (2 * -acceleration)
@@ -237,5 +239,5 @@ class Road:
         ]
 
     def of(self, station_id: int) -> list[Sample]:
-        """What was recorded of one vehicle, in order of time."""
+        """The recorded samples of one vehicle, in order of time."""
         return [sample for sample in self.samples if sample.station_id == station_id]

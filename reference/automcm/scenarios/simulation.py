@@ -19,9 +19,9 @@ from automcm_traces.format.writer import LogWriter
 
 
 class Simulation:
-    """Services, their applications and the radio between them; each may write a log.
+    """Services, their applications and the radio between them; each can write a log.
 
-    ``service`` makes each, for experiments that take a rule away.
+    ``service`` makes each service, for experiments that disable a rule.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Simulation:
         observers: tuple[Observer, ...] = (),
         codec: Codec = JSON,
     ) -> McService:
-        """A station that sends CAMs from now on.  Raises ValueError for an id that is there."""
+        """Add a station, which sends CAMs from now on.  Raises ValueError for a used id."""
         link = self.radio.link(station_id)
         parameters = parameters or Parameters()
         log = None
@@ -81,22 +81,22 @@ class Simulation:
         return service
 
     def watching(self, station_id: int) -> tuple[Observer, ...]:
-        """What observes every station, for simulations that watch what happens."""
+        """The observers of every station; subclasses can add some."""
         return ()
 
     def command(self, station_id: int, command: Command, at: int) -> None:
-        """Give a command at a time."""
+        """Give a command at this time in ms."""
         self.clock.at(at, lambda: self.services[station_id].command(command))
 
     def request(self, station_id: int, at: int) -> None:
-        """Ask for a lane change at a time."""
+        """Request a lane change at this time in ms."""
         self.command(station_id, LANE_CHANGE, at)
 
     def restart(self, station_id: int, at: int) -> None:
-        """Restart a station at a time (END-8)."""
+        """Restart a station at this time in ms (END-8)."""
         self.clock.at(at, lambda: self.services[station_id].restart())
 
     def run(self, until: int) -> None:
-        """Run to a time.  The logs end here."""
+        """Run to this time in ms, and end the logs."""
         with self._stack:
             self.clock.run(until)

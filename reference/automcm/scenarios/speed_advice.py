@@ -1,7 +1,7 @@
-"""Speed advice: a scenario without any trajectory calculation.
+"""Speed advice: a scenario without trajectory calculations.
 
-A receiver that has nothing but adaptive cruise control can be asked to set another speed.  Its
-"trajectory" is where it would be after a second, from 0: no more than its speed.
+A receiver that only has adaptive cruise control can be asked to set another speed.  Its
+"trajectory" is its position after one second, starting from 0, and so encodes its speed.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ def a_second_at(speed_mm_s: int) -> Trajectory:
 
 
 def speed_in(trajectory: Trajectory) -> int | None:
-    """The speed in such a trajectory, mm/s; None if it is of another form."""
+    """The speed in such a trajectory, mm/s; None for a trajectory of another form."""
     speed = trajectory.points[-1][1]
     return speed if trajectory == a_second_at(speed) and speed >= 0 else None
 
 
 class SpeedAdvice(Coordinated):
-    """Advises ``advice_mm_s`` to the fastest for ``advice_ms``, or takes such advice."""
+    """Advises the fastest vehicle to drive ``advice_mm_s`` for ``advice_ms``, or takes advice."""
 
     def __init__(
         self, vehicle: Vehicle, advice_mm_s: int = 0, advice_ms: int = 5000, least_mm_s: int = 3000
@@ -37,7 +37,7 @@ class SpeedAdvice(Coordinated):
         self._own = vehicle.desired
 
     def signal(self) -> None:
-        """Somebody should slow down."""
+        """Request that another vehicle slows down."""
         details = {"speed_mm_s": self.advice_mm_s}
         self.service.command(Request(scenario=SCENARIO, details=dict(details)))
 
@@ -65,7 +65,7 @@ class SpeedAdvice(Coordinated):
         self.service.command(choice.prescribe(self._target, advice, hold_ms=0, lease_ms=lease_ms))
 
     def verify(self, proposal: Proposal) -> None:
-        """It may be asked to drive slower, but not to crawl."""
+        """Accept a lower speed, but not a crawl."""
         speed = speed_in(proposal.prescribed)
         fits = speed is not None and self.least_mm_s <= speed <= self.vehicle.speed * 1000
         self.service.command(proposal.accept() if fits else proposal.refuse())
@@ -80,7 +80,7 @@ class SpeedAdvice(Coordinated):
             self.service.command(drive.complete(), self.advice_ms)
 
     def tick(self, now_ms: int) -> None:
-        """Nothing to control: the cruise control does."""
+        """Does nothing: the cruise control drives."""
 
     def _over(self, how: str) -> None:
         super()._over(how)

@@ -1,7 +1,7 @@
-"""The plainest application: a straight lane, and a receiver that agrees to everything.
+"""The simplest application: a straight lane, and a receiver that accepts every proposal.
 
-It stands in for a scenario in simulations, tests and the demonstration; the lane change of the
-paper is a scenario of its own.
+It is a placeholder for a scenario in simulations, tests and the demonstration; the lane change of
+the paper is a separate scenario.
 """
 
 from __future__ import annotations
@@ -17,16 +17,19 @@ LANE_CHANGE = Request(scenario="lane_change", details={"lane": 2})
 
 @dataclass
 class Straight:
-    """Drives straight on.  As a prescriber it takes ``target``, or the first who answered if
-    that one did not, proposes to drive slower each time, and completes after ``maneuver_ms``."""
+    """Drives straight on.
+
+    As a prescriber it chooses ``target``, or the first station that answered if ``target`` did not,
+    proposes a lower speed each time, and completes after ``maneuver_ms``.
+    """
 
     speed_mm_s: int = 8333
     target: int = 0
     think_ms: int = 50
-    """How long it takes to choose or to verify."""
+    """The time to choose or to verify, in ms."""
     maneuver_ms: int = 3000
     refuse_first: int = 0
-    """How many proposals of a session it refuses before it accepts one."""
+    """The number of proposals of a session that it refuses before it accepts one."""
     concerned_by_all: bool = True
     hold_ms: int = 2000
     lease_ms: int = 20_000
@@ -40,7 +43,7 @@ class Straight:
         return Kinematics(x_mm=self.speed_mm_s * now_ms // 1000, speed_mm_s=self.speed_mm_s)
 
     def trajectory(self, per_cent: int = 100) -> Trajectory:
-        """A second at ``per_cent`` of the speed."""
+        """A trajectory of one second at ``per_cent`` of the speed."""
         return Trajectory(t0=0, points=((0, 0, 0), (1000, self.speed_mm_s * per_cent // 100, 0)))
 
     def concerned(self, advertised: Advertised) -> Trajectory | None:
@@ -69,10 +72,10 @@ class Straight:
             self.service.command(drive.complete(), self.maneuver_ms)
 
     def fallback(self, session: Session, reason: str) -> None:
-        """It has driven straight on all along."""
+        """Does nothing: it always drives straight on."""
 
     def finished(self, session: Session) -> None:
-        """It has driven straight on all along."""
+        """Does nothing: it always drives straight on."""
 
     def refused(self, command: str, rule: str) -> None:
-        """An answer came too late; the service has gone on without it."""
+        """Does nothing: the answer came too late, and the session continues without it."""

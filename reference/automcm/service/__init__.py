@@ -1,5 +1,5 @@
-"""A station at work: the core with timers, a link, an application and a log.
+"""A running station: the core with a clock, a link, an application and a log.
 
-For whoever runs a station, in a simulation or as a process.
+For users who run a station in a simulation or as a process.
 The bridge, the scenarios and the commands import it.
 """

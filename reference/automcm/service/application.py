@@ -1,8 +1,8 @@
-"""The application interface: what a scenario is asked and told, and what it may do.
+"""The application interface: the calls that a scenario receives and the commands that it gives.
 
-The service asks with the content of messages and is answered with the commands of
-automcm_spec.vocabulary.application.  A scenario never sees an Ack, a retransmission or a timer; the
-service never looks into a trajectory (section IV of the paper: facility layer and application
+The service passes the content of messages to the scenario, which answers with the commands of
+automcm_spec.vocabulary.application.  A scenario does not handle Acks, retransmissions or timers;
+the service does not interpret trajectories (section IV of the paper: facility layer and application
 layer).
 """
 
@@ -27,7 +27,7 @@ from automcm_spec.vocabulary.messages import Plain, Session, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """Where the vehicle is, for its CAM: mm, milliradians, mm/s."""
+    """The vehicle's position, heading and speed for its CAM: mm, milliradians, mm/s."""
 
     x_mm: int = 0
     y_mm: int = 0
@@ -37,7 +37,7 @@ class Kinematics:
 
 @dataclass(frozen=True, slots=True)
 class Advertised:
-    """A maneuver that another station wants to make (ADV-3)."""
+    """A maneuver that another station plans (ADV-3)."""
 
     session: Session
     scenario: str
@@ -47,10 +47,11 @@ class Advertised:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Whom to ask for what?  (PRE-1, NEG-7)
+    """The question which target to prescribe which trajectory (PRE-1, NEG-7).
 
-    For proposal 1, ``planned`` holds what each receiver plans, by station id, and ``target`` is
-    0: it is to be chosen.  Later the target is fixed and ``reason`` says why it refused.
+    For proposal 1, ``planned`` holds the planned trajectory of each receiver by station id, and
+    ``target`` is 0: the application chooses it.  For later proposals the target is fixed, and
+    ``reason`` is the reason of its refusal.
     """
 
     session: Session
@@ -62,9 +63,9 @@ class Choice:
     def prescribe(
         self, target: int, prescribed: Trajectory, *, hold_ms: int, lease_ms: int
     ) -> Prescribe:
-        """Ask ``target`` to drive this, beginning ``hold_ms`` after it accepts.
+        """Propose ``prescribed`` to ``target``, beginning ``hold_ms`` after its acceptance.
 
-        Its commitment ends ``lease_ms`` after it accepts at the latest (ACT-4).
+        Its commitment ends at the latest ``lease_ms`` after its acceptance (ACT-4).
         """
         return Prescribe(
             session=self.session,
@@ -76,17 +77,20 @@ class Choice:
         )
 
     def proceed(self) -> Proceed:
-        """Nobody is in the way (PRE-3)."""
+        """No vehicle is in the way (PRE-3)."""
         return Proceed(session=self.session)
 
     def abort(self) -> Abort:
-        """Give the maneuver up (END-1)."""
+        """Give up the maneuver (END-1)."""
         return Abort(session=self.session)
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Is it safe to drive this?  (NEG-1)  ``hold_ms`` and ``lease_ms`` as in ``Choice``."""
+    """The question whether ``prescribed`` is safe (NEG-1).
+
+    ``hold_ms`` and ``lease_ms`` are as in ``Choice.prescribe``.
+    """
 
     session: Session
     proposal: int
@@ -95,22 +99,22 @@ class Proposal:
     lease_ms: int
 
     def accept(self) -> Accept:
-        """Yes; the selected trajectory is the prescribed one (NEG-2)."""
+        """Accept it; the selected trajectory is the prescribed one (NEG-2)."""
         return Accept(session=self.session, proposal=self.proposal, selected=self.prescribed)
 
     def refuse(self) -> Refuse:
-        """No (NEG-3)."""
+        """Refuse it as unsafe (NEG-3)."""
         return Refuse(session=self.session, proposal=self.proposal)
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """It is agreed: drive (ACT-1).
+    """An agreed maneuver (ACT-1).
 
-    ``selected`` is what the receiver drives, anchored at its acceptance.  Up to ``start_ms`` (on
-    the service's clock; Δt1 after the acceptance) it holds what was planned anyway (KIN-5); a
-    prescriber learns of the acceptance later, and for it this is the time it was told.  The
-    commitment ends at ``until_ms`` at the latest (ACT-4).
+    ``selected`` is the receiver's trajectory, which starts at its acceptance.  Up to ``start_ms``
+    (on the service's clock; Δt1 after the acceptance) it equals the planned trajectory (KIN-5).
+    For a prescriber, ``start_ms`` is the time at which it receives the acceptance.  The commitment
+    ends at ``until_ms`` at the latest (ACT-4).
     """
 
     session: Session
@@ -120,7 +124,7 @@ class Drive:
     until_ms: int
 
     def complete(self) -> Complete:
-        """The prescriber's maneuver is done (ACT-3)."""
+        """The prescriber has finished its maneuver (ACT-3)."""
         return Complete(session=self.session)
 
     def abort(self) -> Abort:
@@ -129,42 +133,45 @@ class Drive:
 
 
 class Service(Protocol):
-    """What an application may do with the service it is attached to."""
+    """The service, as far as the attached application may use it."""
 
     def now(self) -> int:
         """The time in ms, on the clock of ``Drive``."""
 
     def command(self, command: Command, after_ms: int = 0) -> None:
-        """Give a command, now or later.  From within a callback: once the callback is over."""
+        """Give a command, now or later.  From within a callback, it takes effect after it."""
 
 
 class Application(Protocol):
-    """A scenario.  Every method returns at once; an answer is a command, now or later."""
+    """A scenario.  Every method must return at once; the answer is a command, now or later."""
 
     def attach(self, service: Service) -> None:
         """Called once, before anything else."""
 
     def kinematics(self, now_ms: int) -> Kinematics:
-        """Where the vehicle is now."""
+        """The vehicle's present position, heading and speed."""
 
     def concerned(self, advertised: Advertised) -> Trajectory | None:
-        """What it plans to drive, or None if the maneuver does not concern it (ADV-3)."""
+        """The planned trajectory, or None if the maneuver does not concern the vehicle (ADV-3)."""
 
     def choose(self, choice: Choice) -> None:
-        """To be answered by ``prescribe``, ``proceed`` or ``abort`` within t_decide (PRE-1)."""
+        """Must be answered by ``prescribe``, ``proceed`` or ``abort`` within t_decide (PRE-1)."""
 
     def verify(self, proposal: Proposal) -> None:
-        """To be answered by ``accept`` or ``refuse`` within t_decide (NEG-1)."""
+        """Must be answered by ``accept`` or ``refuse`` within t_decide (NEG-1)."""
 
     def load(self, drive: Drive) -> None:
-        """Both have agreed.  A prescriber answers ``complete`` when it is done."""
+        """Both stations have agreed.  A prescriber gives ``complete`` when it has finished."""
 
     def fallback(self, session: Session, reason: str) -> None:
-        """The session is over: drive alone.  ``reason`` is that of a Cancel, or
-        ``no_participants``, which does not mean that the lane is free (PRE-1)."""
+        """The session has ended: drive alone.
+
+        ``reason`` is that of a Cancel, or ``no_participants``, which does not mean that the lane is
+        free (PRE-1).
+        """
 
     def finished(self, session: Session) -> None:
-        """The session is over by the prescriber's Fin: drive alone again (ACT-3)."""
+        """The prescriber's Fin has ended the session: drive alone (ACT-3)."""
 
     def refused(self, command: str, rule: str) -> None:
-        """A command changed nothing; ``undecided``: an answer did not come in time (NEG-3)."""
+        """A command was refused; ``undecided``: the answer came too late (NEG-3)."""

@@ -1,4 +1,4 @@
-"""The reference writes logs: what a station did, as events of automcm.trace/1."""
+"""Writes the reference's log: the inputs and effects of a station as events of automcm.trace/1."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import base64
 from collections.abc import Sequence
 from typing import Any
 
-from automcm.core.outcome import Expiry, Heard, Restart
+from automcm.core.outcome import Expiry, Received, Restart
 from automcm.core.state import Timer
 from automcm.core.station import Effects
 from automcm_spec.vocabulary.messages import Cam, to_dict
@@ -16,7 +16,7 @@ COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
 
 
 def timer(t: Timer) -> dict[str, Any]:
-    """A timer as the log names it."""
+    """A timer in the form of the log."""
     out: dict[str, Any] = {"name": t.name}
     if t.entry is not None:
         out["message"] = {"type": t.entry.type}
@@ -37,8 +37,11 @@ def write(
     raw: bytes = b"",
     late_ms: int | None = None,
 ) -> None:
-    """One input and its effects.  ``txs`` are the transmission ids of the messages sent, ``tx``
-    is that of the message received, ``raw`` its bytes if they were no message."""
+    """Write one input and its effects.
+
+    ``txs`` are the transmission ids of the sent messages.  ``tx`` is the transmission id of the
+    received message, and ``raw`` its bytes if they were not a valid message.
+    """
     t_ms = effects.now_ms
     more: dict[str, Any] = {"phase": effects.state.phase, "role": effects.state.role}
     more["late_ms"] = late_ms
@@ -47,7 +50,7 @@ def write(
     match effects.input:
         case None:
             log.event("receive", t_ms, tx=tx, raw=base64.b64encode(raw).decode(), **more)
-        case Heard(message, planned):
+        case Received(message, planned):
             plan = planned and planned.model_dump(mode="json")
             log.event("receive", t_ms, tx=tx, message=to_dict(message), planned=plan, **more)
         case Cam() as cam:
@@ -66,5 +69,5 @@ def write(
     for armed, deadline in effects.armed:
         log.event("timer", t_ms, op="arm", timer=timer(armed), deadline=deadline)
     for indication in effects.indications:
-        told = {"name": indication.name, "rule": effects.rule} | indication.as_dict()
-        log.event("indication", t_ms, indication=told)
+        record = {"name": indication.name, "rule": effects.rule} | indication.as_dict()
+        log.event("indication", t_ms, indication=record)

@@ -1,4 +1,4 @@
-"""Lines written by a thread, so that no pipe, disk or terminal can hold the event loop."""
+"""Lines written by a thread, so that no pipe, disk or terminal can block the event loop."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 WAITING_BYTES = 2**20
-"""What may wait to be written; a line beyond it is lost."""
+"""Maximum bytes that wait to be written; a line beyond this limit is lost."""
 POLL_MS = 50
 
 
 class LineOutput:
-    """Whole lines to a file descriptor that may block, fill up or be closed.
+    """Writes complete lines to a file descriptor that may block, be full or be closed.
 
-    ``write`` never waits and never raises.  A line that cannot be written is lost and counted, and
-    the next one is tried again: a disk may have room later.  ``trouble`` is called once, perhaps
-    from the thread, with the reason of the first loss, but not if the reader closed its pipe.  The
-    part of a line that was written before an error is removed from a regular file of our own;
-    elsewhere the next line begins after a line feed.
+    ``write`` never waits and never raises.  A line that cannot be written is lost and counted; the
+    next line is tried again, because a disk may have room later.  ``trouble`` is called once,
+    possibly from the thread, with the reason of the first loss, but not if the reader closed its
+    pipe.  A partly written line is removed from an owned regular file; elsewhere the next line
+    begins after a line feed.
     """
 
     def __init__(
@@ -34,18 +34,18 @@ class LineOutput:
         trouble: Callable[[str], None] = lambda why: None,
         waiting_bytes: int = WAITING_BYTES,
     ) -> None:
-        """``owned``: nobody else writes to this file, and ``finish`` closes it."""
+        """``owned``: there is no other writer, and ``finish`` closes the file."""
         self.lost = 0
         """Lines that were not written."""
         self.closed_by_reader = False
-        """Nobody reads the pipe any more, or it is closed; every further line is lost."""
+        """Whether the pipe has lost its reader or is closed; every further line is lost."""
         self._fd, self._owned, self._trouble = fd, owned, trouble
         self._limit = waiting_bytes
         self._regular = _is_regular(fd)
         self._lines: deque[bytes] = deque()
         self._bytes = 0
         self._changed = threading.Condition()
-        self._ending = self._told = self._torn = self._writing = False
+        self._ending = self._reported = self._torn = self._writing = False
         self._thread = threading.Thread(target=self._run, name="output", daemon=True)
         self._thread.start()
 
@@ -60,18 +60,18 @@ class LineOutput:
                 return
             self.lost += 1
         if not fits:
-            self._say("it is not read, or too slowly")
+            self._report("the reader does not read, or reads too slowly")
 
     def flush(self) -> None:
-        """Nothing: the thread writes as soon as it can."""
+        """Does nothing: the thread writes as soon as it can."""
 
     def drain(self, within_s: float) -> None:
-        """Wait until everything is written or lost, for at most so long."""
+        """Wait until all lines are written or lost, for at most ``within_s``."""
         with self._changed:
             self._changed.wait_for(lambda: not self._bytes, within_s)
 
     def finish(self, within_s: float) -> None:
-        """Write what still waits, for at most so long; what is left then is lost."""
+        """Write the waiting lines for at most ``within_s``; the remaining ones are lost."""
         self.drain(within_s)
         with self._changed:
             self._ending = True
@@ -105,10 +105,10 @@ class LineOutput:
                     self._bytes = 0
                 self._changed.notify_all()
             if why and not self.closed_by_reader:
-                self._say(why)
+                self._report(why)
 
     def _try(self, line: bytes) -> str:
-        """Write the line; returns why it was not."""
+        """Write the line.  Returns the reason if that fails, else an empty text."""
         try:
             self._put(line)
         except OSError as error:
@@ -132,7 +132,7 @@ class LineOutput:
         while True:
             try:
                 return os.write(self._fd, data)
-            except BlockingIOError:  # somebody made the descriptor non-blocking
+            except BlockingIOError:  # another process made the descriptor non-blocking
                 if self._ending:
                     raise
                 poll = select.poll()
@@ -147,9 +147,9 @@ class LineOutput:
             return False
         return True
 
-    def _say(self, why: str) -> None:
-        told, self._told = self._told, True
-        if not told:
+    def _report(self, why: str) -> None:
+        reported, self._reported = self._reported, True
+        if not reported:
             self._trouble(why)
 
 
@@ -161,11 +161,11 @@ def _is_regular(fd: int) -> bool:
 
 
 def create(path: Path) -> tuple[int, Path]:
-    """Create a file that was not there, and open it for writing.
+    """Create a new file and open it for writing.
 
-    If ``path`` is taken, the first free of ``name.2.suffix``, ``name.3.suffix``, ... is created:
-    a start must not destroy the log of the life before.  What is no regular file (a pipe, a
-    device) is opened as it is.  Raises OSError.
+    If ``path`` exists, the first free name of ``name.2.suffix``, ``name.3.suffix``, ... is used, so
+    that a start does not destroy the log of an earlier run.  A pipe or a device is opened as it is.
+    Raises OSError.
     """
     if path.exists() and not path.is_file():
         return os.open(path, os.O_WRONLY | os.O_NONBLOCK), path  # a pipe must have a reader

@@ -1,8 +1,8 @@
 """The MC service: the facility layer, common to all scenarios (section IV of the paper).
 
-It owns a station, a link, a clock and one application.  It generates and takes CAMs, sends and
-receives messages, keeps a single alarm set for the next thing due, writes the log, and turns
-what the station tells into the questions of the application interface.  It decides nothing.
+It owns a station, a link, a clock and one application.  It sends and receives CAMs and messages,
+sets one alarm for the next deadline, writes the log, and turns the station's indications into calls
+of the application interface.  It makes no decisions.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import partial
 from logging import getLogger
 from operator import attrgetter
 
-from automcm.core.outcome import Heard, Rules
+from automcm.core.outcome import Received, Rules
 from automcm.core.rules import RULES
 from automcm.core.state import State
 from automcm.core.station import Effects, Station
@@ -55,16 +55,16 @@ from automcm_spec.vocabulary.parameters import Parameters, longest_delay
 from automcm_traces.format.writer import LogWriter
 
 NEIGHBOURS = 256
-"""How many stations' last CAMs are kept."""
+"""Maximum number of stations whose last CAMs are kept."""
 
 _logger = getLogger(__name__)
 
 Observer = Callable[[State, Effects], None]
-"""Called with the state before and what an input did, after its messages were sent."""
+"""Called with the state before an input and its effects, after its messages were sent."""
 
 
 def _attempt(what: Callable[[], object], errors: list[Exception]) -> bool:
-    """Do it; an exception is kept for later."""
+    """Call ``what``; append an exception to ``errors``.  Returns whether it succeeded."""
     try:
         what()
     except Exception as error:
@@ -74,16 +74,16 @@ def _attempt(what: Callable[[], object], errors: list[Exception]) -> bool:
 
 
 class McService:
-    """One station at work.
+    """One running station.
 
-    ``number`` is the last session number used before, and ``keep_number`` is called with each
-    new one before it goes on the air (END-8); a service that comes back calls ``restart``.
-    ``seed`` feeds the back-off (END-7) and the offset of the first CAM.  ``rules`` and
-    ``marks`` (of a CAM, ACT-5) other than the protocol's are for experiments that take one away.
+    ``number`` is the last session number used before, and ``keep_number`` is called with each new
+    one before it is sent (END-8).  After a restart of the process, call ``restart``.  ``seed`` is
+    the seed of the back-off (END-7) and of the offset of the first CAM.  Other ``rules`` and
+    ``marks`` (of a CAM, ACT-5) are for experiments that disable a rule.
 
-    An exception in the application, an observer or ``keep_number`` passes through to whoever
-    called (the event loop, the simulation), but only after everything else that was to be done:
-    it stops no session.  While ``keep_number`` fails, nothing is sent.
+    An exception in the application, an observer or ``keep_number`` is raised to the caller (the
+    event loop, the simulation) after all other work is done, so that it ends no session.  While
+    ``keep_number`` fails, no message is sent.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class McService:
         )
         self.application, self.statistics = application, Statistics()
         self.neighbours: OrderedDict[int, Cam] = OrderedDict()
-        """The last CAM of each of the ``NEIGHBOURS`` stations heard last."""
+        """The last CAM of each of the ``NEIGHBOURS`` most recently received stations."""
         self._link, self._clock, self._codec, self._log = link, clock, codec, log
         self._keep_number, self._observers = keep_number, observers
         self._marks = marks
@@ -124,9 +124,9 @@ class McService:
         self._cam_due = clock.now() + random.Random(seed).randrange(self.parameters.t_cam)
         self._alarm: tuple[int, Cancel] | None = None
         self._awake = 0
-        """When it was last looked at how late it is."""
+        """The time of the last lateness check, in ms."""
         self._late_ms = 0
-        """How late the last alarm was, until the log has it."""
+        """The delay of the last alarm in ms, until it is logged."""
         self._pending: deque[Callable[[], None]] = deque()
         self._busy = False
         self._open = self._closed = self._stopping = False
@@ -146,26 +146,26 @@ class McService:
 
     @property
     def state(self) -> State:
-        """What its station knows now."""
+        """The present state of its station."""
         return self.station.state
 
-    # -- what may be done with it
+    # -- public operations
 
     def start(self) -> None:
-        """Open the link and begin to send CAMs.  Commands given before are carried out now."""
+        """Open the link and begin to send CAMs.  Earlier commands are executed now."""
         self._link.open(self.receive)
         self._open, self._closed = True, False
         self._do(lambda: None)
 
     def log_to(self, log: LogWriter) -> None:
-        """Write the log there from now on; before ``start``."""
+        """Write to this log from now on.  Call it before ``start``."""
         self._log = log
 
     def stop(self) -> None:
-        """Leave the session, if there is one, by END-1, and join and begin none from now on.
+        """Leave the session, if there is one, by END-1; join and open none from now on.
 
-        The application is told ``fallback`` with the reason ``stop``, and its commands are taken
-        no more.  CAMs, and the Cancel until it is acknowledged, go on until ``close``.
+        The application gets ``fallback`` with the reason ``stop``, and its commands are ignored
+        from then on.  CAMs, and the Cancel until it is acknowledged, are sent until ``close``.
         """
 
         def stop() -> None:
@@ -179,7 +179,7 @@ class McService:
         self._do(stop)
 
     def close(self) -> None:
-        """Stop where it is, as a crash would: nothing more is sent, received or due."""
+        """Stop at once, as in a crash: nothing more is sent or received, and no timer fires."""
         self._open, self._closed = False, True
         self._pending.clear()
         if self._alarm is not None:
@@ -188,14 +188,14 @@ class McService:
         self._link.close()
 
     def now(self) -> int:
-        """The time in ms.  It never goes back, whatever the clock does."""
+        """The time in ms.  It never decreases, whatever the clock does."""
         self._time = max(self._time, self._clock.now())
         return self._time
 
     def receive(self, data: bytes, tx: str | None = None) -> int | None:
-        """Bytes from the link; what is no message is counted and dropped (END-5).
+        """Take bytes from the link; invalid ones are counted and discarded (END-5).
 
-        Returns the station that the message is from, None for no message.
+        Returns the sender of the message, or None for invalid bytes.
         """
         src: int | None = None
 
@@ -204,10 +204,10 @@ class McService:
             self.statistics.received_bytes += len(data)
             self.statistics.oversized += len(data) > MAX_BYTES
             now = self.now()
-            self._take(self.station.advance(now))  # whatever the application does below
+            self._take(self.station.advance(now))  # before the application can act
             effects = self.station.receive(data, now)
             match effects[-1].input:
-                case Heard(message):
+                case Received(message):
                     src = message.src
                 case Cam() as cam:
                     src = cam.src
@@ -217,7 +217,7 @@ class McService:
         return src
 
     def command(self, command: Command, after_ms: int = 0) -> None:
-        """A command of the application, now (from within a callback: after it) or later."""
+        """Take a command of the application, now (within a callback: after it) or later."""
 
         def take() -> None:
             if not self._stopping:
@@ -229,7 +229,7 @@ class McService:
             self._do(take)
 
     def restart(self) -> None:
-        """Forget every session, as after a crash (END-8); the application is to drive alone."""
+        """Forget every session, as after a crash (END-8); the application must drive alone."""
 
         def restart() -> None:
             session = self.state.session
@@ -239,10 +239,10 @@ class McService:
 
         self._do(restart)
 
-    # -- one thing at a time
+    # -- one step at a time
 
     def _do(self, what: Callable[[], None]) -> None:
-        """Do it, and what the application asks for meanwhile; then set the alarm."""
+        """Execute a step and those that the application adds meanwhile; then set the alarm."""
         if self._closed:
             return
         self._pending.append(what)
@@ -266,21 +266,24 @@ class McService:
         due = self._cam_due if deadline is None else min(deadline, self._cam_due)
         if self._alarm is not None:
             if self._alarm[0] <= due:
-                return  # rings early, does nothing, and is set again
+                return  # it fires early without effect and is then set again
             self._alarm[1]()
         self._alarm = due, self._clock.at(due, lambda: self._ring(due))
 
     def _ring(self, due: int) -> None:
         self._alarm = None
-        self._time = max(self._time, due)  # woken early it is due all the same
+        self._time = max(self._time, due)  # the alarm counts as on time even if it fires early
         self._was_away(due)
         self._do(self._on_time)
 
     def _was_away(self, due: int) -> None:
-        """Note how late it is for an alarm.  What follows from it the timers say, which fire before
-        anything that has arrived is looked at: after ``t_cam_loss`` ACT-2 ends the session."""
+        """Note the delay of an alarm.
+
+        The timers handle the consequences: they fire before received messages are processed, and
+        after ``t_cam_loss`` ACT-2 ends the session.
+        """
         now = self.now()
-        late = now - max(due, self._awake)  # of one absence the first alarm tells
+        late = now - max(due, self._awake)  # report one delay once
         self._awake = now
         self.statistics.latest_ms = max(self.statistics.latest_ms, late)
         if late > longest_delay(self.parameters.known):
@@ -294,12 +297,12 @@ class McService:
             self._send_cam(now)
 
     def _take(self, effects: list[Effects], tx: str | None = None, raw: bytes = b"") -> None:
-        """Send, log, count and pass on what the station did.
+        """Send, log, count and pass on the effects of a station.
 
-        The input that ``tx`` and ``raw`` belong to comes last: due timers fire first.
+        ``tx`` and ``raw`` belong to the last input, because due timers fire first.
         """
         errors: list[Exception] = []
-        told = []
+        steps = []
         last = len(effects) - 1
         for n, effect in enumerate(effects):
             before, self._before = self._before, effect.state
@@ -319,16 +322,16 @@ class McService:
                 )
                 _attempt(write, errors)
             self.statistics.count(effect, before)
-            told.append((before, effect))
-        for before, effect in told:
+            steps.append((before, effect))
+        for before, effect in steps:
             for observe in self._observers:
                 _attempt(partial(observe, before, effect), errors)
-            _attempt(partial(self._tell, effect), errors)
+            _attempt(partial(self._notify, effect), errors)
         if errors:
             raise errors[0]
 
     def _noted(self) -> int | None:
-        """How late it was since the last record, once."""
+        """The delay since the last record, in ms; None if it is logged already or 0."""
         late, self._late_ms = self._late_ms, 0
         return late or None
 
@@ -340,10 +343,10 @@ class McService:
     # -- sending
 
     def _send(self, message: Message | Cam, errors: list[Exception]) -> str:
-        """Put a message on the air; returns its transmission id.
+        """Send a message and return its transmission id.
 
-        What the codec cannot carry, such as a trajectory too long for it, is as if lost; so is
-        what raises anything else, which is kept in ``errors``.
+        A message that the codec cannot carry, such as one with too long a trajectory, counts as
+        lost; so does one whose sending raises another exception, which is kept in ``errors``.
         """
         self._sent += 1
         tx = f"{self.station_id}:{self._sent}"
@@ -355,7 +358,7 @@ class McService:
             data = self._codec.encode(message)
         except MessageError as error:
             self.statistics.unsendable += 1
-            _logger.warning("%s: %s is not sent: %s", self.station_id, message.type, error)
+            _logger.warning("%s: %s was not sent: %s", self.station_id, message.type, error)
             return
         self.statistics.sent[message.type] += 1
         self.statistics.sent_bytes += len(data)
@@ -382,13 +385,13 @@ class McService:
     # -- the application interface
 
     def _plan(self, advertisement: Advertisement) -> Trajectory | None:
-        """Asked only when it could join (ADV-4)."""
+        """The application's plan; only requested when the station could join (ADV-4)."""
         if self.state.bound or self._stopping:
             return None
         a = advertisement
         return self.application.concerned(Advertised(a.session, a.scenario, a.details, a.planned))
 
-    def _tell(self, effect: Effects) -> None:
+    def _notify(self, effect: Effects) -> None:
         if isinstance(effect.input, Cam) and effect.input.src != self.station_id:
             self.neighbours[effect.input.src] = effect.input
             self.neighbours.move_to_end(effect.input.src)
@@ -401,12 +404,12 @@ class McService:
             self.application.load(
                 Drive(p.session, "receiver", selected, now + p.hold_ms, now + p.lease_ms)
             )
-        for told in effect.indications:
-            self._tell_application(told, effect)
+        for indication in effect.indications:
+            self._indicate(indication, effect)
 
-    def _tell_application(self, told: Indication, effect: Effects) -> None:
+    def _indicate(self, indication: Indication, effect: Effects) -> None:
         application, now = self.application, effect.now_ms
-        match told:
+        match indication:
             case Refused(detail=command):
                 application.refused(command, effect.rule)
             case Undecided():
@@ -420,7 +423,7 @@ class McService:
                 self._proposal = Proposal(session, m.proposal, m.prescribed, m.hold_ms, m.lease_ms)
                 application.verify(self._proposal)
             case Accepted(session=session, selected=selected):
-                until = now + told.lease_left_ms
+                until = now + indication.lease_left_ms
                 application.load(Drive(session, "prescriber", selected, now, until))
             case Fallback(session=session, reason=reason):
                 application.fallback(session, reason)

@@ -1,4 +1,4 @@
-"""One station as a process of its own: a service on a UDP link, and what it reports."""
+"""One station as a process: a service on a UDP link, with reports of its events."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from automcm.core.outcome import Expiry, Heard
+from automcm.core.outcome import Expiry, Received
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.encoding.codec import Codec
@@ -38,24 +38,26 @@ Report = Callable[[dict[str, Any]], None]
 
 
 STOP_MS = 1000
-"""How long a station that is told to stop goes on, at most, until its Cancel is acknowledged."""
+"""How long a stopping station waits, at most, for the Ack of its Cancel."""
 FINISH_S = 0.5
-"""How long the end waits for a log that is written slowly."""
+"""How long to wait at the end for a log that is written slowly."""
 
 
 class NumberError(Exception):
-    """The file that keeps the session number cannot be used; the text names it."""
+    """The file with the session number cannot be used; the text names the file."""
 
 
 @dataclass(frozen=True)
 class NumberFile:
-    """Keeps the last session number over a restart (END-8), in a file.  That the file is there
-    means that the station ran before."""
+    """Stores the last session number in a file, so that it survives a restart (END-8).
+
+    If the file exists, the station ran before.
+    """
 
     path: Path
 
     def last(self) -> int | None:
-        """None if the station never ran before.  Raises NumberError for anything else."""
+        """The stored number, or None if there is no file.  Raises NumberError for a bad file."""
         try:
             with self.path.open() as file:
                 text = file.read(100).strip()
@@ -64,11 +66,11 @@ class NumberFile:
         except (OSError, UnicodeDecodeError) as error:
             raise NumberError(f"{self.path}: {error}") from None
         if not (text.isascii() and text.isdecimal() and int(text) < LIMIT):
-            raise NumberError(f"{self.path}: holds no session number")
+            raise NumberError(f"{self.path}: expected a session number below {LIMIT}")
         return int(text)
 
     def keep(self, number: int) -> None:
-        """Raises NumberError: without it, the number must not go on the air."""
+        """Store a number.  Raises NumberError; the number must then not be sent."""
         try:
             files.write(self.path, f"{number}\n", durable=True)
         except OSError as error:
@@ -77,7 +79,7 @@ class NumberFile:
 
 @dataclass(kw_only=True)
 class StationProcess:
-    """What ``run`` needs.  ``commands`` are given at the start, each after so many ms."""
+    """A station and its settings.  ``commands`` are (delay in ms after the start, command)."""
 
     station_id: int
     application: Application
@@ -89,30 +91,31 @@ class StationProcess:
     run_name: str = "live"
     number_file: NumberFile | None = None
     number: int = 0
-    """Without a file: the last session number that it may have used before."""
+    """Without a number file: the last session number that it may have used before."""
     restarted: bool = False
-    """Without a file: it may have run before (END-8)."""
+    """Without a number file: whether it may have run before (END-8)."""
     commands: list[tuple[int, Command]] = field(default_factory=list)
     serving: AbstractAsyncContextManager[Any] = field(default_factory=nullcontext)
-    """Open while the station runs: the WebSocket server of a bridge, and its ``port``."""
+    """Open while the station runs, such as the WebSocket server of a bridge with its ``port``."""
     listen_ms: int = 1100
-    """How long to listen for another station of the same id before the start; a CAM comes at
-    least every 1000 ms."""
+    """How long to listen for another station with the same id before the start, in ms; a CAM comes
+    at least every 1000 ms."""
     for_ms: int | None = None
     zero: float = 0.0
-    """What counts as 0 ms on the host's monotonic clock, in s."""
+    """The time of the host's monotonic clock, in s, that counts as 0 ms."""
     complain: Callable[[str], None] = lambda text: None
-    """Takes a line about what is lost while the station goes on; also from another thread."""
+    """Takes a line about lost records while the station runs; also from another thread."""
     _idle: asyncio.Future[None] | None = field(default=None, init=False)
-    """Done when a station that is told to stop has nothing left to send."""
+    """Done when a stopping station has no message left to send."""
 
     async def run(self) -> None:
-        """Until it is told to stop (SIGTERM, SIGINT, SIGHUP), ``for_ms`` are over, or something of
-        ours raises; then leave the session with a Cancel (END-1) and end, ``STOP_MS`` later at the
-        latest, or at once when told a second time.
+        """Run until a signal (SIGTERM, SIGINT, SIGHUP), the end of ``for_ms``, or an exception.
 
-        Raises LinkError, NumberError, OSError for a log that cannot be created or, at the end, has
-        lost records, and whatever the application raised.
+        Then leave the session with a Cancel (END-1) and end, at the latest ``STOP_MS`` later, or at
+        once on a second signal.
+
+        Raises LinkError, NumberError, OSError for a log that cannot be created or has lost records,
+        and exceptions of the application.
         """
         over, at_once = stopping(None), asyncio.get_running_loop().create_future()
         number, restarted = self._before()
@@ -153,9 +156,9 @@ class StationProcess:
                 await self._leave(service, at_once)
 
     async def _leave(self, service: McService, at_once: asyncio.Future[None]) -> None:
-        """END-1, then wait until nothing is left to send, or as long as there is time.
+        """END-1, then wait until no message is left to send, or until the time limit.
 
-        The loop goes on whatever raises: an exception must not keep the Cancel from the peer.
+        The loop continues after an exception, so that the peer still gets the Cancel.
         """
         with suppress(Exception):
             service.stop()
@@ -168,7 +171,7 @@ class StationProcess:
             )
 
     def _before(self) -> tuple[int, bool]:
-        """The last number used, and whether it has run before; from now on it has."""
+        """The last number used, and whether the station ran before; marks it as having run."""
         if self.number_file is None:
             return self.number, self.restarted
         last = self.number_file.last()
@@ -181,15 +184,17 @@ class StationProcess:
 
     @contextmanager
     def _logging(self, service: McService) -> Iterator[Path | None]:
-        """Write the log, if one is wanted; where, is the result.  What cannot be written is counted
-        in the log, once there is room again, by a jump of ``seq`` and in its end."""
+        """Write the log, if one is requested; yields its path.
+
+        Records that cannot be written appear in the log as a gap of ``seq`` and in its end record.
+        """
         if self.log is None:
             yield None
             return
         fd, path = create(self.log)
 
         def trouble(why: str) -> None:
-            self.complain(f"{path}: {why}; the records of now are lost, the station goes on")
+            self.complain(f"{path}: {why}; current log records are lost, the station continues")
 
         output = LineOutput(fd, owned=True, trouble=trouble)
         log = LogWriter(
@@ -202,7 +207,7 @@ class StationProcess:
             complete=event_log.COMPLETE,
         )
         output.drain(FINISH_S)
-        if output.lost:  # not even the header: nothing later could be read
+        if output.lost:  # without its header, a log cannot be read
             output.finish(FINISH_S)
             if path.is_file():
                 path.unlink()
@@ -217,12 +222,12 @@ class StationProcess:
             log.end(reason, output.lost)
             output.finish(FINISH_S)
         if output.lost:
-            raise OSError(f"{path}: {output.lost} records of the log are lost")
+            raise OSError(f"{path}: {output.lost} log records were lost")
 
     def _observe(self, before: State, effects: Effects) -> None:
-        """Report messages, changes of phase and what the application is told."""
+        """Report messages, changes of phase and indications."""
         service = self._service
-        if isinstance(effects.input, Heard):
+        if isinstance(effects.input, Received):
             m = effects.input.message
             self._report(service, event="received", type=m.type, src=m.src, rule=effects.rule)
         for message in effects.messages:
@@ -232,10 +237,10 @@ class StationProcess:
             self._report(service, event="phase", rule=effects.rule)
         if isinstance(effects.input, Expiry) and effects.input.timer.name == "giveup":
             self._report(service, event="given_up", rule=effects.rule)
-        for told in effects.indications:
-            if told.name != "discarded":
-                reason = told.reason if isinstance(told, Fallback | Propose) else ""
-                self._report(service, event="told", name=told.name, reason=reason)
+        for indication in effects.indications:
+            if indication.name != "discarded":
+                reason = indication.reason if isinstance(indication, Fallback | Propose) else ""
+                self._report(service, event="told", name=indication.name, reason=reason)
         if self._idle is not None and not effects.state.outbox:
             _end(self._idle)
 
@@ -252,7 +257,7 @@ class StationProcess:
 async def _free(
     link: UdpLink, codec: Codec, station_id: int, ms: int, over: asyncio.Future[None]
 ) -> None:
-    """Listen.  Raises LinkError if a station with this id is on the air already."""
+    """Listen for ``ms``.  Raises LinkError if another station uses this id."""
     if ms <= 0:
         return
     taken = False
@@ -265,19 +270,21 @@ async def _free(
     link.open(look)
     await asyncio.wait([over], timeout=ms / 1000)
     if taken:
-        raise LinkError(f"station_id: {station_id} is on the air already")
+        raise LinkError(f"station_id {station_id} is in use by another station; choose another id")
 
 
 def stopping(for_ms: int | None = None) -> asyncio.Future[None]:
-    """Done at SIGTERM, SIGINT, SIGHUP or after ``for_ms``; an exception in the event loop is its
-    own."""
+    """A future that is done on SIGTERM, SIGINT or SIGHUP, or after ``for_ms``.
+
+    An exception in the event loop becomes its exception.
+    """
     loop = asyncio.get_running_loop()
     over: asyncio.Future[None] = loop.create_future()
 
     def failed(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception") or RuntimeError(context["message"])
         if "socket" in context and isinstance(error, OSError):
-            return  # a listener that found no free descriptor for a client; it tries again
+            return  # no free descriptor for a client; the listener tries again
         if not over.done():
             over.set_exception(error)
 
@@ -289,7 +296,7 @@ def stopping(for_ms: int | None = None) -> asyncio.Future[None]:
 
 
 def on_signals(do: Callable[[asyncio.Future[None]], None], over: asyncio.Future[None]) -> None:
-    """Do it at SIGTERM, SIGINT, and SIGHUP unless that is ignored (nohup)."""
+    """Call ``do`` on SIGTERM, SIGINT, and on SIGHUP unless it is ignored (nohup)."""
     hangup = signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
     for signum in (signal.SIGTERM, signal.SIGINT, *([signal.SIGHUP] if hangup else [])):
         asyncio.get_running_loop().add_signal_handler(signum, do, over)

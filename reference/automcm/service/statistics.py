@@ -1,4 +1,4 @@
-"""What a service has counted.  Nothing here is read by anything that decides."""
+"""The counters of a service.  No decision depends on them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm.core.outcome import Heard
+from automcm.core.outcome import Received
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm_spec.vocabulary.messages import Cam
@@ -16,13 +16,12 @@ from automcm_spec.vocabulary.messages import Cam
 class Statistics:
     """Counters of one service.
 
-    ``unsendable`` messages were more than the codec can carry, and so as if lost.  Every message
-    received is counted in ``received``; of those, ``malformed`` were no message (``oversized``
-    among them for their length alone), ``elsewhere`` were addressed to another (MSG-1),
-    ``broken`` broke the protocol (END-5), ``foreign`` were of a session the station was not in
-    (END-4), and ``repeated`` were of its session and changed nothing: copies and stale ones.
-    ``rules`` counts what decided, expiries and commands too.  ``latest_ms`` is by how much an
-    alarm rang late at most.
+    ``unsendable`` counts messages that the codec cannot carry and that count as lost.  ``received``
+    counts every received message.  ``malformed`` counts invalid ones (``oversized`` those that were
+    too long), ``elsewhere`` those addressed to another station (MSG-1), ``broken`` those that broke
+    the protocol (END-5), ``foreign`` those of another session (END-4), and ``repeated`` those of
+    its session that changed nothing: copies and stale ones.  ``rules`` counts the deciding rules of
+    all inputs.  ``latest_ms`` is the largest delay of an alarm.
     """
 
     sent: Counter[str] = field(default_factory=Counter)
@@ -40,12 +39,12 @@ class Statistics:
     latest_ms: int = 0
 
     def count(self, effects: Effects, before: State) -> None:
-        """Count one input that was taken in state ``before``."""
+        """Count one input that the station received in state ``before``."""
         self.rules[effects.rule] += 1
         match effects.input:
             case None:
                 self.malformed += 1
-            case Heard(message):
+            case Received(message):
                 self.received[message.type] += 1
                 if effects.rule == "MSG-1":
                     self.elsewhere += 1
@@ -59,7 +58,7 @@ class Statistics:
                 self.received["CAM"] += 1
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, sorted."""
+        """The counters for JSON, sorted."""
         out: dict[str, Any] = {}
         for name in self.__dataclass_fields__:
             value = getattr(self, name)

@@ -1,5 +1,5 @@
-"""Does the receiver arrive earlier with coordination? Section VI-B of the paper.
+"""Arrival times with and without coordination: section VI-B of the paper.
 
-On a simulated road, and on SUMO's.
+On the simulated road and in SUMO.
 Only ``runs`` and ``loss`` import it.
 """

@@ -1,9 +1,9 @@
-"""When a receiver arrives, with coordination and without (section VI-B, Fig. 8).
+"""Arrival times of a receiver with and without coordination (section VI-B, Fig. 8).
 
-A prescriber moves over into the lane of a receiver.  The clock starts at the prescriber's signal
-and stops when the receiver is at the target.  Each trial is driven twice from the same start:
-coordinated, and with ``road.Late``, the paper's behaviour without.  What that model has of
-figures the paper does not tell, so the gain is also driven over a grid of them, and in SUMO.
+A prescriber changes into the lane of a receiver.  The time is measured from the prescriber's signal
+to the receiver's arrival at the target.  Each trial has two drives from the same start: with
+coordination, and with ``road.Late``, the paper's behaviour without it.  The paper does not give the
+parameters of that behaviour, so the gain is also measured over a grid of them, and in SUMO.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from automcm_evaluation.framework.experiment import (
 from automcm_evaluation.framework.intervals import mean
 
 BLOCK = 10
-"""Trials in one cell."""
+"""Number of trials in one cell."""
 TOO_LATE = 10
-"""Times as long as the way takes undisturbed, and nothing arrives any more."""
+"""Time limit for an arrival, as a multiple of the undisturbed travel time."""
 PLACES = ("target_m", "signal_m", "signal_span_m", "beside_m", "beside_span_m")
 MODEL = ("notice", "brake", "restart_s", "restart_gap")
 Notice = Annotated[float, Field(ge=0, le=3)]
@@ -39,33 +39,33 @@ Wait = Annotated[float, Field(ge=0, le=10)]
 Gap = Annotated[float, Field(ge=0, le=100)]
 Acceleration = Annotated[float, Field(ge=0.5, le=4)]
 Draw = tuple[float, float]
-"""Of a trial: how far ahead the prescriber starts, and after how much way it signals, m."""
+"""A trial's start: how far ahead the prescriber starts, and the distance before its signal, m."""
 
 
 class Arrival(Settings):
-    """SI units; all ways from where the receiver starts, or centre to centre."""
+    """Settings in SI units; distances are from the receiver's start, or centre to centre."""
 
     trials: int = Field(default=100, ge=2, le=1000)
-    """At each speed (the paper: 100)."""
+    """Trials at each speed (the paper: 100)."""
     target_m: float = Field(default=260.0, ge=200, le=2000)
     """The paper's."""
     signal_m: float = Field(default=45.0, ge=0, le=100)
-    """After how much way the prescriber signals, at least; calibrated."""
+    """Minimum distance before the prescriber's signal; calibrated."""
     signal_span_m: float = Field(default=10.0, ge=0, le=50)
-    """And at most so much later; assumed."""
+    """Maximum additional distance before the signal; assumed."""
     beside_m: float = Field(default=5.0, ge=0, le=20)
-    """How far ahead of the receiver the prescriber starts, at least; assumed."""
+    """Minimum initial distance of the prescriber ahead of the receiver; assumed."""
     beside_span_m: float = Field(default=2.5, ge=0, le=20)
-    """And at most so much more; assumed."""
+    """Maximum additional initial distance; assumed."""
     notice: Notice = Late().notice
     brake: Brake = Late().brake
     restart_s: Wait = Late().restart_s
     restart_gap: Gap = Late().restart_gap
     """Calibrated; the other four are assumed."""
     acceleration: Acceleration = Driving().acceleration
-    """Of all vehicles, with coordination and without."""
+    """The driver parameters of all vehicles, with and without coordination."""
     draws: int = Field(default=3, ge=1, le=50)
-    """Starts for each baseline tried, spread evenly."""
+    """Number of evenly spread starts for each baseline."""
     notices: tuple[Notice, ...] = (0.2, 0.5, 1.0, 1.75)
     brakes: tuple[Brake, ...] = Field(default=(2.0, 3.0, 4.0, 6.0, 8.0), min_length=1)
     restarts_s: tuple[Wait, ...] = Field(default=(0.0, 0.5, 1.5, 3.0, 5.0), min_length=1)
@@ -74,11 +74,11 @@ class Arrival(Settings):
     )
     accelerations: tuple[Acceleration, ...] = (1.0, 1.5, 2.0, 2.5)
     sumo: bool = True
-    """Also drive it in SUMO (automcm[sumo])."""
+    """Whether to run SUMO, too (automcm[sumo])."""
 
 
 def cells(settings: Arrival) -> list[Values]:
-    """SUMO's first: if it is missing that is told at once."""
+    """The cells.  Those of SUMO come first, so that a missing SUMO is reported at once."""
     all_ = settings.model_dump(mode="json")
     places = {name: all_[name] for name in PLACES}
     model = {name: all_[name] for name in (*MODEL, "acceleration")}
@@ -111,7 +111,7 @@ def cells(settings: Arrival) -> list[Values]:
 
 
 def run(values: Values, seed: int) -> Values:
-    """A cell.  Raises ExperimentError if nobody arrives, or SUMO is wanted and missing."""
+    """Run a cell.  Raises ExperimentError if a receiver does not arrive, or SUMO is missing."""
     if values["part"] == "trials":
         return _trials(values, Random(seed))
     if values["part"] == "sumo":
@@ -130,7 +130,7 @@ def run(values: Values, seed: int) -> Values:
 
 
 def _trials(values: Values, random: Random) -> Values:
-    """Lists, one entry for each trial."""
+    """Lists of results with one entry for each trial."""
     draws = [
         (drawn(values["places"], random.random(), random.random()), random.getrandbits(31))
         for _ in range(values["trials"])
@@ -150,8 +150,10 @@ def _trials(values: Values, random: Random) -> Values:
 
 
 def _gains(values: Values, models: Sequence[Values]) -> list[float]:
-    """By how much earlier a receiver arrives than with each of these baselines, s, on average.
-    They have one acceleration, so that with coordination all are the same."""
+    """The mean gain in arrival time over each of these baselines, s.
+
+    They have the same acceleration, so that the drives with coordination are the same.
+    """
     draws = spread(values["places"], values["draws"])
 
     def average(model: Values, coordinated: bool) -> float:
@@ -190,7 +192,7 @@ def _in_sumo(values: Values, seed: int) -> Values:
 
 
 def drawn(places: Values, first: float, second: float) -> Draw:
-    """The start that two numbers from 0 to 1 stand for."""
+    """The start for two numbers from 0 to 1."""
     return (
         places["beside_m"] + first * places["beside_span_m"],
         places["signal_m"] + second * places["signal_span_m"],
@@ -198,7 +200,7 @@ def drawn(places: Values, first: float, second: float) -> Draw:
 
 
 def spread(places: Values, number: int) -> list[Draw]:
-    """Starts spread evenly, the same for all baselines: neither of the two goes with the other."""
+    """Evenly spread starts with uncorrelated values, the same for all baselines."""
     golden = (5**0.5 - 1) / 2
     return [drawn(places, (n + 0.5) / number, (n * golden + 0.5) % 1) for n in range(number)]
 

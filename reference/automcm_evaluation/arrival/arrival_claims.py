@@ -1,4 +1,4 @@
-"""What the drives of ``arrival`` say of the paper's sentences on Fig. 8."""
+"""The results of ``arrival`` compared with the paper's statements on Fig. 8."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from automcm_evaluation.framework.intervals import Z, mean, quantile
 
 SPEEDS_KMH = (30, 50)
 PAPER = {30: (5.0, 0.15), 50: (7.0, 0.28)}
-"""By how many seconds earlier, and what share faster (section VI-B)."""
+"""The paper's gains in seconds, and as a share (section VI-B)."""
 NEAR_S = 0.5
-"""The paper's seconds are whole ones: a figure within this of them may be theirs."""
+"""The paper's seconds are rounded; a figure within this tolerance agrees with them."""
 NEAR_SHARE = 0.005
 FIG_9_S = 29.0
-"""The best class of the paper's Fig. 9, at 30 km/h: so soon or sooner."""
+"""The upper limit of the best class of the paper's Fig. 9, at 30 km/h."""
 LITTLE = 0.5
 """Braking up to this (m/s²) is "little or no deceleration"; assumed: the paper has no figure."""
 
@@ -62,7 +62,7 @@ def _by_29_s(cells: Sequence[Cell]) -> Values:
 
 
 def _trials(cells: Sequence[Cell], speed_kmh: int) -> Values:
-    """Of all trials at one speed."""
+    """The figures of all trials at one speed."""
     values = cells[0].values
     speed = speed_kmh / 3.6
     signals = [m for cell in cells for m in cell.result["signal_m"]]
@@ -101,7 +101,7 @@ def _trials(cells: Sequence[Cell], speed_kmh: int) -> Values:
 
 
 def rounded(values: Values) -> Values:
-    """Its floats to six places."""
+    """The value with floats rounded to six places."""
     return {
         name: rounded(value)
         if isinstance(value, dict)
@@ -113,7 +113,7 @@ def rounded(values: Values) -> Values:
 
 
 def ways(speed_kmh: int, lost_s: float) -> Values:
-    """How long the timed way is (m) if the paper's seconds and its per cent are both right.
+    """The timed distance (m) if both the paper's seconds and its percentage are right.
 
     ``lost_s`` is what coordination costs against driving on undisturbed.  By each reading of
     "15 % faster": the way, and the shortest and the longest as the figures are rounded.
@@ -172,7 +172,7 @@ def _tried(found: Values, used: Values) -> Values:
 
 
 def claims(report: Values) -> list[Claim]:
-    """Each sentence of section VI-B, and what SUMO says."""
+    """The statements of section VI-B, and SUMO's results."""
     found = report["summary"]
     return [
         *(gain_claim(found, speed_kmh) for speed_kmh in SPEEDS_KMH),
@@ -184,25 +184,25 @@ def claims(report: Values) -> list[Claim]:
 
 
 def gain_claim(found: Values, speed_kmh: int) -> Claim:
-    """Reproduced only where it comes out whatever the baseline: else it was fitted."""
+    """The claim is only reproduced if it holds for every baseline; otherwise it was fitted."""
     name, (gain, share) = str(speed_kmh), PAPER[speed_kmh]
     here, tried = found["speeds"][name], found["tried"]
     least, greatest = tried["least_s"][name], tried["greatest_s"][name]
     fitted = abs(here["gain_s"] - gain) <= NEAR_S
     whatever = fitted and gain - NEAR_S <= least and greatest <= gain + NEAR_S
-    says = "the baseline is fitted to it" if fitted else "the fitted baseline misses it"
+    why = "the baseline is fitted to it" if fitted else "the fitted baseline misses it"
     return Claim(
         f"at {speed_kmh} km/h the receiver arrives earlier with coordination",
         f"approximately {gain:.0f} s, {share:.0%} faster",
         f"{here['gain_s']:.2f} s (95 % interval {here['low_s']:.2f} to {here['high_s']:.2f}); "
         f"{here['reduction']:.1%} less time, {here['ratio']:.1%} more speed",
         graded(here["low_s"] > 0 and whatever, here["low_s"] > 0),
-        f"{says}; {least:.1f} to {greatest:.1f} s over the {tried['baselines']} baselines tried",
+        f"{why}; {least:.1f} to {greatest:.1f} s over the {tried['baselines']} baselines tried",
     )
 
 
 def order_claim(found: Values) -> Claim:
-    """The gain grows with the speed: whatever the baseline, or with the calibrated one."""
+    """Whether the gain grows with the speed for every baseline, or for the calibrated one."""
     slow, fast = (found["speeds"][str(speed_kmh)] for speed_kmh in SPEEDS_KMH)
     tried = found["tried"]
     grows = fast["low_s"] > slow["high_s"]
@@ -216,7 +216,7 @@ def order_claim(found: Values) -> Claim:
 
 
 def way_claim(found: Values, target_m: float) -> Claim:
-    """Whether seconds and per cent fit the way, by either reading, as they are rounded."""
+    """Whether the rounded seconds and percentage fit the distance, by either reading."""
     texts, both, fits, exist = [], [], [], []
     for reading, text in (("reduction", "less time"), ("ratio", "more speed")):
         ranges = [found["ways"][str(speed_kmh)][reading] for speed_kmh in SPEEDS_KMH]
@@ -236,7 +236,7 @@ def way_claim(found: Values, target_m: float) -> Claim:
 
 
 def braking_claim(found: Values) -> Claim:
-    """Stop or hardly brake, once the lane change has begun."""
+    """The claim on stops and braking after the begin of the lane change."""
     with_, without = (
         [found["speeds"][str(speed_kmh)][which] for speed_kmh in SPEEDS_KMH]
         for which in ("with", "without")
@@ -256,7 +256,7 @@ def braking_claim(found: Values) -> Claim:
 
 
 def sumo_claim(found: Values) -> Claim:
-    """A second opinion, or none."""
+    """The comparison with SUMO, or none."""
     here, why = "not run", "needs automcm[sumo]"
     if all(found["sumo"][str(speed_kmh)] for speed_kmh in SPEEDS_KMH):
         gains = [sumo_gain(found, speed_kmh, "forced") for speed_kmh in SPEEDS_KMH]
@@ -274,6 +274,6 @@ def sumo_claim(found: Values) -> Claim:
 
 
 def sumo_gain(found: Values, speed_kmh: int, against: str) -> float:
-    """By how much earlier it arrives with a prescription than so, s."""
+    """The gain in arrival time with a prescription over this behaviour, s."""
     of = found["sumo"][str(speed_kmh)]
     return float(of[against]["arrival_s"] - of["prescribed"]["arrival_s"])

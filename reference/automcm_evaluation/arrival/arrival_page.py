@@ -1,4 +1,4 @@
-"""The page of ``arrival`` and its figures, from the report alone."""
+"""The page of ``arrival`` and its figures, made only from the report."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NAMES = {
 
 
 def page(report: Values) -> str:
-    """All but title and claims."""
+    """The page without title and claims."""
     s = report["summary"]
     both = {speed_kmh: s["speeds"][str(speed_kmh)] for speed_kmh in SPEEDS_KMH}
     return markdown.page(

@@ -1,8 +1,8 @@
-"""The lane change of section VI-B once more, in SUMO: a second opinion on what a gap costs.
+"""The lane change of section VI-B in SUMO, as an independent measurement of a gap's cost.
 
-SUMO's followers have no late notice and no stop; how they drive is SUMO's own.  Each trial is a
-straight road of two lanes, a prescriber on the right that moves over to the left, and a receiver
-there.  Needs the extra ``automcm[sumo]``; libsumo holds one simulation in a process at a time.
+SUMO's followers use its own driver model, without late notice and stop.  Each trial is a straight
+road of two lanes, a prescriber that changes from the right to the left lane, and a receiver there.
+Needs the extra ``automcm[sumo]``; libsumo runs only one simulation in a process at a time.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ HOWS: dict[How, str] = {
 SAFE, AT_ONCE = 1621, 0
 """SUMO's lane change modes: its default, and regardless of others."""
 DECIDED_S = Parameters().t_timeout / 1000 + 0.1
-"""From the signal to the Prescription: Intentions are waited for, then a target is chosen."""
+"""Time from the signal to the Prescription: the window for Intentions, then the choice."""
 BEGIN_M = 50.0
-"""Where the receiver starts: a vehicle is put on the road with its whole length."""
+"""The receiver's start; SUMO inserts a vehicle with its complete length."""
 TOO_LATE = 10
-"""Times as long as the way takes undisturbed, and nothing arrives any more."""
+"""Time limit for an arrival, as a multiple of the undisturbed travel time."""
 CAR_M = 4.5
 NET = """<net version="1.16">
 <edge id="road" from="a" to="b">
@@ -108,7 +108,7 @@ class Trial:
         return ["sumo", *(part for k, v in options.items() for part in (f"--{k}", str(v)))]
 
     def _drive(self, sumo: Any) -> dict[str, float]:
-        sumo.simulationStep()  # puts the vehicles there; they have not moved
+        sumo.simulationStep()  # inserts the vehicles without moving them
         begin_s = float(sumo.simulation.getTime())
         slower, moves_s = self.slower()
         samples = [(0.0, BEGIN_M, self.speed)]
@@ -145,7 +145,7 @@ class Trial:
         }
 
     def slower(self) -> tuple[Trajectory | None, float]:
-        """What is prescribed, if anything, and when the prescriber moves over, s."""
+        """The prescription, if there is one, and the time of the lane change, s."""
         if self.how != "prescribed":
             return None, self.signal_s
         plan, decided = Plan(), self.signal_s + DECIDED_S
@@ -163,7 +163,7 @@ class Trial:
 
 
 def libsumo() -> Any:
-    """The module.  Raises ExperimentError where it is not installed."""
+    """The module libsumo.  Raises ExperimentError if it is not installed."""
     try:
         return import_module("libsumo")
     except ModuleNotFoundError as error:

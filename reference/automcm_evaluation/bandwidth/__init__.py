@@ -1,5 +1,5 @@
-"""How many bytes do the messages take? Section VI-A of the paper.
+"""Bandwidth of the messages: section VI-A of the paper.
 
-Counted in sessions, and on a radio channel.
+Bytes of sessions, and the load of a radio channel.
 Only ``runs`` imports it.
 """

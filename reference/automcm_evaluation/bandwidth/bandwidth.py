@@ -1,6 +1,6 @@
-"""Bytes on the air: what event-driven messages cost, against trajectories always on (Fig. 7).
+"""The cost of event-driven messages in bytes, compared with always-on trajectories (Fig. 7).
 
-Sizes are those of payloads in both codecs; ``bandwidth_air`` says how they are taken.
+Sizes are those of payloads in both codecs; ``bandwidth_air`` measures them.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.parameters import Parameters
 
 LOSSLESS = 2
-"""Drives without loss; they differ by delays alone."""
+"""Drives without loss, which differ only in delays."""
 BLOCK = 5
-"""Drives in a cell."""
+"""Number of drives in a cell."""
 IN_SERIES, SERIES_GAP_M = 3, 60.0
 """Where several change lanes one after another: receivers for each of them, and their gap, so wide
 that each finds its receiver still beside it."""
@@ -65,7 +65,7 @@ def cells(settings: Bandwidth) -> list[Values]:
 
 
 def run(values: Values, seed: int) -> Values:
-    """One cell; all its random numbers are from ``seed``."""
+    """Run one cell; all its random numbers come from ``seed``."""
     drawn = random.Random(seed)
     match values["part"]:
         case "sizes":
@@ -98,7 +98,7 @@ def run(values: Values, seed: int) -> Values:
 
 
 def _sizes() -> Values:
-    """Bytes by type and codec; a CAM in no session and in one."""
+    """Bytes by type and codec, with a CAM outside and inside of a session."""
     cam = next(message for message in sizes.plain() if isinstance(message, Cam))
     found = {message.type: message for message in sizes.carrying(sizes.trajectory(POINTS))}
     plain = {message.type: message for message in sizes.plain() if message is not cam}

@@ -1,7 +1,7 @@
-"""What goes over the air in a drive: each message by time, sender and size, in either encoding.
+"""Records the messages of a drive by time, sender and size in both encodings.
 
-Beside what the services send stands what they would send always-on: each vehicle its planned
-trajectory, at 10 Hz, as an Intention to all.
+It also records the always-on alternative: each vehicle sends its planned trajectory at 10 Hz as an
+Intention to all.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from automcm_spec.vocabulary.parameters import Parameters
 SPEED_KMH, GAP_M, BESIDE_M = 30.0, 22.0, 3.0
 """As in ``FourVehicles``."""
 SIGNAL_MS, MANEUVER_MS = 1000, 15_000
-"""The first turn signal; from one to the next, and to the end."""
+"""The time of the first turn signal; the time between two, and from the last to the end."""
 BIN_MS, OFFER_MS = 500, 1000
-"""Of a bar over time; and from one sizing of the always-on trajectories to the next."""
+"""The width of a bar over time; the interval of measuring the always-on trajectories."""
 RATE_HZ = 10
-"""Of CAMs and of always-on trajectories; the paper sent both at this rate (VI-A)."""
+"""The rate of CAMs and of always-on trajectories, as in the paper (VI-A)."""
 POINTS = 52
 """The paper's trajectory as we read it: 260 m, a point each metre, thinned to a fifth."""
 CODECS = ("json", "uper")
@@ -41,7 +41,7 @@ _FIRST_ID, _EPOCH_MS = 3_000_000_000, 1_800_000_000_000
 
 
 class Bytes(NamedTuple):
-    """Of one or more messages in each codec."""
+    """The bytes of one or more messages in each codec."""
 
     json: int
     uper: int
@@ -49,7 +49,7 @@ class Bytes(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """One message on the air.  ``prescriber`` is that of its session, 0 for a CAM."""
+    """One sent message.  ``prescriber`` is that of its session, 0 for a CAM."""
 
     ms: int
     src: int
@@ -57,12 +57,12 @@ class Sent:
     prescriber: int
     forms: dict[str, Bytes]
     cancelled: int = 0
-    """Whom a Cancel was for."""
+    """The addressee of a Cancel."""
 
 
 @dataclass
 class Air:
-    """A codec, the JSON one, that notes what is sent through it.  ``now`` is set before."""
+    """The JSON codec with a record of encoded messages.  ``now`` must be set before."""
 
     now: Callable[[], int] = lambda: 0
     sent: list[Sent] = field(default_factory=list)
@@ -70,7 +70,7 @@ class Air:
     _known: dict[bytes, dict[str, Bytes]] = field(default_factory=dict)
 
     def encode(self, message: Message | Cam) -> bytes:
-        """As JSON, and counted."""
+        """Encode as JSON and record the size."""
         data = JSON.encode(message)
         if isinstance(message, Cam):
             forms = dict.fromkeys(FORMS, measured(on_air(message)))
@@ -97,11 +97,11 @@ class Air:
 
 
 def on_air(message: Message | Cam, points: int = 0, lean: bool = False) -> Message | Cam:
-    """The message with ids of ten digits and times since 1970, as on a road; in a simulation ids
-    and times are small, and so are their encodings.
+    """The message with ids of ten digits and times since 1970, as on a road, because small ids and
+    times of a simulation have short encodings.
 
-    ``points``: with another trajectory of so many points in place of its own, if it has one.
-    ``lean``: without one if it is an Advertisement.
+    ``points``: replace its trajectory, if it has one, by one with this many points.
+    ``lean``: remove the trajectory of an Advertisement.
     """
 
     def named(session: Session) -> Session:
@@ -143,7 +143,7 @@ def in_forms(message: Message) -> dict[str, Bytes]:
 
 
 def offered(src: int, planned: Trajectory) -> Intention:
-    """What an always-on vehicle sends: an Intention to all."""
+    """The message of an always-on vehicle: an Intention to all."""
     return Intention(src=src, session=(src, 1), seq=1, planned=planned)
 
 
@@ -170,7 +170,7 @@ def column(receivers: int, beside: Sequence[int], gap_m: float = GAP_M) -> list[
 
 @dataclass
 class Recorded:
-    """A drive, and what went over the air in it and would have gone always-on."""
+    """A drive with its sent messages and those of the always-on alternative."""
 
     drive: Drive
     air: Air
@@ -181,7 +181,7 @@ class Recorded:
 
     @property
     def vehicles(self) -> int:
-        """How many take part."""
+        """The number of vehicles."""
         return len(self.drive.drivers)
 
 
@@ -225,8 +225,8 @@ def record(
 
 
 def session(recorded: Recorded, prescriber: int) -> Values:
-    """What the maneuver of this prescriber cost, from its first message to its last; what CAMs did
-    meanwhile, and what always-on would have."""
+    """The bytes of this prescriber's maneuver, from its first message to its last, and those of the
+    CAMs and of the always-on alternative in this time."""
     own = [sent for sent in recorded.air.sent if sent.prescriber == prescriber]
     if not own:
         raise ExperimentError(f"bandwidth: station {prescriber} sent nothing")
@@ -262,7 +262,7 @@ def session(recorded: Recorded, prescriber: int) -> Values:
 
 
 def total(sent: Sequence[Sent], form: str = "sent") -> Bytes:
-    """Of all of these."""
+    """The sum of all amounts."""
     forms = [each.forms[form] for each in sent]
     return Bytes(sum(each.json for each in forms), sum(each.uper for each in forms))
 

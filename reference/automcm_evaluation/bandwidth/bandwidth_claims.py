@@ -1,4 +1,4 @@
-"""What section VI-A of the paper says of bytes on the air, and what came out here."""
+"""The statements of section VI-A of the paper on bandwidth, compared with the results."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from automcm_evaluation.framework.experiment import Claim, Values, beyond, grade
 TEN, MANY = 10.0, 3.0
 """The paper's ratio of a message with a trajectory to a CAM; and what is still many times."""
 SAME = 0.05
-"""Amounts that differ by less than this part are the same."""
+"""Amounts that differ by less than this share count as equal."""
 
 
 def claims(report: Values) -> list[Claim]:
-    """The paper's statements one by one, then what it does not have."""
+    """The paper's statements, then further claims."""
     s = report["summary"]
     two, four = drive(s, 2), drive(s, 4)
     return [
@@ -190,7 +190,7 @@ def _scaling(s: Values) -> Claim:
 
 
 def _crowded(s: Values) -> list[Claim]:
-    """Only if there were more receivers than a prescriber notes."""
+    """The claim on a limit, only if there were more receivers than a prescriber records."""
     by = {(each["vehicles"], each["participants"]): each for each in s["many"]}
     usual = min(participants for _, participants in by)
     return [
@@ -208,7 +208,7 @@ def _crowded(s: Values) -> list[Claim]:
 
 
 def _ratio(two: Values, four: Values, kind: str) -> float:
-    """How many times as much of a kind; 0 if there is none with two."""
+    """The ratio of amounts of one kind; 0 if there is none with two vehicles."""
     return float(four.get(kind, 0) / two[kind]) if two.get(kind) else 0.0
 
 

@@ -1,4 +1,4 @@
-"""What the cells of the bandwidth experiment come to."""
+"""The summary of the cells of the bandwidth experiment."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from automcm_spec.vocabulary.parameters import Parameters
 CARRYING = ("Advertisement", "Intention", "Prescription", "Acceptance")
 """The messages with a trajectory."""
 MARKED = "CAM in a session"
-"""Ours then names the session (ACT-5); the paper's has nothing of the kind."""
+"""Inside of a session, this CAM names it (ACT-5); the paper's CAM does not."""
 ETSI_CAM = 41
 """Bytes of an ETSI CAM in UPER, with the basic and the high-frequency container alone: encoded by
-pycrate, an encoder of others (reference/tests/foreign_cam.py)."""
+pycrate, an independent encoder (reference/tests/foreign_cam.py)."""
 HEADERS = {
     "802.11 MAC": 26,
     "802.11 check sum": 4,
@@ -45,7 +45,7 @@ SPARSE_CAM_MS = 500
 
 
 def summary(cells: Sequence[Cell]) -> Values:
-    """What the tables, figures and claims are taken from; amounts in bytes, times in s."""
+    """The data of tables, figures and claims; amounts in bytes, times in s."""
     (sized,) = (cell.result for cell in chosen(cells, part="sizes"))
     drives = chosen(cells, part="drive")
     pairs = dict.fromkeys((cell.values["vehicles"], cell.values["loss"]) for cell in drives)
@@ -93,7 +93,7 @@ def summary(cells: Sequence[Cell]) -> Values:
 
 
 def _model() -> Values:
-    """What the drives were run with."""
+    """The parameters of the drives."""
     parameters, plan, (low, high) = Parameters(), Plan(), Channel().delay_ms
     return {
         "speed_kmh": SPEED_KMH,
@@ -111,7 +111,7 @@ def _model() -> Values:
 
 
 def drive(summary: Values, vehicles: int, lossy: bool = False) -> Values:
-    """The drives with so many vehicles, without loss or with it."""
+    """The drives with this number of vehicles, with or without loss."""
     (found,) = (
         d for d in summary["drives"] if d["vehicles"] == vehicles and (d["loss"] > 0) == lossy
     )
@@ -124,7 +124,7 @@ def _event(session: Values, form: str = "sent") -> Values:
 
 
 def _drives(vehicles: int, loss: float, cells: Sequence[Cell]) -> Values:
-    """The means of all drives of one kind, and what event-driven saves in them."""
+    """The means of all drives of one kind, and the saving by event-driven messages."""
     sessions = [session for cell in cells for session in cell.result["sessions"]]
     finished = sum(session["finished"] for session in sessions)
     kinds = sorted({kind for session in sessions for kind in session["count"]})
@@ -187,7 +187,7 @@ def _drives(vehicles: int, loss: float, cells: Sequence[Cell]) -> Values:
 
 
 def _many(cell: Cell) -> Values:
-    """Bytes a second and the share of the channel; CAMs at RATE_HZ are always among them."""
+    """Bytes per second and the share of the channel, always including CAMs at RATE_HZ."""
     session, vehicles = cell.result["session"], cell.values["vehicles"]
     seconds, busiest, cams = session["ms"] / 1000, session["busiest"], session["cams"]
     per_s, periodic = 1000 / BIN_MS, vehicles * RATE_HZ

@@ -1,5 +1,5 @@
-"""Who brakes, how hard, and when? Section VI-B and figure 6 of the paper.
+"""Speed and braking of each vehicle: section VI-B and figure 6 of the paper.
 
-Courses of speed and gap of each vehicle.
+Drives with and without faults.
 Only ``runs`` imports it.
 """

@@ -1,8 +1,8 @@
-"""Speeds of the four vehicles (Fig. 6), and what a maneuver costs in comfort (section III-D).
+"""Speeds of the four vehicles (Fig. 6), and the cost of a maneuver in comfort (section III-D).
 
-The maneuver of Fig. 6 is driven as it should be, without coordination, and with each of the
-faults of ``comfort_courses.COURSES``; each fault with the rule that is for it and without.  A
-fault's moment goes over a grid within each stage of the maneuver.
+The maneuver of Fig. 6 is driven undisturbed, without coordination, and with each of the faults of
+``comfort_courses.COURSES``, each with and without the rule against it.  The time of a fault is
+varied over a grid within each stage of the maneuver.
 """
 
 from __future__ import annotations
@@ -48,32 +48,32 @@ from automcm_spec.vocabulary.parameters import Parameters
 DRAWN_STEPS = 5
 """Fig. 6 is drawn from every fifth step of the road."""
 DRAWN_S = 25.0
-"""And for the first so many seconds."""
+"""Duration of Fig. 6 in seconds."""
 Speed = Annotated[int, Field(ge=25, le=80)]
 
 
 class Comfort(Settings):
-    """SI units, but for km/h and ms where the name says so."""
+    """Settings in SI units, except for names with km/h or ms."""
 
     speeds_kmh: tuple[Speed, ...] = Field(default=(30, 50), min_length=1)
-    """Of Fig. 6; the paper's (section VI-B)."""
+    """The speeds of Fig. 6; the paper's (section VI-B)."""
     faults_kmh: tuple[Speed, ...] = Field(default=(30, 50), min_length=1)
-    """Of the drives with faults."""
+    """The speeds of the drives with faults."""
     trials: int = Field(default=5, ge=1, le=100)
-    """Moments of each fault in each stage, spread evenly; places and radio are drawn anew."""
+    """Number of evenly spread times of each fault in each stage, with new positions and losses."""
     gap_m: float = Field(default=FourVehicles().gap_m, ge=15, le=60)
-    """From each receiver to the next, centre to centre; assumed."""
+    """Distance between consecutive receivers, centre to centre; assumed."""
     beside_m: float = Field(default=FourVehicles().beside_m, ge=0, le=10)
-    """How far ahead of B the prescriber starts; assumed."""
+    """The prescriber's initial distance ahead of B; assumed."""
     spread_m: float = Field(default=1.0, ge=0, le=3)
     """Both are drawn evenly within so much to either side."""
     until_s: float = Field(default=50.0, ge=40, le=200)
     """Length of a drive."""
     t_cam_loss_ms: int = Field(default=Parameters().t_cam_loss, ge=1001, le=10_000)
     stands_s: float = Field(default=5.0, ge=0, le=20)
-    """How long A stands when it has stopped; assumed."""
+    """The duration of A's stop; assumed."""
     sees_s: float = Field(default=0.5, ge=0, le=3)
-    """After which time the prescriber has seen that; assumed."""
+    """The time after which the prescriber notices A's stop; assumed."""
     open_m: float = Field(default=150.0, ge=30, le=200)
     """Gain of an open-ended prescription, to be ended by a Fin; assumed."""
 
@@ -141,10 +141,10 @@ def _tracks(run: Run) -> dict[int, Track]:
 def cost(
     found: dict[int, Track], alone: dict[int, Track], needed: dict[int, tuple[float, float]]
 ) -> Values:
-    """Of one drive.  ``alone``: if nobody wants to change lanes; ``needed``: m and s of slowing of
-    B and of C that a lane change takes if nothing goes wrong.
+    """The measures of one drive.  ``alone``: the drive without a lane change; ``needed``: the
+    slowing of B and of C, in m and s, in an undisturbed lane change.
 
-    Slowing is needless as far as it is more than that, and all of it if nobody moved over.
+    Any further slowing is needless, and all of it without a lane change.
     """
     moved = bool(found[PRESCRIBER].y[-1] != found[PRESCRIBER].y[0])
     near = [distance(n, found) for n in (PRESCRIBER, B, C)]

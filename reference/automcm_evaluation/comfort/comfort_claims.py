@@ -1,4 +1,4 @@
-"""What the drives of ``comfort`` say of Fig. 6 and of section III-D."""
+"""The results of ``comfort`` compared with Fig. 6 and section III-D."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from automcm_evaluation.framework.experiment import Cell, Claim, Values, beyond,
 from automcm_evaluation.framework.intervals import mean
 
 PLAIN = ("undisturbed", "open-ended", "uncoordinated")
-"""The drives with no fault."""
+"""The drives without a fault."""
 LITTLE = 0.5
 """Braking up to this (m/s²) is "little or no deceleration"; assumed: the paper has no figure."""
 COMFORTABLE = 2.0
-"""And up to this it is still what the driver model aims at (road.Driving.comfortable)."""
+"""Braking up to this (m/s²) is comfortable in the driver model (road.Driving.comfortable)."""
 SAME = 0.1
-"""A speed within this, m/s, is the same."""
+"""Speeds that differ by less than this, m/s, count as equal."""
 CLEAR_M = 1.0
-"""A mean way that differs by less, m, does not differ."""
+"""Mean distances that differ by less than this, m, count as equal."""
 ABANDONED = ("prescriber_dies", "prescriber_aborts", "prescriber_hangs")
-"""Courses in which the prescriber makes no use of B's slowing any more: III-D's case."""
+"""Courses in which the prescriber no longer uses B's slowing: the case of section III-D."""
 LINK = ("cut", "cut_to_b", "cut_to_prescriber")
 """Courses in which only the radio fails."""
 WITHOUT = " without"
@@ -52,7 +52,7 @@ def summary(cells: Sequence[Cell]) -> Values:
 
 
 def merged(cells: Sequence[Cell], name: str) -> Values:
-    """Of several cells with equally many drives.  ``needless_m``: of B and C together."""
+    """The means of several cells with equally many drives; ``needless_m`` is the sum of B and C."""
     found = together([cell.result[name] for cell in cells])
     return found | {
         "needless_m": round(found["B needless_m"] + found["C needless_m"], 3),
@@ -61,7 +61,7 @@ def merged(cells: Sequence[Cell], name: str) -> Values:
 
 
 def together(rows: Sequence[Values]) -> Values:
-    """Of several drives: sums of counts, means of m and s, the worst of the rest."""
+    """The summary of several drives: sums of counts, means of m and s, the worst of the rest."""
     found: Values = {}
     for what in rows[0]:
         values = [row[what] for row in rows]
@@ -77,7 +77,7 @@ def together(rows: Sequence[Values]) -> Values:
 
 
 def claims(report: Values) -> list[Claim]:
-    """Fig. 6, then III-D, then what the paper does not have."""
+    """The claims on Fig. 6 and section III-D, then further ones."""
     s = report["summary"]
     return [*_fig6(s["fig6"]), *_mitigation(s["all"]), *_beyond(s["all"])]
 

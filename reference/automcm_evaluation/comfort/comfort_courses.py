@@ -1,8 +1,8 @@
-"""The courses of ``comfort``: what befalls four vehicles in mid-maneuver, with the rule that is
-for it and without.
+"""The courses of ``comfort``: faults of four vehicles in a maneuver, with and without the rule
+against each.
 
-A rule is taken away outside the protocol core: by a parameter that no timer reaches, or by an
-application that does not say what it should.
+A rule is disabled outside of the protocol core: by a parameter that disables its timer, or by an
+application that omits a command.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from automcm_spec.vocabulary.parameters import Parameters
 
 PRESCRIBER, A, B, C = 1, 2, 3, 4
 NEVER_MS = 10**9
-"""A timer that long does not expire in any drive here."""
+"""The duration of a timer that does not expire in any drive here."""
 STAGES = ("negotiation", "hold", "slow-down", "lane change")
 
 
@@ -49,10 +49,10 @@ def stage(
 
 
 class Changer(LaneChange):
-    """The lane change of an application that may let go without a word.
+    """The lane change of an application that can give up without a command.
 
-    ``open_m``: it prescribes to be slower until that much is gained, more than it needs, so that
-    its Fin is what ends the slowing.  ``leased``: False takes ACT-4 away.
+    ``open_m``: it prescribes slower driving until this much is gained, which is more than it needs,
+    so that its Fin ends the slowing.  ``leased``: False disables ACT-4.
     """
 
     def __init__(self, vehicle: Vehicle, plan: Plan, *, open_m: float = 0.0, leased: bool = True):
@@ -61,12 +61,12 @@ class Changer(LaneChange):
         self._open_m, self._leased = open_m, leased
 
     def let_go(self) -> None:
-        """Drive alone from now on and answer nothing."""
+        """Drive alone from now on without answering."""
         self.absent = True
         self._alone()
 
     def hang(self) -> None:
-        """Answer nothing, begin nothing and end nothing from now on."""
+        """Give no answer and no command from now on."""
         self.absent = True
         self._begins_ms = self._drive = None
 
@@ -91,17 +91,17 @@ class Changer(LaneChange):
         return command.model_copy(update=changed)
 
     def choose(self, choice: Choice) -> None:
-        """Unless nobody is there to."""
+        """As ``LaneChange``, unless the application is absent."""
         if not self.absent:
             super().choose(choice)
 
     def verify(self, proposal: Proposal) -> None:
-        """Unless nobody is there to."""
+        """As ``LaneChange``, unless the application is absent."""
         if not self.absent:
             super().verify(proposal)
 
     def load(self, drive: Drive) -> None:
-        """Unless nobody is there to."""
+        """As ``LaneChange``, unless the application is absent."""
         if not self.absent:
             self.executing = drive.role == "receiver"
             super().load(drive)
@@ -113,19 +113,19 @@ class Changer(LaneChange):
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """A drive of the four vehicles and what they are assumed to do."""
+    """A drive of the four vehicles with its assumptions."""
 
     four: FourVehicles
     t_cam_loss_ms: int = 1500
     stands_s: float = 5.0
-    """How long A stands in ``leader_stops``."""
+    """The duration of A's stop in ``leader_stops``."""
     sees_s: float = 0.5
-    """After which time the prescriber's application has seen that."""
+    """The time after which the prescriber's application notices it."""
     open_m: float = 150.0
     """Gain of the open-ended prescription of ``prescriber_hangs``."""
 
     def drawn(self, seed: int, spread_m: float) -> Setting:
-        """Of this seed: phases of CAMs, delays, and places up to ``spread_m`` to either side."""
+        """The setting of this seed: phases of CAMs, delays, and positions within ``spread_m``."""
         dice = random.Random(seed)
         four = replace(
             self.four,
@@ -137,7 +137,7 @@ class Setting:
 
 
 class Run:
-    """One drive: what the courses act on, and what the measures are taken from."""
+    """One drive, on which the courses act and which the measures evaluate."""
 
     def __init__(
         self,
@@ -168,7 +168,7 @@ class Run:
         self.drive.simulation.clock.at(STEP_MS, self._step)
 
     def at(self, after_signal_s: float, do: Callable[[], None]) -> None:
-        """Do something at a time since the signal."""
+        """Call ``do`` at this time since the signal."""
         when = self.setting.four.signal_s + after_signal_s
         self.drive.simulation.clock.at(round(when * 1000), do)
 
@@ -196,7 +196,7 @@ class Run:
         return any(s.state.bound for n, s in services.items() if n not in self._dead)
 
     def _silence(self) -> None:
-        """Nothing that is driven depends on a message any more; CAMs would only take time."""
+        """Stop the CAMs: the drive no longer depends on messages, and they would only cost time."""
         for station_id, service in self.drive.simulation.services.items():
             self._dead.add(station_id)
             service.close()
@@ -204,18 +204,18 @@ class Run:
     # -- what may befall it
 
     def cut(self, *ways: tuple[int, int]) -> None:
-        """What the first of each pair sends does not get to the second."""
+        """Lose what the first station of each pair sends to the second."""
         for src, dst in ways:
             self.drive.simulation.radio.cut(src, dst)
 
     def dies(self, station_id: int) -> None:
-        """Its station falls silent for good; its vehicle drives alone."""
+        """Silence a station for good; its vehicle drives alone."""
         self._dead.add(station_id)
         self.drive.simulation.services[station_id].close()
         self.changers[station_id].let_go()
 
     def gives_up(self, station_id: int) -> None:
-        """Its application drives alone, and says so (END-1) if rules are kept."""
+        """The application drives alone, with an abort (END-1) unless the rule is disabled."""
         service = self.drive.simulation.services[station_id]
         session = service.state.session
         self.changers[station_id].let_go()
@@ -223,7 +223,7 @@ class Run:
             service.command(Abort(session=session))
 
     def leader_stops(self) -> None:
-        """A brakes to a stop, stands, and drives on."""
+        """A brakes to a stop, waits, and drives on."""
         vehicle, clock = self.changers[A].vehicle, self.drive.simulation.clock
         desired, vehicle.desired = vehicle.desired, 0.0
 
@@ -233,7 +233,7 @@ class Run:
         clock.at(clock.now() + round(self.setting.stands_s * 1000), on)
 
     def leader_stops_and_is_seen(self) -> None:
-        """The prescriber's application sees it and gives up; without the rule it goes on."""
+        """The prescriber's application notices it and gives up; without the rule it continues."""
         self.leader_stops()
         if self.with_rules:
             clock = self.drive.simulation.clock
@@ -243,20 +243,20 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """A fault, and the rule against it."""
+    """A fault and the rule against it."""
 
     text: str
     rule: str
-    """What is taken away without it."""
+    """The rule that is disabled."""
     taken: str
-    """How."""
+    """How the rule is disabled."""
     befalls: Callable[[Run], None]
     cams: bool = True
-    """Whether ACT-2 is kept without the rule; ``leased``: ACT-4."""
+    """Whether ACT-2 remains without the rule; ``leased``: ACT-4."""
     leased: bool = True
     open_ended: bool = False
     else_befalls: Callable[[Run], None] | None = None
-    """What happens on the same road if nobody wants to change lanes."""
+    """The events on the same road without a lane change."""
 
 
 def _without_act_2(text: str, befalls: Callable[[Run], None]) -> Course:
@@ -316,7 +316,7 @@ COURSES = {
 
 
 def disturbed(course: Course, setting: Setting, at_s: float, *, with_rules: bool) -> Run:
-    """The maneuver, and the fault ``at_s`` seconds after the signal."""
+    """The maneuver with the fault ``at_s`` seconds after the signal."""
     run = Run(
         setting,
         with_rules=with_rules,
@@ -329,17 +329,17 @@ def disturbed(course: Course, setting: Setting, at_s: float, *, with_rules: bool
 
 
 def undisturbed(setting: Setting, *, open_ended: bool = False) -> Run:
-    """The maneuver as it should be."""
+    """The undisturbed maneuver."""
     return Run(setting, open_ended=open_ended).go()
 
 
 def uncoordinated(setting: Setting) -> Run:
-    """The prescriber moves over at once, and who is in the way notices late (section VI-B)."""
+    """The prescriber changes lanes at once, and vehicles in the way notice late (section VI-B)."""
     return Run(replace(setting, four=replace(setting.four, coordinated=False))).go()
 
 
 def nobody(setting: Setting, course: Course | None = None, at_s: float = 0.0) -> Run:
-    """The same road, and nobody wants to change lanes."""
+    """The same road without a lane change."""
     four = setting.four
     never = replace(four, coordinated=False, signal_s=four.until_s + STEP_S)
     run = Run(replace(setting, four=never))

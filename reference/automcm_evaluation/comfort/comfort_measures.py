@@ -1,4 +1,4 @@
-"""What a drive costs in comfort, from what was recorded of the road.  SI units."""
+"""The cost of a drive in comfort, from the recorded samples of the road.  SI units."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from automcm.scenarios.road import STEP_S, Sample
 
 LENGTH_M = 4.5
 WIDTH_M = 2.0
-"""Nearer to the side of another than this, centre to centre, one is in its way: a car is about
-1.8 m wide (assumed)."""
+"""Two vehicles conflict below this lateral distance, centre to centre: a car is about 1.8 m wide
+(assumed)."""
 JERK_S = 0.5
 """Jerk is the change of acceleration over this time: over one step of the road it would be the
 step's, as its vehicles change their acceleration at once."""
 SLOWER = 0.5
-"""By more than this, m/s, a vehicle counts as slowed down."""
+"""A vehicle counts as slowed down if it is slower by more than this, m/s."""
 HARD = 4.0
-"""Braking that is harder is hard, m/s²: twice what the driver model aims at."""
+"""Harder braking counts as hard, m/s²: twice the driver model's comfortable deceleration."""
 FAR_S = 60.0
-"""A longer time to collision is none."""
+"""A longer time to collision is ignored, s."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ def jerk(track: Track) -> float:
 
 
 def lost(track: Track, alone: Track) -> float:
-    """How many m it is behind ``alone`` in the end."""
+    """Its distance behind ``alone`` at the end, m."""
     return float(alone.x[-1] - track.x[-1])
 
 
 def slowed(track: Track, alone: Track) -> float:
-    """How long it was slower than ``alone`` by more than SLOWER, s."""
+    """The time for which it was slower than ``alone`` by more than SLOWER, s."""
     return int(np.count_nonzero(track.speed < alone.speed - SLOWER)) * STEP_S
 
 
@@ -77,7 +77,7 @@ class Distance:
 
 
 def distance(of: int, found: dict[int, Track]) -> Distance:
-    """Of one vehicle to whoever is next ahead at each time."""
+    """The gap of one vehicle to the next one ahead at each time."""
     me = found[of]
     gaps, speeds = [], []
     for station_id, other in found.items():
@@ -96,6 +96,6 @@ def distance(of: int, found: dict[int, Track]) -> Distance:
 
 
 def first_slower(track: Track, alone: Track) -> float | None:
-    """When it first was slower than ``alone`` by more than SLOWER, s; None: never."""
+    """The first time at which it was slower than ``alone`` by more than SLOWER, s; None: never."""
     (when,) = np.nonzero(track.speed < alone.speed - SLOWER)
     return round(float(track.t[when[0]]), 1) if len(when) else None

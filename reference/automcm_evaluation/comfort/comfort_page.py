@@ -1,4 +1,4 @@
-"""The page of ``comfort`` and its figures, from the report alone."""
+"""The page of ``comfort`` and its figures, made only from the report."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ STYLES = {
 
 
 def page(report: Values) -> str:
-    """All but title and claims."""
+    """The page without title and claims."""
     return markdown.page(
         PAGES / "comfort.md.j2",
         wilson=wilson,

@@ -1,4 +1,4 @@
-"""What an experiment is: settings, cells that run apart, claims, intervals, figures.
+"""The framework of the experiments: settings, independent cells, claims, intervals, figures.
 
 For the five experiments.
 They import it; it imports none of them.

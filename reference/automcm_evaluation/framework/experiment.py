@@ -1,4 +1,4 @@
-"""What an experiment is: settings, cells that are run apart from one another, and what they say."""
+"""The definition of an experiment: settings, independent cells, summary and claims."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Json = Any
 Values = dict[str, Json]
-"""What a cell is run with, or what came out of it: JSON, equal on every machine."""
+"""The parameters or the results of a cell: JSON, equal on every machine."""
 Verdict = Literal["reproduced", "in shape only", "not reproduced", "beyond the paper"]
 PROFILES = ("quick", "standard")
 PAGES = Path(__file__).parents[1] / "pages"
@@ -23,18 +23,18 @@ PAGES = Path(__file__).parents[1] / "pages"
 
 
 class ExperimentError(ValueError):
-    """A setting that cannot work, or results that cannot be used; the text names which."""
+    """An impossible setting, or unusable results; the text names them."""
 
 
 class Settings(BaseModel):
-    """What an experiment is run with.  Each field has a range, and a value in each profile."""
+    """The settings of an experiment.  Each field has a range, and a value in each profile."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Part of a sweep, run with these values and a seed of its own."""
+    """A part of a sweep, run with these values and its own seed."""
 
     values: Values
     result: Values
@@ -42,9 +42,9 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A statement of the paper, or one beyond it, and what came out here.
+    """A statement of the paper, or a further one, and the result here.
 
-    ``paper`` and ``here`` are the two figures with their units, ``why`` what explains a difference.
+    ``paper`` and ``here`` are the two figures with their units; ``why`` explains a difference.
     """
 
     claim: str
@@ -55,12 +55,12 @@ class Claim:
 
 
 def graded(all_: bool, some: bool) -> Verdict:
-    """Reproduced if all of it came out, in shape only if some did."""
+    """Reproduced if all parts hold; in shape if some do."""
     return "reproduced" if all_ else "in shape only" if some else "not reproduced"
 
 
 def beyond(claim: str, here: str, holds: bool = True, why: str = "") -> Claim:
-    """A claim that the paper has no figure for."""
+    """A claim without a figure in the paper."""
     return Claim(claim, "-", here, "beyond the paper" if holds else "not reproduced", why)
 
 
@@ -69,8 +69,8 @@ class Experiment:
     """One experiment.
 
     ``run`` gets a cell's values and its seed; equal ones give equal results, in any process and
-    order.  ``summary`` makes of all cells what tables, figures and claims are taken from; the
-    rest gets the whole report (``report.assemble``), and no figure from anywhere else.
+    order.  ``summary`` computes from all cells the data of tables, figures and claims.  The other
+    functions get the complete report (``report.assemble``) and use no other data.
     """
 
     name: str
@@ -84,12 +84,12 @@ class Experiment:
     page: Callable[[Values], str]
     """The report as Markdown, without its title and claims; figures are named FIGURE.svg."""
     figures: Callable[[Values], Iterator[tuple[str, Figure]]]
-    """Name and drawing of each figure; called only where matplotlib is installed."""
+    """Name and drawing of each figure; only called if matplotlib is installed."""
 
     def set(self, profile: str, changes: Mapping[str, Json]) -> Settings:
         """The settings of a profile, with some of them changed.
 
-        Raises ExperimentError naming the setting, what it was given and its range.
+        Raises ExperimentError, which names the setting, its value and its range.
         """
         if profile not in self.profiles:
             raise ExperimentError(
@@ -112,12 +112,12 @@ class Experiment:
 
 
 def chosen(cells: Sequence[Cell], **values: Json) -> list[Cell]:
-    """The cells that were run with these values."""
+    """The cells with these values."""
     return [cell for cell in cells if all(cell.values.get(name) == v for name, v in values.items())]
 
 
 def columns(rows: Sequence[Values]) -> Values:
-    """By name the values of all rows, which have the names of the first."""
+    """The values of all rows by name; all rows must have the names of the first."""
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 

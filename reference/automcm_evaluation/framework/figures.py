@@ -1,4 +1,4 @@
-"""Drawing: matplotlib if it is there (automcm[plot]), and files that are equal for equal data."""
+"""Figures with matplotlib, if it is installed (automcm[plot]); equal data give equal files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def available() -> bool:
 
 
 def plots(rows: int = 1, columns: int = 1, *, height: float = 4.5) -> tuple[Figure, list[Axes]]:
-    """A figure 8 inches wide with that many plots, row by row, each with a grid."""
+    """A figure 8 inches wide with a number of plots, row by row, each with a grid."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, height), layout="constrained")

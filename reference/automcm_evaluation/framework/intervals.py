@@ -1,4 +1,4 @@
-"""Shares and quantiles with what is uncertain about them."""
+"""Shares and quantiles with their uncertainty."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 Z = 1.959963984540054
-"""Of a normal distribution, 95 % within."""
+"""The two-sided 95 % quantile of the normal distribution."""
 
 
 def wilson(hits: int, trials: int) -> tuple[float, float]:
@@ -22,7 +22,7 @@ def wilson(hits: int, trials: int) -> tuple[float, float]:
 def quantile(values: Sequence[float], share: float) -> float:
     """Between the two sorted values next to ``share``; ValueError of none."""
     if not values:
-        raise ValueError("a quantile of no values")
+        raise ValueError("a quantile requires at least one value")
     ordered = sorted(values)
     at = share * (len(ordered) - 1)
     low = math.floor(at)
@@ -33,5 +33,5 @@ def quantile(values: Sequence[float], share: float) -> float:
 def mean(values: Sequence[float]) -> float:
     """The mean, summed exactly so that order does not matter; ValueError of none."""
     if not values:
-        raise ValueError("a mean of no values")
+        raise ValueError("a mean requires at least one value")
     return math.fsum(values) / len(values)

@@ -1,5 +1,5 @@
-"""How often does an exchange succeed if messages are lost? Section IV of the paper.
+"""Success of exchanges under message loss: section VI-C of the paper.
 
-Sessions, drives, and UDP between processes.
+Sessions, drives, and UDP sockets.
 Only ``runs`` imports it.
 """

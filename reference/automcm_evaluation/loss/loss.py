@@ -1,7 +1,7 @@
 """Success under packet loss for three time-outs (section VI-C, Fig. 9 and Eq. 2).
 
-The paper's measurement on the road; success by itself, many times; bursts; the same over UDP
-sockets; what a longer time-out costs.
+The parts are the paper's measurement on the road, many sessions without a road, bursts of loss,
+sessions over UDP sockets, and the cost of a longer time-out.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from automcm_evaluation.loss import loss_page, loss_road, loss_sessions, loss_ud
 from automcm_evaluation.loss.loss_tables import T_TIMEOUTS, claims, summary
 
 BLOCK, ROAD_BLOCK = 2500, 20
-"""Sessions, and drives, in one cell."""
+"""Numbers of sessions and of drives in one cell."""
 Percent = Annotated[int, Field(ge=0, le=100)]
 TENS = tuple(range(0, 101, 10))
 FINE = {0: range(0, 31, 2), 1000: range(50, 91, 2), 2000: range(60, 101, 2)}
-"""By t_timeout: losses around the knees, %."""
+"""For each t_timeout, the losses around the knees, %."""
 UDP = (0, 30, 60)
 PLACE = Arrival()
 """Start and signal as in ``arrival``, so that the best class of Fig. 9 is the paper's."""
 
 
 class Loss(Settings):
-    """Losses in per cent, times in ms."""
+    """Settings; losses in per cent, times in ms."""
 
     road: int = Field(default=60, ge=1, le=1000)
     """Drives at each loss and time-out (the paper: 60)."""
     road_losses: tuple[Percent, ...] = TENS
     sessions: int = Field(default=10_000, ge=10, le=100_000)
-    """At each multiple of 10 %."""
+    """Sessions at each multiple of 10 %."""
     fine: int = Field(default=1000, ge=10, le=100_000)
-    """Each 2 % around the knees."""
+    """Sessions at each 2 % around the knees."""
     bursts_ms: tuple[Annotated[int, Field(ge=1, le=10_000)], ...] = (200, 1000)
     """Mean lengths of bursts (``Channel.burst_ms``)."""
     in_bursts: int = Field(default=500, ge=10, le=100_000)
@@ -43,12 +43,12 @@ class Loss(Settings):
     timeouts: tuple[Annotated[int, Field(ge=0, le=10_000)], ...] = (
         *(0, 100, 200, 300, 500, 700, 1000, 1500, 2000, 3000),
     )
-    """What they cost."""
+    """The cost of time-outs."""
     cost_losses: tuple[Percent, ...] = (10, 20, 30, 40, 50, 60, 70)
     cost: int = Field(default=400, ge=10, le=100_000)
     """Sessions for each of these."""
     udp: int = Field(default=20, ge=0, le=200)
-    """Sessions over real sockets at each point; none: 0."""
+    """Sessions over real sockets at each point (0 = none)."""
     target_m: float = Field(default=PLACE.target_m, ge=200, le=2000)
     """The paper's."""
 
@@ -105,7 +105,7 @@ def cells(settings: Loss) -> list[Values]:
 
 
 def run(values: Values, seed: int) -> Values:
-    """One cell.  Those over UDP are in real time: a seed does not give them again."""
+    """Run one cell.  Those over UDP run in real time, so a seed does not reproduce them."""
     match values["part"]:
         case "road":
             return loss_road.block(values, seed)

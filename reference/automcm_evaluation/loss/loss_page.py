@@ -41,7 +41,7 @@ def _seconds(t: int) -> str:
 
 
 def plots(report: Values) -> Iterator[tuple[str, Figure]]:
-    """Fig. 9's look-alike, success with models, costs."""
+    """The counterpart of Fig. 9, the success with its models, and the costs."""
     s = report["summary"]
     figure, axes = figures.plots(1, 3, height=3.6)
     for plot, t in zip(axes, T_TIMEOUTS, strict=True):

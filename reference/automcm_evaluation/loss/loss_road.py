@@ -1,4 +1,4 @@
-"""The paper's measurement under loss: a drive to the target, whether or not they agree (VI-C)."""
+"""The paper's measurement under loss: a drive to the target with or without agreement (VI-C)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOO_LATE_S = 300.0
 
 
 class Insists(LaneChange):
-    """Moves over all the same if there is no agreement: what the paper's prescriber does without
+    """A prescriber that changes lanes even without an agreement, as the paper's does without
     coordination (section VI-B)."""
 
     def _alone(self) -> None:
@@ -61,7 +61,7 @@ def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Val
 
 
 def block(values: Values, seed: int) -> Values:
-    """Drives in one cell: a list of each figure."""
+    """Drives in one cell: a list for each figure."""
     random = Random(seed)
     drives = [
         drive(

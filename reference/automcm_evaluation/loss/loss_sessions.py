@@ -1,4 +1,4 @@
-"""Sessions on a lossy radio, without a road: as far as the agreement, many of them (VI-C)."""
+"""Many sessions on a lossy radio without a road, up to the agreement (VI-C)."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from automcm_spec.vocabulary.parameters import Parameters
 
 STEP_MS = 100
 BIN_MS = 100
-"""Of the histogram of times."""
+"""Bin width of the histogram of times."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Of one session: whether both act in it, when that or the end was, and the messages sent up
-    to the end of the STEP_MS in which it was."""
+    """The outcome of one session: whether both stations act, the time of that or of the end, and
+    the messages sent up to the end of that STEP_MS."""
 
     agreed: bool
     after_ms: int
     sent: int
-    """CAMs are not counted."""
+    """The number of messages without CAMs."""
 
 
 def session(t_timeout: int, channel: Channel, seed: int) -> Outcome:
-    """One session of a prescriber and a receiver that agrees, from the request on."""
+    """One session of a prescriber and an accepting receiver, from the request on."""
     simulation = Simulation(seed=seed, channel=channel)
     parameters = Parameters(t_timeout=t_timeout)  # CAMs too: a receiver acts first (NEG-2, ACT-2)
     ends: list[tuple[str, int]] = []

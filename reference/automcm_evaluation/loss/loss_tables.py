@@ -1,4 +1,4 @@
-"""What the cells of ``loss`` say: success beside its models, knees, classes of Fig. 9, costs."""
+"""The tables of ``loss``: success and its models, knees, classes of Fig. 9, costs."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from automcm_spec.vocabulary.parameters import Parameters
 T_TIMEOUTS = (0, 1000, 2000)
 """The paper's, ms."""
 PAPER_KNEES = {0: 10, 1000: 60, 2000: 70}
-"""From which loss on, in per cent, arrival times increase rapidly (section VI-C)."""
+"""The loss in per cent from which arrival times increase rapidly (section VI-C)."""
 CLASSES_S = (29.0, 30.0, 31.0)
 """The limits of the four classes of Fig. 9."""
 KNEE, HALF = 0.9, 0.5
 NEAR = 5.0
-"""The paper's losses are multiples of 10 %: within half of that a knee may be theirs."""
+"""The paper's losses are multiples of 10 %; a knee within this tolerance agrees with them."""
 ROBUST = 20
-"""The loss that the paper expects at most where nothing is in the way, %."""
+"""The maximum loss that the paper expects without obstacles, %."""
 WANTED = 0.99
 T_RESEND = Parameters().t_resend
 
@@ -44,11 +44,11 @@ def three_exchanges(loss: float, t_timeout: int) -> float:
 
 
 def four_messages(loss: float, t_timeout: int) -> float:
-    """What agreement needs by the rules: an Advertisement and, within the window, an Intention;
-    a Prescription and, before it is given up, its Acceptance.  No Ack is needed for any of it.
+    """The probability of an agreement by the rules.
 
-    A message and its answer in N sendings, an answer in the slot of what it answers: two of N + 1
-    trials succeed.
+    It requires an Advertisement and an Intention within the window, then a Prescription and its
+    Acceptance before the give-up, but no Ack.  A message is sent N times, and the answer in the
+    slot of the message; so two of N + 1 trials must succeed.
     """
     n = success.sendings(t_timeout, T_RESEND)
     pair = 1 - loss ** (n + 1) - (n + 1) * (1 - loss) * loss**n
@@ -92,7 +92,7 @@ def by_loss(cells: Sequence[Cell]) -> list[tuple[int, list[Cell]]]:
 
 
 def falls(points: Sequence[tuple[float, float]], below: float) -> float | None:
-    """Where a share first falls below, between two points (loss in %, share); None: nowhere."""
+    """The interpolated loss in % at which a share first falls below a limit, or None."""
     for (a, high), (b, low) in pairwise(points):
         if high >= below > low:
             return round(a + (b - a) * (high - below) / (high - low), 1)
@@ -100,7 +100,7 @@ def falls(points: Sequence[tuple[float, float]], below: float) -> float | None:
 
 
 def knees(points: Sequence[tuple[float, float]]) -> Values:
-    """Where success falls below 90 % and below a half, %."""
+    """The losses at which success falls below 90 % and below a half, %."""
     return {"knee": falls(points, KNEE), "half": falls(points, HALF)}
 
 
@@ -149,7 +149,7 @@ def _of(cells: Sequence[Cell], part: str) -> list[Cell]:
 
 
 def _deviation(points: Values) -> Values:
-    """By model: the largest and the mean difference to what was measured, in shares."""
+    """By model: the largest and the mean difference from the measurement, in shares."""
     found = {}
     for name in MODELS:
         apart = [abs(p[name] - p["share"]) for some in points.values() for p in some]
@@ -158,7 +158,7 @@ def _deviation(points: Values) -> Values:
 
 
 def _classes(loss: int, cells: Sequence[Cell]) -> Values:
-    """Drives by the class of Fig. 9 they arrive in."""
+    """The number of drives by their class of Fig. 9."""
     times = [t for cell in cells for t in cell.result["arrival_s"]]
     limits = [-math.inf, *CLASSES_S, math.inf]
     counts = [sum(low < t <= high for t in times) for low, high in pairwise(limits)]
@@ -197,7 +197,7 @@ def _cost(cells: Sequence[Cell]) -> list[Values]:
 
 
 def _quantile(histograms: Sequence[Sequence[Sequence[int]]], total: int) -> int | None:
-    """The end of the bin in which 95 % is reached, ms."""
+    """The end of the bin of the 95 % quantile, ms."""
     counts: dict[int, int] = defaultdict(int)
     for n, count in (entry for one in histograms for entry in one):
         counts[n] += count
@@ -210,7 +210,7 @@ def _quantile(histograms: Sequence[Sequence[Sequence[int]]], total: int) -> int 
 
 
 def _smallest(cost: Sequence[Values]) -> list[Values]:
-    """By loss: the smallest t_timeout tried with which 99 % agree, and what the model says."""
+    """By loss: the smallest tried t_timeout with which 99 % agree, and that of the model."""
     found = []
     for loss in sorted({row["loss"] for row in cost}):
         own = [row for row in cost if row["loss"] == loss]
@@ -227,7 +227,7 @@ def _smallest(cost: Sequence[Values]) -> list[Values]:
 
 
 def claims(report: Values) -> list[Claim]:
-    """The paper's sentences of section VI-C, and what is beyond it."""
+    """The paper's statements of section VI-C, and further claims."""
     found = report["summary"]
     made = [_rises(found), _longer(found), _explained(found), _robust(found)]
     made += [_bursts(found)] if found["bursts"] else []
@@ -237,19 +237,19 @@ def claims(report: Values) -> list[Claim]:
 
 
 def late(found: Values, t: int) -> Values:
-    """From which loss on a tenth, and a half, of the drives arrive in the slowest class, %."""
+    """The losses from which a tenth, and a half, of the drives are in the slowest class, %."""
     rows = found["road"][str(t)]
     return knees([(row["loss"], 1 - row["classes"][-1] / row["trials"]) for row in rows])
 
 
 def _fits(knee: Values, t: int) -> bool:
-    """Whether the paper's knee lies between where a share falls below 90 % and below a half."""
+    """Whether the paper's knee is between the losses at which a share falls below 90 % and 50 %."""
     high = 100.0 if knee["half"] is None else knee["half"]
     return knee["knee"] is not None and knee["knee"] - NEAR <= PAPER_KNEES[t] <= high + NEAR
 
 
 def percent(value: float | None) -> str:
-    """A loss, or that it was never reached."""
+    """A loss as text, or that it was not reached."""
     return "never" if value is None else f"{value:g}%"
 
 

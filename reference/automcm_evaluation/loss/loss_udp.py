@@ -1,7 +1,7 @@
-"""Packet loss over real UDP sockets (section VI-C): the sample beside the simulated sessions.
+"""Packet loss over real UDP sockets (section VI-C), to check the simulated sessions.
 
-Each trial is a prescriber and a receiver of their own, with sockets of their own, and a relay
-between them that loses.  All trials share one event loop, and the time is real.
+Each trial has its own prescriber, receiver, sockets and lossy relay.  All trials share one event
+loop and run in real time.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from automcm_spec.vocabulary.parameters import Parameters
 
 THINK_MS = 5
 MANEUVER_MS = 100
-"""Of a prescriber that acts while its receiver no longer does; agreement ends a trial before."""
+"""Maneuver time of a prescriber whose receiver does not act; agreement ends a trial earlier."""
 APART_MS = 7
-"""Between the starts of two trials: all at once, they would keep each other waiting."""
+"""Time between the starts of two trials, so that they do not delay each other."""
 LATE_MS = 10_000
-"""By how much a busy host may be late before a trial counts as undecided."""
+"""The tolerated delay of a busy host before a trial counts as undecided."""
 
 
 def over_udp(t_timeout: int, loss: float, trials: int, seed: int) -> Values:
-    """Run so many trials side by side; ``t_timeout`` in ms, ``loss`` the share of datagrams lost.
+    """Run ``trials`` in parallel; ``t_timeout`` in ms, ``loss`` the share of lost datagrams.
 
-    A trial is over when both stations are ACTUATING in the same session (``agreed``), when the
-    prescriber is back in STANDALONE (failed), or when it should long have been (``undecided``).
+    A trial ends when both stations are ACTUATING in the same session (``agreed``), when the
+    prescriber is back in STANDALONE (failed), or at a time limit (``undecided``).
     ``sent`` counts what both stations of all trials sent until then, by type.
     ``signal_to_agreement_ms`` has the time from request to agreement of each that agreed, sorted.
     ``latest_ms`` is by how much an alarm rang late at most: near ``t_resend`` or above, a message
@@ -52,7 +52,7 @@ def over_udp(t_timeout: int, loss: float, trials: int, seed: int) -> Values:
     naming ``t_timeout`` or ``loss`` if it cannot be.
     """
     if trials < 1:
-        raise ExperimentError(f"trials: {trials} is less than 1")
+        raise ExperimentError(f"trials must be at least 1, not {trials}")
     parameters, channel = Parameters(t_timeout=t_timeout), Channel(loss=loss)
     try:
         return asyncio.run(_run(parameters, channel, trials, random.Random(seed)))
@@ -97,7 +97,7 @@ async def _run(
 
 
 class _Pair:
-    """One trial.  ``sockets`` closes what it has opened; it does so itself once it is decided."""
+    """One trial.  It closes its sockets when it is decided, else ``sockets`` does."""
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class _Pair:
         self._seeds = [draw.randrange(2**32) for _ in self._links]
 
     def start(self) -> None:
-        """The services, made only now: a CAM is due within ``t_cam`` of that."""
+        """Make the services at the start, because a CAM is due within ``t_cam``."""
         for station_id, (link, seed) in enumerate(zip(self._links, self._seeds, strict=True), 1):
             service = McService(
                 station_id,

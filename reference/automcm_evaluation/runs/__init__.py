@@ -1,5 +1,5 @@
-"""Runs an experiment's cells, and writes what they say.
+"""Runs experiments: the cells of a sweep in processes, and the pages and figures of the results.
 
-For ``automcm experiment`` and the page docs/evaluation.md.
-Imports the experiments, by name; none of them imports it.
+For ``automcm experiment`` and the generator of docs/evaluation.md.
+It imports the experiments; none of them imports it.
 """

@@ -10,7 +10,7 @@ NAMES = ("bandwidth", "arrival", "comfort", "loss", "safety")
 
 
 def experiment(name: str) -> Experiment:
-    """The experiment of that name.  Raises ExperimentError."""
+    """The experiment with that name.  Raises ExperimentError."""
     if name not in NAMES:
         raise ExperimentError(f"there is no experiment {name!r}; there are: {', '.join(NAMES)}")
     found: Experiment = import_module(f"automcm_evaluation.{name}.{name}").EXPERIMENT

@@ -1,6 +1,6 @@
 """The files of a sweep: results.json, a CSV, figures, and pages of Markdown.
 
-``results.json`` holds the cells and what was made of them; everything else is made from it alone.
+``results.json`` holds the cells, their summary and the claims; all other files are made from it.
 """
 
 from __future__ import annotations
@@ -48,20 +48,20 @@ class _Report(BaseModel):
 
 
 def load(path: Path) -> Values:
-    """A report, its summary and claims made anew.
+    """Load a report and recompute its summary and claims.
 
-    Raises ExperimentError for a file that is none; OSError.
+    Raises OSError, and ExperimentError for a file that is not a report.
     """
     try:
         found = _Report.model_validate_json(path.read_bytes())
         made = experiment(found.experiment)
     except (ValidationError, ExperimentError) as error:
-        raise ExperimentError(f"{path}: is no report of an experiment: {error!r}") from None
+        raise ExperimentError(f"{path}: not a report of an experiment: {error!r}") from None
     return assemble(made, found.model_dump(exclude={"cells"}), found.cells)
 
 
 def write(report: Values, folder: Path) -> list[Path]:
-    """All files of a report; no figures without matplotlib.  Returns those written."""
+    """Write all files of a report, without figures if matplotlib is missing; returns the paths."""
     made = experiment(report["experiment"])
     texts = {
         RESULTS: json.dumps(report, indent=1, sort_keys=True, allow_nan=False) + "\n",
@@ -80,7 +80,7 @@ def write(report: Values, folder: Path) -> list[Path]:
 
 
 def table(report: Values) -> str:
-    """CSV: a row for each cell with what it was run with and each plain value that came out."""
+    """The CSV file: a row for each cell with its parameters and its scalar results."""
     rows = []
     for cell in report["cells"]:
         values = _plain("", cell["values"]) | _plain("", cell["result"])
@@ -122,7 +122,7 @@ def page(report: Values) -> str:
 
 
 def _changed(made: Experiment, report: Values) -> str:
-    """The settings that are not the profile's, as options."""
+    """The settings that differ from the profile's, as options."""
     usual = made.profiles[report["profile"]].model_dump(mode="json")
     changed = {k: report["settings"][k] for k in usual if report["settings"][k] != usual[k]}
     return "".join(f" --set {name}={json.dumps(value)}" for name, value in changed.items())

@@ -1,7 +1,7 @@
-"""Running the cells of an experiment: on all cores or on Dask, and going on after an interruption.
+"""Runs the cells of an experiment on all cores or on Dask, and resumes after an interruption.
 
-A finished cell is a line of ``cells.ndjson`` at once.  Each cell has a seed drawn from the
-sweep's seed and its own values, so that neither the order nor the number of workers matters.
+Each finished cell is written to ``cells.ndjson`` at once.  The seed of a cell depends only on the
+sweep's seed and the cell's values, so that neither the order nor the number of workers matters.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from automcm_evaluation.runs.catalogue import experiment
 from automcm_spec.support import children, files
 
 FREE_BYTES = 50_000_000
-"""Less room than this on the disk, and nothing is begun."""
+"""Minimum free bytes on the disk to start a sweep."""
 CONNECT_S = 10.0
-"""For so long a Dask scheduler is waited for."""
+"""How long to wait for a Dask scheduler."""
 SOURCES = [Path(package.__path__[0]) for package in (automcm, automcm_evaluation)]
 
 
@@ -50,8 +50,8 @@ def seed_of(name: str, values: Values, seed: int) -> int:
 
 
 def code() -> str:
-    """What the sources of the reference are, as 12 hexadecimal digits: not the same sources, not
-    the same results."""
+    """A hash of the reference's sources, as 12 hexadecimal digits.  Other sources may give other
+    results."""
     digest = hashlib.sha256()
     for folder in SOURCES:
         for path in sorted(folder.rglob("*.py")):
@@ -61,7 +61,7 @@ def code() -> str:
 
 
 def header(made: Experiment, profile: str, seed: int, settings: Settings) -> Values:
-    """What a sweep is of; cells of two sweeps are mixed only if this is the same."""
+    """The description of a sweep; only sweeps with equal ones can share cells."""
     return {
         "experiment": made.name,
         "profile": profile,
@@ -73,7 +73,7 @@ def header(made: Experiment, profile: str, seed: int, settings: Settings) -> Val
 
 
 def run_cell(name: str, values: Values, seed: int) -> Values:
-    """One cell, in whatever process."""
+    """Run one cell, in any process."""
     result: Values = json.loads(
         canonical(experiment(name).run(values, seed_of(name, values, seed)))
     )
@@ -90,11 +90,11 @@ def sweep(
     again: bool = False,
     say: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[Cell]:
-    """All cells, in the order of the experiment; those finished before are not run again.
+    """Run all cells, in the order of the experiment, except those that are already finished.
 
     ``about`` is from ``header``.  ``workers``: processes; 0: one for each core.  ``scheduler``: a
-    Dask scheduler's address, in place of processes of this machine.  ``again``: forget what was
-    finished.  ``say`` is told how many of how many cells are done.
+    Dask scheduler's address, in place of processes of this machine.  ``again``: repeat
+    finished cells.  ``say`` gets the number of finished cells and of all cells.
 
     Raises ExperimentError for settings that cannot work, a folder with cells of another sweep,
     and a missing extra; OSError for a folder that cannot be written or a disk that is full.
@@ -103,7 +103,7 @@ def sweep(
     wanted = made.cells(settings)
     texts = [canonical(values) for values in wanted]
     if len(set(texts)) != len(texts):
-        raise ExperimentError(f"{made.name}: a cell stands twice in the sweep")
+        raise ExperimentError(f"{made.name}: the sweep contains a cell twice")
     kept = folder / "cells.ndjson"
     prepare(folder)
     if again:
@@ -121,7 +121,7 @@ def sweep(
 
 
 def prepare(folder: Path) -> None:
-    """Make the folder, and see that it can be written before hours are spent.  Raises OSError."""
+    """Make the folder and check that it can be written before a long run.  Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     probe = folder / ".probe"
     try:
@@ -130,14 +130,14 @@ def prepare(folder: Path) -> None:
         probe.unlink(missing_ok=True)
     free = shutil.disk_usage(folder).free
     if free < FREE_BYTES:
-        raise OSError(f"{folder}: {free:,} bytes are free, {FREE_BYTES:,} are needed")
+        raise OSError(f"{folder}: {free:,} bytes are free, but {FREE_BYTES:,} are required")
 
 
 def resumed(kept: Path, about: Values) -> dict[str, Values]:
-    """Results by the cell's values, as text, from a file that can now be added to.
+    """The results in a file by the cells' values, as text; the file can then be appended to.
 
-    A last line cut off by an interruption is taken away; a new file begins with ``about``.
-    Raises ExperimentError for a file of another sweep, or one that is no such file.
+    A truncated last line is removed; a new file begins with ``about``.  Raises ExperimentError for
+    a file of another sweep, or for an invalid one.
     """
     data = kept.read_bytes() if kept.exists() else b""
     lines = data.split(b"\n")[:-1]
@@ -153,7 +153,7 @@ def resumed(kept: Path, about: Values) -> dict[str, Values]:
                 continue
             value = json.loads(line)
         except ValueError:
-            raise ExperimentError(f"{kept}:{number}: is no finished cell") from None
+            raise ExperimentError(f"{kept}:{number}: not a finished cell") from None
         if value != about:
             names = [
                 name
@@ -161,8 +161,8 @@ def resumed(kept: Path, about: Values) -> dict[str, Values]:
                 if not isinstance(value, dict) or value.get(name) != about[name]
             ]
             raise ExperimentError(
-                f"{kept}: is of another sweep ({', '.join(names)} differ); "
-                "give another --out, or --again to begin anew"
+                f"{kept} belongs to another sweep ({', '.join(names)} differ); "
+                "give another --out, or --again to discard it"
             )
     whole = sum(len(line) + 1 for line in lines)
     if whole < len(data):
@@ -173,7 +173,7 @@ def resumed(kept: Path, about: Values) -> dict[str, Values]:
 def _results(
     name: str, missing: Sequence[Values], seed: int, workers: int, scheduler: str
 ) -> Iterator[tuple[Values, Values]]:
-    """Each cell as it is finished."""
+    """Yield each cell when it is finished."""
     if not missing:
         return
     if scheduler:

@@ -1,5 +1,5 @@
-"""What do the safety mechanisms prevent? Each is taken away in turn.
+"""Hazards under faults, with all safety mechanisms and without each of them.
 
-Faults, ablations, hazards; section III-D of the paper.
+Faults, ablations and hazards; section III-D of the paper.
 Only ``runs`` imports it.
 """

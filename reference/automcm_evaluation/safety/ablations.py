@@ -1,8 +1,8 @@
-"""The running station without one mechanism of the protocol, to see what the mechanism is for.
+"""Ablations: the running station without one mechanism of the protocol.
 
 docs/protocol.md lists the mechanisms and docs/models.md has a counterexample for each.  An
-ablation hands a service other rows, another parameter or other marks; the station and the
-service stay as they are.
+ablation gives a service other rows, another parameter or other marks; the code of the station and
+of the service is unchanged.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from automcm.adapters.spec_mapping import without
 from automcm.core.advertising import answer_closed
 from automcm.core.ending import ACK, FIRST
 from automcm.core.outcome import (
-    Heard,
     Me,
     Outcome,
+    Received,
     Row,
     Rules,
     ack,
@@ -46,13 +46,16 @@ from automcm_spec.vocabulary.parameters import Parameters
 Then = Callable[[Me, State, Any], Outcome]
 When = Callable[[Me, State, Any], bool]
 PARAMETERS = Parameters(clock_drift=0)
-"""Clocks run alike here, and a margin would hide a lease that is counted wrongly (ACT-4)."""
+"""The clocks here have no drift, and a margin would hide a wrong lease (ACT-4)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ablation:
-    """``rule``: what is taken away.  ``breaks``: the property that fails without it, by model
-    checking; ``model`` has the counterexample (docs/models.md)."""
+    """An ablation disables ``rule``.
+
+    ``breaks`` is the property that then fails in model checking; ``model`` has the counterexample
+    (docs/models.md).
+    """
 
     name: str
     rule: str
@@ -62,13 +65,13 @@ class Ablation:
     rules: Rules = field(default_factory=lambda: RULES)
     parameters: Parameters = PARAMETERS
     marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks")
-    """What a CAM names."""
+    """The sessions that a CAM names."""
     unseen: str = ""
-    """Why random faults may not show it."""
+    """The reason why random faults may not show the effect."""
 
     @property
     def service(self) -> Callable[..., McService]:
-        """A service without the mechanism."""
+        """Make a service without the mechanism."""
         return partial(McService, rules=self.rules, marks=self.marks)
 
 
@@ -82,19 +85,19 @@ def changed(
 
 
 def never(me: Me, st: State, i: Any) -> bool:
-    """The guard of a row that is taken away."""
+    """The guard of a disabled row."""
     return False
 
 
 def _ignored(*rows: tuple[str, int]) -> Rules:
-    """These rows do nothing."""
+    """Give these rows no effect."""
     rules = RULES
     for kind, n in rows:
         rules = changed(kind, n, then=ignore, rules=rules)
     return rules
 
 
-# -- what decides instead
+# -- replacement rows
 
 
 def any_cam(me: Me, st: State, i: Any) -> bool:
@@ -109,13 +112,13 @@ def silent(me: Me, st: State, i: Any) -> Outcome:
 
 
 def lease_anew(me: Me, st: State, i: Any) -> Outcome:
-    """NEG-6; ACT-4's lease is armed again."""
+    """NEG-6 with a restart of ACT-4's lease."""
     outcome = RULES["receive Acceptance"][6].then(me, st, i)
     return outcome._replace(again=(*outcome.again, Timer("lease")))
 
 
 def free_at_once(kind: str, n: int) -> Then:
-    """Against ACT-6: the row, without its quarantine."""
+    """Against ACT-6: the row without its quarantine."""
 
     def then(me: Me, st: State, i: Any) -> Outcome:
         outcome = RULES[kind][n].then(me, st, i)
@@ -134,7 +137,7 @@ def _no_break_off() -> Rules:
 def abandon(me: Me, st: State, i: Any) -> Outcome:
     """Against NEG-9: no Ack of the Acceptance, no commitment."""
     if st.phase == "ACTUATING":
-        return Outcome(leave(st), told=Fallback(session=own(st), reason="timeout"))
+        return Outcome(leave(st), indication=Fallback(session=own(st), reason="timeout"))
     return RULES["expire giveup"][2].then(me, st, i)
 
 
@@ -151,16 +154,18 @@ def take_over(me: Me, st: State, i: Any) -> Outcome:
         proposal=m.proposal,
         lease_ms=m.lease_ms,
     )
-    told = Verify(session=m.session, proposal=m.proposal, prescription=m)
-    return Outcome(taken, (ack(me, m),), told)
+    indication = Verify(session=m.session, proposal=m.proposal, prescription=m)
+    return Outcome(taken, (ack(me, m),), indication)
 
 
 STANDING = Trajectory(t0=0, points=((0, 0, 0), (1000, 0, 0)))
 
 
-def intend_again(me: Me, st: State, i: Heard[Advertisement]) -> Outcome:
-    """Against ADV-4: a bound receiver answers another's Advertisement as well.  What it intends
-    is not asked for, so this is for applications that do not look at it."""
+def intend_again(me: Me, st: State, i: Received[Advertisement]) -> Outcome:
+    """Against ADV-4: a bound receiver also answers another Advertisement.
+
+    Its plan is not requested, so this is only for applications that ignore it.
+    """
     m = i.message
     if st.role != "receiver" or m.session == st.session:
         return Outcome(st)
@@ -174,16 +179,16 @@ def _no_busy_refusal() -> Rules:
 
 
 def ack_misread(entry: Callable[[State, Ack], Reliable | None]) -> Rules:
-    """Against END-6: an Ack is taken for one of the entry that ``entry`` gives for it."""
+    """Against END-6: an Ack counts for the entry that ``entry`` gives for it."""
 
-    def misread(st: State, i: Heard[Ack]) -> Heard[Ack]:
+    def misread(st: State, i: Received[Ack]) -> Received[Ack]:
         named = entry(st, i.message)
         if named is None:
             return i
         of = MessageId(type=named.type, seq=named.seq)
-        return Heard(i.message.model_copy(update={"src": named.dst, "of": of}))
+        return Received(i.message.model_copy(update={"src": named.dst, "of": of}))
 
-    def changed(row: Row[Heard[Ack]]) -> Row[Heard[Ack]]:
+    def changed(row: Row[Received[Ack]]) -> Row[Received[Ack]]:
         return row._replace(
             when=lambda me, st, i: row.when(me, st, misread(st, i)),
             then=lambda me, st, i: row.then(me, st, misread(st, i)),
@@ -203,7 +208,7 @@ def bound_session(st: State) -> tuple[Session, ...]:
 
 
 def always_closed(me: Me, st: State, i: Any) -> Outcome:
-    """ADV-5 without looking for a Fin or Cancel that is still being sent."""
+    """ADV-5 without the search for a Fin or Cancel that is still being sent."""
     return answer_closed(me, st._replace(outbox=()), i)._replace(state=st)
 
 
@@ -213,7 +218,7 @@ def _closed() -> Rules:
 
 
 def _no_proposal_number() -> Rules:
-    """NEG-6 and END-5 do not look at the proposal of an Acceptance."""
+    """NEG-6 and END-5 without the check of an Acceptance's proposal."""
     rules = changed("receive Acceptance", 4, when=lambda me, st, i: i.message.src != st.target)
     return changed(
         "receive Acceptance", 5, when=lambda me, st, i: not st.awaits_answer, rules=rules
@@ -231,7 +236,7 @@ COPIES = (
     ("receive Cancel", 3),
     ("receive Cancel", 8),
 )
-"""The rows that ack and do nothing else."""
+"""The rows whose only effect is an Ack."""
 
 WHOLE = Ablation("whole protocol", "", "", "", "nothing is taken away")
 ABLATIONS = (

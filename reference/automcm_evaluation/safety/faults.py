@@ -1,4 +1,4 @@
-"""What goes wrong in a simulated maneuver: cuts, aborts, restarts, crashes, a second prescriber."""
+"""Faults of a simulated maneuver: cuts, aborts, restarts, crashes, a second prescriber."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from automcm_evaluation.safety.hazard_measures import Watched
 from automcm_spec.vocabulary.application import Abort
 
 CUTS = {"cut forth": (True, False), "cut back": (False, True), "cut both ways": (True, True)}
-"""Forth: what the prescriber sends no longer gets to the target; back: the other way."""
+"""forth: messages of the prescriber no longer reach the target; back: the other direction."""
 KINDS = (
     *CUTS,
     "target aborts",
@@ -22,12 +22,12 @@ KINDS = (
     "second prescriber",
 )
 LASTS_MS = (500, 6000)
-"""How long a cut or a crash lasts, drawn evenly."""
+"""Range of the duration of a cut or a crash, uniformly distributed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault, of KINDS.  ``until_ms``: when a cut is mended or a crashed station comes back."""
+    """One fault of KINDS.  ``until_ms``: the end of a cut, or the restart of a crashed station."""
 
     kind: str
     at_ms: int
@@ -36,7 +36,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Roles:
-    """Who may be hit, by station id; ``second`` is 0 where there is no second prescriber."""
+    """The station ids of possible targets; ``second`` is 0 without a second prescriber."""
 
     prescriber: int
     target: int
@@ -44,7 +44,7 @@ class Roles:
 
 
 def drawn(kinds: Sequence[str], window: tuple[int, int], draw: random.Random) -> list[Fault]:
-    """A fault of each kind, at moments drawn evenly from the window, in ms."""
+    """A fault of each kind, at uniformly distributed times of the window, in ms."""
     faults = []
     for kind in kinds:
         at = draw.randint(*window)
@@ -53,9 +53,9 @@ def drawn(kinds: Sequence[str], window: tuple[int, int], draw: random.Random) ->
 
 
 def inject(faults: Sequence[Fault], watched: Watched, roles: Roles) -> int:
-    """Let them happen; returns when the last is over, in ms.
+    """Schedule the faults; returns the end of the last one, in ms.
 
-    Of cuts that overlap, the first that is mended mends the others.
+    The first end of overlapping cuts ends all of them.
     """
     for fault in faults:
         if fault.kind in CUTS:
@@ -93,7 +93,7 @@ def _hit(fault: Fault, watched: Watched, roles: Roles) -> None:
 
 
 def _abort(watched: Watched, station_id: int) -> None:
-    """The application breaks off and drives alone (END-1), if it is in a session."""
+    """The application breaks off and drives alone (END-1) if it is in a session."""
     service = watched.services[station_id]
     session = service.state.session
     if session is not None and station_id not in watched.down:

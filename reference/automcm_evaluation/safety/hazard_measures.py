@@ -1,6 +1,6 @@
 """Hazards in a simulation, measured from the states of its services (S-5, T-2).
 
-A hazard: a prescriber is in ACTUATING while its target is not committed to that session and
+In a hazard, a prescriber is in ACTUATING while its target is not committed to that session and
 proposal.  S-5 excuses it only if the target itself aborted, lost CAMs, restarted or crashed in
 that session.
 """
@@ -24,28 +24,30 @@ from automcm_spec.vocabulary.messages import Session
 from automcm_spec.vocabulary.parameters import Parameters
 
 EXCUSES = ("abort", "cam_loss", "restart", "crash")
-"""What the target may have done (S-5)."""
+"""The possible excuses by the target (S-5)."""
 
 
 def bound_ms(parameters: Parameters, delay_ms: int) -> int:
     """B = D + L, the longest that an excused hazard lasts (theorem T-2, docs/verification.md,
     section 4): the longest delay of a copy and ``t_cam_loss``, in ms.
 
-    It supposes 2 · D < ``t_resend``, a CAM interval and D below L together, and a lease of at
-    least L.  Raises ValueError for a delay or a CAM interval for which the theorem says nothing.
+    It assumes 2 · D < ``t_resend``, that the CAM interval plus D is below L, and a lease of at
+    least L.  Raises ValueError for a delay or a CAM interval outside of these assumptions.
     """
     if not 0 <= 2 * delay_ms < parameters.t_resend:
-        raise ValueError(f"delay_ms: {delay_ms} is not below half of t_resend")
+        raise ValueError(f"delay_ms must be below half of t_resend, not {delay_ms} ms")
     if not delay_ms < parameters.t_cam:
-        raise ValueError(f"t_cam: {parameters.t_cam} ms is not above the delay, {delay_ms} ms")
+        raise ValueError(
+            f"t_cam must be above the delay of {delay_ms} ms, not {parameters.t_cam} ms"
+        )
     if not parameters.t_cam + delay_ms < parameters.t_cam_loss:
-        raise ValueError("t_cam_loss: not above the CAM interval and the delay together")
+        raise ValueError("t_cam_loss must be above the sum of the CAM interval and the delay")
     return delay_ms + parameters.t_cam_loss
 
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """``excuse``: what the target did, of EXCUSES; empty: nothing, and S-5 does not hold."""
+    """``excuse`` is one of EXCUSES; if it is empty, S-5 does not hold."""
 
     session: Session
     since_ms: int
@@ -54,13 +56,13 @@ class Hazard:
 
     @property
     def length_ms(self) -> int:
-        """How long it lasted."""
+        """Its duration in ms."""
         return self.until_ms - self.since_ms
 
 
 def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[str, Any]:
-    """The hazards of runs with these seeds: their ``lengths`` in ms, sorted, by what excuses them
-    (``none`` for nothing), and the first that are ``wrong``: unexcused, or longer than ``b``."""
+    """The hazards of runs with these seeds: their sorted ``lengths`` in ms by excuse (or ``none``),
+    and the first that are ``wrong``: unexcused, or longer than ``b``."""
     lengths: dict[str, list[int]] = {}
     for hazard in (hazard for run in runs for hazard in run):
         lengths.setdefault(hazard.excuse or "none", []).append(hazard.length_ms)
@@ -79,9 +81,9 @@ def met(seeds: Sequence[int], runs: Sequence[Sequence[Hazard]], b: int) -> dict[
 
 
 class Watched(Simulation):
-    """A simulation that notes hazards, and what became of each session.
+    """A simulation that records hazards and the outcome of each session.
 
-    A hazard that begins and ends in one millisecond is none.
+    A hazard that begins and ends in one millisecond does not count.
     """
 
     def __init__(
@@ -94,17 +96,17 @@ class Watched(Simulation):
     ) -> None:
         super().__init__(seed=seed, channel=channel, logs=logs, service=service)
         self.hazards: list[Hazard] = []
-        """Those that are over, in the order in which they ended."""
+        """The finished hazards, in the order of their ends."""
         self.agreed: set[Session] = set()
-        """Sessions in which the prescriber was told that it is accepted."""
+        """Sessions in which the prescriber got the indication accepted."""
         self.completed: set[Session] = set()
-        """Those the prescriber ended by its Fin."""
+        """Sessions that the prescriber ended with its Fin."""
         self.finished: set[Session] = set()
-        """Those of which the target was told that they ended so."""
+        """Sessions in which the target got the indication finished."""
         self.down: set[int] = set()
-        """Stations that have crashed and are not back."""
+        """Crashed stations."""
         self._since: dict[Session, tuple[int, int]] = {}
-        """When a hazard began, and whose commitment is missing."""
+        """The begin of each present hazard, and the station without commitment."""
         self._excuses: dict[tuple[Session, int], str] = {}
 
     def watching(self, station_id: int) -> tuple[Observer, ...]:
@@ -112,7 +114,7 @@ class Watched(Simulation):
         return (partial(self._note, station_id),)
 
     def crash(self, station_id: int) -> None:
-        """The service stops where it is; the vehicle drives on alone."""
+        """Stop the service at once; the vehicle drives on alone."""
         service = self.services[station_id]
         session = service.state.session
         self._excuse(station_id, service.state, "crash")
@@ -123,24 +125,24 @@ class Watched(Simulation):
         self._look()
 
     def recover(self, station_id: int) -> None:
-        """A service that has crashed comes back (END-8)."""
+        """Restart a crashed service (END-8)."""
         self.down.discard(station_id)
         self.services[station_id].start()
         self.services[station_id].restart()
 
     def committed(self, station_id: int) -> bool:
-        """Is it at work, and acting on the word of a prescriber?"""
+        """Whether a station runs and is committed to a prescriber."""
         st = self.services[station_id].state
         return station_id not in self.down and (st.role, st.phase) == ("receiver", "ACTUATING")
 
     @property
-    def quiet(self) -> bool:
-        """No station at work is in a session or still sends a message again."""
+    def idle(self) -> bool:
+        """Whether no running station is in a session or still repeats a message."""
         states = (s.state for n, s in self.services.items() if n not in self.down)
         return not any(st.bound or st.outbox for st in states)
 
     def over(self) -> list[Hazard]:
-        """All hazards; one that is not over lasts until now."""
+        """All hazards; an unfinished one ends now."""
         return self.hazards + [self._hazard(session) for session in self._since]
 
     def _note(self, station_id: int, before: State, effects: Effects) -> None:
@@ -153,11 +155,11 @@ class Watched(Simulation):
             self._excuse(station_id, before, "cam_loss")
         elif isinstance(i, Complete) and effects.rule == "ACT-3":
             self.completed.add(i.session)
-        for told in effects.indications:
-            if isinstance(told, Accepted):
-                self.agreed.add(told.session)
-            elif isinstance(told, Finished):
-                self.finished.add(told.session)
+        for indication in effects.indications:
+            if isinstance(indication, Accepted):
+                self.agreed.add(indication.session)
+            elif isinstance(indication, Finished):
+                self.finished.add(indication.session)
         if effects.state is not before:
             self._look()
 
@@ -166,7 +168,7 @@ class Watched(Simulation):
             self._excuses.setdefault((st.session, station_id), what)
 
     def _look(self) -> None:
-        """Which hazards are there now."""
+        """Update the present hazards."""
         now = self.clock.now()
         there = set()
         for station_id, service in self.services.items():
@@ -183,7 +185,7 @@ class Watched(Simulation):
                 self.hazards.append(hazard)
 
     def _keeps_to(self, st: State) -> bool:
-        """Is the target of a prescriber in this state committed to what it acts on?"""
+        """Whether the target is committed to what a prescriber in this state acts on."""
         peer = self.services[st.target].state
         same = (peer.session, peer.proposal) == (st.session, st.proposal)
         return same and self.committed(st.target)

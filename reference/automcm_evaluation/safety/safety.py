@@ -1,7 +1,8 @@
-"""Hazards under random faults, against the proved bound, and what each mechanism is for.
+"""Hazards under random faults, compared with the proved bound, also without single mechanisms.
 
-Not in the paper.  Two harnesses: the protocol alone (Straight), where thousands of maneuvers are
-cheap, and the four vehicles of Fig. 6 on the road, where distances can be measured.
+This is not in the paper.  There are two harnesses: the protocol alone (Straight), in which
+thousands of maneuvers are cheap, and the four vehicles of Fig. 6 on the road, in which distances
+can be measured.
 """
 
 from __future__ import annotations
@@ -27,15 +28,15 @@ from automcm_spec.vocabulary.parameters import Parameters
 ROLES = Roles(prescriber=1001, target=2002, second=3003)
 REQUEST_MS = 500
 WINDOW_MS = (REQUEST_MS, 13_000)
-"""Faults begin in this time: from the request to about the end of the longest maneuver."""
+"""The window of faults: from the request to about the end of the longest maneuver."""
 MANEUVER_MS = (2000, 12_000)
 LEASE_MS = 10_000
-"""Shorter than the longest maneuver, so that leases end as well."""
+"""Shorter than the longest maneuver, so that some leases expire."""
 REFUSES, ASKS_AGAIN, NEVER_ENDS = 0.2, 0.25, 0.05
-"""How often the first proposal is refused, another maneuver is asked for meanwhile or later, and
-the prescriber never ends its maneuver."""
+"""The shares of runs in which the first proposal is refused, in which another maneuver is
+requested, and in which the prescriber never ends its maneuver."""
 LONGEST_MS = 50_000
-"""No station should be bound for as long as that (T-1, with a second maneuver)."""
+"""An upper bound of the time for which a station is in a session (T-1, with a second maneuver)."""
 LOSSES = (0.0, 0.2, 0.4, 0.6)
 NOTHING = "nothing but loss"
 SEVERAL = "two or three faults"
@@ -45,18 +46,18 @@ CLASS_ABLATIONS = (WHOLE.name, "silent CAM-loss fallback", "plain CAMs count")
 
 
 class Safety(Settings):
-    """How many maneuvers are simulated."""
+    """The numbers of simulated maneuvers."""
 
     drives: int = Field(60, ge=1, le=10_000)
-    """With the whole protocol, of each fault at each loss."""
+    """With the complete protocol, for each fault at each loss."""
     ablated: int = Field(300, ge=1, le=10_000)
-    """Without each mechanism, with faults of all kinds; with the whole protocol likewise."""
+    """With faults of all kinds, without each mechanism, and with the complete protocol."""
     classes: int = Field(60, ge=1, le=10_000)
-    """Of each fault class, with a perfect radio, with three protocols."""
+    """For each fault class, with a perfect radio, for three protocols."""
     road: int = Field(60, ge=1, le=10_000)
     """On the road at each speed, with each protocol."""
     block: int = Field(20, ge=1, le=1000)
-    """Of these on the road, in one cell."""
+    """Drives on the road in one cell."""
     speeds_kmh: tuple[Annotated[int, Field(ge=10, le=130)], ...] = Field(
         (30, 50), min_length=1, max_length=8
     )
@@ -65,7 +66,7 @@ class Safety(Settings):
 
 
 def cells(settings: Safety) -> list[Values]:
-    """What is run: faults by loss, mechanisms, fault classes, and the road."""
+    """The parts: faults by loss, mechanisms, fault classes, and the road."""
     common = {"delay_ms": settings.delay_ms}
     found: list[Values] = [
         common | {"part": "faults", "fault": fault, "loss": loss, "drives": settings.drives}
@@ -94,7 +95,7 @@ def cells(settings: Safety) -> list[Values]:
 
 
 def run(values: Values, seed: int) -> Values:
-    """One cell: its drives, each with a seed of its own, taken together."""
+    """Run one cell: the combined results of its drives, each with its own seed."""
     draw = random.Random(seed)
     seeds = [draw.getrandbits(32) for _ in range(values["drives"])]
     if values["part"] == "road":
@@ -129,29 +130,29 @@ def class_bound(values: Values, ablation: Ablation) -> tuple[str, int]:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one run."""
+    """The outcome of one run."""
 
     hazards: list[Hazard]
     agreed: int
     """Sessions in which the prescriber was accepted."""
     completed: int
-    """Sessions that the prescriber ended by its Fin."""
+    """Sessions that the prescriber ended with its Fin."""
     in_vain: int
-    """Of these, those of which the target never learnt that they ended so."""
+    """The finished sessions of which the target did not get the Fin."""
     stuck: bool
-    """A station was still in a session, or sent again, when it was long over."""
+    """Whether a station was still in a session, or repeated messages, at the time limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is drawn for a run."""
+    """The random choices of a run."""
 
     loss: float
     faults: list[Fault]
     maneuver_ms: int
     refuses: int
     again_ms: int = 0
-    """When the prescriber asks for another maneuver; 0: never."""
+    """The time at which the prescriber requests another maneuver; 0: never."""
 
 
 def planned(values: Values, draw: random.Random) -> Plan:
@@ -176,7 +177,7 @@ def planned(values: Values, draw: random.Random) -> Plan:
 
 
 def drive(values: Values, seed: int, logs: Path | None = None) -> Outcome:
-    """One run of a cell that is not on the road."""
+    """One run of a cell without a road."""
     ablation = BY_NAME[values.get("ablation", WHOLE.name)]
     plan = planned(values, random.Random(seed))
     channel = Channel(loss=plan.loss, duplicate=0.1, delay_ms=(2, values["delay_ms"]))
@@ -185,7 +186,7 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Outcome:
 
 
 def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
-    """A prescriber and its target, and a second prescriber if there is to be one."""
+    """A prescriber, its target, and optionally a second prescriber."""
     ids = [ROLES.prescriber, ROLES.target]
     if any(fault.kind == "second prescriber" for fault in plan.faults):
         ids.append(ROLES.second)
@@ -202,9 +203,9 @@ def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
         watched.request(ROLES.prescriber, plan.again_ms)
     last = max(inject(plan.faults, watched, ROLES), plan.again_ms, REQUEST_MS)
     watched.clock.run(last + 1)
-    while not watched.quiet and watched.clock.now() < LONGEST_MS:
+    while not watched.idle and watched.clock.now() < LONGEST_MS:
         watched.clock.run(watched.clock.now() + 500)
-    stuck = not watched.quiet
+    stuck = not watched.idle
     watched.run(watched.clock.now())
     return Outcome(
         hazards=watched.over(),
@@ -216,7 +217,7 @@ def simulated(watched: Watched, plan: Plan, parameters: Parameters) -> Outcome:
 
 
 def together(outcomes: Sequence[Outcome], seeds: Sequence[int], b: int) -> Values:
-    """The runs of a cell as counts, and the lengths of its hazards in ms by what excuses them."""
+    """The runs of a cell as counts, and the lengths of its hazards in ms by excuse."""
     return met(seeds, [outcome.hazards for outcome in outcomes], b) | {
         "unexcused": sum(any(not h.excuse for h in o.hazards) for o in outcomes),
         "beyond": sum(any(h.length_ms > b for h in o.hazards) for o in outcomes),

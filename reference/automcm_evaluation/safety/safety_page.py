@@ -12,12 +12,12 @@ from automcm_evaluation.safety.safety_tables import HARD
 from automcm_spec.support import markdown
 
 REACHED = 0.95
-"""A hazard of this share of B shows that B is about as small as it can be."""
+"""A hazard of this share of B shows that B is nearly minimal."""
 SILENT, PLAIN = "silent CAM-loss fallback", "plain CAMs count"
 
 
 def claims(report: Values) -> list[Claim]:
-    """What holds beyond the paper; a claim whose figures are against it is not reproduced."""
+    """The claims beyond the paper; a claim that contradicts the figures is not reproduced."""
     s = report["summary"]
     whole, b = s["all"], s["bound_ms"]
     own = [row for row in s["classes"] if row["ablation"] == WHOLE.name]
@@ -106,7 +106,7 @@ def _road_sum(rows: Sequence[Values], name: str) -> Values:
 
 
 def page(report: Values) -> str:
-    """What was run, the tables, what explains them, and doubts."""
+    """The page: the runs, the tables, explanations, and limits."""
     s = report["summary"]
     names = list(dict.fromkeys(row["ablation"] for row in s["classes"]))
     classes: dict[str, list[Values]] = {}

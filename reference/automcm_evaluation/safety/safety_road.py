@@ -1,4 +1,4 @@
-"""The four vehicles of Fig. 6 under faults: how close they come, with and without mechanisms."""
+"""Distances of the four vehicles of Fig. 6 under faults, with and without mechanisms."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from automcm_evaluation.safety.hazard_measures import Hazard, Watched, bound_ms,
 
 ROLES = Roles(prescriber=1, target=3)
 UNCOORDINATED = "no coordination"
-"""The prescriber just moves over; what the paper compares with."""
+"""The prescriber changes lanes without coordination, the paper's baseline."""
 PROTOCOLS = (
     WHOLE.name,
     "no CAM-loss fallback",
@@ -32,23 +32,23 @@ PROTOCOLS = (
     UNCOORDINATED,
 )
 KINDS = (*CUTS, "target aborts", "target restarts", "target crashes")
-"""What can leave a prescriber on the road alone with its maneuver."""
+"""Faults that can leave a prescriber alone with its maneuver."""
 WINDOW_MS = (3100, 12_800)
-"""From the agreement to the end of the lane change, when nothing goes wrong."""
+"""From the agreement to the end of an undisturbed lane change."""
 LOSSES = (0.0, 0.3, 0.6)
 BESIDE_M = (0.0, 4.0)
-"""How far the target is behind the prescriber at first, centre to centre."""
+"""The target's initial distance behind the prescriber, centre to centre."""
 UNTIL_S = 24.0
 NEAR_M = 2.0
-"""Less room than this when it begins to move over is little."""
+"""The limit of little room at the beginning of the lane change."""
 WIDTH_M = 1.8
-"""Of a vehicle: two are in each other's way where their sides overlap."""
+"""Width of a vehicle; two vehicles conflict if their sides overlap."""
 
 
 def run(values: Values, seeds: Sequence[int]) -> Values:
     """The drives of a cell: distances and hardest braking of each, and hazards.
 
-    A distance is None for a drive in which nobody moved over.
+    A distance is None for a drive without a lane change.
     """
     drives = [drive(values, seed) for seed in seeds]
     ablation = BY_NAME.get(values["ablation"], WHOLE)
@@ -63,29 +63,29 @@ def run(values: Values, seeds: Sequence[int]) -> Values:
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """What became of one drive."""
+    """The outcome of one drive."""
 
     room_m: float | None
-    """Along the road to the nearest vehicle of the other lane, bumper to bumper, when it begins
-    to move over; below 0 they are abreast."""
+    """Distance along the road to the nearest vehicle of the other lane, bumper to bumper, at the
+    beginning of the lane change; negative if they are abreast."""
     gap_m: float | None
-    """Least distance, bumper to bumper, of the prescriber to another; below 0 they overlap."""
+    """Least distance, bumper to bumper, of the prescriber to another; negative if they overlap."""
     ttc_s: float | None
-    """Least time to collision; None: never closing in."""
+    """Least time to collision; None if no vehicles approached each other."""
     braking: float
     """Hardest deceleration of a receiver, m/s²."""
     hazards: list[Hazard]
     begun: bool
-    """It moved over while a hazard lasted."""
+    """Whether it changed lanes during a hazard."""
     unasked: bool
-    """It moved over, and nobody had agreed to anything."""
+    """Whether it changed lanes without an agreement."""
 
 
 def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
     """One drive: a fault in the time from the agreement to the end of the maneuver, and loss.
 
-    A target that is committed when the prescriber begins to move over follows it from then on;
-    everybody else notices it late (road.Late).
+    A target that is committed at the beginning of the lane change follows the prescriber from then
+    on; all other vehicles notice it late (road.Late).
     """
     draw = random.Random(seed)
     name = values["ablation"]
@@ -107,7 +107,7 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
 
 
 def _informed(made: Drive, watched: Watched) -> None:
-    """Who notices late is settled when the prescriber begins to move over."""
+    """The vehicles that notice late are determined at the beginning of the lane change."""
     prescriber, *others = (driver.vehicle for driver in made.drivers)
     for vehicle in others:
         vehicle.late = Late()
@@ -139,11 +139,12 @@ def _driven(made: Drive, watched: Watched) -> Driven:
 def nearest(
     samples: Sequence[Sample], vehicle: Vehicle
 ) -> tuple[float | None, float | None, float | None]:
-    """How close this vehicle comes to others while and after it moves over.
+    """The distances of this vehicle to others during and after its lane change.
 
-    Room along the road when it begins, m; least gap, m, and least time to collision, s, from then
-    on to any other whose side overlaps with its own.  All bumper to bumper; a gap below 0 is a
-    collision.  None: it never moved over, was never beside anybody, nobody closed in.
+    They are the room along the road at its beginning, m; and the least gap, m, and the least time
+    to collision, s, to any vehicle whose side overlaps with its own.  All are bumper to bumper; a
+    negative gap is a collision.  A value is None without a lane change, without a vehicle beside
+    it, or without an approach.
     """
     ids = sorted({s.station_id for s in samples})
     of = {n: np.array([(s.x, s.y, s.speed) for s in samples if s.station_id == n]) for n in ids}

@@ -1,4 +1,4 @@
-"""What the cells of the safety experiment say together: the tables of its page."""
+"""The tables of the safety experiment, from its cells."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ COUNTS = (
     *("agreed", "maneuvers", "completed", "in_vain", "stuck"),
 )
 HARD = 4.0
-"""Braking of a receiver that is harder is hard, m/s²: twice what the IDM aims at."""
+"""Harder braking of a receiver counts as hard, m/s²: twice the IDM's comfortable deceleration."""
 
 
 def summary(cells: Sequence[Cell]) -> Values:
-    """Tables by fault, mechanism, fault class and protocol on the road, and what is broken."""
+    """Tables by fault, mechanism, fault class and protocol on the road, and violations."""
     whole = [c for c in cells if c.values.get("ablation", WHOLE.name) == WHOLE.name]
     found: Values = {
         "bound_ms": whole[0].result["bound_ms"],
@@ -35,12 +35,12 @@ def summary(cells: Sequence[Cell]) -> Values:
 
 
 def lengths(cells: Sequence[Cell]) -> list[int]:
-    """Of all hazards, in ms, sorted."""
+    """The lengths of all hazards in ms, sorted."""
     return sorted(ms for cell in cells for found in cell.result["lengths"].values() for ms in found)
 
 
 def _all(whole: Sequence[Cell]) -> Values:
-    """Of everything with the whole protocol, the road included."""
+    """The hazards of all runs with the complete protocol, including the road."""
     found = lengths(whole)
     return {
         "drives": sum(cell.values["drives"] for cell in whole),
@@ -63,7 +63,7 @@ def _sum(cells: Sequence[Cell]) -> Values:
 
 
 def _by(cells: Sequence[Cell], name: str) -> list[Values]:
-    """A row for each value of what the cells were run with."""
+    """A row for each value of a parameter of the cells."""
     values = list(dict.fromkeys(cell.values[name] for cell in cells))
     return [{name: value} | _sum(chosen(cells, **{name: value})) for value in values]
 
@@ -79,10 +79,10 @@ def _mechanisms(cells: Sequence[Cell]) -> list[Values]:
 
 
 def shows(row: Values, whole: Values) -> list[str]:
-    """What is worse than with the whole protocol.
+    """The measures that are worse than with the complete protocol.
 
-    Hazards that no theorem allows and stations that never come free need one drive; of shares
-    the 95 % intervals must be apart.
+    For hazards that no theorem allows, and for stations that stay in a session, one drive is
+    enough; for shares, the 95 % intervals must not overlap.
     """
     if row is whole:
         return []
@@ -154,8 +154,8 @@ def _road(cells: Sequence[Cell]) -> list[Values]:
 
 
 def _broken(whole: Sequence[Cell]) -> list[str]:
-    """Hazards of the whole protocol that S-5 or T-2 does not allow, and stations that stay bound
-    (T-1), with what is needed to run them again."""
+    """Hazards of the complete protocol that S-5 or T-2 does not allow, and stations that stay in a
+    session (T-1), with the data to repeat the runs."""
     texts = []
     for cell in whole:
         b, values = cell.result["bound_ms"], canonical(cell.values)
