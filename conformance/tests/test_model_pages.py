@@ -37,7 +37,7 @@ def test_a_page_shows_its_counterexample(tmp_path: Path) -> None:
     wanted = [model for model in MUST_FAIL if model.cfg == "bare_ack"]
     [page] = counterexample_pages.committed([*wanted, *HOLD, *UNSENT], tmp_path / "new")
     assert page == tmp_path / "new" / "bare_ack.html"
-    assert "<title>bare_ack, as TLC found it" in page.read_text()
+    assert "<title>bare_ack, counterexample found by TLC" in page.read_text()
 
 
 def test_a_counterexample_that_is_not_there_is_named(
@@ -57,4 +57,4 @@ def test_a_counterexample_that_should_not_be_is_a_page(tmp_path: Path) -> None:
     assert not wrong.ok
     (page,) = counterexample_pages.failed([wrong], tmp_path)
     assert page == tmp_path / "ack_from_anybody.html"
-    assert b"ack_from_anybody, as TLC found it" in page.read_bytes()
+    assert b"ack_from_anybody, counterexample found by TLC" in page.read_bytes()

@@ -286,7 +286,7 @@ def test_the_reference_says_what_it_does_not_take(reference: str) -> None:
 
     with connect(reference, proxy=None) as there:
         there.send(b"{}")
-        with pytest.raises(ConnectionClosed, match="each line is a text message"):
+        with pytest.raises(ConnectionClosed, match="each line must be a text message"):
             there.recv(timeout=5)
     taken, remote = (
         subprocess.run([*REFERENCE, "--websocket", where], capture_output=True, text=True)

@@ -148,10 +148,10 @@ def test_mem_1_a_radio_with_a_capacity_holds_no_more() -> None:
         ("reorder", {"reorder": 2}),
         ("delay_ms", {"delay_ms": (5, 4)}),
         ("delay_ms", {"delay_ms": (-1, 4)}),
-        ("burst_ms: -1.0", {"burst_ms": -1.0}),
-        ("burst_ms: inf", {"burst_ms": math.inf}),
-        ("burst_loss: 0.0", {"burst_loss": 0.0}),
-        ("burst_loss: 0.4", {"loss": 0.5, "burst_ms": 100.0, "burst_loss": 0.4}),
+        ("burst_ms must be .*, not -1.0", {"burst_ms": -1.0}),
+        ("burst_ms must be .*, not inf", {"burst_ms": math.inf}),
+        ("burst_loss must be .*, not 0.0", {"burst_loss": 0.0}),
+        ("burst_loss must be .*, not 0.4", {"loss": 0.5, "burst_ms": 100.0, "burst_loss": 0.4}),
     ],
 )
 def test_a_channel_that_cannot_be_is_refused_by_name(text: str, bad: dict[str, Any]) -> None:
