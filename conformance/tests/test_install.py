@@ -52,7 +52,7 @@ station = StationProcess(
     report=print, log=Path("7.ndjson"), commands=[(0, LANE_CHANGE)], listen_ms=0, for_ms=500,
 )
 asyncio.run(station.run())
-print("followed:", follow(read("7.ndjson")).followed)
+print("decided:", follow(read("7.ndjson")).decided)
 """
 SERVE = """
 import asyncio
@@ -108,7 +108,7 @@ def _automcm(command: str, shows: str) -> First:
 FIRST: dict[str, tuple[First, ...]] = {
     "": (
         First(("python", "-m", "automcm.adapters.adapter_lines"), "automcm reference", HELLO),
-        _python(UDP.replace("CODEC", "json"), "followed: True"),
+        _python(UDP.replace("CODEC", "json"), "decided: True"),
     ),
     "kit": (
         _automcm(f"conform run {CASE} --out out -- automcm adapter", "1 of 1 MUST cases pass"),
@@ -116,7 +116,7 @@ FIRST: dict[str, tuple[First, ...]] = {
         _automcm("station --id 7 --for 100 --listen 0", "STANDALONE"),
     ),
     "tlc": (_automcm("spec check bare_ack", "as expected"),),
-    "asn1": (_python(UDP.replace("CODEC", "uper"), "followed: True"),),
+    "asn1": (_python(UDP.replace("CODEC", "uper"), "decided: True"),),
     "dask": (_python(DASK, "loss: 121 cells"),),
     "map": (_python(MAP, "nowhere.osm: "),),
     "mcap": (_automcm("trace export 1001.ndjson --to mcap", ".mcap"),),
@@ -139,7 +139,7 @@ WITHOUT = [
     ("kit", "station --id 7 --codec uper", "needs asn1tools: pip install 'automcm[asn1]'"),
     ("kit", "experiment bandwidth", "needs asn1tools: pip install 'automcm[asn1]'"),
     ("kit", f"{LITTLE} tcp://127.0.0.1:1", "needs Dask: pip install 'automcm[dask]'"),
-    ("kit", "trace export 1001.ndjson --to mcap", "package mcap: pip install 'automcm[mcap]'"),
+    ("kit", "trace export 1001.ndjson --to mcap", "mcap is missing: pip install 'automcm[mcap]'"),
     ("kit", "experiment arrival --set sumo=true", "needs SUMO: pip install 'automcm[sumo]'"),
     ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "adapter --websocket 127.0.0.1:0", "needs websockets: pip install 'automcm[ws]'"),
