@@ -10,15 +10,7 @@ from typing import Annotated
 
 import typer
 
-from automcm_cli.shared.common import (
-    Json,
-    code_3,
-    console_of,
-    example,
-    progress,
-    usage,
-    write_json,
-)
+from automcm_cli.shared.common import Json, code_3, console_of, example, progress, usage, write_json
 
 app = typer.Typer()
 

@@ -16,15 +16,7 @@ from automcm_cli.shared.adapter_options import (
     fresh_folder,
     purposes_of,
 )
-from automcm_cli.shared.common import (
-    Json,
-    code_3,
-    console_of,
-    example,
-    progress,
-    usage,
-    write_json,
-)
+from automcm_cli.shared.common import Json, code_3, console_of, example, progress, usage, write_json
 from automcm_conformance.adapter.process import LIMIT_S
 from automcm_spec.support import files
 

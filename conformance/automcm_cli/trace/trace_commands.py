@@ -9,13 +9,7 @@ import typer
 
 from automcm_cli.shared.adapter_options import WithCommand
 from automcm_cli.shared.common import Json, Late, code_3, example, write_json
-from automcm_cli.trace import (
-    trace_edit,
-    trace_export,
-    trace_html,
-    trace_logs,
-    trace_replay,
-)
+from automcm_cli.trace import trace_edit, trace_export, trace_html, trace_logs, trace_replay
 from automcm_cli.trace.trace_logs import Logs, files_of
 
 if TYPE_CHECKING:

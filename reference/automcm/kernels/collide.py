@@ -15,14 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from automcm.kernels.trajectory import (
-    NANOMETRE,
-    Floats,
-    Trajectory,
-    TrajectoryError,
-    array,
-    number,
-)
+from automcm.kernels.trajectory import NANOMETRE, Floats, Trajectory, TrajectoryError, array, number
 
 ROUNDING = 1e-12
 """Relative tolerance: batched kernels ignore a smaller reduction between samples."""

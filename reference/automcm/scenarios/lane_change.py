@@ -17,13 +17,7 @@ from automcm.kernels.convert import convert
 from automcm.kernels.discover import Candidate, discover
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
-from automcm.kernels.trajectory import (
-    Floats,
-    Trajectory,
-    TrajectoryError,
-    from_message,
-    to_message,
-)
+from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, from_message, to_message
 from automcm.kernels.verify import Limits, Reason, verify
 from automcm.scenarios.road import LANE_WIDTH, ROAD_M, Vehicle
 from automcm.service.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
