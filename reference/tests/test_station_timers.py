@@ -23,7 +23,7 @@ from automcm_stage import (
     yes,
 )
 
-from automcm_spec.vocabulary.parameters import lease_lasts
+from automcm_spec.vocabulary.parameters import DEFAULTS, lease_lasts
 
 # -- repetition
 
@@ -61,7 +61,7 @@ def test_due_timers_fire_before_a_message_at_the_same_instant() -> None:
 
 def test_due_timers_fire_before_a_command_at_the_same_instant() -> None:
     s = Stage().walk("receiver", "NEGOTIATING")
-    undecided, late = s.do(520, "accept", THEIRS)
+    undecided, late = s.do(DEFAULTS["t_decide"] + 20, "accept", THEIRS)
     assert (undecided.rule, late.rule) == ("NEG-3", "CMD-1")
     assert [i.name for i in told([late])] == ["refused"]
 

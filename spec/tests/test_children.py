@@ -26,7 +26,7 @@ input()
 STARTS = {
     "popen": "child = children.popen(['sleep', '60'])",
     "popen of a group": "child = children.popen(['sleep', '60'], group=True)",
-    "tied": "child = subprocess.Popen(children.tied(['sleep', '60']))",
+    "ending with parent": "child = subprocess.Popen(children.ending_with_parent(['sleep', '60']))",
 }
 POOL = """
 import multiprocessing, os, sys, time
@@ -120,7 +120,7 @@ def test_the_watcher_is_no_child_of_the_command_and_holds_no_pipe() -> None:
 
 
 def test_the_command_is_not_run_if_the_parent_has_ended_before(tmp_path: Path) -> None:
-    command = children.tied(["touch", str(tmp_path / "run")])
+    command = children.ending_with_parent(["touch", str(tmp_path / "run")])
     at = command.index(str(os.getpid()))
     command[at] = str(os.getpid() + 1)
     assert subprocess.run(command).returncode == 127
@@ -172,7 +172,9 @@ def test_what_is_executable_to_nobody_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_error_without_a_pipe_is_a_line() -> None:
-    done = subprocess.run(children.tied(["/nowhere/at/all"]), capture_output=True, text=True)
+    done = subprocess.run(
+        children.ending_with_parent(["/nowhere/at/all"]), capture_output=True, text=True
+    )
     assert done.returncode == 127
     assert done.stderr == "/nowhere/at/all cannot be started: No such file or directory\n"
 
@@ -218,6 +220,6 @@ def test_interrupted_while_a_command_is_started_it_does_not_run(
 
 def test_elsewhere_commands_are_as_given(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(children, "_LINUX", False)
-    assert children.tied(["x"], group=True) == ["x"]
+    assert children.ending_with_parent(["x"], group=True) == ["x"]
     with children.popen(["sh", "-c", "ps -o sid= -p $$"], group=True, stdout=-1) as child:
         assert int(child.stdout.read()) == child.pid

@@ -23,12 +23,15 @@ from automcm_spec.vocabulary.messages import (
     Prescription,
     encode,
 )
-from automcm_spec.vocabulary.parameters import Parameters
+from automcm_spec.vocabulary.parameters import DEFAULTS, Parameters, derived
 from automcm_traces.format.reader import Log, read
 from automcm_traces.system import duration_properties
 from automcm_traces.system.properties import NAMES, SystemReport, agreement, commitment, judge
 from automcm_traces.system.timeline import Moment, Timeline
 from automcm_traces.system.world import World
+
+TIMES = DEFAULTS | derived(DEFAULTS)
+GIVEUP, DECIDE = TIMES["t_giveup"], TIMES["t_decide"]
 
 TRAJECTORY = Straight().trajectory()
 
@@ -187,7 +190,7 @@ def test_t_1_a_session_that_lasts_too_long(tmp_path: Path) -> None:
     moments = lines_of(world, 2)
     over = next(n for n, m in enumerate(moments) if n and not m.session and moments[n - 1].session)
     begun = next(m for m in moments if m.session)
-    bound = 2100 + 3 * (6800 + 500) + 20_000
+    bound = GIVEUP + 3 * (TIMES["t_hold"] + DECIDE) + 20_000
     moments[over] = replace(moments[over], t_ms=begun.t_ms + bound)
     assert outcome(duration_properties.durations(world)) == {True}
     moments[over] = replace(moments[over], t_ms=begun.t_ms + bound + 1)
@@ -198,7 +201,7 @@ def test_t_1_a_session_that_lasts_too_long(tmp_path: Path) -> None:
     prescriber = lines_of(world, 1)
     begun = next(m for m in prescriber if m.session)
     over = next(n for n, m in enumerate(prescriber) if m.at > begun.at and not m.session)
-    bound = 2100 + 500 + 2 * (4700 + 500) + 20_000
+    bound = GIVEUP + DECIDE + 2 * (2 * GIVEUP + DECIDE + DECIDE) + 20_000
     prescriber[over] = replace(prescriber[over], t_ms=begun.t_ms + bound + 1)
     assert sum(1 for holds, _ in duration_properties.durations(world) if holds is False) == 2
 

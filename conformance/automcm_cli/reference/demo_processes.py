@@ -168,7 +168,7 @@ class Demo:
             *vehicle.options,
         ]
         vehicle.process = await asyncio.create_subprocess_exec(
-            *children.tied(command),
+            *children.ending_with_parent(command),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
         )

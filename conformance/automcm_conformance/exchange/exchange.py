@@ -203,7 +203,7 @@ class Exchange:
         if self.now < until:
             self.advance(until)
 
-    def seal(self) -> None:
+    def end_with_reset(self) -> None:
         """End the exchange with one more line, which shows what the station does after its last
         answer."""
         self.state, self.clock = 0, Clock()

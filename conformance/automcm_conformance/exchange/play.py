@@ -26,7 +26,7 @@ def play(
     that need not expire, the one with the earliest deadline. Raises Mismatch, Broken.
     """
     off = _timed(x, tour, soonest) if timed else _natural(x, tour, lease_ms)
-    x.seal()
+    x.end_with_reset()
     return off
 
 

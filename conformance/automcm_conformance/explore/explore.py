@@ -167,7 +167,7 @@ class Explorer:
                 walk(x, new.acts, setting)
             else:
                 walker.natural(x, setting, length, new.acts)
-                x.seal()
+                x.end_with_reset()
             if not x.begun:
                 return new
             x.flush()

@@ -305,7 +305,7 @@ def perform(x: Exchange, act: Act, setting: Setting) -> None:
 
 
 def walk(x: Exchange, acts: Sequence[Act], setting: Setting) -> None:
-    """Play acts on a new exchange, as far as time allows, and seal it.
+    """Play acts on a new exchange, as far as time allows, and end it.
 
     Raises Mismatch and Broken.
     """
@@ -315,4 +315,4 @@ def walk(x: Exchange, acts: Sequence[Act], setting: Setting) -> None:
     for place, act in enumerate(acts):
         x.place = place
         perform(x, act, setting)
-    x.seal()
+    x.end_with_reset()

@@ -19,7 +19,15 @@ from automcm_conformance.exchange.play import LEASES, RUNS, Wrong, play, shorten
 from automcm_conformance.exchange.tours import Pair, Tours
 from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
-from automcm_conformance.suite.tally import ENOUGH, Drive, Fault, Flight, Part, Tally, finding
+from automcm_conformance.suite.tally import (
+    ENOUGH,
+    Drive,
+    Fault,
+    Part,
+    Tally,
+    TourInProgress,
+    finding,
+)
 from automcm_spec.graph.oracle import Answer, Oracle
 from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, Restart
 from automcm_traces.checker.finding import Finding
@@ -265,7 +273,7 @@ class Runner:
         soonest = tuple(LONG)[drive.started % len(LONG)]
         drive.started += 1
         x = self.exchange(drive.part.oracle, values=values, predict=self.predict, logged=False)
-        flight = Flight(x, tour, lease, values, soonest)
+        flight = TourInProgress(x, tour, lease, values, soonest)
         try:
             flight.off = play(x, tour, self.timed, lease, soonest)
             if x.begun:
@@ -304,7 +312,7 @@ class Runner:
             self._landed(drive, flight)
 
     def _landed(
-        self, drive: Drive, flight: Flight, error: Wrong | Unpredicted | None = None
+        self, drive: Drive, flight: TourInProgress, error: Wrong | Unpredicted | None = None
     ) -> None:
         """Finish a tour. A wrong answer is confirmed, blamed on a case, and its pair avoided."""
         tours, x = drive.tours, flight.x
@@ -342,7 +350,7 @@ class Runner:
 
     # -- wrong answers
 
-    def _wrong(self, drive: Drive, flight: Flight, error: Wrong) -> None:
+    def _wrong(self, drive: Drive, flight: TourInProgress, error: Wrong) -> None:
         """Find the shortest exchange that fails in the same way, and the case it belongs to."""
         part, tours, tour = drive.part, drive.tours, flight.tour
         self.in_step(error)

@@ -94,7 +94,7 @@ class Tally:
 
 
 @dataclass(slots=True)
-class Flight:
+class TourInProgress:
     """A tour that is being played."""
 
     x: Exchange
@@ -115,9 +115,9 @@ class Drive:
     tours: Tours
     planned: int
     started: int = 0
-    flights: list[Flight] = field(default_factory=list)
+    flights: list[TourInProgress] = field(default_factory=list)
     """Tours whose lines wait to be sent."""
-    sent: list[Flight] = field(default_factory=list)
+    sent: list[TourInProgress] = field(default_factory=list)
     """Tours whose lines the station is answering."""
     attempts: Counter[Pair] = field(default_factory=Counter)
 

@@ -84,7 +84,7 @@ def _all_must(command: list[str], folder: Path) -> float:
     words = [sys.executable, "-m", "automcm_cli", "conform", "run", "MUST", "--out"]
     start = perf_counter()
     words += [str(folder / "run"), "--", *command]
-    subprocess.run(children.tied(words), capture_output=True, check=False)
+    subprocess.run(children.ending_with_parent(words), capture_output=True, check=False)
     return perf_counter() - start
 
 

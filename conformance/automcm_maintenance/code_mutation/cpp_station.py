@@ -87,5 +87,5 @@ def build_mutant(mutant: Mutant, folder: Path) -> Path:
 
 
 def _run(command: list[str]) -> None:
-    tied = children.tied(command, group=True)
-    subprocess.run(tied, check=True, capture_output=True, text=True, timeout=SECONDS)
+    ending_with_parent = children.ending_with_parent(command, group=True)
+    subprocess.run(ending_with_parent, check=True, capture_output=True, text=True, timeout=SECONDS)

@@ -152,7 +152,7 @@ def _present() -> str:
 
 def _child(*arguments: str) -> str:
     done = subprocess.run(
-        children.tied(
+        children.ending_with_parent(
             [sys.executable, "-m", "automcm_maintenance.code_mutation.mutated_process", *arguments]
         ),
         capture_output=True,

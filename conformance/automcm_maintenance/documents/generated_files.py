@@ -196,7 +196,7 @@ def _details(results: Path) -> str:
 def _architecture() -> str:
     found = import_graph.read(ROOT)
     text = between(ARCHITECTURE.read_text(), "imports", import_graph.picture(found))
-    return between(text, "modules", import_graph.table(ROOT, found))
+    return between(text, "modules", import_graph.table(ROOT))
 
 
 def between(text: str, name: str, part: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +28,18 @@ LAYERS = {
 }
 """The subpackages of each package; each may import those before it.  Top-level modules may import
 all."""
+BEGIN = {
+    "automcm_spec": "files messages tlc oracle compiler",
+    "automcm_traces": "log engine timeline explain log_shrinking itf_log page",
+    "automcm": "rules codec trajectory link spec_mapping service websocket_bridge drive",
+    "automcm_evaluation": "experiment arrival bandwidth comfort loss safety report",
+    "automcm_conformance": (
+        "protocol exchange monitor graph_cases explore live graph_comparison report vectors"
+    ),
+    "automcm_cli": "common conform station_commands spec_commands trace_commands",
+    "automcm_maintenance": "corpus generated_files mutants certificate conform_bench verify",
+}
+"""The module of each subpackage with which to begin to read."""
 # Modules without protocol logic: those about the operating system, and the vocabulary.
 SHARED = {
     *(f"automcm_spec.vocabulary.{name}" for name in ("application", "messages", "parameters")),
@@ -116,50 +127,54 @@ def cycles(imports: set[Import]) -> list[list[str]]:
 
 
 def picture(imports: set[Import]) -> str:
-    """The packages with their subpackages in Mermaid.
+    """The packages in Mermaid, then the subpackages of each.
 
-    An arrow leads to each imported subpackage, but only one from package to package, and none that
-    follows from others.
+    An arrow leads to what is imported, unless it follows from others and has no label.
     """
-    lines = ["```mermaid", "flowchart TD"]
-    inside: dict[str, set[tuple[str, str]]] = {package: set() for package in PACKAGES}
-    outside: dict[tuple[str, str], set[str]] = {}
+    labels: dict[tuple[str, str], set[str]] = {}
+    after: dict[str, dict[str, set[str]]] = {package: {} for package in ("", *PACKAGES)}
     for one in imports:
         (package, *inner), (other, *imported) = (
             each.split(".") for each in (one.importer, one.imported)
         )
         if package != other:
-            outside.setdefault((package, other), set()).add(one.imported)
+            after[""].setdefault(package, set()).add(other)
+            labels.setdefault((package, other), set()).add(one.imported)
         elif inner and imported and inner[0] != imported[0]:
-            inside[package].add((inner[0], imported[0]))
-    for package, names in LAYERS.items():
-        lines.append(f"    subgraph {package}")
-        lines += [f"        {package}.{name}[{name}]" for name in names.split()]
-        after = {a: {b for c, b in inside[package] if c == a} for a in names.split()}
-        for a in after:
-            further = set().union(*(_reachable(after, b) for b in after[a]))
-            lines += [
-                f"        {package}.{a} --> {package}.{b}" for b in sorted(after[a] - further)
-            ]
-        lines.append("    end")
-    for (package, other), modules in sorted(outside.items()):
+            after[package].setdefault(inner[0], set()).add(imported[0])
+    for (package, other), modules in labels.items():
         may = {one for who, ones in MAY.items() if who.split(".")[0] == package for one in ones}
-        only = f"|{len(modules)} modules|" if modules <= may and len(modules) > 1 else ""
-        only = f"|{min(modules)}|" if modules <= may and len(modules) == 1 else only
-        lines.append(f"    {package} -->{only} {other}")
+        if modules <= may - PACKAGES.keys():
+            label = f"{len(modules)} modules" if len(modules) > 1 else min(modules)
+            labels[package, other] = {label}
+        else:
+            labels[package, other] = set()
+    charts = [_chart(after[""], labels)]
+    for package, names in LAYERS.items():
+        known = {name: after[package].get(name, set()) for name in names.split()}
+        charts.append(f"`{package}`:\n\n{_chart(known, {})}")
+    return "\n\n".join(charts)
+
+
+def _chart(after: dict[str, set[str]], labels: dict[tuple[str, str], set[str]]) -> str:
+    """A flowchart of these imports."""
+    lines = ["```mermaid", "flowchart TD"]
+    for a in sorted(after):
+        further = set().union(*(_reachable(after, b) for b in after[a]))
+        for b in sorted(after[a]):
+            label = "".join(f"|{text}|" for text in labels.get((a, b), ()))
+            if label or b not in further:
+                lines.append(f"    {a} -->{label} {b}")
     return "\n".join([*lines, "```"])
 
 
-def table(root: Path, imports: set[Import]) -> str:
-    """A Markdown table: each subpackage with its summary and its most imported module."""
+def table(root: Path) -> str:
+    """As Markdown: each subpackage, what it is, and the module with which to begin."""
     lines = ["| package | subpackage | what it is | begin with |", "|---|---|---|---|"]
-    count = Counter(one.imported for one in imports)
     for package, names in LAYERS.items():
-        for name in names.split():
+        for name, first in zip(names.split(), BEGIN[package].split(), strict=True):
             folder = root / PACKAGES[package] / package / name
             doc = ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""
-            inner = (path.stem for path in sorted(folder.glob("[!_]*.py")))
-            first = max(inner, key=lambda module: count[f"{package}.{name}.{module}"])
             link = f"[`{first}`](../{(folder / first).relative_to(root).as_posix()}.py)"
             what = " ".join(doc.split("\n\n")[0].split())
             lines.append(f"| `{package}` | `{name}` | {what} | {link} |")

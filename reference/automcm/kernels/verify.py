@@ -10,6 +10,9 @@ import numpy as np
 from automcm.kernels.collide import closest_approach
 from automcm.kernels.convert import feet
 from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, number
+from automcm_spec.vocabulary.parameters import DEFAULTS, derived
+
+_TIMES = DEFAULTS | derived(DEFAULTS)
 
 TOGETHER = 256
 """Number of positions of the path that are compared at a time with the segments near them."""
@@ -57,8 +60,8 @@ class Limits:
     """Metres to the side of the planned path."""
     start: float = 1.0
     """Metres between the start of the prescription and the vehicle's position then."""
-    age: float = 2.6
-    """Seconds: t_giveup + t_decide."""
+    age: float = (_TIMES["t_giveup"] + _TIMES["t_decide"]) / 1000
+    """Seconds."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

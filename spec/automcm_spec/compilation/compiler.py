@@ -21,13 +21,13 @@ from automcm_spec.compilation.tla_types import (
     TAG,
     Alt,
     Basic,
+    IncomparableTypes,
     Rec,
     SetOf,
     Str,
     Tup,
     Type,
     Types,
-    Unlike,
     join,
 )
 from automcm_spec.compilation.translation import Translator
@@ -244,5 +244,5 @@ class _Writer:
 def _is_part(t: Type, whole: Type) -> bool:
     try:
         return join(whole, t) == whole and t != Basic("Never")
-    except Unlike:
+    except IncomparableTypes:
         return False

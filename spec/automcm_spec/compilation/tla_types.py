@@ -64,12 +64,12 @@ Type: TypeAlias = Basic | Str | SetOf | Tup | Alt | Rec
 INT, BOOL, NEVER = Basic("int"), Basic("bool"), Basic("Never")
 
 
-class Unlike(Exception):
+class IncomparableTypes(Exception):
     """Two types without a common value, which TLC cannot compare."""
 
 
 def join(a: Type, b: Type) -> Type:
-    """The common type of values of either type. Raises Unlike."""
+    """The common type of values of either type. Raises IncomparableTypes."""
     if NEVER in (a, b):
         return b if a == NEVER else a
     match a, b:
@@ -82,7 +82,7 @@ def join(a: Type, b: Type) -> Type:
         case (Tup() | Alt(), Tup() | Alt()):
             return _tuples([*_forms(a), *_forms(b)])
     if a != b:
-        raise Unlike(f"{a} and {b}")
+        raise IncomparableTypes(f"{a} and {b}")
     return a
 
 
@@ -100,7 +100,7 @@ def _tuples(forms: Sequence[Tup]) -> Type:
             try:
                 found[n] = Tup(tuple(map(join, other.items, form.items)))
                 break
-            except Unlike:
+            except IncomparableTypes:
                 a, b = other.items[0], form.items[0]
                 if not (isinstance(a, Str) and isinstance(b, Str)) or a.literals & b.literals:
                     raise
@@ -220,7 +220,7 @@ class Types:
     def _join(self, a: Type, b: Type, node: Node) -> Type:
         try:
             joined = join(a, b)
-        except Unlike as error:
+        except IncomparableTypes as error:
             raise Refused(f"unlike values, {error}", node.at) from None
         if isinstance(joined, Rec) and len(joined.classes) > 1:
             self._mixed.setdefault(joined.classes, node.at)

@@ -141,7 +141,7 @@ def _make(java: Path, jar: Path, kept: Path) -> None:
         made = folder / "made"
         with suppress(subprocess.TimeoutExpired):
             subprocess.run(
-                children.tied(command),
+                children.ending_with_parent(command),
                 cwd=folder,
                 env=environment(),
                 capture_output=True,

@@ -1,7 +1,7 @@
 """Child processes that end with this process, even if it is killed (SIGKILL).
 
-Commands are tied only on Linux; elsewhere a killed process leaves them running. Starting a command
-takes about 15 ms longer.
+Commands end with their parent only on Linux; elsewhere a killed process leaves them running.
+Starting a command takes about 15 ms longer.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _LAUNCHER = Path(__file__).with_name("launcher.py")
 _LINUX = sys.platform == "linux"
 
 
-def tied(command: Sequence[str], *, link: int = -1, group: bool = False) -> list[str]:
+def ending_with_parent(command: Sequence[str], *, link: int = -1, group: bool = False) -> list[str]:
     """The command line that runs ``command`` as a child that ends with this process.
 
     The kernel ends it when the *thread* that started it ends, so start it from a long-lived thread.
@@ -35,7 +35,9 @@ def tied(command: Sequence[str], *, link: int = -1, group: bool = False) -> list
 
 
 def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> subprocess.Popen[Any]:
-    """``subprocess.Popen`` of a ``tied`` command; with ``group``, in its own session.
+    """``subprocess.Popen`` of a command that ends with its parent.
+
+    With ``group``, it runs in its own session.
 
     Returns when the command runs. Raises the exceptions of Popen if it cannot be started.
     """
@@ -46,7 +48,7 @@ def popen(command: Sequence[str], *, group: bool = False, **options: Any) -> sub
     with ours, theirs:  # if interrupted, the closed link makes the launcher exit
         link = theirs.fileno()
         process = subprocess.Popen(
-            tied(command, link=link, group=group), pass_fds=(link,), **options
+            ending_with_parent(command, link=link, group=group), pass_fds=(link,), **options
         )
         try:
             theirs.close()

@@ -23,12 +23,12 @@ from automcm_traces.checker.track import (
     SpecInput,
     Step,
     Track,
+    advance_track,
     armed_name,
     commanded,
     difference,
     expected,
     expired,
-    lift,
     marked_and_newer,
     match,
     mismatch,
@@ -243,7 +243,7 @@ class Engine:
         after = step.after
         if after is not t.state or step.sent:
             was = t.state.phase
-            lift(t, after, step.sent)
+            advance_track(t, after, step.sent)
             prescribed = step.input.kind == "receive" and step.input.message.type == "Prescription"
             if prescribed and t.state.phase == "NEGOTIATING" != was:
                 t.lease_ms = m.lease_ms if isinstance(m, Prescription) else 0

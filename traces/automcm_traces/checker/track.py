@@ -268,7 +268,7 @@ def _copy_difference(first: Message, m: Message) -> str | None:
     return None
 
 
-def lift(t: Track, after: State, sent: Iterable[tuple[Expected, Message]]) -> None:
+def advance_track(t: Track, after: State, sent: Iterable[tuple[Expected, Message]]) -> None:
     """Move ``t`` to the next state, with the messages that were actually sent."""
     if after.session != t.state.session:
         t.seq = 0
