@@ -138,7 +138,7 @@ SPEC = {
         'Effect(Leave(st), {Ack(me, m)}, <<"finished">>',
         'Effect(Leave(st), {}, <<"finished">>',
     ),
-    "no quarantine": ("!.quarantine = TRUE]", "!.quarantine = FALSE]"),
+    "no quarantine": ("number, !.quarantine = TRUE]", "number, !.quarantine = FALSE]"),
     "one proposal too many": ("== st.proposal < MaxRounds", "== st.proposal <= MaxRounds"),
     "a late CAM counts": ("(i.newer \\/ ~st.heard)", "TRUE"),
     "no cam timer": ('If(st.phase = "ACTUATING", {Timer("cam")})', 'If(FALSE, {Timer("cam")})'),
