@@ -1,0 +1,123 @@
+"""Walks: where they go, when they end, and what a case is called."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from suite_stage import LIMIT, graph
+from wrong_station import station
+
+from automcm_conformance.adapter.adapter import Adapter
+from automcm_conformance.exchange.play import play
+from automcm_conformance.explore import explore
+from automcm_conformance.explore.walks import (
+    JUDGED,
+    PLANNED,
+    Act,
+    Coverage,
+    Faults,
+    Setting,
+    Walker,
+)
+from automcm_conformance.suite.graph_cases import Runner
+from automcm_conformance.suite.scripts import (
+    ABORT,
+    ADVERTISED,
+    LEAVE,
+    MINE,
+    NEXT,
+    REQUEST,
+    THEIRS,
+    WINDOW,
+    command,
+    entry,
+    expire,
+    received,
+)
+from automcm_spec.graph.oracle_generation import ONE_PEER, TWO_PEERS
+
+LIMITS = {"max_rounds": 3, "max_participants": 2, "outbox_limit": 5, "memory_limit": 4}
+
+
+@pytest.mark.slow
+def test_walks_go_where_none_has_been() -> None:
+    from random import Random
+
+    oracle = graph(ONE_PEER.path)
+    coverage = Coverage("one-peer", oracle, [True] * len(oracle.inputs), False)
+    (first,) = itertools.islice(oracle.moves(0), 1)
+    assert coverage.has_new(0)
+    for i in oracle.moves(0):
+        coverage.mark((0, i), PLANNED)
+    assert not coverage.has_new(0)
+    way = coverage.path_to_new(0, expiries=None)
+    state = 0
+    for i in way:
+        state = oracle.moves(state)[i]
+    assert way and coverage.has_new(state)
+    coverage.mark((0, first), JUDGED)
+    assert coverage.counts()["transitions"] == [1, oracle.transitions]
+    coverage.avoided.update((0, i) for i in oracle.moves(0))
+    assert coverage.path_to_new(0, expiries=None) == []
+    walker = Walker(coverage, Random(1), Faults())
+    assert walker.timed(10) == []
+
+
+@pytest.mark.slow
+def test_a_walk_ends_where_a_peer_would_be_forgotten_too_early() -> None:
+    # Two Cancels are given up at once, the later of the two times; forget(2) is due between.
+    closed = received("Cancel", NEXT)
+    message = closed.message._replace(seq=0, reason="closed")
+    tour = [
+        ADVERTISED,
+        LEAVE,
+        received("Advertisement", NEXT),
+        closed._replace(message=message),
+        REQUEST,
+        received("Intention", MINE),
+        received("Intention", MINE, source=3),
+        ABORT,
+        expire("giveup", entry("Cancel", 2, MINE)),
+        received("Ack", THEIRS, of=("Cancel", 1)),
+        expire("forget", 2),
+        expire("giveup", entry("Cancel", 3, MINE)),
+    ]
+    oracle = graph(TWO_PEERS.path)
+    adapter = Adapter(station(), LIMIT)
+    try:
+        x = Runner(adapter, (), 1, lambda text: None).exchange(oracle)
+        inputs = [oracle.input_index[value] for value in tour]
+        off = play(x, inputs, True)
+        x.flush()
+    finally:
+        adapter.stop()
+    assert off is not None and off[1] == inputs[8]
+
+
+def test_a_case_says_what_it_was_played_with() -> None:
+    oracle = graph(ONE_PEER.path)
+    coverage = Coverage("one-peer", oracle, [True] * len(oracle.inputs), False)
+    walk = explore.Walk(12, coverage, Faults(5, 0, 40, 20), Setting(False), [Act(0, 1)])
+    assert walk.id(7) == "EXPLORE/7/12/one-peer/natural/again5-late0-odd40-silent20"
+
+
+@pytest.mark.slow
+def test_two_timers_of_one_name_armed_at_once_do_not_turn_back_time() -> None:
+    """Two Cancels, or a Prescription and a Cancel, are sent again together or not at all."""
+    from automcm_conformance.exchange.exchange import Exchange
+    from automcm_conformance.exchange.play import play
+    from automcm_conformance.suite.graph_cases import PARAMETERS
+
+    two = graph(TWO_PEERS.path)
+    intentions = [received("Intention", MINE, source=p) for p in (2, 3)]
+    resends = [expire("resend", entry(*to, MINE)) for to in (("Cancel", 2), ("Prescription", 3))]
+    values = [REQUEST, *intentions, WINDOW, command("prescribe", MINE, 1, 3)]
+    copy = intentions[0]
+    tour = [two.input_index[v] for v in (*values, resends[1], copy, resends[0], copy)]
+    right = Adapter(station(), LIMIT)
+    x = Exchange(two, right, PARAMETERS | LIMITS)
+    off = play(x, tour, True)
+    x.flush()
+    right.stop()
+    assert off is not None and off[1] == tour[-4]
