@@ -29,6 +29,7 @@ def judged(folder: Path, log: str) -> Finding:
     return follow(read(folder / "report" / log)).finding
 
 
+@pytest.mark.slow
 def test_of_what_the_exchange_accepts_the_engine_says_nothing(conform: Suite) -> None:
     found = conform(station(), *CASES, states=60)
     logs = [case.log for case in found.cases if case.log and case.verdict == "PASS"]
@@ -37,7 +38,7 @@ def test_of_what_the_exchange_accepts_the_engine_says_nothing(conform: Suite) ->
         assert judged(conform.folder, log).kind == "nothing", log
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     "code",
     [
