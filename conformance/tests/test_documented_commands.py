@@ -20,7 +20,7 @@ from first_hour import python_station
 from typer.main import get_command
 
 from automcm_cli.main import app
-from automcm_evaluation.runs.catalogue import NAMES
+from automcm_evaluation.sweeps.catalogue import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))

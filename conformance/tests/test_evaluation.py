@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from automcm_evaluation.runs import report, sweep
-from automcm_evaluation.runs.catalogue import NAMES, experiment
+from automcm_evaluation.sweeps import report, sweep
+from automcm_evaluation.sweeps.catalogue import NAMES, experiment
 from automcm_maintenance.documents import generated_files
 
 Json = Any

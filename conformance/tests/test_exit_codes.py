@@ -20,7 +20,7 @@ from test_help import COMMANDS
 
 from automcm_cli import exit_codes
 from automcm_cli.shared import common
-from automcm_evaluation.runs.catalogue import NAMES
+from automcm_evaluation.sweeps.catalogue import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "traces" / "corpus"

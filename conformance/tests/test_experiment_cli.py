@@ -16,8 +16,8 @@ from cli_stage import AUTOMCM, automcm
 
 from automcm_cli.reference import experiment_commands
 from automcm_evaluation.framework import figures
-from automcm_evaluation.runs import report
-from automcm_evaluation.runs.catalogue import NAMES
+from automcm_evaluation.sweeps import report
+from automcm_evaluation.sweeps.catalogue import NAMES
 from automcm_maintenance.documents import generated_files
 
 Json = Any

@@ -12,7 +12,7 @@ from automcm.scenarios.drive import FourVehicles
 from automcm.scenarios.lane_change import LaneChange
 from automcm_evaluation.arrival import arrival, arrival_claims, sumo
 from automcm_evaluation.framework.experiment import Cell, ExperimentError
-from automcm_evaluation.runs import report, sweep
+from automcm_evaluation.sweeps import report, sweep
 
 Json = Any
 SMALL: Json = {

@@ -30,8 +30,8 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
 from automcm_evaluation.bandwidth.bandwidth_claims import claims
 from automcm_evaluation.bandwidth.bandwidth_summary import CHANNEL_BIT_S, HEADERS, drive
 from automcm_evaluation.framework.experiment import Cell, ExperimentError, Values
-from automcm_evaluation.runs import report
-from automcm_evaluation.runs.sweep import run_cell
+from automcm_evaluation.sweeps import report
+from automcm_evaluation.sweeps.sweep import run_cell
 from automcm_spec.vocabulary.messages import (
     Ack,
     Advertisement,

@@ -41,7 +41,7 @@ from automcm_evaluation.comfort.comfort_measures import (
     tracks,
 )
 from automcm_evaluation.framework.experiment import Cell, Claim
-from automcm_evaluation.runs import report, sweep
+from automcm_evaluation.sweeps import report, sweep
 from automcm_spec.vocabulary.parameters import Parameters
 
 Json = Any

@@ -25,8 +25,8 @@ from automcm_evaluation.loss.loss_tables import (
     summary,
     three_exchanges,
 )
-from automcm_evaluation.runs import report, sweep
-from automcm_evaluation.runs.catalogue import experiment
+from automcm_evaluation.sweeps import report, sweep
+from automcm_evaluation.sweeps.catalogue import experiment
 
 Json = Any
 SMALL = Loss(

@@ -18,7 +18,7 @@ from automcm_evaluation.framework.experiment import (
     chosen,
 )
 from automcm_evaluation.framework.intervals import mean, quantile, wilson
-from automcm_evaluation.runs import catalogue, report, sweep
+from automcm_evaluation.sweeps import catalogue, report, sweep
 
 Json = Any
 EVALUATION = Path(__file__).resolve().parents[2] / "docs" / "evaluation"

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from automcm_evaluation.framework.experiment import Cell
-from automcm_evaluation.runs.report import assemble
 from automcm_evaluation.safety import safety, safety_page, safety_road, safety_tables
 from automcm_evaluation.safety.ablations import ABLATIONS, BY_NAME, WHOLE
+from automcm_evaluation.sweeps.report import assemble
 
 Json = Any
 B = 1540

@@ -87,7 +87,7 @@ def render(
 ) -> None:
     """Write figures, pages and CSV files from existing results."""
     from automcm_evaluation.framework.experiment import ExperimentError
-    from automcm_evaluation.runs import report
+    from automcm_evaluation.sweeps import report
 
     found = sorted(folder.glob(f"*/{report.RESULTS}"))
     with code_3("experiment", ExperimentError, OSError):
@@ -110,8 +110,8 @@ def _run(
     json_: Path | None,
 ) -> None:
     from automcm_evaluation.framework.experiment import ExperimentError
-    from automcm_evaluation.runs import report, sweep
-    from automcm_evaluation.runs.catalogue import experiment
+    from automcm_evaluation.sweeps import report, sweep
+    from automcm_evaluation.sweeps.catalogue import experiment
 
     with usage(ExperimentError):
         made = [experiment(name) for name in names]

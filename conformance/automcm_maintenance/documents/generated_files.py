@@ -161,8 +161,8 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
     """The texts that are generated within a second each; ``one_peer`` is the diagrams' graph."""
     from automcm.core import phases
     from automcm.encoding import sizes
-    from automcm_evaluation.runs import report
-    from automcm_evaluation.runs.catalogue import NAMES
+    from automcm_evaluation.sweeps import report
+    from automcm_evaluation.sweeps.catalogue import NAMES
 
     results = EVALUATION.with_suffix("")
     details: dict[Path, Callable[[], str]] = {
@@ -188,7 +188,7 @@ def _texts(one_peer: bytes) -> dict[Path, Callable[[], str]]:
 
 
 def _details(results: Path) -> str:
-    from automcm_evaluation.runs import report
+    from automcm_evaluation.sweeps import report
 
     return report.page(report.load(results))
 

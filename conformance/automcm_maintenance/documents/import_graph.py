@@ -21,7 +21,7 @@ LAYERS = {
     "automcm_spec": "support vocabulary model_checking graph compilation",
     "automcm_traces": "format checker system explain edit export viewer",
     "automcm": "core encoding kernels links adapters service bridge scenarios",
-    "automcm_evaluation": "framework arrival bandwidth comfort loss safety runs",
+    "automcm_evaluation": "framework arrival bandwidth comfort loss safety sweeps",
     "automcm_conformance": "adapter exchange scenarios suite explore live replay report vectors",
     "automcm_cli": "shared conform reference spec trace",
     "automcm_maintenance": "corpus documents spec_mutation code_mutation benches verify",

@@ -1,5 +1,5 @@
 """Arrival times with and without coordination: section VI-B of the paper.
 
 On the simulated road and in SUMO.
-Only ``runs`` and ``loss`` import it.
+Only ``sweeps`` and ``loss`` import it.
 """

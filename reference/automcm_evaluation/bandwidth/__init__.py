@@ -1,5 +1,5 @@
 """Bandwidth of the messages: section VI-A of the paper.
 
 Bytes of sessions, and the load of a radio channel.
-Only ``runs`` imports it.
+Only ``sweeps`` imports it.
 """

@@ -1,5 +1,5 @@
 """Speed and braking of each vehicle: section VI-B and figure 6 of the paper.
 
 Drives with and without faults.
-Only ``runs`` imports it.
+Only ``sweeps`` imports it.
 """

@@ -1,5 +1,5 @@
 """Success of exchanges under message loss: section VI-C of the paper.
 
 Sessions, drives, and UDP sockets.
-Only ``runs`` imports it.
+Only ``sweeps`` imports it.
 """

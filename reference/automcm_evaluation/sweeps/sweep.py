@@ -30,7 +30,7 @@ from automcm_evaluation.framework.experiment import (
     Values,
     canonical,
 )
-from automcm_evaluation.runs.catalogue import experiment
+from automcm_evaluation.sweeps.catalogue import experiment
 from automcm_spec.support import children, files
 
 FREE_BYTES = 50_000_000

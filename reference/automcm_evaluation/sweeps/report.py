@@ -21,7 +21,7 @@ from automcm_evaluation.bandwidth.bandwidth_summary import drive
 from automcm_evaluation.framework import figures
 from automcm_evaluation.framework.experiment import PAGES, Cell, Experiment, ExperimentError, Values
 from automcm_evaluation.loss.loss_tables import PAPER_KNEES, T_TIMEOUTS, percent
-from automcm_evaluation.runs.catalogue import NAMES, experiment
+from automcm_evaluation.sweeps.catalogue import NAMES, experiment
 from automcm_spec.support import files, markdown
 
 RESULTS, PAGE = "results.json", "README.md"
