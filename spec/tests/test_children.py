@@ -17,10 +17,10 @@ from automcm_spec.support import children
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the kernel's part is Linux's")
 
 PARENT = """
-import subprocess, sys
+import os, subprocess, sys
 from automcm_spec.support import children
 {start}
-print(child.pid, flush=True)
+os.write(1, b"%d\\n" % child.pid)  # in one piece: a child may write beside it
 input()
 """
 STARTS = {
