@@ -19,7 +19,8 @@ test: ready
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
-	@$(BIN)/pytest -q -n 2 --dist worksteal -m "not slow and not deep" $(ARGS)
+	@$(BIN)/pytest -q -n 2 --dist worksteal -m "not slow and not deep" \
+	  --hypothesis-profile=quick $(ARGS)
 
 # The whole test suite, quick and slow tests, with branch coverage.
 test-whole: ready

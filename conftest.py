@@ -6,8 +6,12 @@ import asyncio
 import inspect
 from collections import defaultdict
 
+import hypothesis
 import pytest
 
+hypothesis.settings.register_profile(
+    "quick", hypothesis.settings.get_profile("ci"), max_examples=40
+)
 COROUTINE_S = 60
 """A test that is a coroutine fails after that time."""
 

@@ -1,11 +1,16 @@
 """How many of the faults that the whole test suite finds does the quick set find?
 
-    python conformance/tests/quick_kills.py [--count 80] [--seed 1] [--only PACKAGE]
+    python conformance/tests/quick_kills.py [--of source] [--count 80] [--seed 1] [--only PACKAGE]
 
-Makes small faults in the source of the five packages (``source_edits``), one at a time, in a copy
-of the repository.  Quick tests run first: of the files that import the module, then of those that
-import one of its users.  A fault that they do not find goes to the slow tests of the files that
-import the module; only if one of these finds it, the rest of the quick set runs too.
+Makes faults, one at a time, in a copy of the repository:
+
+source  small changes of the packages' source (``source_edits``);
+seeded  the bugs of ``reference/tests/seeded_bugs.py``, all of which a slow test finds;
+spec    mutants of Station.tla (``automcm spec mutate``), compiled into station.py.
+
+Quick tests run first: of the files that import the module, then of those that import one of its
+users.  A fault in the source that they do not find goes to the slow tests of the files that import
+the module; only if one of these finds it, the rest of the quick set runs too.
 """
 
 from __future__ import annotations
@@ -20,21 +25,33 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.util import cache_from_source
 from itertools import islice
 from pathlib import Path
+from shutil import copytree
 
 from copied_tree import FOLDERS, ROOT, copied
 
+sys.path.append(str(ROOT / "reference/tests"))
+from seeded_bugs import BUGS
+
 from automcm_maintenance.code_mutation.source_mutants import Mutant, hash_of, of_file
 from automcm_maintenance.documents.import_graph import PACKAGES
+from automcm_maintenance.spec_mutation import mutants
+from automcm_spec.compilation import compiler, sany
+from automcm_spec.model_checking import tlc
+from automcm_spec.model_checking.toolchain import ToolError
+from automcm_spec.support.paths import TLA
 
 QUICK, SLOW = "not slow and not deep", "slow and not deep"
 LIMIT_S = 300
 FEW = 8
 """Test files that are not worth a second process."""
 PASSED, NO_TESTS = 0, 5
+RULES = ROOT / "reference/automcm/core/rules.py"
+FRESH = "spec/tests/test_compiler.py::test_the_committed_station_is_what_would_be_generated"
 TIME = "time"
 
 
@@ -86,6 +103,44 @@ def imported(file: Path) -> frozenset[str]:
     return frozenset(names)
 
 
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One module with other contents; with ``bug``, a seeded bug and the module as it is."""
+
+    name: str
+    path: Path
+    source: str
+    bug: str = ""
+
+
+def faults(kind: str, only: str, seed: int) -> Iterator[Fault]:
+    """All faults of a kind, in an order drawn by a hash."""
+
+    def order(text: str) -> str:
+        return hash_of(f"{seed} {text}")
+
+    if kind == "source":
+        for path, mutant in drawn(modules(only), sys.maxsize, seed):
+            name = f"{mutant.file}:{mutant.line} {mutant.old}  =>  {mutant.new}"
+            yield Fault(name, path, mutant.source)
+    elif kind == "seeded":
+        for bug in sorted(BUGS, key=order):
+            yield Fault(bug, RULES, RULES.read_text(encoding="utf-8"), bug)
+    else:
+        for edit in sorted(mutants.generate(modules=["Station"]), key=lambda m: order(m.id)):
+            with tempfile.TemporaryDirectory() as folder:
+                tla = Path(copytree(TLA, Path(folder) / "tla"))
+                module = tla / "Station.tla"
+                module.write_bytes(edit.apply(module.read_bytes()))
+                try:
+                    source = compiler.text(tla)
+                except (sany.Refused, tlc.TlcError, ToolError) as error:
+                    print(f"left out, does not compile: {edit.id}: {error}", flush=True)
+                    continue
+            if source != compiler.PATH.read_text(encoding="utf-8"):
+                yield Fault(f"{edit.id} {edit.change}", compiler.PATH, source)
+
+
 def replace(target: Path, source: str) -> None:
     """Write a module; what was compiled of it may be of the same second and size."""
     target.write_text(source, encoding="utf-8")
@@ -100,11 +155,12 @@ class Suite:
         self.files = [
             path.relative_to(ROOT) for f in FOLDERS for path in (ROOT / f / "tests").glob("test_*")
         ]
-        self.left_out: list[str] = []
+        self.left_out = [FRESH]
+        """Tests that fail without a fault, and the one that compares station.py as a text."""
         self.sound: set[str] = set()
         """Tests that pass without a fault."""
 
-    def failure(self, files: Sequence[Path], marked: str, *options: str) -> str:
+    def failure(self, files: Sequence[Path], marked: str, bug: str, *options: str) -> str:
         """The first test that fails; empty if none does."""
         if not files:
             return ""
@@ -112,10 +168,16 @@ class Suite:
         words += options
         words += ["-n", "2", "--dist", "worksteal"] * (len(files) > FEW)
         words += [f"--deselect={test}" for test in self.left_out]
+        paths = [self.root / folder for folder in FOLDERS]
+        if marked == QUICK:
+            words.append("--hypothesis-profile=quick")
+        if bug:
+            words += ["-p", "seeded_plugin"]
+            paths.append(self.root / "reference/tests")
         process = subprocess.Popen(
             [sys.executable, *words, *map(str, files)],
             cwd=self.root,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(str(self.root / f) for f in FOLDERS)},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths)), "SEEDED_BUG": bug},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -132,8 +194,12 @@ class Suite:
         failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", output, re.MULTILINE)
         return failed[1] if failed else output[-300:]
 
-    def found(self, path: Path, mutant: Mutant) -> tuple[str, str]:
-        """What finds the fault: of the quick set, else of the slow tests near it."""
+    def found(self, fault: Fault, known: bool) -> tuple[str, str]:
+        """What finds the fault: of the quick set, else of the slow tests near it.
+
+        ``known``: something else than the quick set finds it.
+        """
+        path = fault.path
         users = {path.stem, *(each.stem for each in modules("") if path.stem in imported(each))}
         direct = [
             file
@@ -147,28 +213,30 @@ class Suite:
             if file not in direct and (users & imported(ROOT / file) or file.parts[0] == folder)
         ]
         far = [file for file in self.files if file not in (*direct, *near)]
-        quick = self.killer(path, mutant, direct, QUICK) or self.killer(path, mutant, near, QUICK)
+        quick = self.killer(fault, direct, QUICK) or self.killer(fault, near, QUICK)
         if quick:
             return quick, ""
-        slow = self.killer(path, mutant, direct or near, SLOW)
+        slow = "known" if known else self.killer(fault, direct or near, SLOW)
         if slow in ("", TIME):
             return "", ""
-        return self.killer(path, mutant, far, QUICK), slow
+        return self.killer(fault, far, QUICK), slow
 
-    def killer(self, path: Path, mutant: Mutant, files: Sequence[Path], marked: str) -> str:
+    def killer(self, fault: Fault, files: Sequence[Path], marked: str) -> str:
         """The first of these tests that fails with the fault, and without it does not."""
-        target = self.root / path.relative_to(ROOT)
+        target = self.root / fault.path.relative_to(ROOT)
         right = target.read_text(encoding="utf-8")
         while True:
-            replace(target, mutant.source)
+            replace(target, fault.source)
             try:
-                test = self.failure(files, marked)
+                test = self.failure(files, marked, fault.bug)
             finally:
                 replace(target, right)
             file = Path(test.partition("::")[0])
             if file not in self.files or test in self.sound:
                 return test
-            if not self.failure([file], "not deep", f"-k={test.partition('::')[2].split('[')[0]}"):
+            if not self.failure(
+                [file], "not deep", "", f"-k={test.partition('::')[2].split('[')[0]}"
+            ):
                 self.sound.add(test)
                 return test
             print(f"left out, fails without a fault: {test}", flush=True)
@@ -176,7 +244,10 @@ class Suite:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--of", default="source", choices=["source", "seeded", "spec"])
     parser.add_argument("--count", type=int, default=80)
     parser.add_argument("--skip", type=int, default=0, help="not the first so many faults")
     parser.add_argument("--seed", type=int, default=1)
@@ -187,11 +258,11 @@ def main() -> None:
     neither: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         suite = Suite(Path(folder) / "copy")
-        faults = drawn(modules(chosen.only), chosen.skip + chosen.count, chosen.seed)
-        for path, mutant in islice(faults, chosen.skip, None):
+        drawn_faults = faults(chosen.of, chosen.only, chosen.seed)
+        for fault in islice(drawn_faults, chosen.skip, chosen.skip + chosen.count):
             begun = time.monotonic()
-            by = suite.found(path, mutant)
-            name = f"{mutant.file}:{mutant.line} {mutant.old}  =>  {mutant.new}"
+            by = suite.found(fault, chosen.of != "source")
+            name = fault.name
             (quick if by[0] else slow if by[1] else neither).append(name)
             how = f"quick: {by[0]}" if by[0] else f"SLOW: {by[1]}" if by[1] else "nothing"
             print(f"{time.monotonic() - begun:4.0f} s  {name}\n    {how}", flush=True)

@@ -60,6 +60,7 @@ def test_another_seed_is_another_sweep(small: Path) -> None:
     assert done.exit_code == 3 and "another sweep (seed differ)" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_goes_on(
     small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,6 +105,7 @@ def test_a_folder_that_cannot_be_written_is_told_first(tmp_path: Path) -> None:
     assert done.exit_code == 3 and "file" in done.stderr and done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_something_broken_is_exit_code_1(
     monkeypatch: pytest.MonkeyPatch, small: Path, tmp_path: Path
 ) -> None:
