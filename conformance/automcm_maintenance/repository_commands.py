@@ -56,8 +56,8 @@ def verify(
     if rule is not None and rule not in RULES:
         raise typer.BadParameter(f"there is no rule {rule!r}; the rules are {', '.join(RULES)}")
 
-    with progress() as say:
-        report = verify_.run(profile, say, models_too=models, rule=rule, fresh=fresh)
+    with progress() as notify:
+        report = verify_.run(profile, notify, models_too=models, rule=rule, fresh=fresh)
     if write_json(json_, report.as_dict()):
         verify_screen.show(report, console_of())
     raise typer.Exit(report.exit_code)
@@ -80,8 +80,8 @@ def generate(
     from automcm_spec.model_checking.toolchain import ToolError
 
     faults = TlcError, ToolError, ModelError, OSError, ValueError
-    with code_3("generate", *faults), progress() as say:
-        changed = generated_files.write(say, two_peers)
+    with code_3("generate", *faults), progress() as notify:
+        changed = generated_files.write(notify, two_peers)
     for path in changed:
         typer.echo(f"renewed {path.relative_to(ROOT)}")
     if not changed:

@@ -28,8 +28,8 @@ def spec_pages(
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_traces.export.itf import ItfError
 
-    with code_3("pages", ItfError, models.ModelError, OSError, TlcError), progress() as say:
-        written = counterexample_pages.committed(models.load(), out, say)
+    with code_3("pages", ItfError, models.ModelError, OSError, TlcError), progress() as notify:
+        written = counterexample_pages.committed(models.load(), out, notify)
     typer.echo(f"{len(written)} pages in {out}")
 
 
@@ -85,8 +85,8 @@ def spec_mutate(
             if write_json(json_, mutate_commands.as_rows(mutants)):
                 typer.echo(mutate_commands.listed(mutants))
             return
-        with progress() as say:
-            report = mutate_commands.run(asked, mutants, say)
+        with progress() as notify:
+            report = mutate_commands.run(asked, mutants, notify)
         if write:
             mutate_commands.write(report)
     if write_json(json_, mutate_commands.as_dict(report)):
@@ -111,8 +111,8 @@ def spec_bench(
     from automcm_maintenance.benches import encoding_bench_table as bench_
     from automcm_spec.model_checking.tlc import TlcError
 
-    with code_3("bench", TlcError, encoding_bench.BenchError, OSError), progress() as say:
-        report = encoding_bench.run(seconds, say)
+    with code_3("bench", TlcError, encoding_bench.BenchError, OSError), progress() as notify:
+        report = encoding_bench.run(seconds, notify)
     if write_json(json_, report.as_dict()):
         bench_.show(report, console_of())
     raise typer.Exit(report.exit_code)

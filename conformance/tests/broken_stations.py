@@ -27,7 +27,7 @@ BREAKS: dict[str, tuple[str, str]] = {}
 
 
 class Broken(Kit):
-    """The reference; an edit may set what becomes of an answer."""
+    """The reference; ``edit`` may change its answers."""
 
     edit: Callable[[Kit, Json, Json], None] = staticmethod(lambda kit, command, answer: None)
 

@@ -71,7 +71,7 @@ def explored(name: str, station: Path, seed: int, seconds: float, folder: Path) 
         limit_s=10.0,
         seed=seed,
         enough=1,
-        say=lambda text: None,
+        notify=lambda text: None,
         more=lambda number: time.monotonic() - begun < seconds,
     )
     row.seconds = seen.seconds or time.monotonic() - begun
@@ -89,7 +89,7 @@ def explored(name: str, station: Path, seed: int, seconds: float, folder: Path) 
 
 
 def show(rows: Sequence[Row]) -> str:
-    """The table, and what failed."""
+    """The table, and the failures."""
     titles = ("station", "seed", "seconds", "rule", "acts", "shortest", "")
     cells = [
         (r.name, str(r.seed), f"{r.seconds:.1f}", r.rule, str(r.acts), str(r.shortest), r.failed)
@@ -111,7 +111,7 @@ def main() -> int:
     ]
     if not chosen or len(chosen) < len(set(options.mutant or ())):
         names = (m.name for m in cpp_station.mutants(cpp_station.COMBINED))
-        parser.error(f"--mutant: one of {', '.join(names)}")
+        parser.error(f"--mutant must be one of {', '.join(names)}")
     if lacking := cpp_station.missing():
         print(f"SKIPPED: {lacking} is not installed", file=sys.stderr)
         return 0

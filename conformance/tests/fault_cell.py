@@ -1,4 +1,4 @@
-"""One fault in one phase: a station in which it begins, a peer, and what the peer notices."""
+"""One fault in one phase: the station with the fault, a peer, and the peer's observations."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LIMIT_S = 14
 
 @dataclass
 class Cell:
-    """One fault in one phase, and what came of it."""
+    """One fault in one phase, and its result."""
 
     fault: str
     role: str
@@ -49,7 +49,7 @@ class Cell:
     port: int
     truth: list[dict[str, Any]] = field(default_factory=list)
     marked: list[tuple[float, tuple[tuple[int, int], ...]]] = field(default_factory=list)
-    """When a CAM of the station came, and what it named."""
+    """The time at which a CAM of the station arrived, and its marks."""
     way: list[tuple[float, str, str, str]] = field(default_factory=list)
     """The peer's phases: when, which, by which rule, and the reason of the message if any."""
     tries: int = 1
@@ -71,7 +71,7 @@ class Cell:
             path.unlink()
 
     async def run(self) -> None:
-        """The whole cell; ``problems`` says what is wrong."""
+        """The whole cell; ``problems`` describes its failures."""
         parameters = Parameters(**SETTINGS)
         asks = self.part == "prescriber"
         application = Straight(maneuver_ms=MANEUVER_MS, concerned_by_all=asks, hold_ms=300)
@@ -192,7 +192,7 @@ class Cell:
         )
 
     def _judge_cams(self) -> None:
-        """ACT-5 and T-2: no CAM names what the station has left; and the peer does not act on."""
+        """ACT-5 and T-2: no CAM names a session that was left, and the peer stops acting."""
         left: dict[tuple[int, int], float] = {}
         for line in self.truth:
             marks = {tuple(mark) for mark in line.get("marks", ())}

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Why(NamedTuple):
-    """What a fault does, for the page, and what may come of it."""
+    """The effect of a fault, for the page, and its permitted results."""
 
     text: str
     acting: tuple[str, ...]

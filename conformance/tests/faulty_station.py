@@ -59,7 +59,7 @@ def block(*args: Any) -> None:
 
 
 def torn(fd: int, data: bytes) -> int:
-    """A disk that takes half of what is left each time, and then nothing."""
+    """A disk that accepts half of the remaining bytes each time, and then none."""
     if len(data) < 16:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     return _write(fd, data[: len(data) // 2])

@@ -19,7 +19,7 @@ def blocks(language: str) -> list[str]:
 
 
 def _assemble(folder: Path, language: str, old_class: str, station: str, code: str) -> Path:
-    """Write the template and do what the page says to it; the command of the adapter.
+    """Write the template and edit it as the page says; the command of the adapter.
 
     Raises ValueError if the page or the template is not what this expects.
     """

@@ -121,7 +121,7 @@ def conform(station: Path, folder: Path, selectors: Sequence[str] = ()) -> tuple
 
 @contextmanager
 def judged(row: Row) -> Iterator[None]:
-    """Notes how long it took, what came out unless that is noted, and what broke."""
+    """Records the duration, the outcome unless it is recorded already, and the failures."""
     begun = time.monotonic()
     try:
         yield
@@ -226,7 +226,7 @@ def check_mutant(mutant: Mutant, folder: Path) -> Row:
 
 
 def show(rows: Sequence[Row]) -> None:
-    """The table, and what failed."""
+    """The table, and the failures."""
     titles = Row("mutant", "verdict", "case", "rule")
     names = ("name", "verdict", "case", "rule")
     widths = [max(len(getattr(row, name)) for row in [titles, *rows]) for name in names]
@@ -246,7 +246,7 @@ def main() -> int:
     options = parser.parse_args()
     chosen = [m for m in mutants() if options.mutant is None or m.name in options.mutant]
     if options.mutant is not None and len(chosen) != len(set(options.mutant)):
-        parser.error(f"--mutant: one of {', '.join(m.name for m in mutants())}")
+        parser.error(f"--mutant must be one of {', '.join(m.name for m in mutants())}")
     chosen = [] if options.station_only else chosen
     stations = () if options.mutant else STATIONS
     lacking = missing() if chosen else ""

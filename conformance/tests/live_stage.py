@@ -14,7 +14,7 @@ from automcm.links.link import Receiver
 from automcm.scenarios.straight_lane import Straight
 from automcm.service.service import McService
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, LiveResult, Session, Twin
+from automcm_conformance.live.live_cases import CASES, LiveResult, Session, VirtualRun
 from automcm_spec.graph.oracle import Oracle, load
 from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 from automcm_spec.vocabulary.parameters import Parameters
@@ -96,9 +96,11 @@ def only(type_: str, change: Radio) -> Radio:
     return lambda m: change(m) if m["type"] == type_ else fair(m)
 
 
-def session(oracle: Oracle, world: World, twin: Twin | None = None) -> Session:
-    return Session(oracle, world, STATION, DEFAULTS, JITTER, number=5, twin=twin)
+def session(oracle: Oracle, world: World, virtual_run: VirtualRun | None = None) -> Session:
+    return Session(oracle, world, STATION, DEFAULTS, JITTER, number=5, virtual_run=virtual_run)
 
 
-def judge(oracle: Oracle, name: str, radio: Radio, twin: Twin | None = None) -> LiveResult:
-    return session(oracle, World(radio), twin).judge(BY_NAME[name])
+def judge(
+    oracle: Oracle, name: str, radio: Radio, virtual_run: VirtualRun | None = None
+) -> LiveResult:
+    return session(oracle, World(radio), virtual_run).judge(BY_NAME[name])

@@ -56,7 +56,7 @@ TIME = "time"
 
 
 def modules(only: str) -> list[Path]:
-    """The product's modules, without what is generated."""
+    """The product's modules, except generated ones."""
     return [
         path
         for package, folder in PACKAGES.items()
@@ -142,7 +142,7 @@ def faults(kind: str, only: str, seed: int) -> Iterator[Fault]:
 
 
 def replace(target: Path, source: str) -> None:
-    """Write a module; what was compiled of it may be of the same second and size."""
+    """Write a module; its compiled file may have the same second and size."""
     target.write_text(source, encoding="utf-8")
     Path(cache_from_source(str(target))).unlink(missing_ok=True)
 
@@ -249,7 +249,7 @@ def main() -> None:
     )
     parser.add_argument("--of", default="source", choices=["source", "seeded", "spec"])
     parser.add_argument("--count", type=int, default=80)
-    parser.add_argument("--skip", type=int, default=0, help="not the first so many faults")
+    parser.add_argument("--skip", type=int, default=0, help="skip this many faults")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", choices=["", *PACKAGES])
     chosen = parser.parse_args()

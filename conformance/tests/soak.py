@@ -76,7 +76,7 @@ def station(station_id: int, via: str, folder: Path, seed: int, minutes: float) 
 
 
 class Soak:
-    """The stations, what is done to them, and what was measured."""
+    """The stations, the faults, and the measurements."""
 
     def __init__(self, folder: Path, chosen: argparse.Namespace) -> None:
         self._folder, self._chosen = folder, chosen

@@ -21,7 +21,7 @@ QUICK = ("--set", "t_timeout=400", "--listen", "0", "--first")
 
 
 class Running:
-    """A process, and what it reports on a pipe that we read, or do not."""
+    """A process and its reports on a pipe, which we read or not."""
 
     def __init__(self, *args: str, full: bool = False) -> None:
         self.reading, writing = os.pipe()

@@ -14,7 +14,7 @@ from automcm_conformance.adapter import connect
 from automcm_conformance.adapter.process import Process
 from automcm_conformance.exchange.results import CaseResult, Report
 from automcm_conformance.exchange.wire import PLAIN
-from automcm_conformance.suite import graph_cases, purposes, suite_run, two_peer_residual, verdicts
+from automcm_conformance.suite import graph_cases, purposes, suite_run, two_peer_pairs, verdicts
 from automcm_conformance.suite.tally import Part
 from automcm_spec.graph.oracle import Oracle, content
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
@@ -22,7 +22,7 @@ from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS
 Json = Any
 LIMIT = 20.0
 SHORT = 1.0
-"""For what is to be waited out."""
+"""A time limit that the test waits for."""
 STATES = 200
 """Of a graph that is cut down: the first of them, in which every phase occurs."""
 
@@ -107,7 +107,7 @@ class Suite:
             lambda name, o, third=False: Part(name, one if name == "special" else o, third),
         )
         self.patch.setattr(graph_cases, "VALUES", (PLAIN,))  # stations here may know an id
-        self.patch.setattr(two_peer_residual, "read", lambda two: [])
+        self.patch.setattr(two_peer_pairs, "read", lambda two: [])
         self.patch.setattr(connect, "Process", Patient)
         chosen = purposes.select(purposes.load(), selectors)
         return suite_run.conform(
@@ -116,7 +116,7 @@ class Suite:
             self.folder / folder,
             limit_s=limit_s,
             seed=seed,
-            say=lambda text: None,
+            notify=lambda text: None,
             selectors=selectors,
             expected=expected or {},
         )

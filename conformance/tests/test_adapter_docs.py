@@ -1,4 +1,4 @@
-"""What the documents for adapter authors say is what the reference and the specification do."""
+"""The documents for adapter authors agree with the reference and the specification."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def exchange() -> list[tuple[str, str]]:
 
 
 def plain(value: Any) -> Any:
-    """Without what is not compared."""
+    """Without the parts that are not compared."""
     if isinstance(value, dict):
         return {name: plain(each) for name, each in value.items() if name not in FREE}
     return [plain(each) for each in value] if isinstance(value, list) else value

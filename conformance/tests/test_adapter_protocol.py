@@ -1,4 +1,4 @@
-"""The lines of the adapter protocol: what is taken, what is refused and how that is explained."""
+"""The lines of the adapter protocol: accepted lines, refused lines, and the explanations."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Command:
-    """A command of the page, and what it prints; ``...`` stands for anything."""
+    """A command of the page and its output; ``...`` matches anything."""
 
     words: str
     printed: str

@@ -1,4 +1,4 @@
-"""Answers of a station: what is odd in one is the station's, a fault of the kit is the kit's."""
+"""Answers of a station: a wrong answer is the station's fault, a crash of the kit the kit's."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_act_5_odd_marks_are_a_difference(marks: Any) -> None:
     cam = {"type": "CAM", "generation_ms": 5}
     assert not answers.differences(expected, line(cams=[cam | {"marks": [[1, 2], [1, 1]]}]))
     ((part, text),) = answers.differences(expected, line(cams=[cam | {"marks": marks}]))
-    assert part == "cams" and text.endswith(f"not {marks}")
+    assert part == "cams" and text.endswith(f"got {marks}")
 
 
 def test_half_of_a_surrogate_pair_is_no_answer() -> None:

@@ -1,4 +1,4 @@
-"""Who may import whom, and what no committed file may hold."""
+"""The permitted imports, and text that no committed file may contain."""
 
 from __future__ import annotations
 

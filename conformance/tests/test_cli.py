@@ -163,7 +163,7 @@ def test_verify_without_models_asks_for_none(monkeypatch: pytest.MonkeyPatch) ->
         report.drift.append("spec/oracle: stale")
 
     monkeypatch.setattr(verify_, "_models", unwanted)
-    monkeypatch.setattr(verify_, "_oracle", lambda report, graph, say: b"fresh")
+    monkeypatch.setattr(verify_, "_oracle", lambda report, graph, notify: b"fresh")
     monkeypatch.setattr(verify_, "_compare", compared)
     monkeypatch.setattr(verify_, "_drift", drift)
     answer = automcm("verify", "--no-models", "--json", "-")

@@ -1,4 +1,4 @@
-"""``automcm conform`` and ``automcm adapter``: what they print, write and return."""
+"""``automcm conform`` and ``automcm adapter``: output, files and exit codes."""
 
 from __future__ import annotations
 

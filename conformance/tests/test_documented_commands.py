@@ -45,7 +45,7 @@ class By:
 
 @dataclass(frozen=True)
 class Parsed:
-    """It is not run, for this reason; its options exist and take what they are given."""
+    """It is not run, for this reason; its options exist and accept the given values."""
 
     why: str
 

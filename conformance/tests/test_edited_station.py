@@ -16,7 +16,7 @@ from test_scenarios import REFERENCE, run
 
 @dataclass(frozen=True)
 class Edit:
-    """A text of Station.tla, another one in its place, and what comes of it."""
+    """A text of Station.tla, its replacement, and the result."""
 
     scenario: str
     old: str
@@ -47,7 +47,7 @@ EDITS = {
         '"WAITING"',
         '"PATIENT"',
         by=2002,
-        played="phase: PATIENT is expected, not WAITING",
+        played="phase: expected PATIENT, got WAITING",
         met="PATIENT",
     ),
     "the id of a rule": Edit("all arrives", '"NEG-2"', '"NEG-12"', met="NEG-12"),
@@ -56,7 +56,7 @@ EDITS = {
         '"not_selected"',
         '"too_far"',
         "PRE-2",
-        "send Cancel to 2002 (reason: too_far is expected, not not_selected)",
+        "send Cancel to 2002 (reason: expected too_far, got not_selected)",
         by=1001,
     ),
     "a limit": Edit(

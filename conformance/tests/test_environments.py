@@ -77,7 +77,7 @@ def path_of(root: Path) -> str:
 
 
 def test_what_cannot_be_downloaded_is_one_line(tmp_path: Path) -> None:
-    """The first run of all, without a network; what was downloaded before is not looked at."""
+    """The very first run, without a network and without earlier downloads."""
     code = """
 import sys
 from automcm_spec.model_checking import tlc, toolchain

@@ -36,7 +36,7 @@ class Cheap:
     arguments: list[str]
     files: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
-    """Options that name what is only read."""
+    """Options that name inputs."""
     stdin: str = ""
     slow: bool = False
     """Seconds: only one of the two ways is tried."""
@@ -132,7 +132,7 @@ def closed_pipe() -> Iterator[int]:
 def ends(
     arguments: list[str], stdout: int, folder: Path, stdin: str = "", unbuffered: bool = False
 ) -> tuple[int, str]:
-    """The exit code, and what stands on standard error."""
+    """The exit code and standard error."""
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
     done = subprocess.run(
         [AUTOMCM, *arguments],

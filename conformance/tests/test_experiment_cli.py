@@ -1,4 +1,4 @@
-"""``automcm experiment``: what it writes, what it refuses, and that a killed sweep goes on."""
+"""``automcm experiment``: files, errors, and the continuation of a killed sweep."""
 
 from __future__ import annotations
 

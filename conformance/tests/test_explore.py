@@ -1,4 +1,4 @@
-"""Exploration: what it finds, how short it makes it, and that it repeats itself."""
+"""Exploration: its findings, how far it shortens them, and its repeatability."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def explored(
         limit_s=limit_s,
         seed=seed,
         enough=enough,
-        say=lambda text: None,
+        notify=lambda text: None,
         more=lambda number: number < walks,
     )
 
@@ -309,9 +309,9 @@ def test_what_was_found_survives_an_interruption(tmp_path: Path) -> None:
         return True
 
     stops_badly = "import atexit\natexit.register(os._exit, 1)\n"  # nobody is to look at that
-    command, say = station(stops_badly), lambda text: None
+    command, notify = station(stops_badly), lambda text: None
     found = explore.explore(
-        command, tmp_path, limit_s=LIMIT_S, seed=1, enough=1, say=say, more=more
+        command, tmp_path, limit_s=LIMIT_S, seed=1, enough=1, notify=notify, more=more
     )
     assert found.problems == ["interrupted"] and found.coverage
 

@@ -1,4 +1,4 @@
-"""The fault matrix: one cell of it, what it would not let pass, and the page that it writes."""
+"""The fault matrix: one cell, the failures that it detects, and its page."""
 
 from __future__ import annotations
 

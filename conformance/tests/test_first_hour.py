@@ -1,4 +1,4 @@
-"""docs/first-hour.md: who types it in gets what the page says."""
+"""docs/first-hour.md: its commands give the output on the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What make test-foreign needs: the mutants of the C++ station, and what counts as a pass."""
+"""make test-foreign: the mutants of the C++ station, and the criterion for a pass."""
 
 from __future__ import annotations
 

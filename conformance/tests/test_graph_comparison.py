@@ -1,4 +1,4 @@
-"""The walk of the oracle through the reference, and what it says of differences."""
+"""The walk of the oracle through the reference, and its report of differences."""
 
 from __future__ import annotations
 

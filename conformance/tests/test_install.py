@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LOG = ROOT / "traces" / "corpus" / "pair" / "1001.ndjson"
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 NO_COMMAND = {"all", "dev", "docs", "mutate"}
-"""The other extras together (test_wheel.py), and what only a clone can use."""
+"""The other extras together (test_wheel.py), and those that only a clone can use."""
 STATION = {
     *("automcm", "numpy", "pydantic", "python-statemachine"),
     *("annotated-types", "pydantic-core", "typing-extensions", "typing-inspection"),  # pydantic's
@@ -90,7 +90,7 @@ if __name__ == "__main__":
 
 @dataclass(frozen=True)
 class First:
-    """A command, and what its output holds."""
+    """A command, and a part of its output."""
 
     command: tuple[str, ...]
     shows: str

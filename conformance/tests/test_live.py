@@ -1,4 +1,4 @@
-"""A live station: the cases pass with the reference, and what is wrong or late is told apart.
+"""A live station: the cases pass with the reference, and distinguish wrong from late messages.
 
 The reference's service runs on a virtual clock here; one test has a process and sockets.
 """
@@ -23,7 +23,7 @@ from automcm.scenarios.straight_lane import Straight
 from automcm_cli.conform import conform_live
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.protocol import DEFAULTS
-from automcm_conformance.live.live_cases import CASES, Case, twin
+from automcm_conformance.live.live_cases import CASES, Case, virtual_run
 from automcm_conformance.suite.scripts import expire
 from automcm_spec.graph.oracle import Oracle
 
@@ -66,7 +66,7 @@ def test_the_parameters_are_those_of_the_station(oracle: Oracle, parameters: Jso
         ),
     ],
 )
-def test_a_wrong_message_fails_whatever_the_twin_does(
+def test_a_wrong_message_fails_whatever_happens_in_virtual_time(
     oracle: Oracle, name: str, said: str, radio: Radio
 ) -> None:
     judged = judge(oracle, name, radio, lambda case: "")
@@ -100,16 +100,20 @@ def test_what_is_no_trajectory_is_not_free(oracle: Oracle) -> None:
         ("agreement", "; instead ", only("Ack", lambda m: [])),
     ],
 )
-def test_a_timing_miss_is_judged_by_the_twin(
+def test_a_timing_miss_is_judged_in_virtual_time(
     oracle: Oracle, name: str, said: str, radio: Radio
 ) -> None:
-    for of_twin, verdict, more in (
+    for virtual, verdict, more in (
         (None, "INCONC", ""),
-        (lambda case: "", "INCONC", "the twin in virtual time passes"),
+        (lambda case: "", "INCONC", "the case passes in virtual time"),
         (lambda case: None, "INCONC", "cannot be judged"),
-        (lambda case: f"{case.name} is wrong", "FAIL", f"virtual time fails too: {name} is wrong"),
+        (
+            lambda case: f"{case.name} is wrong",
+            "FAIL",
+            f"fails in virtual time too: {name} is wrong",
+        ),
     ):
-        judged = judge(oracle, name, radio, of_twin)
+        judged = judge(oracle, name, radio, virtual)
         assert judged.verdict == verdict
         assert said in judged.reason
         assert more in judged.reason
@@ -242,20 +246,20 @@ def adapter(*command: str) -> Iterator[Adapter]:
         found.stop()
 
 
-def test_the_twin_is_the_same_case_in_virtual_time(oracle: Oracle) -> None:
+def test_a_case_can_be_repeated_in_virtual_time(oracle: Oracle) -> None:
     with adapter(*REFERENCE) as reference:
-        judged = twin(oracle, reference, DEFAULTS)
+        judged = virtual_run(oracle, reference, DEFAULTS)
         assert [judged(case) for case in CASES] == [""] * len(CASES)
         assert judged(Case("too long", (), "", [expire("lease")])) is None
 
 
-def test_the_twin_of_a_slow_station_fails(oracle: Oracle) -> None:
+def test_a_slow_station_fails_in_virtual_time(oracle: Oracle) -> None:
     with adapter(*broken("sends_again_after_200_ms")) as slow:
         world = World(fair, parameters={"t_resend": 200})
-        live = session(oracle, world, twin(oracle, slow, DEFAULTS))
+        live = session(oracle, world, virtual_run(oracle, slow, DEFAULTS))
         judged = live.judge(BY_NAME["intention"])
         assert judged.verdict == "FAIL"
-        assert "virtual time fails too: deadline: " in judged.reason
+        assert "fails in virtual time too: deadline: " in judged.reason
         assert live.judge(BY_NAME["unknown session"]).verdict == "PASS"
 
 

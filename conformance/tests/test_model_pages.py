@@ -1,4 +1,4 @@
-"""Counterexamples as pages: the committed ones, the links to them, and what verify finds."""
+"""Counterexamples as pages: the committed ones, the links to them, and the check by verify."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ import pytest
 from automcm_conformance.adapter.process import STDERR_LENGTH, STDERR_LINES, AdapterError, Process
 
 LIMIT = 0.4
-"""For what is to be waited out; all else has time enough on a busy machine."""
+"""A time limit that the test waits for; other limits are generous for busy machines."""
 LINE = b'{"cmd": "hello"}\n'
 
 ECHO = """

@@ -1,4 +1,4 @@
-"""The test purposes: that they divide the graph, that they can be chosen, what a bad file says."""
+"""The test purposes: they partition the graph and can be selected; errors in a bad file."""
 
 from __future__ import annotations
 
@@ -232,30 +232,30 @@ def test_a_good_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("speed", "1", "AMCM/RCV/NEG/BI-01: speed: no such field"),
+        ("speed", "1", "AMCM/RCV/NEG/BI-01: speed: unknown field"),
         ("cost", None, "AMCM/RCV/NEG/BI-01: cost: missing"),
         ("id", None, "purpose 1: id: missing"),
-        ("id", "7", "7: id: a text is needed"),
-        ("id", '"AMCM/RCV/NEG/BI-00"', "AMCM/RCV/NEG/BI-00: id: the form is"),
-        ("id", '"AMCM/RCV/KIN/BI-01"', "AMCM/RCV/KIN/BI-01: id: the form is"),
-        ("rules", "[]", "BI-01: rules: a list of rules is needed"),
-        ("rules", '["NEG-4", "NEG-10"]', "BI-01: rules: no rule NEG-10"),
-        ("rules", '["END-3"]', "BI-01: rules: the first is not of the group NEG"),
-        ("level", '"must"', "BI-01: level: one of MUST, SHOULD, MAY"),
-        ("when", '" "', "BI-01: when: a text is needed"),
-        ("select", None, "BI-01: select: either select or case"),
-        ("case", '"timer hold"', "BI-01: select: either select or case"),
-        ("select", '"all"', "BI-01: select: a table with at least one field"),
-        ("select", "{}", "BI-01: select: a table with at least one field"),
-        ("select", "{ colour = 1 }", "BI-01: select.colour: no such field"),
-        ("select", '{ rule = "NEG-10" }', "BI-01: select.rule: no NEG-10"),
-        ("select", '{ role = "none" }', "BI-01: select.rule: missing"),
-        ("select", "{ role = [] }", "BI-01: select.role: empty"),
-        ("select", "{ phase = 3 }", "BI-01: select.phase: no 3"),
-        ("select", '{ input = "expire lunch" }', "BI-01: select.input: no expire lunch"),
-        ("select", '{ changes = "yes" }', "BI-01: select.changes: true or false"),
-        ("select", '{ sends = "a lot" }', "BI-01: select.sends: no a lot"),
-        ("select", '{ why = "mood" }', "BI-01: select.why: no mood"),
+        ("id", "7", "7: id: must be a text"),
+        ("id", '"AMCM/RCV/NEG/BI-00"', "AMCM/RCV/NEG/BI-00: id: must have the form"),
+        ("id", '"AMCM/RCV/KIN/BI-01"', "AMCM/RCV/KIN/BI-01: id: must have the form"),
+        ("rules", "[]", "BI-01: rules: must be a list of rules"),
+        ("rules", '["NEG-4", "NEG-10"]', "BI-01: rules: unknown rule NEG-10"),
+        ("rules", '["END-3"]', "BI-01: rules: the first must be of the group NEG"),
+        ("level", '"must"', "BI-01: level: must be one of MUST, SHOULD, MAY"),
+        ("when", '" "', "BI-01: when: must be a text"),
+        ("select", None, "BI-01: select: give either select or case"),
+        ("case", '"timer hold"', "BI-01: select: give either select or case"),
+        ("select", '"all"', "BI-01: select: must be a table with at least one field"),
+        ("select", "{}", "BI-01: select: must be a table with at least one field"),
+        ("select", "{ colour = 1 }", "BI-01: select.colour: unknown field"),
+        ("select", '{ rule = "NEG-10" }', "BI-01: select.rule: unknown value NEG-10"),
+        ("select", '{ role = "none" }', "BI-01: select.rule: is required"),
+        ("select", "{ role = [] }", "BI-01: select.role: must not be empty"),
+        ("select", "{ phase = 3 }", "BI-01: select.phase: unknown value 3"),
+        ("select", '{ input = "expire lunch" }', "BI-01: select.input: unknown value expire lunch"),
+        ("select", '{ changes = "yes" }', "BI-01: select.changes: must be true or false"),
+        ("select", '{ sends = "a lot" }', "BI-01: select.sends: unknown value a lot"),
+        ("select", '{ why = "mood" }', "BI-01: select.why: unknown value mood"),
     ],
 )
 def test_a_bad_file(tmp_path: Path, field: str, value: str | None, message: str) -> None:
@@ -271,10 +271,10 @@ def test_a_bad_file(tmp_path: Path, field: str, value: str | None, message: str)
     ("content", "message"),
     [
         (text(BASE, BASE), "bad.toml: AMCM/RCV/NEG/BI-01: id: used twice"),
-        ("purpose = 3\n", "bad.toml: a list of"),
+        ("purpose = 3\n", "bad.toml: must contain a list of"),
         ("purpose = [3]\n", "bad.toml: purpose 1: not a table"),
-        (text(BASE) + "[other]\n", "bad.toml: a list of"),
-        ("[[purpose\n", "bad.toml: no TOML: "),
+        (text(BASE) + "[other]\n", "bad.toml: must contain a list of"),
+        ("[[purpose\n", "bad.toml: not TOML: "),
     ],
 )
 def test_a_bad_whole(tmp_path: Path, content: str, message: str) -> None:

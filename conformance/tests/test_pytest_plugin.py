@@ -1,4 +1,4 @@
-"""``pytest --automcm-adapter``: which tests there are, and what becomes of verdicts."""
+"""``pytest --automcm-adapter``: the tests, and the outcome for each verdict."""
 
 from __future__ import annotations
 

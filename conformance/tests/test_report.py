@@ -1,4 +1,4 @@
-"""Reports: files that are valid whatever a program under test says, and what they say of a run."""
+"""Reports: valid files for any output of the tested program, and their contents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/security.md: the tests it names are there, and nothing runs what was read."""
+"""docs/security.md: the tests that it names exist, and no input is executed."""
 
 from __future__ import annotations
 

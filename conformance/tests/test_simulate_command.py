@@ -1,4 +1,4 @@
-"""``automcm simulate`` and ``automcm bench``: what they print and write."""
+"""``automcm simulate`` and ``automcm bench``: output and files."""
 
 from __future__ import annotations
 

@@ -246,13 +246,19 @@ def test_expected_deviations(conform: Suite) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ('"AMCM/X" = {verdict = "FAIL", because = "x"}', "AMCM/X: there is no such case"),
-        (f'"{BUSY}" = {{verdict = "FAIL"}}', f"{BUSY}: needs verdict and because"),
-        (f'"{BUSY}" = {{verdict = "FAIL", because = " "}}', f"{BUSY}.because: say why"),
-        (f'"{BUSY}" = {{verdict = "FAIL", because = 1}}', f"{BUSY}.because: say why"),
-        (f'"{BUSY}" = {{verdict = "BAD", because = "x"}}', f"{BUSY}.verdict: one of PASS, FAIL"),
+        ('"AMCM/X" = {verdict = "FAIL", because = "x"}', "AMCM/X: unknown case"),
+        (f'"{BUSY}" = {{verdict = "FAIL"}}', f"{BUSY}: must have verdict and because"),
+        (
+            f'"{BUSY}" = {{verdict = "FAIL", because = " "}}',
+            f"{BUSY}.because: must give the reason",
+        ),
+        (f'"{BUSY}" = {{verdict = "FAIL", because = 1}}', f"{BUSY}.because: must give the reason"),
+        (
+            f'"{BUSY}" = {{verdict = "BAD", because = "x"}}',
+            f"{BUSY}.verdict: must be one of PASS, FAIL",
+        ),
         (f'"{BUSY}" = {{verdict = "FAIL", because = "x", by = 1}}', "and nothing else"),
-        (f'"{BUSY}" = "FAIL"', f"{BUSY}: needs verdict and because"),
+        (f'"{BUSY}" = "FAIL"', f"{BUSY}: must have verdict and because"),
         (f'["{BUSY}"', "known.toml: "),
     ],
 )

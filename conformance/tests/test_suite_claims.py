@@ -61,7 +61,7 @@ CLAIMS = {
     "cam": "False",
     "clock_drift": "'clock_drift' in c.get('parameters', {})",
 }
-"""Lines that do not come without the feature."""
+"""Lines that only occur with the feature."""
 WITHOUT = """
 def answer(c):
     if {claim}:

@@ -167,14 +167,14 @@ station_.Station.receive = receive
         "",
         "def answer(c):\n    m = c.get('message', {})\n"
         "    if m.get('reason') == 'not_needed': m['reason'] = 'abort'\n    return right(c)",
-        'fallback.reason: "not_needed" is expected',
+        'fallback.reason: expected "not_needed"',
     ),
     "reasons of a refusal": (
         "AMCM/PRE/NEG/BV-08",
         "",
         "def answer(c):\n    m = c.get('message', {})\n"
         "    if m.get('reason') == 'undecided': m['reason'] = 'unsafe'\n    return right(c)",
-        'propose.reason: "undecided" is expected',
+        'propose.reason: expected "undecided"',
     ),
     "cam older": ("AMCM/RCV/ACT/BI-03", "", OTHER_CAM, "deadline"),
     "cam older, prescriber": ("AMCM/PRE/ACT/BI-03", "", OTHER_CAM, "deadline"),
@@ -184,7 +184,7 @@ station_.Station.receive = receive
         "def answer(c):\n    if c['cmd'] != 'restart': return right(c)\n"
         "    before, after = right(c | {'cmd': 'advance'}), right(c)\n"
         "    return after | {n: before[n] + after[n] for n in ('messages', 'indications')}",
-        "sent for no reason",
+        "no rule requires",
     ),
     "a lease from when the proposal came": (
         "AMCM/RCV/ACT/TI-04",
@@ -327,13 +327,13 @@ State.marks = property(lambda st: () if st.session is None else (st.session,))
         "AMCM/STA/END/TI-05",
         LASTS.format(name="backoff", ms=700),
         "",
-        "whatever the seed is",
+        "for every seed",
     ),
     "back-off, whatever the seed": (
         "AMCM/STA/END/TI-05",
         LASTS.format(name="backoff", ms="__import__('random').randint(500, 2000)"),
         "",
-        "seed 1: a back-off of",
+        "seed 1: back-offs of",
     ),
     "back-off, none": (
         "AMCM/STA/END/TI-05",
@@ -343,7 +343,7 @@ armed = station_.armed
 station_.armed = lambda me, st: [t for t in armed(me, st) if t.name != "backoff"]
 """,
         "",
-        "not one of -1 ms",
+        "got none",
     ),
 }
 

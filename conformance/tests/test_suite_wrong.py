@@ -118,8 +118,8 @@ def answer(c):
 
 
 def test_nobody_else_is_blamed_for_what_was_changed_before(conform: Suite) -> None:
-    """Once a refusal has been caught at changing something, what goes wrong after it again is not
-    laid at the door of the inputs that come later."""
+    """A refusal that changed something is blamed for later failures that it causes, and the
+    later inputs are not."""
     secret = """
 poisoned = False
 def answer(c):

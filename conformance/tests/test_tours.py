@@ -1,4 +1,4 @@
-"""Tours and the remainder, without any station."""
+"""Tours and the two-peer pairs, without any station."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from suite_stage import graph
 from automcm_conformance.exchange.play import offered
 from automcm_conformance.exchange.tours import LATER_MS, LONGEST, Tours, timetable
 from automcm_conformance.exchange.wire import LONG, STEP_MS
-from automcm_conformance.suite import two_peer_residual
+from automcm_conformance.suite import two_peer_pairs
 from automcm_spec.graph import oracle as oracle_
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.graph.oracle_generation import ONE_PEER, TIGHT, TWO_PEERS, spec_hash
@@ -180,12 +180,12 @@ def test_what_changes_nothing_comes_a_little_later(tight: Oracle) -> None:
 
 def test_a_timetable_of_what_is_not_offered(tight: Oracle) -> None:
     absent = next(i for i in range(len(tight.inputs)) if tight.answer(0, i) is None)
-    with pytest.raises(ValueError, match="not offered"):
+    with pytest.raises(ValueError, match="does not offer"):
         timetable(tight, [absent], 0)
     assert offered(tight, [absent]) == []
 
 
-# -- the remainder
+# -- the two-peer pairs
 
 
 @pytest.fixture(scope="module")
@@ -194,32 +194,30 @@ def two() -> Oracle:
 
 
 @pytest.mark.slow
-def test_the_remainder_is_of_this_specification(two: Oracle) -> None:
-    assert two_peer_residual.spec_hash() == spec_hash() == two.spec_hash
+def test_the_two_peer_pairs_are_of_this_specification(two: Oracle) -> None:
+    assert two_peer_pairs.spec_hash() == spec_hash() == two.spec_hash
 
 
-def test_each_pair_of_the_remainder_is_offered(two: Oracle) -> None:
-    written = json.loads(two_peer_residual.PATH.read_bytes())["pairs"]
+def test_each_two_peer_pair_is_offered(two: Oracle) -> None:
+    written = json.loads(two_peer_pairs.PATH.read_bytes())["pairs"]
     kept = REAL_READ(two)
     assert len(kept) == sum(map(len, written.values())) > 10_000
     assert len({(a.state, a.input) for a in kept}) == len(kept)
 
 
-def test_a_remainder_of_another_specification(two: Oracle, tmp_path: Path) -> None:
+def test_two_peer_pairs_of_another_specification(two: Oracle, tmp_path: Path) -> None:
     file = tmp_path / "remainder.json"
-    file.write_text(two_peer_residual.PATH.read_text().replace(two.spec_hash, "0" * 64))
+    file.write_text(two_peer_pairs.PATH.read_text().replace(two.spec_hash, "0" * 64))
     for path in (file, tmp_path / "none.json"):
         with pytest.raises(oracle_.OracleError, match=path.name):
             REAL_READ(two, path)
 
 
-def test_the_remainder_is_what_has_no_image(two: Oracle) -> None:
+def test_the_two_peer_pairs_have_no_image(two: Oracle) -> None:
     """A sample: no pair of the file has an image, and of pairs that are alike the first decides."""
     one, dice = graph(ONE_PEER.path), random.Random(1)
     kept = REAL_READ(two)
-    assert not any(
-        two_peer_residual._has_image(two, one, answer) for answer in dice.sample(kept, 300)
-    )
+    assert not any(two_peer_pairs._has_image(two, one, answer) for answer in dice.sample(kept, 300))
     alike = {key(two, answer) for answer in kept}
     seen = Counter[bool]()
     for _ in range(300):
@@ -228,12 +226,12 @@ def test_the_remainder_is_what_has_no_image(two: Oracle) -> None:
         either = {key(two, answer), key(two, mirror(two, answer))}
         written = bool(alike & either)
         seen[written] += 1
-        if not two_peer_residual._has_image(two, one, answer) and not written:
-            assert two_peer_residual._has_image(two, one, first_like(two, either))
+        if not two_peer_pairs._has_image(two, one, answer) and not written:
+            assert two_peer_pairs._has_image(two, one, first_like(two, either))
     assert min(seen.values()) > 10
 
 
-Key = tuple[two_peer_residual.Seen, int]
+Key = tuple[two_peer_pairs.Seen, int]
 
 
 def first_like(two: Oracle, keys: set[Key]) -> oracle_.Answer:
@@ -247,16 +245,16 @@ def first_like(two: Oracle, keys: set[Key]) -> oracle_.Answer:
 
 
 def key(two: Oracle, answer: oracle_.Answer) -> Key:
-    """Equal for pairs that differ only in what the input cannot touch."""
-    view = two_peer_residual._touches(two.inputs[answer.input])
-    return two_peer_residual._view(two.states[answer.state], view), answer.input
+    """Equal for pairs that differ only in parts that the input cannot affect."""
+    view = two_peer_pairs._touches(two.inputs[answer.input])
+    return two_peer_pairs._view(two.states[answer.state], view), answer.input
 
 
 def mirror(two: Oracle, answer: oracle_.Answer) -> oracle_.Answer:
     """The pair with the peers exchanged."""
-    state = renumbering.state(two.states[answer.state], two_peer_residual._swap)
-    i = renumbering.input_of(two.inputs[answer.input], two_peer_residual._swap)
+    state = renumbering.state(two.states[answer.state], two_peer_pairs._swap)
+    i = renumbering.input_of(two.inputs[answer.input], two_peer_pairs._swap)
     return two.ask(state, i)
 
 
-REAL_READ = two_peer_residual.read
+REAL_READ = two_peer_pairs.read

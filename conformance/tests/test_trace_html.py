@@ -115,7 +115,7 @@ def pipe_with(path: Path, data: bytes) -> Iterator[Path]:
 
 
 def html_of(*arguments: object, data: bytes | None = None) -> tuple[int, str, str]:
-    """The exit code, and what is on standard output and error."""
+    """The exit code, standard output and standard error."""
     run = automcm("trace", "html", *arguments, input=data)
     assert run.exception is None or isinstance(run.exception, SystemExit), run.exception
     return run.exit_code, run.stdout, run.stderr

@@ -1,4 +1,4 @@
-"""``automcm trace replay``: what a log may hold, and what cannot be replayed."""
+"""``automcm trace replay``: logs that can be replayed, and logs that cannot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The test vectors: that they are as generated, and what a bad file and a difference say."""
+"""The test vectors: they are as generated; errors for a bad file and for a difference."""
 
 from __future__ import annotations
 

@@ -41,14 +41,14 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
             result = Result("holds", None, 10, 20, 3, 0.1)
             options["on_done"](Verdict(model, "holds", None, result, None, kept=not fresh[-1]))
 
-    def compared(report: verify_.Report, data: bytes, say: object) -> None:
+    def compared(report: verify_.Report, data: bytes, notify: object) -> None:
         report.compared = {"one-peer": Comparison(states=1, inputs=5)}
         report.compiled = {"one-peer": Agreement(states=1, inputs=6)}
         report.coverage = Coverage(covered={"a rule": "one"})
 
     monkeypatch.setattr(models, "load", lambda: CHOSEN)
     monkeypatch.setattr(kept_results, "check_all", check_all)
-    monkeypatch.setattr(verify_, "_oracle", lambda report, graph, say: b"")
+    monkeypatch.setattr(verify_, "_oracle", lambda report, graph, notify: b"")
     monkeypatch.setattr(verify_, "_compare", compared)
     monkeypatch.setattr(generated_files, "drift", lambda *_: [])
     monkeypatch.setattr(generated_files, "graph_changed", lambda fresh: False)

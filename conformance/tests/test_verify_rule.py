@@ -1,4 +1,4 @@
-"""``automcm verify --no-models --rule ID``: the small graph, and what it can tell of a rule."""
+"""``automcm verify --no-models --rule ID``: the small graph, and its findings about a rule."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_rule_that_the_reference_keeps() -> None:
 
 
 def test_a_rule_that_the_reference_does_not_keep(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PRE-5 differs first; the rule that was asked for is what is shown first."""
+    """PRE-5 differs first, but the requested rule is shown first."""
     once, rows = without("NEG-4"), without("PRE-5")
     both = {name: tuple(r for r in rows[name] if r in once[name]) for name in rows}
     monkeypatch.setattr(verify_, "reference", lambda constants: Reference(constants, both))

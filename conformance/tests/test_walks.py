@@ -1,4 +1,4 @@
-"""Walks: where they go, when they end, and what a case is called."""
+"""Walks: their steps, their ends, and the names of their cases."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ CASE = "AMCM/STA/END/BI-19"
 LINE = b'{"cmd":"hello","protocol":1}\n'
 STOP = "stop"
 LIMIT = 0.3
-"""For what is to be waited out."""
+"""A time limit that the test waits for."""
 Does = Callable[[ServerConnection], None]
 
 
@@ -303,7 +303,7 @@ def test_a_run_without_a_server_is_one_line(tmp_path: Path) -> None:
 
 
 def _breaking(how: Does) -> Does:
-    """The reference, which does this when the case begins."""
+    """The reference, which takes this action when the case begins."""
 
     def does(connection: ServerConnection) -> None:
         kit = Kit()

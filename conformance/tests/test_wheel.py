@@ -1,4 +1,4 @@
-"""The wheel, away from the repository: what works of it, without Java, and what says it cannot."""
+"""The wheel outside of the repository and without Java: working commands, and clear errors."""
 
 from __future__ import annotations
 

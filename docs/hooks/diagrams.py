@@ -31,7 +31,7 @@ EM_SPACE = "\N{EM SPACE}"
 
 @dataclass(frozen=True)
 class Arrow:
-    """From row to row, and what brings it about, line by line."""
+    """From row to row, with its causes, one per line."""
 
     source: int
     target: int
@@ -105,7 +105,7 @@ def _read(source: str) -> tuple[list[str], list[Arrow]]:
 
 
 def _above(row: int, arrows: list[Arrow]) -> int:
-    """The space that a row needs above its box for what is written there."""
+    """The space that a row needs above its box for its text."""
     beside = [len(a.lines) for a in arrows if a.source == row and not a.between] or [0]
     between = sum(len(a.lines) for a in arrows if a.between and max(a.source, a.target) == row)
     return max(GAP, LINE * max(beside) - HEIGHT // 2 + 16, LINE * between + 16)

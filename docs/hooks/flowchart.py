@@ -63,7 +63,7 @@ def draw(source: str, defs: str) -> str:
 
 
 def _read(source: str) -> list[tuple[str, str, str]]:
-    """From where, what is written there, and to where."""
+    """Source, text and target."""
     arrows = []
     for line in source.strip().splitlines()[1:]:
         found = ARROW.fullmatch(line)

@@ -1,4 +1,4 @@
-"""A stage: station 1, and what the stations around it send."""
+"""A stage: station 1, and the messages of the stations around it."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ class Stage:
         return next((d for t, d in self.station.timers.items() if t.name == name), None)
 
     def took(self, effects: list[Effects]) -> list[Effects]:
-        """Compare what the station did with the specification."""
+        """Compare the station's step with the specification."""
         for n, effect in enumerate(effects, 1):
             self.lockstep.took(self.before, effect, n == len(effects))
             self.before = effect.state

@@ -16,7 +16,7 @@ from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.links.clock import AsyncioClock
 from automcm.links.simulated_radio import Channel, Radio
 from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
-from automcm.service.application import Application, Drive
+from automcm.service.application import AgreedManeuver, Application
 from automcm.service.service import McService
 from automcm_spec.vocabulary.messages import Session
 from automcm_spec.vocabulary.parameters import Parameters
@@ -28,15 +28,15 @@ PATIENCE = 20
 
 
 class Recorder(Straight):
-    """Straight, and what it was told."""
+    """``Straight``, which records its callbacks."""
 
     def __init__(self, **more: Any) -> None:
         super().__init__(**({"think_ms": 5, "hold_ms": 0, "maneuver_ms": 300} | more))
         self.told: list[tuple[Any, ...]] = []
 
-    def load(self, drive: Drive) -> None:
-        self.told.append(("load", drive))
-        super().load(drive)
+    def load(self, maneuver: AgreedManeuver) -> None:
+        self.told.append(("load", maneuver))
+        super().load(maneuver)
 
     def fallback(self, session: Session, reason: str) -> None:
         self.told.append(("fallback", session, reason))
@@ -172,7 +172,7 @@ async def holds(condition: Callable[[], bool]) -> None:
 
 
 async def committed(world: World, it: Client) -> dict[str, Any]:
-    """The bridged station becomes a receiver and accepts; what it is to drive."""
+    """The bridged station becomes a receiver and accepts; the agreed maneuver."""
     await plans(it)
     await it.until("state", driver=True)
     world.other.command(LANE_CHANGE)

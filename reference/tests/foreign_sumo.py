@@ -1,4 +1,4 @@
-"""The second opinion of ``automcm experiment arrival``, in a real SUMO.
+"""The comparison of ``automcm experiment arrival`` with a real SUMO.
 
     python reference/tests/foreign_sumo.py
 
@@ -97,7 +97,7 @@ def main() -> int:
     try:
         sumo.libsumo()
     except ExperimentError as error:
-        print(f"SKIPPED: the second opinion from SUMO: {error}")
+        print(f"SKIPPED: the comparison with SUMO: {error}")
         print(f"0 passed, 0 failed, {len(CHECKS)} skipped")
         return 0
     failed = 0

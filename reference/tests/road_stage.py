@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from automcm.scenarios.drive import Drive
+from automcm.scenarios.drive import SimulatedDrive
 from automcm.scenarios.lane_change import LaneChange
 from automcm_spec.vocabulary import messages
 
 
-def lane_changers(drive: Drive) -> list[LaneChange]:
+def lane_changers(drive: SimulatedDrive) -> list[LaneChange]:
     return [driver for driver in drive.drivers if isinstance(driver, LaneChange)]
 
 
@@ -18,9 +18,11 @@ def said(driver: LaneChange) -> list[str]:
     return [what for _, what in driver.story]
 
 
-def driven(signal: Callable[[], None], *drivers: Any, until: float = 30, **more: Any) -> Drive:
+def driven(
+    signal: Callable[[], None], *drivers: Any, until: float = 30, **more: Any
+) -> SimulatedDrive:
     """These drivers together, the first of which signals at 100 ms."""
-    drive = Drive(drivers, **more)
+    drive = SimulatedDrive(drivers, **more)
     drive.simulation.clock.at(100, signal)
     drive.run(until)
     return drive
@@ -32,7 +34,7 @@ def rows(*points: tuple[int, int, int], t0: int = 0) -> messages.Trajectory:
 
 def answers_of(driver: Any) -> list[str]:
     """The names of the commands that a driver gives from now on; they go nowhere."""
-    Drive([driver])
+    SimulatedDrive([driver])
     answers: list[str] = []
     driver.service.command = lambda command, after_ms=0: answers.append(command.name)
     return answers

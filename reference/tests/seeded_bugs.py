@@ -173,7 +173,7 @@ BUGS: dict[str, Bug] = {
 
 
 def hunt(bug: Bug, seed: int) -> tuple[str, list[Call]]:
-    """What broke ("" for nothing), and the exchange without what is not needed for it."""
+    """The violated property ("" for none), and the shortest exchange that violates it."""
     checks = frozenset({bug.what}) if bug.what in PROPERTIES else ALL
     with bug.change() as rules:
         machine = type("Seeded", (Coordination,), {"rules_": rules, "checks": checks})

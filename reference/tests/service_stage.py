@@ -1,4 +1,4 @@
-"""A service on a link that keeps what is sent, and an application that notes what it is told."""
+"""A service with a link that keeps its messages, and an application that records its calls."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from automcm.links.clock import VirtualClock
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import Straight
-from automcm.service.application import Advertised, Application, Choice, Drive, Proposal
+from automcm.service.application import Advertised, AgreedManeuver, Application, Choice, Proposal
 from automcm.service.service import McService
 from automcm_spec.vocabulary.messages import Session, Trajectory, decode, encode
 
@@ -19,7 +19,7 @@ PATH = Trajectory(t0=0, points=((0, 0, 0),))
 
 
 class Wire:
-    """A link that keeps what is sent."""
+    """A link that keeps all sent messages."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[Any, int, str]] = []
@@ -55,9 +55,9 @@ class Noted(Straight):
         self.calls.append(proposal)
         super().verify(proposal)
 
-    def load(self, drive: Drive) -> None:
-        self.calls.append(drive)
-        super().load(drive)
+    def load(self, maneuver: AgreedManeuver) -> None:
+        self.calls.append(maneuver)
+        super().load(maneuver)
 
     def fallback(self, session: Session, reason: str) -> None:
         self.calls.append(("fallback", session, reason))

@@ -50,7 +50,7 @@ def profile(examples: int, steps: int, *, steered: bool = False) -> settings:
 
 
 def run(machine: type[Coordination], profile: settings, seed: int) -> Coverage:
-    """Run machines and return what they met.  Raises Broken; ``machine.last`` has the exchange.
+    """Run machines and return their coverage.  Raises Broken; ``machine.last`` has the exchange.
 
     Hypothesis also draws constants that it finds in whatever modules are loaded.  Not here: the
     same seed is to draw the same whatever else runs in the process.
@@ -136,7 +136,7 @@ def told(calls: Sequence[Call]) -> str:
 
 
 def batch(seed: int) -> tuple[int, Coverage, str]:
-    """Some thousand steps.  Returns what they met, and what broke."""
+    """Some thousand steps.  Returns their coverage and the failures."""
     try:
         run(Coordination, profile(100, 50 + 50 * (seed % 2), steered=seed % 4 == 3), seed)
     except Broken as error:

@@ -1,4 +1,4 @@
-"""What the stateful tests run with, what a run has met, and the specification in lockstep."""
+"""The setting of the stateful tests, their coverage, and the specification in lockstep."""
 
 from __future__ import annotations
 

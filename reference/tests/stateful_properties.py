@@ -43,7 +43,7 @@ class Properties:
         self.down: set[int] = set()
         # History, as in System.tla and TimedSystem.tla
         self.asked: dict[int, Prescription] = {}
-        """By receiver: what it has to verify."""
+        """By receiver: the proposals that it must verify."""
         self.prescribed: dict[tuple[Session, int], Trajectory] = {}
         self.leases: dict[Session, int] = {}
         """The longest lease prescribed in a session."""
@@ -230,7 +230,7 @@ def _ends_commitment(x: State, i: Any) -> bool:
 
 
 def _own(x: State, before: State) -> State:
-    """The station without what it still sends for other sessions (S-7)."""
+    """The station without the messages that it still sends for other sessions (S-7)."""
     return x._replace(outbox=tuple(m for m in x.outbox if m.session == before.session))
 
 

@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def step(**strategies: Any) -> Callable[[Any], Any]:
-    """A rule; what is called is kept, so that a run can be told and repeated."""
+    """A rule whose calls are recorded, so that a run can be printed and repeated."""
 
     def wrap(function: Any) -> Any:
         @wraps(function)
@@ -37,7 +37,7 @@ def nth(of: Sequence[T], n: int) -> T:
 
 
 Call = tuple[str, dict[str, Any]]
-"""A rule and what was drawn for it."""
+"""A rule and its drawn arguments."""
 
 SOME = st.integers(0, 11)
 STATION = st.integers(0, 3) | st.integers(0, len(IDS) - 1)
@@ -142,7 +142,7 @@ class Surroundings(RuleBasedStateMachine):
 
     @step(s=STATION, t=STATION, what=st.integers(0, 8) | st.integers(0, 60), bound=st.booleans())
     def odd(self, s: int, t: int, what: int, bound: bool) -> None:
-        """A station (one in a session, if possible) hears what must do nothing."""
+        """A station (one in a session, if possible) receives a message that must have no effect."""
         s = nth((self.bound() if bound else []) or self.world.ids, s)
         messages = odd_messages(self.world, s, nth([q for q in self.world.ids if q != s], t))
         self.world.hear(s, messages[-1 - what % len(messages)])

@@ -116,7 +116,7 @@ class World(Properties):
         self._take(s, self.stations[s].command(command, self.now))
 
     def crash(self, s: int) -> None:
-        """The station falls silent; what it was to do is not done."""
+        """The station falls silent and drops its pending work."""
         st = self.state(s)
         if st.role == "receiver" and st.session is not None:
             self.excused.add((st.session, s))

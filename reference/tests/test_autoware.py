@@ -53,7 +53,8 @@ def test_kinematics_come_back_as_they_were(heading: int, x: int, y: int, speed: 
 
 
 def test_velocity_and_heading_are_those_to_the_next_point() -> None:
-    way = Trajectory(t0=0, points=((0, 0, 0), (500, 0, 2000), (1000, 0, 2000), (2000, -1000, 2000)))
+    points = ((0, 3000, 7000), (500, 3000, 9000), (1000, 3000, 9000), (2000, 2000, 9000))
+    way = Trajectory(t0=0, points=points)
     form = autoware.to_trajectory(way)
     speeds = [point.longitudinal_velocity_mps for point in form.points]
     assert speeds == [4.0, 0.0, 1.0, 1.0]

@@ -1,4 +1,4 @@
-"""Both codecs: what survives, what is refused, how large it gets, and the fuzzer."""
+"""Both codecs: round trips, refused bytes, sizes, and the fuzzer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fuzzer of the decoders: what they survive, and that it finds a decoder that leaks."""
+"""The fuzzer of the decoders: inputs that they survive, and that it finds a leaking decoder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a receiver arrives: the clock, the two ways to drive, and what is claimed of it."""
+"""Arrival times of a receiver: the clock, the two ways to drive, and the claims."""
 
 from __future__ import annotations
 
@@ -258,8 +258,8 @@ def test_the_page_has_sumo_s_figures_where_they_are(small: Json) -> None:
     ours = found["summary"]["speeds"]
     for which, theirs in (("with", 3.0), ("without", 2.25)):
         lost = ours["30"][which]["lost_s"], ours["50"][which]["lost_s"]
-        assert f"{theirs:.1f} s there, {lost[0]:.1f} s here; {theirs:.1f} s there, " in text
-        assert f" s there, {lost[1]:.1f} s here. " in text
+        assert f"{theirs:.1f} s in SUMO, {lost[0]:.1f} s here; {theirs:.1f} s in SUMO, " in text
+        assert f" s in SUMO, {lost[1]:.1f} s here. " in text
     claim = arrival_claims.sumo_claim(found["summary"])
     assert claim.here == "-0.75 s at 30 km/h, -0.75 s at 50 km/h"
     assert "never stops: slowest 2.0 m/s" in claim.why

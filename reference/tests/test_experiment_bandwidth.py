@@ -1,4 +1,4 @@
-"""Bytes on the air: how they are counted, and what is said of them."""
+"""Bytes on the air: their count, and the claims about them."""
 
 from __future__ import annotations
 

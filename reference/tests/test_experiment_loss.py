@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import Drive
+from automcm.scenarios.drive import SimulatedDrive
 from automcm.scenarios.road import Vehicle
 from automcm_evaluation.framework.experiment import Cell, ExperimentError
 from automcm_evaluation.framework.intervals import wilson
@@ -140,7 +140,7 @@ def test_a_drive_is_coordinated_or_ends_in_a_stop() -> None:
 
 def test_who_does_not_agree_moves_over_all_the_same() -> None:
     prescriber = loss_road.Insists(Vehicle(1, 0.0, 0, 8.0, 8.0))
-    Drive([prescriber])
+    SimulatedDrive([prescriber])
     prescriber.signal(1)
     prescriber.fallback((1, 1), "no_participants")
     assert prescriber.vehicle.changing and prescriber.vehicle.target_lane == 1

@@ -1,4 +1,4 @@
-"""Packet loss over real sockets: what is decided, what is counted, and that nothing is left."""
+"""Packet loss over real sockets: decisions and counts, and no leftovers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hazards under faults: what is measured, that it can fail, and what the page says of it."""
+"""Hazards under faults: their measurement, that it can fail, and the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sweeps: cells, seeds, interruptions, and what a report is made of."""
+"""Sweeps: cells, seeds, interruptions, and the parts of a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""END-5 and MEM-1 against senders that try: what must be refused, and what must stay small."""
+"""END-5 and MEM-1 against hostile senders: refused messages, and bounded memory."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from automcm.kernels.prescribe import prescribe
 from automcm.kernels.trajectory import TrajectoryError, from_message
 from automcm.kernels.verify import Limits
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import Drive, FourVehicles
+from automcm.scenarios.drive import FourVehicles, SimulatedDrive
 from automcm.scenarios.lane_change import LaneChange, Plan, gained_at, read
 from automcm.scenarios.road import LANE_WIDTH, Sample, Vehicle
 from automcm.service.application import Advertised
@@ -22,7 +22,7 @@ from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import explain_files
 
 
-def slowest(drive: Drive, station_id: int) -> Sample:
+def slowest(drive: SimulatedDrive, station_id: int) -> Sample:
     return min(drive.road.of(station_id), key=lambda sample: sample.speed)
 
 
@@ -86,7 +86,7 @@ def two(
     hears the other."""
     prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33), Plan(**more))
     receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33), limits=limits)
-    drive = Drive([prescriber, receiver])
+    drive = SimulatedDrive([prescriber, receiver])
     drive.simulation.clock.at(1000, lambda: prescriber.signal(1))
     drive.simulation.clock.at(cut_ms, lambda: drive.simulation.radio.partition([1], [3]))
     drive.run(until)
@@ -195,7 +195,7 @@ def test_kin_5_it_waits_for_the_gap_however_uneven_the_plan_is() -> None:
 def test_adv_1_a_second_signal_changes_nothing() -> None:
     prescriber = LaneChange(Vehicle(1, 0, 0, 8.33, 8.33))
     receiver = LaneChange(Vehicle(3, -3, 1, 8.33, 8.33))
-    drive = Drive([prescriber, receiver])
+    drive = SimulatedDrive([prescriber, receiver])
     for t, lane in ((1000, 1), (3000, 2), (5000, 0), (6000, 1)):
         drive.simulation.clock.at(t, lambda lane=lane: prescriber.signal(lane))  # type: ignore[misc]
     drive.run(30)
@@ -206,7 +206,9 @@ def test_adv_1_a_second_signal_changes_nothing() -> None:
 
 def test_end_7_after_a_refused_request_it_may_ask_again() -> None:
     driver = LaneChange(Vehicle(1, 0, 0, 8, 8))
-    drive = Drive([driver], parameters=Parameters(t_timeout=0, backoff_min=900, backoff_max=900))
+    drive = SimulatedDrive(
+        [driver], parameters=Parameters(t_timeout=0, backoff_min=900, backoff_max=900)
+    )
     for t in (100, 500, 3000):  # the second within the back-off
         drive.simulation.clock.at(t, lambda: driver.signal(1))
     drive.run(5)
@@ -237,7 +239,7 @@ def test_act_4_the_lease_is_longer_than_a_slow_maneuver() -> None:
 @pytest.mark.parametrize("lane", [True, 1.0, "1"])
 def test_a_lane_is_an_integer(lane: object) -> None:
     driver = LaneChange(Vehicle(1, 0, 1, 8, 8))
-    Drive([driver])
+    SimulatedDrive([driver])
     details: dict[str, Any] = {"lane": lane}
     assert driver.concerned(Advertised((2, 1), "lane_change", details, None)) is None
     assert driver.concerned(Advertised((2, 1), "lane_change", {"lane": 1}, None)) is not None

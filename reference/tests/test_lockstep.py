@@ -1,4 +1,4 @@
-"""Each comparison with the compiled station: a wrong effect, and what it is found as."""
+"""Each comparison with the compiled station: a wrong effect, and how it is reported."""
 
 from __future__ import annotations
 

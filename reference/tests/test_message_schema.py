@@ -1,4 +1,4 @@
-"""The JSON Schema of a message agrees with what is decoded."""
+"""The JSON Schema of a message agrees with the decoder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The messages on the wire: what passes unchanged, and what is refused by name."""
+"""The messages on the wire: round trips, and refusals that name the field."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from road_stage import answers_of, driven, rows
 
-from automcm.scenarios.drive import Drive, arrival_s
+from automcm.scenarios.drive import SimulatedDrive, arrival_s
 from automcm.scenarios.ramp_merge import Merge, Ramp
 from automcm.scenarios.road import Sample, Vehicle
 from automcm.service.application import Advertised, Proposal
@@ -41,7 +41,7 @@ def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
 def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
     for cut_ms in (3000, 50):
         on_ramp, other = ramp_and_road(-1, joins_m=120)
-        drive = Drive([on_ramp, other])
+        drive = SimulatedDrive([on_ramp, other])
         drive.simulation.clock.at(100, on_ramp.signal)
         drive.simulation.clock.at(
             cut_ms, lambda drive=drive: drive.simulation.radio.partition([1], [2])
@@ -54,7 +54,7 @@ def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
 
 def test_merge_a_later_proposal_asks_for_less_and_never_to_come_earlier() -> None:
     on_ramp, other = ramp_and_road(-22, joins_m=150, slowest=0.999)
-    drive = Drive([on_ramp, other])
+    drive = SimulatedDrive([on_ramp, other])
     asked: list[float] = []
     drive.simulation.services[2]._observers = (
         lambda before, effects: asked.extend(

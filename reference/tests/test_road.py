@@ -1,4 +1,4 @@
-"""The road simulator: what its equations say, and what it must never do."""
+"""The road simulator: its equations and its invariants."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever comes in whatever phase: the station does what the specification says (``Stage``)."""
+"""Any input in any phase: the station acts as specified (``Stage``)."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from service_stage import PATH, Jumpy, Noted, alone, cam, pair
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.simulation import Simulation
 from automcm.scenarios.straight_lane import LANE_CHANGE
-from automcm.service.application import Advertised, Choice, Drive, Kinematics, Proposal
+from automcm.service.application import Advertised, AgreedManeuver, Choice, Kinematics, Proposal
 from automcm_spec.vocabulary.application import Refuse
 from automcm_spec.vocabulary.messages import BROADCAST, Intention, encode
 from automcm_spec.vocabulary.parameters import Parameters
@@ -21,7 +21,7 @@ def test_act_1_neg_6_both_drive_what_was_accepted_and_each_knows_from_when_until
     for service in simulation.services.values():
         service._observers = (lambda before, effects: at.setdefault(effects.rule, effects.now_ms),)
     simulation.run(9000)
-    (mine,), (theirs,) = prescriber.of(Drive), receiver.of(Drive)
+    (mine,), (theirs,) = prescriber.of(AgreedManeuver), receiver.of(AgreedManeuver)
     (proposal,) = receiver.of(Proposal)
     assert (mine.role, theirs.role) == ("prescriber", "receiver")
     assert mine.selected == theirs.selected == proposal.prescribed
@@ -32,7 +32,7 @@ def test_act_1_neg_6_both_drive_what_was_accepted_and_each_knows_from_when_until
     assert mine.until_ms == at["PRE-2"] + lasts <= theirs.until_ms
     assert receiver.calls[-1] == ("finished", (1, 1))
     calls = prescriber.calls + receiver.calls
-    assert {type(call) for call in calls} == {Advertised, Choice, Proposal, Drive, tuple}
+    assert {type(call) for call in calls} == {Advertised, Choice, Proposal, AgreedManeuver, tuple}
     assert not any(hasattr(call, "seq") for call in calls)
 
 

@@ -1,4 +1,4 @@
-"""One station: numbers of messages, what its application gets, and what it remembers."""
+"""One station: message numbers, indications, and memory."""
 
 from __future__ import annotations
 

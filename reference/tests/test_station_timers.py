@@ -1,4 +1,4 @@
-"""The timers of one station: how often, when, in which order, and what outlives a session."""
+"""The timers of one station: count, time, order, and those that outlive a session."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bench runs, and its peers compute what the kernels do."""
+"""The bench runs, and its baselines compute the same as the kernels."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ BAD = (float("nan"), float("inf"), -float("inf"))
 
 
 def numbers(least: float, most: float) -> st.SearchStrategy[float]:
-    """Without the likes of 1e-300, which are no distances."""
+    """Without numbers such as 1e-300, which are not realistic distances."""
     return st.floats(least, most, allow_nan=False).map(lambda x: round(x, 6))
 
 

@@ -49,7 +49,7 @@ def clock(pair: Pair) -> np.ndarray | None:
 
 @given(pairs)
 def test_never_misses_what_brute_force_finds(pair: Pair) -> None:
-    """And is no closer than what a millisecond of both speeds explains."""
+    """And is closer by at most the way of both in a millisecond."""
     a, b = pair
     times = clock(pair)
     found = collide.closest_approach(a, b)
@@ -207,7 +207,7 @@ def test_pairs_as_one_by_one(n: int, count: int, data: st.DataObject) -> None:
 
 
 def test_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Many chunks give what one does."""
+    """Many chunks give the same result as one."""
     rng = np.random.default_rng(1)
     t = np.arange(30.0)
     a, b = np.cumsum(rng.normal(size=(2, 200, 30, 2)), axis=2)
@@ -360,9 +360,9 @@ def test_refused() -> None:
         raises("speed", lambda bad=bad: collide.collision(a, a, 1, speed=bad))
     t, xy = np.arange(3.0), np.zeros((4, 3, 2))
     each = collide.closest_approach_pairs
-    raises("xy_a: shape (4, 2, 2)", lambda: each(t, xy[:, :2], xy))
-    raises("xy_b: shape", lambda: each(t, xy, xy[0]))
-    raises("xy_b: 3 pairs", lambda: each(t, xy, xy[:3]))
+    raises("xy_a: must have shape (pairs, 3, 2), not (4, 2, 2)", lambda: each(t, xy[:, :2], xy))
+    raises("xy_b: must have shape", lambda: each(t, xy, xy[0]))
+    raises("xy_b: must have 4 pairs, not 3", lambda: each(t, xy, xy[:3]))
     raises("t: ", lambda: each([0, 0, 1], xy, xy))
     raises("t: ", lambda: each([], np.zeros((4, 0, 2)), np.zeros((4, 0, 2))))
     for bad in BAD:

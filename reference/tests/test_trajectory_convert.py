@@ -56,7 +56,7 @@ def test_interpolation_gives_the_speeds_back(
     """
     xy, speed, here = road
     made = convert.convert(xy, speed, here, t0, v_eps=V_EPS)
-    k = int(convert.feet(xy, np.array([here])).segment[0])
+    k = int(convert.closest_points(xy, np.array([here])).segment[0])
     time, place, n = t0, made.xy[0], 0
     while True:
         if speed[k] < V_EPS:
@@ -90,7 +90,7 @@ def test_scaled_turned_and_shifted(
     angle: float,
     by: tuple[float, float],
 ) -> None:
-    """Space by a and time by 1/a: at a² times the speed.  Times do not see turns and shifts."""
+    """Space by a and time by 1/a: at a² times the speed.  Rotation and translation keep times."""
     xy, speed, here = road
     assume(all((speed >= V_EPS * 1.01) | (speed == 0)))
     line = LineString(xy) if len(xy) > 1 else Point(xy[0])
@@ -159,14 +159,20 @@ def test_refused() -> None:
     raises("v_eps", lambda: c(LINE, (1, 1, 1), (0, 0), 0, v_eps=0))
     raises("v_eps", lambda: c(LINE, (1, 1, 1), (0, 0), 0, v_eps=-1))
     raises("speed[2]: -1", lambda: c(LINE, (1, 1, -1), (0, 0), 0))
-    raises("speed: shape (2,)", lambda: c(LINE, (1, 1), (0, 0), 0))
+    raises("speed: must have shape (3,), not (2,)", lambda: c(LINE, (1, 1), (0, 0), 0))
     raises("speed: must be 1-dim", lambda: c(LINE, 1, (0, 0), 0))
-    raises("xy: shape (1, 3)", lambda: c([(1, 2, 3)], (1,), (0, 0), 0))
+    raises(
+        "xy: must have shape (n, 2) with n of at least 1, not (1, 3)",
+        lambda: c([(1, 2, 3)], (1,), (0, 0), 0),
+    )
     raises("xy: must be 2-dim", lambda: c([1, 2], (1,), (0, 0), 0))
-    raises("xy: shape (0, 2)", lambda: c(np.empty((0, 2)), (), (0, 0), 0))
+    raises(
+        "xy: must have shape (n, 2) with n of at least 1, not (0, 2)",
+        lambda: c(np.empty((0, 2)), (), (0, 0), 0),
+    )
     raises("xy: must be an array", lambda: c([(1, 2), (3,)], (1, 1), (0, 0), 0))
     raises("xy[0, 1]: beyond", lambda: c([(0, 1e200)], (1,), (0, 0), 0))
-    raises("position: shape", lambda: c(LINE, (1, 1, 1), (0, 0, 0), 0))
+    raises("position: must have shape (2,)", lambda: c(LINE, (1, 1, 1), (0, 0, 0), 0))
     raises("t0: must be 0-dim", lambda: c(LINE, (1, 1, 1), (0, 0), [0]))
     raises("t[1]", lambda: c(LINE, (1e-300, 1, 1), (0, 0), 0, v_eps=1e-308))
 
@@ -201,7 +207,7 @@ def test_type_refuses() -> None:
     raises("t[1]: 0.0 s is not after", lambda: Trajectory(np.zeros(2), two))
     raises("t[2]", lambda: Trajectory(np.array([0, 2.0, 1]), np.zeros((3, 2))))
     raises("t: must have at least", lambda: Trajectory(np.zeros(0), np.zeros((0, 2))))
-    raises("xy: shape (2, 2), not (3, 2)", lambda: Trajectory(np.arange(3.0), two))
+    raises("xy: must have shape (3, 2), not (2, 2)", lambda: Trajectory(np.arange(3.0), two))
     for bad in BAD:
         raises("t[0]: not a finite", lambda bad=bad: Trajectory(np.array([bad, 1]), two))
     good = Trajectory(np.arange(2.0), two)

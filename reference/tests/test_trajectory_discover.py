@@ -153,14 +153,14 @@ def test_refused() -> None:
         "zone: must have at least 3 corners, not 2",
         lambda: discover.inside([(0, 0)], [(0, 0), (1, 1), (0, 0)]),
     )
-    raises("zone: shape", lambda: discover.inside([(0, 0)], [(0, 0, 1)] * 3))
-    raises("points: shape", lambda: discover.inside([(0,)], LANE))
+    raises("zone: must have shape", lambda: discover.inside([(0, 0)], [(0, 0, 1)] * 3))
+    raises("points: must have shape", lambda: discover.inside([(0,)], LANE))
     raises("direction: must not be 0, 0", lambda: discover.Candidate(1, np.zeros(2), np.zeros(2)))
     raises(
         "station_id: must be a whole number of at least 1, not 0",
         lambda: discover.Candidate(0, np.zeros(2), np.ones(2)),
     )
-    raises("xy: shape (3,)", lambda: discover.Candidate(1, np.zeros(3), np.ones(2)))
+    raises("xy: must ", lambda: discover.Candidate(1, np.zeros(3), np.ones(2)))
     for bad in BAD:
         raises("xy[1]", lambda bad=bad: discover.Candidate(1, np.array([0, bad]), np.ones(2)))
         raises("zone[0, 0]", lambda bad=bad: discover.inside([(0, 0)], [(bad, 0), (1, 1), (2, 0)]))

@@ -20,7 +20,7 @@ Case = tuple[Trajectory, float, dict[str, float]]
 
 @st.composite
 def cases(draw: st.DrawFn) -> Case:
-    """A plan, a start within its first part, and what to gain."""
+    """A plan, a start within its first part, and the distance to gain."""
     plan = draw(plans())
     start = float(plan.t[0] + draw(st.just(0.0) | numbers(0, 2)))
     wanted = {

@@ -179,7 +179,10 @@ def test_refused() -> None:
     raises(
         "every: must be a whole number of at least 1, not 2.5", lambda: thin.thin(full, every=2.5)
     )  # type: ignore[arg-type]
-    raises("budget: even 2 points are too much: ", lambda: thin.thin(full, 30))
-    raises("budget: even 1 points", lambda: thin.thin(full.since(full.t[-1]), 0, points))
+    raises("budget: too small for the required points (2): ", lambda: thin.thin(full, 30))
+    raises(
+        "budget: too small for the required points (1)",
+        lambda: thin.thin(full.since(full.t[-1]), 0, points),
+    )
     with pytest.raises(TrajectoryError, match="less than 1 ms"):
         thin.thin(Trajectory(np.array([0, 1e-4]), np.zeros((2, 2))))

@@ -34,7 +34,7 @@ def definitions(module: str) -> dict[str, str]:
 
 
 def actions(module: str, formula: str) -> set[str]:
-    """What stands in the box of a formula; instead of a Next, what it is made of."""
+    """The body of a formula; for a Next, its parts."""
     known = definitions(module)
     while "[][" not in known[formula]:
         (formula,) = re.findall(r"\w+Spec", known[formula])
@@ -43,7 +43,7 @@ def actions(module: str, formula: str) -> set[str]:
 
 
 def made_of(names: set[str], known: dict[str, str]) -> set[str]:
-    """Names; instead of a Next, what it is made of."""
+    """Names; for a Next, its parts."""
     nexts = {name for name in names if "Next" in name}
     inner = {name for n in nexts for name in re.findall(r"\w+", known[n])} & set(known)
     return names - nexts | (made_of(inner, known) if inner else set())

@@ -1,4 +1,4 @@
-"""The bench: its models, what it concludes, and real runs of small ones."""
+"""The bench: its models, its conclusions, and real runs of small ones."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The compiled station is what the compiler writes, in every process."""
+"""The compiled station is the compiler's output, in every process."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ MODELS = {model.cfg: model for model in models.load()}
 @pytest.fixture(autouse=True)
 def the_port() -> Iterator[None]:
     """TLC's server has one port: one test at a time, whatever process it is in."""
-    with scratch.alone("tlc-server"):
+    with scratch.locked("tlc-server"):
         yield
 
 

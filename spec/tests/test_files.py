@@ -108,7 +108,7 @@ def test_devices_and_pipes_are_written_directly(tmp_path: Path) -> None:
 def test_standard_output_that_is_a_file_stays_that_file(
     through_a_link: bool, tmp_path: Path
 ) -> None:
-    """A renamed file would take its place, and what the shell has open would be lost."""
+    """A renamed file would replace it, and the shell's open file would be lost."""
     out, path = tmp_path / "out", "/dev/stdout"
     if through_a_link:
         path = str(tmp_path / "link")

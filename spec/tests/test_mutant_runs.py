@@ -1,4 +1,4 @@
-"""How models are held against mutants, and what a run reports."""
+"""Models run on mutants, and the report of a run."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def failed(model: Model, kind: ErrorKind) -> Verdict:
 
 @pytest.fixture
 def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[Answer], list[str]]:
-    """Instead of TLC: what it says of a mutant, by the model and what the cfg checks."""
+    """Replaces TLC: its result for a mutant, by the model and its properties."""
 
     def install(answer: Answer) -> list[str]:
         ran: list[str] = []
@@ -189,11 +189,11 @@ def test_what_did_not_end_is_tried_again(folder: Path, monkeypatch: pytest.Monke
 def test_an_interrupted_run_is_incomplete(folder: Path, pretend: Any) -> None:
     pretend(lambda model, _: ok(model))
 
-    def say(text: str) -> None:
+    def notify(text: str) -> None:
         if text.startswith("1 of"):
             raise KeyboardInterrupt
 
-    report = run(FOUR, mutants.generate(folder, ["Tiny"]), folder, say=say)
+    report = run(FOUR, mutants.generate(folder, ["Tiny"]), folder, notify=notify)
     assert len(report.outcomes) == 1 and not report.complete and report.exit_code == 4
 
 

@@ -1,4 +1,4 @@
-"""Random behaviours of a model: the same by the same seed, and what they decide."""
+"""Random behaviours of a model: equal for equal seeds, and the rules that they cover."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""SANY's XML: what cannot be parsed is named, and what is read is what the module says."""
+"""SANY's XML: parse errors are located, and the result agrees with the module."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Folders for a while, and locks, in the user's own directory."""
+"""Temporary folders and locks in the user's directory."""
 
 import os
 import select
@@ -46,16 +46,16 @@ def inside(child: subprocess.Popen[str]) -> bool:
 
 
 def test_it_is_in_the_home_and_nobody_else_looks_in(home: Path) -> None:
-    own = scratch.own()
+    own = scratch.user_folder()
     assert own == home / ".cache" / "automcm"
     assert stat.S_IMODE(own.stat().st_mode) == 0o700
 
 
 def test_xdg_cache_home_is_taken(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(home / "caches"))
-    assert scratch.own() == home / "caches" / "automcm"
+    assert scratch.user_folder() == home / "caches" / "automcm"
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    assert scratch.own() == home / ".cache" / "automcm"
+    assert scratch.user_folder() == home / ".cache" / "automcm"
 
 
 @pytest.mark.parametrize("set_to", [None, "", "relative", "/nowhere/at/all", "/dev/null", "/proc"])
@@ -67,18 +67,18 @@ def test_without_a_home_it_is_a_private_temporary_folder(
         monkeypatch.delenv("HOME")
     else:
         monkeypatch.setenv("HOME", set_to)
-    assert scratch.own() is None
-    with scratch.folder("tlc") as folder, scratch.alone("tlc"):
+    assert scratch.user_folder() is None
+    with scratch.folder("tlc") as folder, scratch.locked("tlc"):
         assert folder.parent == home and stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert list(home.iterdir()) == [] and not Path("/nowhere").exists()
 
 
 def test_a_folder_of_another_user_is_not_taken(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert scratch.own() is not None
+    assert scratch.user_folder() is not None
     monkeypatch.setattr(os, "geteuid", lambda: 12345)
-    assert scratch.own() is None
+    assert scratch.user_folder() is None
     monkeypatch.setenv("XDG_CACHE_HOME", str(home))
-    assert scratch.own() is None
+    assert scratch.user_folder() is None
 
 
 def test_a_folder_is_gone_at_the_end_whatever_happens(home: Path) -> None:
@@ -105,9 +105,9 @@ def test_what_a_killed_process_left_is_removed_and_what_is_in_use_is_not(home: P
 
 
 def test_alone_is_one_process_at_a_time_also_after_one_was_killed(home: Path) -> None:
-    with holding("alone('x')") as first:
+    with holding("locked('x')") as first:
         assert inside(first)
-        with holding("alone('x')") as second:
+        with holding("locked('x')") as second:
             assert not select.select([second.stdout], [], [], 1)[0]
             first.kill()
             assert inside(second)

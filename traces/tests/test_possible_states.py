@@ -118,9 +118,9 @@ def _session(m: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        (_proposal, "proposal: 2 is expected, not 3"),
+        (_proposal, "proposal: expected 2, got 3"),
         (_seq, "seq: a new message must take the next seq"),
-        (_session, "session: [1001, 1] is expected, not [1001, 9]"),
+        (_session, "session: expected [1001, 1], got [1001, 9]"),
     ],
 )
 def test_of_a_message_in_another_form_the_field_is_named(

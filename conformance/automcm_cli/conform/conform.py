@@ -59,18 +59,18 @@ def run(
     with code_3("conform", AdapterError, ProtocolError, OracleError, verdicts.ExpectError, OSError):
         known = {} if expect is None else verdicts.expectations(expect, purposes_of([]))
         folder.mkdir(parents=True, exist_ok=True)
-        with progress() as say:
+        with progress() as notify:
             report = conform(
                 command,
                 chosen,
                 folder,
                 limit_s=limit,
                 seed=seed,
-                say=say,
+                notify=notify,
                 selectors=selectors or [],
                 expected=known,
             )
-            say("pages")
+            notify("pages")
             report_.write_pages(report, folder)
     report.started = started.isoformat(timespec="seconds")
     report.seconds = round(time.monotonic() - clock, 1)
@@ -176,14 +176,14 @@ def replay(
 def check_adapter(ctx: typer.Context, limit: Limit = LIMIT_S, json_: Json = None) -> None:
     """Check an adapter against the adapter protocol.
 
-    Each line is checked against the schema, and common mistakes are looked for.
+    Checks each line against the schema, and finds common mistakes.
     """
     from automcm_conformance.adapter.check_adapter import check
     from automcm_conformance.report.report import visible
 
     command = command_of(ctx)
-    with progress() as say:
-        findings = check(command, limit, say)
+    with progress() as notify:
+        findings = check(command, limit, notify)
     if write_json(json_, [checked.as_dict() for checked in findings]):
         for checked in findings:
             typer.echo(f"{checked.level:>7}  {visible(checked.finding.observed)}")

@@ -55,9 +55,9 @@ def explore(
 
     with code_3("explore", AdapterError, ProtocolError, OracleError, OSError):
         folder.mkdir(parents=True, exist_ok=True)
-        with progress() as say:
+        with progress() as notify:
             found = explore_(
-                command, folder, limit_s=limit, seed=seed, enough=enough, say=say, more=more
+                command, folder, limit_s=limit, seed=seed, enough=enough, notify=notify, more=more
             )
         found.started = started.isoformat(timespec="seconds")
         found.seconds = round(time.monotonic() - clock, 1)

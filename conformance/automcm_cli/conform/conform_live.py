@@ -60,14 +60,14 @@ def live(
     """Test a live receiver in real time over UDP.
 
     The kit plays the other stations.  No other station may be present, and the tested station must
-    join each session and accept each proposal.  The adapter of the same implementation can be given
-    after --; the kit then repeats each case with this twin in virtual time.  A message at the wrong
-    time is INCONC unless the twin fails as well.
+    join each session and accept each proposal.  With the adapter of the same implementation after
+    --, a case with a message at the wrong time is repeated in virtual time: FAIL if it fails there
+    as well, else INCONC.
     """
     from automcm_conformance.adapter.adapter import Adapter
     from automcm_conformance.adapter.process import AdapterError
     from automcm_conformance.adapter.protocol import ProtocolError
-    from automcm_conformance.live.live_cases import Session, as_dict, twin
+    from automcm_conformance.live.live_cases import Session, as_dict, virtual_run
     from automcm_spec.graph.oracle import OracleError, load
     from automcm_spec.graph.oracle_generation import ONE_PEER, spec_hash
 
@@ -84,15 +84,15 @@ def live(
         code_3("live", AdapterError, ProtocolError, OracleError, OSError),
         ExitStack() as stack,
         _air(host, broadcast, allow_remote) as air,
-        progress() as say,
+        progress() as notify,
     ):
         oracle = load(ONE_PEER.path, spec_hash())
         session = Session(oracle, air, station, parameters, jitter, int(time.time()), scenario)
         if command:
             adapter = Adapter(command, limit)
             stack.callback(adapter.stop)
-            session.twin = twin(oracle, adapter, parameters)
-        say(f"listening for station {station}")
+            session.virtual_run = virtual_run(oracle, adapter, parameters)
+        notify(f"listening for station {station}")
         if not session.heard(FIRST_CAM_MS):
             typer.echo(
                 f"live: no CAM of station {station} on {broadcast} within {FIRST_CAM_MS} ms",
@@ -100,7 +100,7 @@ def live(
             )
             raise typer.Exit(3)
         for case in cases:
-            say(case.name)
+            notify(case.name)
             session.judge(case)
     code = _code(session)
     if write_json(json_, as_dict(session, code)):

@@ -119,7 +119,7 @@ def _run(
         for one, chosen in zip(made, settings, strict=True):
             one.cells(chosen)  # check all settings before the first run
     reports = []
-    with code_3("experiment", ExperimentError, OSError), progress() as say:
+    with code_3("experiment", ExperimentError, OSError), progress() as notify:
         for one, chosen in zip(made, settings, strict=True):
             begun = time.monotonic()
             about = sweep.header(one, profile, seed, chosen)
@@ -131,7 +131,7 @@ def _run(
                 workers=workers,
                 scheduler=scheduler,
                 again=again,
-                say=_counted(one.name, say),
+                notify=_counted(one.name, notify),
             )
             made_of_them = report.assemble(one, about, cells)
             written = report.write(made_of_them, folder)
@@ -166,8 +166,8 @@ def _changes(changes: list[str]) -> dict[str, Any]:
     return found
 
 
-def _counted(name: str, say: Callable[[str], None]) -> Callable[[int, int], None]:
-    return lambda done, of: say(f"{name}: {done} of {of} cells")
+def _counted(name: str, notify: Callable[[str], None]) -> Callable[[int, int], None]:
+    return lambda done, of: notify(f"{name}: {done} of {of} cells")
 
 
 def _show(report: Values, cells: int, took: float, written: list[str], folder: Path) -> None:

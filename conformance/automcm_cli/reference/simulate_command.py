@@ -10,7 +10,7 @@ import typer
 from automcm_cli.shared.common import Json, code_3, example, write_json
 
 if TYPE_CHECKING:
-    from automcm.scenarios.drive import Drive
+    from automcm.scenarios.drive import SimulatedDrive
 
 app = typer.Typer()
 
@@ -71,7 +71,7 @@ def lane_change(
     raise typer.Exit(0 if report["done"] else 1)
 
 
-def _report(drive: Drive) -> dict[str, Any]:
+def _report(drive: SimulatedDrive) -> dict[str, Any]:
     from automcm.scenarios.drive import NAMES
     from automcm.scenarios.lane_change import LaneChange
 
@@ -98,7 +98,7 @@ def _report(drive: Drive) -> dict[str, Any]:
     }
 
 
-def _plots(drive: Drive, out: Path) -> list[Path]:
+def _plots(drive: SimulatedDrive, out: Path) -> list[Path]:
     """Both plots as PNG and SVG; none without matplotlib."""
     from automcm.scenarios.drive import NAMES
     from automcm_evaluation.framework import figures

@@ -44,11 +44,11 @@ def check(
     for name in kernel or []:
         if name not in vectors.KERNELS:
             raise typer.BadParameter(unknown(name, vectors.KERNELS, "kernel"))
-    with code_3("vectors", vectors.VectorError), progress() as say:
+    with code_3("vectors", vectors.VectorError), progress() as notify:
         results = []
         for path in vectors.paths():
             if not kernel or path.stem in kernel:
-                say(path.stem)
+                notify(path.stem)
                 results += vectors.check(vector_adapter.call, vectors.load(path))
     if write_json(json_, as_dict(results)):
         show(results, console_of(200))

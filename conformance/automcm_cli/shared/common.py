@@ -26,7 +26,9 @@ CODES = (
 
 Json = Annotated[
     Path | None,
-    typer.Option("--json", help="Write the report as JSON to this file; - for standard output."),
+    typer.Option(
+        "--json", help="Write the report as JSON to this file, or to standard output (-)."
+    ),
 ]
 
 Late = Annotated[

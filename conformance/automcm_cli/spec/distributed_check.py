@@ -8,7 +8,7 @@ from typing import Any
 from automcm_spec.model_checking import distributed_tlc, models
 
 
-def check(model: models.Model, host: str, say: Callable[[str], None]) -> distributed_tlc.Shared:
+def check(model: models.Model, host: str, notify: Callable[[str], None]) -> distributed_tlc.Shared:
     """Serve a model to workers; report their number and the progress."""
     workers = 0
 
@@ -16,11 +16,11 @@ def check(model: models.Model, host: str, say: Callable[[str], None]) -> distrib
         nonlocal workers
         if text.startswith("Registration for worker"):
             workers += 1
-            say(f"{model.cfg}: {workers} workers")
+            notify(f"{model.cfg}: {workers} workers")
         elif text.startswith("Progress("):
-            say(f"{model.cfg}: {workers} workers, {text}")
+            notify(f"{model.cfg}: {workers} workers, {text}")
 
-    say(f"{model.cfg}: waiting for automcm spec worker {host}")
+    notify(f"{model.cfg}: waiting for automcm spec worker {host}")
     return distributed_tlc.serve(model, host=host, on_line=line)
 
 

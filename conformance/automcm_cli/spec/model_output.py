@@ -64,14 +64,14 @@ def chosen(
 
 
 def check(
-    model: models.Model, say: Callable[[str], None], timeout_s: float | None, heap_mb: int | None
+    model: models.Model, notify: Callable[[str], None], timeout_s: float | None, heap_mb: int | None
 ) -> models.Verdict:
     """Run TLC on one model and report its progress."""
 
     def progress(p: tlc.Progress) -> None:
-        say(f"{model.cfg}: depth {p.depth}, {p.distinct_states:,} states, {p.queue:,} to go")
+        notify(f"{model.cfg}: depth {p.depth}, {p.distinct_states:,} states, {p.queue:,} to go")
 
-    say(model.cfg)
+    notify(model.cfg)
     return models.check(model, on_progress=progress, timeout_s=timeout_s, heap_mb=heap_mb)
 
 

@@ -81,8 +81,8 @@ def spec_check(
     changed = spec_.specification_changed()
     try:
         for model in asked:
-            with progress() as say:
-                verdicts.append(spec_.check(model, say, timeout, heap))
+            with progress() as notify:
+                verdicts.append(spec_.check(model, notify, timeout, heap))
             if str(json_) != "-":
                 typer.echo(spec_.shown(verdicts[-1], changed))
             with code_3("check", OSError):
@@ -103,8 +103,8 @@ def _check_distributed(asked: list[Any], host: str, json_: Path | None) -> None:
     found = []
     with code_3("check", TlcError):
         for model in asked:
-            with progress() as say:
-                found.append(shared_.check(model, host, say))
+            with progress() as notify:
+                found.append(shared_.check(model, host, notify))
             if str(json_) != "-":
                 typer.echo(shared_.shown(found[-1]))
     write_json(json_, [shared_.as_dict(one) for one in found])
@@ -128,8 +128,8 @@ def spec_worker(
     from automcm_spec.model_checking import distributed_tlc as distributed
     from automcm_spec.model_checking.tlc import TlcError
 
-    with code_3("worker", TlcError), progress() as say:
-        say(f"working for {server}")
+    with code_3("worker", TlcError), progress() as notify:
+        notify(f"working for {server}")
         computed = distributed.work(server, threads=threads, host=host)
     typer.echo(f"{computed:,} states computed here")
 
@@ -171,7 +171,7 @@ def spec_simulate(
         known = random_walks.known()
         if name not in known:
             raise typer.BadParameter(unknown(name, list(known)), param_hint="MODEL")
-        with progress() as say:
+        with progress() as notify:
             found = random_walks.run(
                 known[name],
                 seed=seed,
@@ -179,7 +179,7 @@ def spec_simulate(
                 seconds=seconds,
                 number=behaviours,
                 lively=lively,
-                on_progress=lambda n: say(f"{name}: {n:,} behaviours"),
+                on_progress=lambda n: notify(f"{name}: {n:,} behaviours"),
             )
     if write_json(json_, found.as_dict()):
         typer.echo(walks_.shown(found))

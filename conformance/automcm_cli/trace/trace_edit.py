@@ -90,7 +90,7 @@ def compare(
     b: Annotated[Path, typer.Argument(help="The log or folder to compare with A.")],
     stations: Annotated[
         list[str] | None,
-        typer.Option(help="A station of A and the one of B, such as 1001=7.  Repeatable."),
+        typer.Option(help="A station of A and its counterpart in B, such as 1001=7.  Repeatable."),
     ] = None,
     times: Annotated[bool, typer.Option(help="Show the differences of times.")] = False,
     width: Annotated[int, typer.Option(help="Columns of the table.", min=40)] = 80,

@@ -22,7 +22,7 @@ def html(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            help="Logs of one run, or folders with logs; - for standard input; or one "
+            help="Logs of one run, folders with logs, standard input (-), or one "
             "counterexample (.itf.json)."
         ),
     ],
@@ -32,7 +32,9 @@ def html(
     ] = None,
     stations: Annotated[
         list[str] | None,
-        typer.Option(help="A station and the one of --compare, such as 1001=7.  Repeatable."),
+        typer.Option(
+            help="A station and its counterpart in --compare, such as 1001=7.  Repeatable."
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="File for the page.")] = Path("runs/trace.html"),
     late: Late = None,

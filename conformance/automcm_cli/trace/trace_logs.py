@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Logs = Annotated[
     list[Path],
-    typer.Argument(help="Logs, or folders with logs (*.ndjson) below them; - for standard input."),
+    typer.Argument(help="Logs (*.ndjson), folders with logs at any depth, or standard input (-)."),
 ]
 
 

@@ -60,18 +60,20 @@ class Checked:
         return {"level": self.level, "what": self.finding.observed, **shown}
 
 
-def check(command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> list[Checked]:
+def check(command: Sequence[str], limit_s: float, notify: Callable[[str], None]) -> list[Checked]:
     """Start the adapter, try all commands, and return the findings, each mistake once.
 
     ``limit_s`` is the real time in seconds that an answer may take.  ``say`` gets the name of each
     check as it begins.  Nothing that the adapter does raises an exception.
     """
-    return _Check(command, limit_s, say).run()
+    return _Check(command, limit_s, notify).run()
 
 
 class _Check:
-    def __init__(self, command: Sequence[str], limit_s: float, say: Callable[[str], None]) -> None:
-        self._command, self._limit_s, self._say = command, limit_s, say
+    def __init__(
+        self, command: Sequence[str], limit_s: float, notify: Callable[[str], None]
+    ) -> None:
+        self._command, self._limit_s, self._notify = command, limit_s, notify
         self._findings: list[Checked] = []
         self._features: list[str] = []
         self._scenario = "lane_change"
@@ -112,7 +114,7 @@ class _Check:
     @contextmanager
     def _part(self, what: str) -> Iterator[None]:
         """One check: an AdapterError becomes a finding; without an error the check is ok."""
-        self._say(what)
+        self._notify(what)
         self._failed, self._sent, self._answered = False, [], []
         try:
             yield

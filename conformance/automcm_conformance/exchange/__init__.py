@@ -1,4 +1,4 @@
-"""One exchange: what is sent, what must be answered, whether it was, and its record.
+"""One exchange: its lines, the expected answers, their comparison, and its record.
 
 For the suite, exploration and replays.
 Everything above imports it, but for ``vectors``.

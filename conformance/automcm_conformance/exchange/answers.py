@@ -1,4 +1,4 @@
-"""Compares an answer with the expected one, and says what is wrong with it."""
+"""Compares an answer with the expected one, and describes the differences."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def differences(expected: Expected, line: bytes) -> list[Problem]:
     if answer.indications or expected.indications:
         problems += _told(expected.indications, answer.indications)
     if answer.phase not in (None, expected.phase):
-        problems.append(("phase", f"phase: {expected.phase} is expected, not {answer.phase}"))
+        problems.append(("phase", f"phase: expected {expected.phase}, got {answer.phase}"))
     if expected.deadline not in (UNKNOWN, answer.deadline):
-        text = f"deadline: {expected.deadline} is expected, not {answer.deadline}"
+        text = f"deadline: expected {expected.deadline}, got {answer.deadline}"
         problems.append(("deadline", text))
     for cam in answer.cams if expected.marks else ():
         problems += _marks(expected, cam)
@@ -112,8 +112,13 @@ def _messages(expected: Expected, found: list[Json]) -> list[Problem]:
     for message in missing[len(left) :]:
         problems.append(("messages", f"not sent: {message['type']} {to_json(message).decode()}"))
     for message in left[len(missing) :]:
-        problems.append(("messages", f"sent for no reason: {to_json(message).decode()}"))
+        problems.append(("messages", unexpected_message(message)))
     return problems
+
+
+def unexpected_message(message: Json) -> str:
+    """The text about a message that the station should not have sent."""
+    return f"no rule requires this message: {to_json(message).decode()}"
 
 
 def _fits(wanted: dict[str, Json], found: Json) -> bool:
@@ -146,7 +151,7 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected)
     if wanted["session"][1] is None:
         number = found["session"][1]
         if number <= expected.above:
-            text = f"session: a number above {expected.above} is expected, not {number}"
+            text = f"session: expected a number above {expected.above}, got {number}"
             problems.append(("messages", f"{wanted['type']}.{text}"))
         else:
             wanted["session"] = found["session"]
@@ -155,7 +160,7 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected)
             expected.fresh.remove(found["seq"])
             wanted["seq"] = found["seq"]
         else:
-            text = f"seq: one of {expected.fresh} is expected, not {found['seq']}"
+            text = f"seq: expected one of {expected.fresh}, got {found['seq']}"
             problems.append(("messages", f"{wanted['type']}.{text}"))
     return problems
 
@@ -163,31 +168,31 @@ def _settle(wanted: dict[str, Json], found: dict[str, Json], expected: Expected)
 def first_difference(wanted: dict[str, Json], found: Json) -> str:
     """The first difference between two messages, in one line."""
     if type(found) is not dict:
-        return f"a message is an object, not {found!r}"
+        return f"expected a message (an object), got {found!r}"
     if wanted["type"] != found.get("type"):
-        return f"{wanted['type']} is expected, not {to_json(found).decode()}"
+        return f"expected {wanted['type']}, got {to_json(found).decode()}"
     for name in [*wanted, *found]:
         if name not in found:
-            return f"{wanted['type']}.{name}: is missing"
+            return f"{wanted['type']}.{name}: missing"
         if name not in wanted:
-            return f"{wanted['type']}.{name}: does not belong there"
+            return f"{wanted['type']}.{name}: unknown field"
         free = wanted[name] is None or (name == "session" and wanted[name][1] is None)
         if not free and not same(wanted[name], found[name]):
             value, other = (to_json(m[name]).decode() for m in (wanted, found))
-            return f"{wanted['type']}.{name}: {value} is expected, not {other}"
+            return f"{wanted['type']}.{name}: expected {value}, got {other}"
     return "a message that differs"
 
 
 def _told(wanted: list[dict[str, Json]], found: list[dict[str, Json]]) -> list[Problem]:
     names = [i["name"] for i in wanted], [i["name"] for i in found]
     if names[0] != names[1]:
-        text = f"indications: {names[0]} is expected, not {names[1]}"
+        text = f"indications: expected {names[0]}, got {names[1]}"
         return [("indications", text)]
     for one, other in zip(wanted, found, strict=True):
         for name, value in one.items():
             if name not in other or not same(value, other[name]):
-                is_ = to_json(other.get(name)).decode() if name in other else "missing"
-                text = f"{one['name']}.{name}: {to_json(value).decode()} is expected, it is {is_}"
+                got = to_json(other.get(name)).decode() if name in other else "nothing"
+                text = f"{one['name']}.{name}: expected {to_json(value).decode()}, got {got}"
                 return [("indications", text)]
     return []
 
@@ -196,7 +201,7 @@ def _marks(expected: Expected, cam: dict[str, Json]) -> list[Problem]:
     marks = cam.get("marks")
     if any(are_marks(wanted, marks) for wanted in expected.marks):
         return []
-    return [("cams", f"CAM.marks: {expected.marks[0]} is expected, not {marks}")]
+    return [("cams", f"CAM.marks: expected {expected.marks[0]}, got {marks}")]
 
 
 def are_marks(wanted: list[Json], found: Json) -> bool:

@@ -78,7 +78,7 @@ class Mismatch(Exception):
         super().__init__("; ".join(text for _, text in problems))
         self.steps = steps
         self.problems = problems
-        self.in_step = True
+        self.synchronized = True
         """The reset that ended the exchange got its own answer."""
 
     @property
@@ -152,7 +152,7 @@ class Exchange:
         self._link = link
         self.clock: Clock[Timer] = Clock()
         self._joined_at: dict[int, int] = {}
-        self._waiting: list[Step] = []
+        self._unwritten: list[Step] = []
         self._refusals: dict[tuple[str, tuple[str, ...], int, int | None], Expected] = {}
         self._right: dict[int, bytes] = {}
         """The last correct answer, by the id of its ``Expected``, which ``done`` keeps alive."""
@@ -256,35 +256,30 @@ class Exchange:
         return None if self.clock.first is None else self.clock.first.timer
 
     @property
-    def waiting(self) -> list[bytes]:
+    def unwritten_lines(self) -> list[bytes]:
         """The lines that have not been written yet."""
-        return [step.line for step in self._waiting]
+        return [step.line for step in self._unwritten]
 
     @property
-    def queued(self) -> Sequence[Step]:
+    def unwritten_steps(self) -> Sequence[Step]:
         """The steps whose lines have not been written yet."""
-        return self._waiting
-
-    @property
-    def unwritten(self) -> int:
-        """The number of lines that have not been written yet."""
-        return len(self._waiting)
+        return self._unwritten
 
     def flush(self) -> None:
-        """Write the waiting lines, read the answers and judge them. Raises Mismatch or Broken."""
+        """Write these lines, read the answers and judge them. Raises Mismatch or Broken."""
         self.begun = True
         try:
-            answers = self._link.exchange(self.waiting) if self._waiting else []
+            answers = self._link.exchange(self.unwritten_lines) if self._unwritten else []
         except AdapterError as error:
             self.answered(error.answers, error)
         self.answered(answers)
 
     def answered(self, answers: Sequence[bytes], error: AdapterError | None = None) -> None:
-        """Judge the answers to the waiting lines; with ``error`` the last answer is missing.
+        """Judge the answers to the unwritten lines; with ``error`` the last answer is missing.
 
         Raises Mismatch or Broken.
         """
-        steps, self._waiting = self._waiting, []
+        steps, self._unwritten = self._unwritten, []
         for step, line in zip(steps, answers, strict=False):
             try:
                 self._judge(step, line)
@@ -292,9 +287,9 @@ class Exchange:
                 raise Broken([*self.done, step], unread) from None
             except Mismatch as wrong:
                 if len(answers) == len(steps) and steps[-1].command["cmd"] == "reset":
-                    wrong.in_step = False
+                    wrong.synchronized = False
                     with suppress(ProtocolError):
-                        wrong.in_step = not differences(steps[-1].expected, answers[-1])
+                        wrong.synchronized = not differences(steps[-1].expected, answers[-1])
                 raise
         if error is not None:
             raise Broken([*self.done, *steps[len(answers) :][:1]], error) from None
@@ -440,7 +435,7 @@ class Exchange:
         step.expected.deadline = None if first is None else first.deadline
         if not self.clock.sure:
             step.expected.deadline = UNKNOWN
-        self._waiting.append(step)
+        self._unwritten.append(step)
 
     def _judge(self, step: Step, line: bytes) -> None:
         step.answer = line

@@ -19,7 +19,7 @@ Level = Literal["MUST", "SHOULD", "MAY"]
 
 def _share(pair: list[int]) -> list[int]:
     if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
-        raise PydanticCustomError("share", "[reached, total] is needed")
+        raise PydanticCustomError("share", "must be [reached, total]")
     return pair
 
 

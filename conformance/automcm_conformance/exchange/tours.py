@@ -133,8 +133,8 @@ class Tours:
         self._parents = None
         return self.done(pair)
 
-    def under_way(self) -> None:
-        """The answered tours are finished; those planned since are being answered."""
+    def mark_sent(self) -> None:
+        """Forget the tours that were answered, and mark those planned since as sent."""
         self._sent, self.planned = self.planned - self._sent, self.planned - self._sent
 
     def forget_plans(self) -> None:
@@ -149,7 +149,7 @@ class Tours:
         self._parents = None
 
     def drop(self, case: str) -> None:
-        """Drive nothing more for this case."""
+        """Test no more pairs of this case."""
         pairs = [(s, i) for s, here in self.left.items() for i, c in here.items() if c == case]
         self.avoided.update(pair for pair in pairs if not self.oracle.is_move(*pair))
         for pair in pairs:
@@ -214,7 +214,7 @@ def timetable(
     for n, i in enumerate(tour):
         answer = oracle.answer(state, i)
         if answer is None:
-            raise ValueError(f"not offered: {oracle.inputs[i]}")
+            raise ValueError(f"the oracle does not offer this input here: {oracle.inputs[i]}")
         if answer.changes:
             now += STEP_MS
         slot = Slot(answer, now if answer.changes else now + LATER_MS, {})

@@ -39,7 +39,7 @@ from automcm_conformance.explore.walk_shrinking import (
 )
 from automcm_conformance.explore.walks import JUDGED, Act, Coverage, Faults, Setting, Walker, walk
 from automcm_conformance.suite.graph_cases import PARAMETERS as USUAL
-from automcm_conformance.suite.graph_cases import Runner, Say
+from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.suite_run import uncollected
 from automcm_conformance.suite.tally import Fault, finding
 from automcm_conformance.suite.verdicts import failure, implementation
@@ -97,7 +97,10 @@ class Explorer:
         self._enough = enough
         self.coverages = [
             Coverage(
-                name, o, [not runner.left_out(i) for i in o.inputs], bool(runner.limited_by(o))
+                name,
+                o,
+                [not runner.missing_feature(i) for i in o.inputs],
+                bool(runner.limited_by(o)),
             )
             for name, o in oracles.items()
             if not runner.unfit(o)
@@ -117,11 +120,11 @@ class Explorer:
             new = self._walk(number)
             if new is not None:
                 waiting.append(new)
-                lines += new.x.unwritten if new.x is not None else 0
+                lines += len(new.x.unwritten_steps) if new.x is not None else 0
             if lines >= BULK or new is None:
                 self._judge_all(waiting)
                 waiting, lines = [], 0
-                self.runner.say(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
+                self.runner.notify(f"{self.found.walks:,} walks, {self.found.lines:,} lines")
         self._judge_all(waiting)
         if not self.coverages:
             self.found.problems.append("no graph has the fixed limits of the implementation")
@@ -233,11 +236,13 @@ class Explorer:
         """Send the lines of all exchanges; how many were right, and the error of the next."""
         broken: AdapterError | None = None
         try:
-            answers = self.runner.adapter.exchange([line for x in exchanges for line in x.waiting])
+            answers = self.runner.adapter.exchange(
+                [line for x in exchanges for line in x.unwritten_lines]
+            )
         except AdapterError as error:
             answers, broken = error.answers, error
         for n, x in enumerate(exchanges):
-            expected = x.unwritten
+            expected = len(x.unwritten_steps)
             own, answers = answers[:expected], answers[expected:]
             try:
                 x.answered(own, broken if len(own) < expected else None)
@@ -336,7 +341,7 @@ class Explorer:
             x.flush()
         except (Mismatch, Broken) as error:
             self._last = error.steps
-            self.runner.in_step(error)
+            self.runner.resynchronize(error)
             return error if rule in (None, rule_of(each.coverage.oracle, error)) else None
         self._last = x.done
         return None
@@ -358,7 +363,7 @@ class Explorer:
             if isinstance(error, Unpredicted):
                 self.runner.predict = False
             elif error is not None:
-                self.runner.in_step(error)
+                self.runner.resynchronize(error)
                 if rule_of(each.coverage.oracle, error) == rule:
                     return at
                 at += 1
@@ -445,7 +450,7 @@ def explore(
     limit_s: float,
     seed: int,
     enough: int,
-    say: Say,
+    notify: Notify,
     more: Callable[[int], bool],
 ) -> Exploration:
     """Walk against the adapter that ``command`` starts, while ``more`` returns true.
@@ -457,7 +462,7 @@ def explore(
     with uncollected():
         oracles = {o.name: o for o in (load(graph.path, spec) for graph in GRAPHS)}
     adapter = Adapter(command, limit_s)
-    explorer = Explorer(Runner(adapter, (), seed, say), oracles, folder, seed, enough)
+    explorer = Explorer(Runner(adapter, (), seed, notify), oracles, folder, seed, enough)
     found = explorer.found
     gc.freeze()  # keeps the graphs out of garbage collection
     try:

@@ -244,9 +244,9 @@ class Walker:
             if chosen is not None:
                 self._note_message(chosen)
             acts.append(act)
-            before = len(x.queued)
+            before = len(x.unwritten_steps)
             perform(x, act, setting)
-            for step in x.queued[before:]:
+            for step in x.unwritten_steps[before:]:
                 for pair in step.pairs:
                     self.coverage.mark(pair, PLANNED)
 

@@ -14,7 +14,7 @@ from pydantic_core import from_json, to_json
 
 from automcm_conformance.adapter.protocol import Object
 from automcm_conformance.exchange import transcript
-from automcm_conformance.exchange.answers import first_difference
+from automcm_conformance.exchange.answers import first_difference, unexpected_message
 from automcm_conformance.exchange.exchange import Exchange
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.suite.scripted import number
@@ -147,7 +147,7 @@ class Live:
         self._expect_none(self._air.now())
         at = self._later
         self._x.give(number(self._x, value), at=at, lease_ms=lease_ms)
-        self._transmit(self._x.queued[-1].command["message"])
+        self._transmit(self._x.unwritten_steps[-1].command["message"])
         self._answered(at + self._jitter)
 
     def _decided(self, value: Command) -> None:
@@ -195,7 +195,7 @@ class Live:
 
     def _answered(self, by: int, received: Received | None = None) -> None:
         """Await the messages of the last step until ``by``; ``received`` is the first, if known."""
-        wanted = list(self._x.queued[-1].expected.messages)
+        wanted = list(self._x.unwritten_steps[-1].expected.messages)
         while wanted or received is not None:
             received = received or self._next(by)
             if received is None:
@@ -244,7 +244,7 @@ class Live:
                 raise Failed("overdue", text)
         if wanted:
             raise Failed("unexpected", first_difference(wanted[0], found))
-        raise Failed("unexpected", f"no rule requires this message: {to_json(found).decode()}")
+        raise Failed("unexpected", unexpected_message(found))
 
     def _messages_of(self, timer: Timer | None) -> Sequence[Message]:
         """The messages that are sent when this timer expires."""

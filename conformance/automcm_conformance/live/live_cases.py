@@ -1,7 +1,7 @@
 """The cases for a live station and their verdicts (live.py; docs/conformance.md).
 
-Each case is a script (scripts.py) for a receiver in natural time.  Its twin is the same script
-with an adapter, in virtual time.
+Each case is a script (scripts.py) for a receiver in natural time.  A timing fault is confirmed
+by the same script with an adapter, in virtual time.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from automcm_conformance.suite.graph_cases import fitting
 from automcm_spec.graph.oracle import Oracle
 from automcm_spec.vocabulary.station import Expire
 
-Twin = Callable[["Case"], str | None]
-"""The failure of a case's twin in virtual time; empty if it passes, None if it cannot tell."""
+VirtualRun = Callable[["Case"], str | None]
+"""The failure of a case in virtual time; empty if it passes, None if that cannot be decided."""
 LEASE_MS = 20_000
 STATIONS = 10
 """The kit uses at most this many station ids in one case."""
@@ -135,7 +135,7 @@ class Session:
     jitter_ms: int
     number: int
     scenario: str = "lane_change"
-    twin: Twin | None = None
+    virtual_run: VirtualRun | None = None
     results: list[LiveResult] = field(default_factory=list)
     known: list[Object] = field(default_factory=list)
     """The messages that the station had to send."""
@@ -186,15 +186,15 @@ class Session:
         return live.settle(quiet, 3 * (p["t_timeout"] + p["t_resend"]) + quiet)
 
     def _timing(self, case: Case, missed: str) -> tuple[Verdict, str]:
-        """The verdict on a timing fault: FAIL only if the twin, which has no radio, fails too."""
-        if self.twin is None:
+        """The verdict on a timing fault: FAIL only if the case also fails in virtual time."""
+        if self.virtual_run is None:
             return "INCONC", missed
-        found = self.twin(case)
+        found = self.virtual_run(case)
         if found is None:
-            return "INCONC", f"{missed}; the twin in virtual time cannot be judged"
+            return "INCONC", f"{missed}; the case cannot be judged in virtual time"
         if not found:
-            return "INCONC", f"{missed}; the twin in virtual time passes"
-        return "FAIL", f"{missed}; the twin in virtual time fails too: {found}"
+            return "INCONC", f"{missed}; the case passes in virtual time"
+        return "FAIL", f"{missed}; the case fails in virtual time too: {found}"
 
     def _exchange(self) -> Exchange:
         """An exchange with peers and sessions that are new to the station."""
@@ -218,7 +218,7 @@ class Session:
         )
 
 
-def twin(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> Twin:
+def virtual_run(oracle: Oracle, adapter: Adapter, parameters: Mapping[str, int]) -> VirtualRun:
     """Runs the cases with an adapter of the same implementation, in virtual time."""
 
     def judged(case: Case) -> str | None:

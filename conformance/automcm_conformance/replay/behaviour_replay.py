@@ -25,7 +25,7 @@ def seen_by(station: int) -> renumbering.Rename:
 
 
 def replay(behaviour: Behaviour, adapter: Callable[[], Adapter]) -> str | None:
-    """Drive new stations through a behaviour.  Returns the first difference as text, or None."""
+    """Replay a behaviour with new stations.  Returns the first difference as text, or None."""
     stations: dict[int, tuple[Adapter, Any]] = {}
     for n, (who, value, after) in enumerate(behaviour, 1):
         if who not in stations:

@@ -151,7 +151,7 @@ class Cases:
                 self._folder,
                 limit_s=self._limit_s,
                 seed=self._seed,
-                say=lambda text: None,
+                notify=lambda text: None,
                 selectors=[purpose.id for purpose in chosen] if partly else [],
                 expected=self._expected,
             )

@@ -292,14 +292,14 @@ class Monitor:
         """Compare the phase, if reported, and the deadline; check that CAMs are sent."""
         answer, phase = self._answer, self.track.state.phase
         if answer.phase not in (None, phase):
-            raise self._diverges(f"phase: {phase} is expected, not {answer.phase}", [phase])
+            raise self._diverges(f"phase: expected {phase}, got {answer.phase}", [phase])
         first = self._clock.first
         wanted = None if first is None else first.deadline
         if answer.deadline != wanted:
             name = "no timer" if first is None else first.timer.name
             if first is not None and (answer.deadline or first.deadline) >= first.deadline:
                 self.last = self._expiry(first)
-            text = f"deadline: {_number(wanted)} is expected, not {_number(answer.deadline)}"
+            text = f"deadline: expected {_number(wanted)}, got {_number(answer.deadline)}"
             raise self._diverges(text, [f"next deadline {_number(wanted)} ({name})"])
         if self._sends_cams and now > self._cam_ms + MAX_CAM_INTERVAL_MS:
             text = f"no CAM after {self._cam_ms} ms"

@@ -21,9 +21,9 @@ from automcm_conformance.exchange.wire import LONG, PLAIN, VALUES, Values
 from automcm_conformance.suite.purposes import ROOM, Owners, Purpose
 from automcm_conformance.suite.tally import (
     ENOUGH,
-    Drive,
     Fault,
     Part,
+    PartRun,
     Tally,
     TourInProgress,
     finding,
@@ -32,7 +32,7 @@ from automcm_spec.graph.oracle import Answer, Oracle
 from automcm_spec.vocabulary.station import Command, Expire, Input, Message, Receive, Restart
 from automcm_traces.checker.finding import Finding
 
-Say = Callable[[str], None]
+Notify = Callable[[str], None]
 PARAMETERS = DEFAULTS | {"t_timeout": 300, "backoff_max": DEFAULTS["backoff_min"]}
 """The parameters for the graphs; the limits are those of the graph."""
 LIMITS = {
@@ -64,10 +64,12 @@ def fitting(chosen: Mapping[str, int], fixed: Mapping[str, int]) -> dict[str, in
 class Runner:
     """One run of chosen purposes against one implementation."""
 
-    def __init__(self, adapter: Adapter, purposes: Iterable[Purpose], seed: int, say: Say) -> None:
+    def __init__(
+        self, adapter: Adapter, purposes: Iterable[Purpose], seed: int, notify: Notify
+    ) -> None:
         self.adapter = adapter
         self.seed = seed
-        self.say = say
+        self.notify = notify
         self.tallies = {purpose.id: Tally(purpose) for purpose in purposes}
         chosen = (tally.purpose.select for tally in self.tallies.values())
         self.rules = frozenset[str]().union(*(select["rule"] for select in chosen if select))
@@ -151,15 +153,15 @@ class Runner:
     # -- which pairs
 
     def graph(self, part: Part, answers: Iterable[Answer], owners: Owners) -> None:
-        """Drive these pairs of a graph."""
+        """Test these pairs of a graph."""
         self.tour(self.plan(part, answers, owners))
 
-    def plan(self, part: Part, answers: Iterable[Answer], owners: Owners) -> Drive:
+    def plan(self, part: Part, answers: Iterable[Answer], owners: Owners) -> PartRun:
         """The pairs that are to be driven; the others are counted as skipped."""
         self.parts.append(part)
         oracle = part.oracle
         unfit = self.unfit(oracle)
-        left_out = [self.left_out(value) for value in oracle.inputs]
+        missing_feature = [self.missing_feature(value) for value in oracle.inputs]
         targets = []
         for answer in answers:
             tally = self._tally(part, owners, answer)
@@ -167,7 +169,7 @@ class Runner:
                 continue
             part.totals["transitions" if answer.changes else "refusals"] += 1
             tally.total += 1
-            why = unfit or left_out[answer.input] or self._limited(oracle, answer)
+            why = unfit or missing_feature[answer.input] or self._limited(oracle, answer)
             if why:
                 tally.skipped[why] += 1
             else:
@@ -175,7 +177,7 @@ class Runner:
         limited = bool(self.limited_by(oracle))
 
         def allowed(state: int, i: int) -> bool:
-            if left_out[i]:
+            if missing_feature[i]:
                 return False
             answer = oracle.answer(state, i) if limited else None
             return answer is None or answer.effect.rule != "MEM-1"
@@ -190,24 +192,24 @@ class Runner:
             for i in list(tours.left[state]):
                 self.tallies[tours.left[state][i]].skipped["a feature that leads there"] += 1
                 tours.done((state, i))
-        return Drive(part, owners, tours, len(targets))
+        return PartRun(part, owners, tours, len(targets))
 
-    def tour(self, drive: Drive) -> None:
-        """Drive the planned pairs, as far as possible."""
-        part, tours = drive.part, drive.tours
+    def tour(self, run: PartRun) -> None:
+        """Test the planned pairs, as far as possible."""
+        part, tours = run.part, run.tours
         while not self.cut_short:
             tour = tours.next()
-            if tour is None and not drive.flights and not drive.sent:
+            if tour is None and not run.unsent and not run.sent:
                 break
             if tour is not None:
-                self._start(drive, tour)
+                self._start(run, tour)
                 self.adapter.pump()
-            if tour is None or drive.lines >= BULK:
-                self.say(f"{part.name}: {part.reached.total():,} of {drive.planned:,}")
-                self._land(drive)
+            if tour is None or run.lines >= BULK:
+                self.notify(f"{part.name}: {part.reached.total():,} of {run.planned:,}")
+                self._judge_sent(run)
         if self.cut_short:
             return
-        tours.usable(drive.attempts)
+        tours.usable(run.attempts)
         for state in [state for state in tours.left if tours.path(state) is not None]:
             for i in list(tours.left[state]):
                 self._forbidden(part, tours.done((state, i)))
@@ -233,7 +235,7 @@ class Runner:
                 return f"{name} of at least {needed}"
         return ""
 
-    def left_out(self, value: Input) -> str:
+    def missing_feature(self, value: Input) -> str:
         """The missing feature that an input needs; empty if there is none."""
         match value:
             case Restart():
@@ -265,68 +267,67 @@ class Runner:
 
     # -- driving them
 
-    def _start(self, drive: Drive, tour: list[int]) -> None:
+    def _start(self, run: PartRun, tour: list[int]) -> None:
         """Play another tour. Its lines are written together with those of other tours, if
         possible."""
-        lease = LEASES[drive.attempts.total() % len(LEASES)]
-        values = VALUES[drive.started % len(VALUES)]
-        soonest = tuple(LONG)[drive.started % len(LONG)]
-        drive.started += 1
-        x = self.exchange(drive.part.oracle, values=values, predict=self.predict, logged=False)
-        flight = TourInProgress(x, tour, lease, values, soonest)
+        lease = LEASES[run.attempts.total() % len(LEASES)]
+        values = VALUES[run.started % len(VALUES)]
+        soonest = tuple(LONG)[run.started % len(LONG)]
+        run.started += 1
+        x = self.exchange(run.part.oracle, values=values, predict=self.predict, logged=False)
+        active = TourInProgress(x, tour, lease, values, soonest)
         try:
-            flight.off = play(x, tour, self.timed, lease, soonest)
+            active.off = play(x, tour, self.timed, lease, soonest)
             if x.begun:
                 x.flush()
         except (Mismatch, Broken, Unpredicted) as error:
-            self._landed(drive, flight, error)
+            self._finish(run, active, error)
             return
         if x.begun:
-            self._landed(drive, flight)
+            self._finish(run, active)
         else:
-            drive.flights.append(flight)
+            run.unsent.append(active)
 
-    def _land(self, drive: Drive) -> None:
+    def _judge_sent(self, run: PartRun) -> None:
         """Read the answers to the tours that were sent, send those that wait, and judge the first
         while the station answers the second."""
-        flights, drive.sent = drive.sent, drive.flights
-        drive.flights = []
+        answered, run.sent, run.unsent = run.sent, run.unsent, []
         broken: AdapterError | None = None
         try:
             answers = self.adapter.answers()
         except AdapterError as error:
             answers, broken = error.answers, error
-        if drive.sent:
-            self.adapter.send([line for f in drive.sent for line in f.x.waiting])
-        drive.tours.under_way()
-        for flight in flights:
-            asked = flight.x.unwritten
+        if run.sent:
+            self.adapter.send([line for f in run.sent for line in f.x.unwritten_lines])
+        run.tours.mark_sent()
+        for active in answered:
+            asked = len(active.x.unwritten_steps)
             mine, answers = answers[:asked], answers[asked:]
             if len(mine) < asked and broken is None:
                 break  # the process was renewed meanwhile; it is played again
             try:
-                flight.x.answered(mine, broken if len(mine) < asked else None)
+                active.x.answered(mine, broken if len(mine) < asked else None)
             except (Mismatch, Broken, Unpredicted) as wrong:
-                self._landed(drive, flight, wrong)
+                self._finish(run, active, wrong)
                 break  # what follows was not played, or may be out of step; it is played again
-            self._landed(drive, flight)
+            self._finish(run, active)
 
-    def _landed(
-        self, drive: Drive, flight: TourInProgress, error: Wrong | Unpredicted | None = None
+    def _finish(
+        self, run: PartRun, active: TourInProgress, error: Wrong | Unpredicted | None = None
     ) -> None:
         """Finish a tour. A wrong answer is confirmed, blamed on a case, and its pair avoided."""
-        tours, x = drive.tours, flight.x
-        self._credit(drive.part, tours, x.done)
+        tours, x = run.tours, active.x
+        self._credit(run.part, tours, x.done)
         if error is not None:
             tours.forget_plans()
         if isinstance(error, Unpredicted):
             self.predict = False
         elif error is not None:
-            self._wrong(drive, flight, error)
-        elif flight.off is not None:
-            drive.attempts[flight.off] += 1
-            if drive.attempts[flight.off] >= ATTEMPTS:
-                self._forbidden(drive.part, tours.avoid(flight.off))
+            self._wrong(run, active, error)
+        elif active.off is not None:
+            run.attempts[active.off] += 1
+            if run.attempts[active.off] >= ATTEMPTS:
+                self._forbidden(run.part, tours.avoid(active.off))
 
     def _forbidden(self, part: Part, case: str | None) -> None:
         """Count a pair that time does not allow."""
@@ -350,16 +351,16 @@ class Runner:
 
     # -- wrong answers
 
-    def _wrong(self, drive: Drive, flight: TourInProgress, error: Wrong) -> None:
+    def _wrong(self, run: PartRun, active: TourInProgress, error: Wrong) -> None:
         """Find the shortest exchange that fails in the same way, and the case it belongs to."""
-        part, tours, tour = drive.part, drive.tours, flight.tour
-        self.in_step(error)
+        part, tours, tour = run.part, run.tours, active.tour
+        self.resynchronize(error)
         before = self.adapter.broken
         place = error.steps[-1].place
         inputs = tour[: place + 1]
         states = part.oracle.way(inputs[:-1])
         seen: Pair = (states[place], tour[place])
-        tally = self._tally(part, drive.owners, part.oracle.given(*seen))
+        tally = self._tally(part, run.owners, part.oracle.given(*seen))
         if tally is not None:
             tally.hits += 1
             if tally.decided:
@@ -368,12 +369,12 @@ class Runner:
                 return
 
         def attempt(again: list[int]) -> Wrong | None:
-            x = self.exchange(part.oracle, values=flight.values)
+            x = self.exchange(part.oracle, values=active.values)
             try:
-                play(x, again, self.timed, flight.lease, flight.soonest)
+                play(x, again, self.timed, active.lease, active.soonest)
                 x.flush()
             except (Mismatch, Broken) as wrong:
-                self.in_step(wrong)
+                self.resynchronize(wrong)
                 return wrong if len(wrong.steps) > 1 else None  # else not even reset was answered
             return None
 
@@ -391,7 +392,7 @@ class Runner:
         self.adapter.broken = before  # each fault counts once, however often it is tried again
         if short is None:
             case = tours.avoid(seen)
-            self._blame(drive, seen, error, again=hangs)
+            self._blame(run, seen, error, again=hangs)
             if case is not None:
                 self._reached(part, case, seen)
             return
@@ -403,13 +404,13 @@ class Runner:
         case = tours.avoid(culprit)
         if case is not None:
             self._reached(part, case, culprit)
-        self._blame(drive, culprit, error, why)
+        self._blame(run, culprit, error, why)
 
-    def in_step(self, error: Wrong) -> None:
-        """After a line too many, use a fresh process for the next exchange."""
+    def resynchronize(self, error: Wrong) -> None:
+        """Use a fresh process for the next exchange if the station sent a line too many."""
         cause = error.error if isinstance(error, Broken) else None
         sealed = len(error.steps) > 1 and error.steps[-1].command["cmd"] == "reset"
-        sealed = sealed or (isinstance(error, Mismatch) and not error.in_step)
+        sealed = sealed or (isinstance(error, Mismatch) and not error.synchronized)
         if sealed or (isinstance(cause, ProtocolError) and not isinstance(cause, Refused)):
             self.adapter.renew()
 
@@ -441,10 +442,10 @@ class Runner:
         return last, ""
 
     def _blame(
-        self, drive: Drive, pair: Pair, error: Wrong, why: str = "", *, again: bool = True
+        self, run: PartRun, pair: Pair, error: Wrong, why: str = "", *, again: bool = True
     ) -> None:
-        part = drive.part
-        tally = self._tally(part, drive.owners, part.oracle.given(*pair))
+        part = run.part
+        tally = self._tally(part, run.owners, part.oracle.given(*pair))
         if isinstance(error, Mismatch) and {p for p, _ in error.problems} == {"cams"}:
             tally = self._cam_marks or tally
         purpose = tally.purpose if tally else None
@@ -455,7 +456,7 @@ class Runner:
         if len(tally.faults) < ENOUGH:
             tally.faults.append(fault)
         if tally.decided:
-            drive.tours.drop(tally.purpose.id)
+            run.tours.drop(tally.purpose.id)
 
     def fault(
         self,

@@ -28,18 +28,18 @@ def special(runner: Runner, purpose: Purpose, part: Part, folder: Path) -> None:
     part = Part(part.name, special_.graph(purpose.case, part.oracle))
     fresh = partial(runner.exchange, part.oracle)
     steps: list[Step] = []
-    count = left_out = 0
+    count = infeasible = 0
     try:
         for x in special_.exchanges(purpose.case, fresh):
             count += x is not None
-            left_out += x is None
+            infeasible += x is None
             steps = steps or (x.done if x is not None else [])
     except (Mismatch, Broken) as error:
         steps = error.steps
         runner.adapter.renew()
         tally.faults.append(runner.fault(part, steps[-1].pairs, error, purpose))
     tally.reached = count + len(tally.faults)
-    tally.forbidden = left_out if runner.fixed else 0  # with the usual parameters it is meant so
+    tally.forbidden = infeasible if runner.fixed else 0  # with the usual parameters it is meant so
     tally.total = tally.reached + tally.forbidden
     tally.log = _log(runner, folder, purpose.id, steps)
 
@@ -70,7 +70,7 @@ def samples(runner: Runner, folder: Path) -> None:
         if tally.faults:
             tally.log = _log(runner, folder, name, tally.faults[0].error.steps)
         elif tally.sample is not None and not runner.cut_short:
-            runner.say(f"log: {name}")
+            runner.notify(f"log: {name}")
             _sample(runner, tally, *tally.sample, folder)
 
 

@@ -105,7 +105,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     names: dict[bytes, str] = {}
     for what, message in invalid(x.wire.command(good)["message"]):
         x.malformed(message)
-        names[x.waiting[-1]] = f"{type_} with {what}"
+        names[x.unwritten_lines[-1]] = f"{type_} with {what}"
     try:
         x.flush()
     except (Mismatch, Broken) as error:
@@ -166,7 +166,7 @@ def cam_rate(fresh: Fresh) -> Played:
             gaps = [later - earlier for earlier, later in pairwise(times)]
             period = x.parameters["t_cam"]
             if len(times) < 10 or any(abs(gap - period) > period / 2 for gap in gaps):
-                text = f"a CAM every {period} ms is expected, they came at {times}"
+                text = f"expected a CAM every {period} ms, got CAMs at {times} ms"
                 raise Mismatch(x.done, [("cams", text)])
             yield x
 
@@ -185,11 +185,12 @@ def back_off(fresh: Fresh) -> Played:
         lasts = -1 if deadline is None else deadline - x.now
         text = ""
         if not low <= lasts <= high:
-            text = f"a back-off of {low} to {high} ms is expected, not one of {lasts} ms"
+            got = "none" if lasts < 0 else f"{lasts} ms"
+            text = f"expected a back-off of {low} to {high} ms, got {got}"
         elif found.setdefault(seed, lasts) != lasts:
-            text = f"seed {seed}: a back-off of {found[seed]} ms before, now one of {lasts} ms"
+            text = f"seed {seed}: back-offs of {found[seed]} and {lasts} ms in two runs"
         elif len(found) == SEEDS and low < high and len(set(found.values())) == 1:
-            text = f"a back-off of {lasts} ms whatever the seed is"
+            text = f"a back-off of {lasts} ms for every seed"
         if text:
             raise Mismatch(x.done, [("deadline", text)])
         x.clock.learn(("backoff",), x.now + lasts)

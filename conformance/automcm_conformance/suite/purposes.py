@@ -1,4 +1,4 @@
-"""Test purposes: what a case is about, in words, and which pairs of the graph belong to it.
+"""Test purposes: the subject of each case, in words, and its pairs of the graph.
 
 ``conformance/suite/purposes.toml`` holds them.  A purpose with ``select`` owns the pairs of state
 and input that its selector matches; the first match in the order of the file wins.  A purpose with
@@ -24,7 +24,7 @@ told      what the application is told, such as ``nothing`` or ``fallback``
 sends     what is sent: ``nothing``, or types such as ``Ack + Cancel``; an answer that gives a
           reason with it, such as ``Cancel(closed)``
 why       what is wrong with the input, or special about it: see ``WHY``
-third     a third station takes part: the pair is of the remainder of ``two-peers``
+third     a third station takes part: the pair is one of suite/two_peer_pairs.py
 ========  =========================================================================
 """
 
@@ -162,10 +162,10 @@ def load(path: Path = PATH) -> tuple[Purpose, ...]:
     except OSError as error:
         raise ValueError(f"{path.name}: {error.strerror}") from None
     except ValueError as error:
-        raise ValueError(f"{path.name}: no TOML: {error}") from None
+        raise ValueError(f"{path.name}: not TOML: {error}") from None
     rows = data.get("purpose")
     if set(data) != {"purpose"} or not isinstance(rows, list):
-        raise ValueError(f"{path.name}: a list of [[purpose]] is needed, and nothing else")
+        raise ValueError(f"{path.name}: must contain a list of [[purpose]] and nothing else")
     found: dict[str, Purpose] = {}
     for number, row in enumerate(rows, 1):
         name = row.get("id", f"purpose {number}") if isinstance(row, dict) else f"purpose {number}"
@@ -188,31 +188,31 @@ def _purpose(row: object) -> Purpose:
     needed = ("id", "rules", "level", *_TEXTS)
     for name in row:
         if name not in (*needed, "select", "case"):
-            raise ValueError(f"{name}: no such field")
+            raise ValueError(f"{name}: unknown field")
     for name in needed:
         if name not in row:
             raise ValueError(f"{name}: missing")
     for name in ("id", *_TEXTS):
         if not isinstance(row[name], str) or not row[name].strip():
-            raise ValueError(f"{name}: a text is needed")
+            raise ValueError(f"{name}: must be a text")
     form = ID.fullmatch(row["id"])
     if form is None:
-        raise ValueError("id: the form is AMCM/role/group/kind-number")
+        raise ValueError("id: must have the form AMCM/role/group/kind-number")
     rules = row["rules"]
     if not isinstance(rules, list) or not rules:
-        raise ValueError("rules: a list of rules is needed")
+        raise ValueError("rules: must be a list of rules")
     for rule in rules:
         if rule not in RULES:
-            raise ValueError(f"rules: no rule {rule}")
+            raise ValueError(f"rules: unknown rule {rule}")
     if not rules[0].startswith(form[2]):
-        raise ValueError(f"rules: the first is not of the group {form[2]}")
+        raise ValueError(f"rules: the first must be of the group {form[2]}")
     if row["level"] not in LEVELS:
-        raise ValueError(f"level: one of {', '.join(LEVELS)}")
+        raise ValueError(f"level: must be one of {', '.join(LEVELS)}")
     if ("select" in row) == ("case" in row):
-        raise ValueError("select: either select or case is needed")
+        raise ValueError("select: give either select or case")
     case = row.get("case", "")
     if "case" in row and (not isinstance(case, str) or not case.strip()):
-        raise ValueError("case: a name is needed")
+        raise ValueError("case: must be a name")
     return Purpose(
         **{name: row[name] for name in ("id", "level", *_TEXTS)},
         rules=tuple(rules),
@@ -224,25 +224,25 @@ def _purpose(row: object) -> Purpose:
 def _selector(value: object) -> dict[str, frozenset[Any]]:
     """Raises ValueError with the field."""
     if not isinstance(value, dict) or not value:
-        raise ValueError("select: a table with at least one field is needed")
+        raise ValueError("select: must be a table with at least one field")
     out: dict[str, frozenset[Any]] = {}
     for name, wanted in value.items():
         if name not in FEATURES:
-            raise ValueError(f"select.{name}: no such field")
+            raise ValueError(f"select.{name}: unknown field")
         if name in _FLAGS:
             if not isinstance(wanted, bool):
-                raise ValueError(f"select.{name}: true or false is needed")
+                raise ValueError(f"select.{name}: must be true or false")
             out[name] = frozenset({wanted})
             continue
         names = wanted if isinstance(wanted, list) else [wanted]
         if not names:
-            raise ValueError(f"select.{name}: empty")
+            raise ValueError(f"select.{name}: must not be empty")
         for each in names:
             if not isinstance(each, str) or not _known(name, each):
-                raise ValueError(f"select.{name}: no {each}")
+                raise ValueError(f"select.{name}: unknown value {each}")
         out[name] = frozenset(names)
     if "rule" not in out:
-        raise ValueError("select.rule: missing")
+        raise ValueError("select.rule: is required")
     return out
 
 

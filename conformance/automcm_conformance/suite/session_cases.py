@@ -1,4 +1,4 @@
-"""Cases ``sessions FIRST SECOND``: what a station remembers of a session must not affect another.
+"""Cases ``sessions FIRST SECOND``: the memory of one session must not affect another.
 
 The graph of one station has no hidden memory, so tours do not play one session after another to
 look for it. Here each session is ended in every state and in every way, and then a second one is

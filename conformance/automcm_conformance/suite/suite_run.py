@@ -12,8 +12,8 @@ from pathlib import Path
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.exchange.results import BROKE, Report
 from automcm_conformance.scenarios import scenario_cases
-from automcm_conformance.suite import named_cases, two_peer_residual
-from automcm_conformance.suite.graph_cases import Runner, Say
+from automcm_conformance.suite import named_cases, two_peer_pairs
+from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.purposes import load as load_purposes
 from automcm_conformance.suite.tally import Part
@@ -30,7 +30,7 @@ def conform(
     *,
     limit_s: float,
     seed: int,
-    say: Say,
+    notify: Notify,
     selectors: Sequence[str],
     expected: Expectations,
 ) -> Report:
@@ -41,7 +41,7 @@ def conform(
     spec = present_hash()
     graphs = Graphs.load(spec)
     adapter = Adapter(command, limit_s)
-    runner = Runner(adapter, purposes, seed, say)
+    runner = Runner(adapter, purposes, seed, notify)
     try:
         with uncollected():
             if any(purpose.select for purpose in purposes):
@@ -102,7 +102,7 @@ class Graphs:
     @cached_property
     def third(self) -> list[Answer]:
         """The pairs that need a third station."""
-        return two_peer_residual.read(self.two)
+        return two_peer_pairs.read(self.two)
 
     @cached_property
     def tight(self) -> Oracle:
@@ -116,7 +116,7 @@ class Graphs:
 
 
 def tours(runner: Runner, graphs: Graphs) -> None:
-    """Drive the pairs of the graphs."""
+    """Test the pairs of the graphs."""
     owners, rules = graphs.owners, runner.rules
     third = [answer for answer in graphs.third if answer.effect.rule in rules]
     limits = graphs.limits if "MEM-1" in rules else []
@@ -131,7 +131,7 @@ def special(runner: Runner, graphs: Graphs, purposes: Sequence[Purpose], folder:
     for purpose in purposes:
         if not purpose.case:
             continue
-        runner.say(purpose.case)
+        runner.notify(purpose.case)
         if purpose.case in scenario_cases.NAMES:
             named_cases.scenario(runner, purpose, folder)
         else:

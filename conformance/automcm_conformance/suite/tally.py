@@ -107,21 +107,21 @@ class TourInProgress:
 
 
 @dataclass(slots=True)
-class Drive:
-    """The tours over one part."""
+class PartRun:
+    """The tours over one part, in a run."""
 
     part: Part
     owners: Owners
     tours: Tours
     planned: int
     started: int = 0
-    flights: list[TourInProgress] = field(default_factory=list)
-    """Tours whose lines wait to be sent."""
+    unsent: list[TourInProgress] = field(default_factory=list)
+    """Tours whose lines are not sent yet."""
     sent: list[TourInProgress] = field(default_factory=list)
     """Tours whose lines the station is answering."""
     attempts: Counter[Pair] = field(default_factory=Counter)
 
     @property
     def lines(self) -> int:
-        """The number of lines that wait."""
-        return sum(flight.x.unwritten for flight in self.flights)
+        """The number of lines that are not sent yet."""
+        return sum(len(active.x.unwritten_steps) for active in self.unsent)

@@ -51,14 +51,14 @@ def expectations(path: Path, purposes: Sequence[Purpose]) -> dict[str, tuple[Ver
         raise ExpectError(f"{path}: {error}") from None
     for name, entry in entries.items():
         if name not in known:
-            raise ExpectError(f"{path}: {name}: there is no such case")
+            raise ExpectError(f"{path}: {name}: unknown case")
         if not isinstance(entry, dict) or set(entry) != {"verdict", "because"}:
-            raise ExpectError(f"{path}: {name}: needs verdict and because, and nothing else")
+            raise ExpectError(f"{path}: {name}: must have verdict and because, and nothing else")
         verdict, because = entry["verdict"], entry["because"]
         if verdict not in VERDICTS:
-            raise ExpectError(f"{path}: {name}.verdict: one of {', '.join(VERDICTS)}")
+            raise ExpectError(f"{path}: {name}.verdict: must be one of {', '.join(VERDICTS)}")
         if not isinstance(because, str) or not because.strip():
-            raise ExpectError(f"{path}: {name}.because: say why")
+            raise ExpectError(f"{path}: {name}.because: must give the reason")
         found[name] = verdict, because
     return found
 

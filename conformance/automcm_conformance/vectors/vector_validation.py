@@ -21,7 +21,7 @@ Slug = Annotated[str, Field(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
 Station = Annotated[int, Field(ge=1, le=2**32 - 1)]
 
 
-class Drive(_Strict):
+class Trajectory(_Strict):
     """A trajectory with constant velocity between samples; ``stopped``: it stays at its end."""
 
     t: list[Number]
@@ -44,7 +44,7 @@ class Size(_Strict):
     per_point: Annotated[int, Field(ge=1)]
 
 
-class ThinInputs(Drive):
+class ThinInputs(Trajectory):
     budget: int
     every: int
     size: Size
@@ -64,8 +64,8 @@ class Fits(_Strict):
 
 
 class CollideInputs(_Strict):
-    a: Drive
-    b: Drive
+    a: Trajectory
+    b: Trajectory
     threshold: Number
     clock_error: Number
 
@@ -108,7 +108,7 @@ class Target(_Strict):
 
 
 class PrescribeInputs(_Strict):
-    planned: Drive
+    planned: Trajectory
     start: Number
     hold: Number
     delta_v: Number
@@ -140,12 +140,12 @@ class Limits(_Strict):
 
 
 class VerifyInputs(_Strict):
-    prescribed: Drive
-    planned: Drive
+    prescribed: Trajectory
+    planned: Trajectory
     now: Number
     limits: Limits
-    leader: Drive | None
-    follower: Drive | None
+    leader: Trajectory | None
+    follower: Trajectory | None
 
 
 class Reasons(_Strict):
@@ -200,7 +200,7 @@ class File(_Strict, Generic[Inputs, Outputs]):
     vectors: list[Vector[Inputs, Outputs]]
 
 
-class ConvertFile(File[ConvertInputs, Drive]):
+class ConvertFile(File[ConvertInputs, Trajectory]):
     kernel: Literal["convert"]
     rule: Literal["KIN-1"]
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from automcm_conformance.adapter.adapter import Adapter
 from automcm_conformance.adapter.process import Process
-from automcm_conformance.suite.graph_cases import Runner, Say
+from automcm_conformance.suite.graph_cases import Notify, Runner
 from automcm_conformance.suite.purposes import Owners, Purpose
 from automcm_conformance.suite.suite_run import uncollected
 from automcm_conformance.suite.tally import Part
@@ -73,11 +73,11 @@ def measure(
     echo: Sequence[str],
     oracle: Oracle,
     purposes: Sequence[Purpose],
-    say: Say,
+    notify: Notify,
 ) -> Row:
     """Run these purposes on ``oracle``.  Raises AdapterError and ProtocolError."""
     adapter = _Recorder(command)
-    runner = Runner(adapter, purposes, 1, say)
+    runner = Runner(adapter, purposes, 1, notify)
     everything = (a for state in range(len(oracle.states)) for a in oracle.answers(state))
     drive = runner.plan(Part(f"{language}, checked", oracle), everything, Owners(purposes))
     with uncollected():
@@ -85,12 +85,12 @@ def measure(
         runner.tour(drive)
         checked = perf_counter() - start
     adapter.stop()
-    say(f"{language}, unchecked")
+    notify(f"{language}, unchecked")
     unchecked = _unread(command, adapter.bulks)
-    say(f"{language}, echo")
+    notify(f"{language}, echo")
     floor = _unread(echo, adapter.bulks)
     faults = sum(len(tally.faults) for tally in runner.tallies.values())
-    say(f"{language}, echo line by line")
+    notify(f"{language}, echo line by line")
     lines = [line for bulk in adapter.bulks for line in bulk]
     some = lines[:SINGLES]
     single = _unread(echo, [[line] for line in some]) * len(lines) / len(some)

@@ -47,20 +47,20 @@ def conform(
     rows, notes = [], []
     with (
         code_3("bench", AdapterError, ProtocolError, OracleError, OSError),
-        progress() as say,
+        progress() as notify,
         scratch.folder("bench") as folder,
     ):
         oracle = load(ONE_PEER.path, spec_hash())
         python = [sys.executable, "-m", "automcm_cli", "adapter"]
         echo = [sys.executable, "-m", "automcm_maintenance.benches.echo_adapter"]
-        rows.append(adapter_bench.measure("Python", python, echo, oracle, chosen, say))
-        say("building the C++ station")
+        rows.append(adapter_bench.measure("Python", python, echo, oracle, chosen, notify))
+        notify("building the C++ station")
         built = cpp or _build(folder)
         if built is None:
             notes.append("C++ left out: it needs g++, cmake and nlohmann-json3-dev")
         else:
             station, floor = [str(built / "station")], [str(built / "echo")]
-            rows.append(adapter_bench.measure("C++", station, floor, oracle, chosen, say))
+            rows.append(adapter_bench.measure("C++", station, floor, oracle, chosen, notify))
             if must:
                 seconds = _all_must(station, folder)
                 notes.append(f"all MUST cases on the C++ station: {seconds:.1f} s")

@@ -122,18 +122,18 @@ class Report:
 Input = Message | Cam | Command
 
 
-def run(seconds: float, say: Callable[[str], None] = lambda text: None) -> Report:
+def run(seconds: float, notify: Callable[[str], None] = lambda text: None) -> Report:
     """Measure all figures in about ``seconds``, plus the time for the memory."""
-    say("core")
+    notify("core")
     core_ = core(seconds / 5)
-    say("codecs")
+    notify("codecs")
     codings_ = codings(seconds / 20)
     found = []
     for t_timeout in (0, 2000):
         for loss in LOSSES:
-            say(f"sessions, t_timeout {t_timeout} ms, loss {loss:.0%}")
+            notify(f"sessions, t_timeout {t_timeout} ms, loss {loss:.0%}")
             found.append(sessions(t_timeout, loss, seconds / 8))
-    say("memory")
+    notify("memory")
     return Report(core_, codings_, tuple(found), memory())
 
 

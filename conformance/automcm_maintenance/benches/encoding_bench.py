@@ -92,7 +92,7 @@ class Report:
 
 
 def run(
-    seconds: int, say: Callable[[str], None] = lambda text: None, *, bench: Path = BENCH
+    seconds: int, notify: Callable[[str], None] = lambda text: None, *, bench: Path = BENCH
 ) -> Report:
     """Measure every encoding, each naive one for at most ``seconds``.
 
@@ -101,7 +101,7 @@ def run(
     """
     figures: list[Figure] = []
     for name in ENCODINGS:
-        say(f"{name}: " + ("until it ends" if not figures else f"at most {seconds} s"))
+        notify(f"{name}: " + ("until it ends" if not figures else f"at most {seconds} s"))
         figures.append(_measure(name, seconds, bench))
     ours, *naive = figures
     if not ours.finished:

@@ -89,18 +89,18 @@ def run(
     seconds: float = 60.0,
     points: Sequence[int] = POINTS,
     pairs: Sequence[int] = PAIRS,
-    say: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
 ) -> Report:
     """Measure all figures in about ``seconds``."""
     peers = {name: _peer(name) for name in ("shapely", "commonroad_dc.pycrcc")}
     each = seconds / (len(points) * (7 + 2 * len(pairs)) * 3)
     rows: list[Row] = []
     for n in points:
-        say(f"{n} points")
+        notify(f"{n} points")
         rows += [*_kernels(n, each), *_single(n, each, peers)]
         for count in pairs:
             if count > 1:
-                say(f"{n} points, {count} pairs")
+                notify(f"{n} points, {count} pairs")
                 rows += _batched(n, count, each, peers)
     return Report(tuple(rows), tuple(name for name, peer in peers.items() if peer is None))
 
@@ -258,7 +258,7 @@ def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[
 
 
 def _cheapest(a: Trajectory, b: Trajectory) -> float:
-    """The least distance of two trajectories with different times: union of the grids, equation."""
+    """The least distance of two trajectories, by a quadratic equation on their united times."""
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     t = np.concatenate([a.t, b.t])
     t.sort()

@@ -26,8 +26,8 @@ def station(
     """
     from automcm_maintenance.benches import core_bench as measured
 
-    with progress() as say:
-        report = measured.run(seconds, say)
+    with progress() as notify:
+        report = measured.run(seconds, notify)
     if write_json(json_, report.as_dict()):
         show(report, console_of())
 
@@ -44,8 +44,8 @@ def kernels(
     """
     from automcm_maintenance.benches import kernel_bench
 
-    with progress() as say:
-        report = kernel_bench.run(seconds, say=say)
+    with progress() as notify:
+        report = kernel_bench.run(seconds, notify=notify)
     if write_json(json_, report.as_dict()):
         show_kernels(report, console_of(110))
 

@@ -85,13 +85,13 @@ def _logs(folder: Path) -> Iterator[Path]:
                 yield path
 
 
-def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
+def measure(number: int, tlc: bool, notify: Callable[[str], None]) -> Measured:
     """Measure.  Raises the errors of the TLC engine if it is requested and cannot be run."""
     from automcm_traces.explain.explain import explain_file
     from automcm_traces.format.reader import LogStream, read
 
     with scratch.folder("bench") as folder:
-        say(f"making {number} logs")
+        notify(f"making {number} logs")
         paths = logs(number, folder)
         explain_file(paths[0])  # late imports and first answers
 
@@ -116,11 +116,11 @@ def measure(number: int, tlc: bool, say: Callable[[str], None]) -> Measured:
             verdicts = explain_batch([read(path) for path in paths])
             assert all(verdict.verdict == "allowed" for verdict in verdicts)
 
-        say("reading and judging")
+        notify("reading and judging")
         json_s, read_s, explain_s = _best([parse, stream, judge])
         tlc_s = None
         if tlc:
-            say("TLC")
+            notify("TLC")
             start = time.perf_counter()
             batch()
             tlc_s = time.perf_counter() - start
@@ -153,8 +153,8 @@ def traces(
     from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.model_checking.toolchain import ToolError
 
-    with code_3("bench traces", TlcError, ToolError), progress() as say:
-        measured = measure(number, tlc, say)
+    with code_3("bench traces", TlcError, ToolError), progress() as notify:
+        measured = measure(number, tlc, notify)
     if not write_json(json_, measured.as_dict()):
         return
     from rich.console import Console

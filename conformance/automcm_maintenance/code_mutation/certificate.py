@@ -39,10 +39,10 @@ from automcm_maintenance.code_mutation.suite_kills import Kills
 from automcm_spec.graph.oracle_generation import GRAPHS, spec_hash
 from automcm_spec.support import children, scratch
 
-Say = Callable[[str], None]
+Notify = Callable[[str], None]
 Verdict = Literal["killed", "equivalent", "survived", "undecided", "invalid"]
 FORMAT = "automcm.certificate/1"
-HIDDEN = "keeps something else, and never says anything else"
+HIDDEN = "its stored state differs, but its outputs never do"
 UNTIL_S = 1_800.0
 """Time limit for one mutant, in seconds of real time."""
 
@@ -243,8 +243,8 @@ def killed(command: Sequence[str], asked: Asked, folder: Path, first: Sequence[s
 # -- the run
 
 
-def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
-    """Judge these mutants of the reference: the rows, in their order, and what broke.
+def run(mutants: Sequence[Mutant], asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
+    """Judge these mutants of the reference: the rows, in their order, and the problems.
 
     Interrupted, it returns what is decided.  Raises WalkError, OSError, OracleError.
     """
@@ -260,13 +260,13 @@ def run(mutants: Sequence[Mutant], asked: Asked, say: Say) -> tuple[list[Row], l
     try:
         if left:
             with _processes(asked) as pool:
-                _judge(left, asked, pool, rows, kept, say)
+                _judge(left, asked, pool, rows, kept, notify)
     except KeyboardInterrupt:
         problems.append("interrupted")
     return [rows[mutant.id] for mutant in mutants if mutant.id in rows], problems
 
 
-def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
+def run_cpp(asked: Asked, notify: Notify) -> tuple[list[Row], list[str]]:
     """Judge the mutants of the C++ station: as ``run``.  Raises ValueError for a bad file."""
     mutants = cpp_station.mutants()
     rows: dict[str, Row] = {}
@@ -281,7 +281,7 @@ def run_cpp(asked: Asked, say: Say) -> tuple[list[Row], list[str]]:
         with _processes(asked) as pool:
             jobs = [(m, asked) for m in mutants]
             for n, (name, kills, error) in enumerate(pool.imap_unordered(_work_cpp, jobs)):
-                say(f"the C++ station: {n + 1} of {len(jobs)}")
+                notify(f"the C++ station: {n + 1} of {len(jobs)}")
                 if kills is not None:
                     _set_verdict(rows[name], kills)
                 rows[name].why = rows[name].why or error
@@ -306,11 +306,11 @@ def _judge(
     pool: Pool,
     rows: dict[str, Row],
     kept: _Kept,
-    say: Say,
+    notify: Notify,
 ) -> None:
     by_id = {mutant.id: mutant for mutant in mutants}
     for walk in _looked_at(asked):
-        say(f"the reference itself on {walk[0]}")
+        notify(f"the reference itself on {walk[0]}")
         equivalence.digests(asked.folder, walk)
     # Those that may be equivalent come last: the suite needs minutes to find nothing.
     last: list[Mutant] = []
@@ -324,7 +324,7 @@ def _judge(
                 last.append(by_id[id_])
                 continue
             done += 1
-            say(f"the suite: {done} mutants, {len(open_)} not killed, {len(last)} for later")
+            notify(f"the suite: {done} mutants, {len(open_)} not killed, {len(last)} for later")
             m = by_id[id_]
             row = Row(m.id, m.class_, m.file, m.line, m.rule, m.old, m.new, why=error)
             if isinstance(kills, Kills):
@@ -335,11 +335,11 @@ def _judge(
     open_ = [mutant for mutant in mutants if mutant in open_]
     if open_:
         for walk in asked.walks:
-            say(f"the reference itself on {walk[0]}")
+            notify(f"the reference itself on {walk[0]}")
             equivalence.digests(asked.folder, walk)
     walks = [_Job(mutant, asked, "graphs") for mutant in open_]
     for n, (id_, found, error) in enumerate(pool.imap_unordered(_work, walks)):
-        say(f"the graphs: {n + 1} of {len(open_)}")
+        notify(f"the graphs: {n + 1} of {len(open_)}")
         row = rows[id_]
         if isinstance(found, Difference) and not found.hidden:
             row.difference = found

@@ -14,13 +14,13 @@ from automcm_spec.support import markdown as markdown_
 PAGE = ROOT / "docs" / "certificate.md"
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 MEANING = {
-    "table": "a row of a table of rules or phases is dropped, changed, or changes places",
-    "guard": "a condition is negated, a part of it dropped, a comparison changed",
-    "timer": "a timer is not armed, not stopped, not armed anew, too long or short, out of order",
-    "field": "a value in a message or indication is another one, off by one, or dropped",
-    "memory": "something is not remembered, not forgotten, or not sent again",
-    "form": "a check of the form of a message is left out or another one",
-    "station": "a mistake that a programmer made by hand, in the C++ station",
+    "table": "a row of a table of rules or phases is dropped, changed or moved",
+    "guard": "a condition is negated, loses a part, or compares differently",
+    "timer": "a timer is not armed, stopped or re-armed, has a wrong duration, or is out of order",
+    "field": "a value in a message or indication is replaced, off by one, or dropped",
+    "memory": "a value is not stored, not forgotten, or not retransmitted",
+    "form": "a validity check of a message is dropped or changed",
+    "station": "a hand-written fault in the C++ station",
 }
 LONGEST = 110
 """Maximum characters of a change in the table; the JSON report contains the complete text."""
@@ -90,9 +90,9 @@ def markdown(found: Certificate) -> str:
     return markdown_.page(
         PAGES / "certificate.md.j2",
         found=found,
-        many="one case" if found.asked.cases == 1 else f"{found.asked.cases} cases",
+        many="one failed case" if found.asked.cases == 1 else f"{found.asked.cases} failed cases",
         counts=markdown_table(
-            ["class", "mutants", *VERDICTS, "what"], [*counts, _counts("all", found.rows, "")]
+            ["class", "mutants", *VERDICTS, "fault"], [*counts, _counts("all", found.rows, "")]
         ),
         matrix=markdown_table(["class", "mutants", *groups], rows),
         survivors=[row for row in found.rows if row.verdict in ("survived", "undecided")],
@@ -107,11 +107,11 @@ def _counts(name: str, of: Sequence[Row], what: str) -> list[object]:
 
 
 def _change(row: Row) -> str:
-    text = f"{row.old}  =>  {row.new}"
+    text = f"{row.old}  =>  {row.new}" if row.new else row.old
     return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"
 
 
 def _killers(row: Row) -> str:
     if row.verdict != "killed":
         return f"*{row.verdict}*"
-    return ", ".join(case.removeprefix("AMCM/") for case in row.cases) or "ends at once"
+    return ", ".join(case.removeprefix("AMCM/") for case in row.cases) or "does not start"

@@ -78,16 +78,16 @@ def certify(
         count, notes = len(chosen), []
         rows: list[certificate.Row] = []
         problems: list[str] = []
-        with progress() as say:
+        with progress() as notify:
             if chosen:
-                rows, problems = certificate.run(chosen, asked, say)
+                rows, problems = certificate.run(chosen, asked, notify)
             if station != "reference" and not problems:
                 if lacking := cpp_station.missing():
                     notes.append(
                         f"the C++ station and its mutants were not run: {lacking} is not installed"
                     )
                 else:
-                    others, problems = certificate.run_cpp(asked, say)
+                    others, problems = certificate.run_cpp(asked, notify)
                     rows, count = rows + others, count + len(others)
     found = certificate.Certificate(asked, spec_hash(), made, count, rows, notes, problems)
     write_json(json_, found.as_dict())

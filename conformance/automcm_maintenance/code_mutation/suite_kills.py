@@ -59,7 +59,7 @@ def kills(
     """
     due = monotonic() + until_s
 
-    def say(_: str) -> None:
+    def notify(_: str) -> None:
         if monotonic() > due or (brief and runner.elsewhere):
             raise _Late
 
@@ -67,7 +67,7 @@ def kills(
         adapter = Adapter(command, limit_s)
     except (AdapterError, ProtocolError) as error:
         return Kills(what=str(error), unstarted=getattr(error, "exit_code", None) or 0)
-    runner = Runner(adapter, purposes, seed, say)
+    runner = Runner(adapter, purposes, seed, notify)
     runner.enough, runner.runs, runner.starts = enough, RUNS, STARTS
     last = [purpose for purpose in purposes if purpose.case in scenario_cases.NAMES]
     late = False

@@ -55,7 +55,7 @@ class Entry:
     source: str = ""
 
 
-def behaviours(say: Callable[[str], None]) -> dict[str, bytes]:
+def behaviours(notify: Callable[[str], None]) -> dict[str, bytes]:
     """The logs of walks that take every transition, by file, and the count; with TLC.
 
     Raises automcm_spec.model_checking.tlc.TlcError.
@@ -65,7 +65,7 @@ def behaviours(say: Callable[[str], None]) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     counts: dict[str, object] = {}
     for name in WALKED:
-        say(f"corpus: {name}")
+        notify(f"corpus: {name}")
         graph = Graph(listed[name])
         before = seen.setdefault(graph.max_rounds, set())
         walks = graph.walks(before)
@@ -88,7 +88,7 @@ def behaviours(say: Callable[[str], None]) -> dict[str, bytes]:
     return files
 
 
-def counterexamples(folder: Path, say: Callable[[str], None]) -> dict[str, bytes]:
+def counterexamples(folder: Path, notify: Callable[[str], None]) -> dict[str, bytes]:
     """The logs of every counterexample in ``folder`` that can have any, by file; with TLC.
 
     Raises automcm_spec.model_checking.tlc.TlcError, automcm_traces.export.itf.ItfError.
@@ -99,7 +99,7 @@ def counterexamples(folder: Path, say: Callable[[str], None]) -> dict[str, bytes
         if path.name.removesuffix(".itf.json") in unsent:
             continue
         found = behaviour(path)
-        say(f"corpus: {found.model}")
+        notify(f"corpus: {found.model}")
         for station, text in found.logs().items():
             if not _silent(text):
                 files[f"counterexamples/{found.model}/{station}.ndjson"] = text

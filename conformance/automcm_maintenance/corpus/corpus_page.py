@@ -18,37 +18,36 @@ HEAD = """# The corpus
 
 Generated from `traces/corpus/index.json` by `make generate`.
 
-`traces/corpus/` holds {logs} logs in the format `automcm.trace/1` and says of each what is right to
-say of it: the verdict, the line in the file and the rule. `index.json` is a list with one object a
-log: `file`, `story`, `verdict`, `line` (0: none), `rule` (absent: no rule called for the event),
-`beside` (the log it must be judged with), `source`.
+`traces/corpus/` holds {logs} logs in the format `automcm.trace/1`, each with its right verdict,
+line and rule. `index.json` lists one object for each log: `file`, `story`, `verdict`, `line`
+(0: none), `rule` (absent: no rule required the event), `beside` (the log it must be judged with)
+and `source`.
 
     automcm trace explain traces/corpus/bad/busy_accepted.ndjson
 
-Whoever writes an engine of their own for this format can measure it by the index.
+Authors of other engines for this format can test them against the index.
 
-`automcm trace itf` turns a counterexample in ITF (`traces/counterexamples/`, `automcm spec check`)
-into the logs of its stations, as here, with TLC; and a log into ITF, in which each state is the
-station after a step, with the operator (`action`), what the event carried (`args`), the rule, the
-line of the log and the place in Station.tla in its `#meta`.
+`automcm trace itf` converts a counterexample in ITF (`traces/counterexamples/`,
+`automcm spec check`) to the logs of its stations, with TLC. It also converts a log to ITF: each
+state is the station after a step, and its `#meta` has the operator (`action`), the event's
+arguments (`args`), the rule, the line of the log and the place in Station.tla.
 
     automcm trace itf traces/counterexamples/no_busy_refusal.itf.json --out runs
     automcm trace itf traces/corpus/pair/2002.ndjson --out runs
 
 ## Behaviours
 
-Every transition of the stations of the closed models, at least once. A transition is a station's
-state with an input that the model offers there; also one that changes nothing, such as a copy
-heard twice. It is counted as the station sees it: itself is 1, the others are 2, 3, … in the order
-in which state and input name them. TLC prints the graph of the model; a walk goes from the start
-to the nearest transition that is still missing, and on from there. What each step puts out
-(messages, timers, indications) is the word of TLC on `Step` (Station.tla). Made up are only ids,
-content, seqs and times. So each of these logs is allowed, and each transition of the table is in
-one of them.
+These logs contain every transition of the stations in the closed models at least once. A transition
+is a state of a station with an input that the model offers there, even if it changes nothing, such
+as a duplicate. Transitions are counted from the station's view: the station is 1, the others are
+2, 3, … in the order in which state and input name them. TLC prints the graph of the model. A walk
+goes from the initial state to the nearest missing transition, and on from there. TLC evaluates
+`Step` (Station.tla) for the messages, timers and indications of each step; only ids, content, seqs
+and times are invented. So each of these logs is allowed.
 
-Some models are reduced (System.tla): what they skip, a give-up or an answer, is told here step by
-step. A model further down is walked only for what those above it, with as many rounds, do not
-show. `one_by_three` is left out: its receivers have no ids.
+Some models are reduced (System.tla); the logs contain the give-ups and answers that they skip. A
+model is walked only for transitions that no model above it with as many rounds has. `one_by_three`
+is omitted because its receivers have no ids.
 
 | model | states | transitions | not shown above | walks | logs | lines |
 |---|---:|---:|---:|---:|---:|---:|
@@ -56,20 +55,20 @@ show. `one_by_three` is left out: its receivers have no ids.
 COUNTEREXAMPLES = """
 ## Counterexamples
 
-What the must-fail models show (`docs/models.md`), as the logs of their stations; a station that
-does nothing has none. Where a mechanism of the station is taken away, the log of the station that
-misses it diverges. Where it is a bound, an order of timers or the radio, each log is allowed by
-itself, and what breaks is a property of the whole. The verdicts are the engine's.
-To look at one: `automcm trace html traces/counterexamples/retarget.itf.json --out retarget.html`.
+The counterexamples of the must-fail models (`docs/models.md`), as logs of their stations; an
+inactive station has no log. If the model removes a mechanism of the station, the log of a station
+without it diverges. If it changes a bound, an order of timers or the radio, each log alone is
+allowed, and the logs together violate a property. The engine computed the verdicts. To view one:
+`automcm trace html traces/counterexamples/retarget.itf.json --out retarget.html`.
 
 | log | breaks | verdict | line | rule |
 |---|---|---|---:|---|
 """
 BAD = """
-## One thing wrong
+## Logs with one fault
 
-A good log with one small edit. The line that must be named follows from the edit: the line edited,
-or the input of the step that lacks something.
+Each is a good log with one small edit. The expected line follows from the edit: the edited line, or
+the input of the step that lacks an event.
 
 | log | story | verdict | line | rule |
 |---|---|---|---:|---|

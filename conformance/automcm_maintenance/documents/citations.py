@@ -1,23 +1,32 @@
-"""The citations of each rule in the specification, models, code, cases, vectors and tests."""
+"""The citations of each rule in the specification, code, cases, log tools, tests and others."""
 
 from __future__ import annotations
 
 import json
 import re
 import string
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from itertools import zip_longest
 from pathlib import Path
 
 from automcm_conformance.suite import purposes
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.documents import uncited
+from automcm_maintenance.documents.repository import ROOT
+from automcm_spec.compilation import compiler
 from automcm_spec.model_checking import models
 from automcm_spec.vocabulary.rules import OPERATOR, RULES
 
-COLUMNS = ("specification", "must fail", "code", "case", "vector", "counterexample", "test")
+COLUMNS = (
+    *("specification", "must fail", "code", "case", "log tools", "vector", "counterexample"),
+    "test",
+)
 _ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|S|L|R|T)-\d\b")
 CODE, EXPERIMENTS = ("reference/automcm/**/*.py",), "/experiments/"
 """The packages that implement rules; experiments only measure them."""
+_LOG_TOOLS = ("traces/automcm_traces/**/*.py",)
+_CASE = re.compile(r'^id = "(.+)"$', re.MULTILINE)
+_METHOD = re.compile(r"^    def (\w+)\(", re.MULTILINE)
 _TESTS = tuple(f"{folder}/tests/*.py" for folder in ("spec", "reference", "traces", "conformance"))
 
 Cell = list[tuple[str, str]]
@@ -43,11 +52,8 @@ def found(root: Path) -> dict[str, dict[str, Cell]]:
         "specification": _operators,
         "must fail": _must_fail,
         "code": lambda root: [row for row in _files(root, CODE) if EXPERIMENTS not in row[2]],
-        "case": lambda root: (
-            (rule, case.id, "conformance/suite/purposes.toml")
-            for case in purposes.load()
-            for rule in case.rules
-        ),
+        "case": _cases,
+        "log tools": lambda root: [*_compiled(root), *_files(root, _LOG_TOOLS)],
         "vector": _vectors,
         "counterexample": _counterexamples,
         "test": lambda root: _files(root, _TESTS),
@@ -87,6 +93,8 @@ def table(root: Path) -> str:
         "- *specification*: operators of `spec/tla/` that cite the rule, or a property's formula.",
         "- *must fail*: [models](models.md) without the rule, or violating the property.",
         "- *code* and *test*: files that cite the rule. *vector*: files of [vectors](vectors.md).",
+        "- *log tools*: methods of the [compiled station](compiled-station.md) that decide by the",
+        "  rule, for the log engine; then files of `traces/automcm_traces/` that cite it.",
         "- *case*: the cases of `automcm conform list RULE` ([conformance.md](conformance.md)).",
         "- *counterexample*: those with a step decided by the rule, or that break the property.",
         "",
@@ -98,7 +106,7 @@ def table(root: Path) -> str:
         for column, cell in cells.items():
             if not cell:
                 note = notes.get(why.get((rule, column), ""))
-                shown.append(f"[- {note}](#reasons-for-empty-cells)" if note else "**none**")
+                shown.append(f"[{note}](#reasons-for-empty-cells)" if note else "**none**")
                 continue
             (name, path), more = cell[0], len(cell) - 1
             shown.append(f"[`{name}`](../{path})" + (f" +{more}" if more else ""))
@@ -131,14 +139,33 @@ def _operators(root: Path) -> list[tuple[str, str, str]]:
     """Operators that cite a rule, those of Station.tla first, and the formulas of properties."""
     rows = []
     for path in sorted(root.glob("spec/tla/*.tla"), key=lambda p: (p.stem != "Station", p.stem)):
-        parts = OPERATOR.split(path.read_text())
-        for name, body in zip(parts[1::2], parts[2::2], strict=True):
-            link = path.relative_to(root).as_posix()
+        for name, link, body in _parts(root, path, OPERATOR):
             rows += [(rule, name, link) for rule in _ids(body) if rule in RULES]
             rows += [
                 (id_, name, link) for id_, formula in models.PROPERTIES.items() if formula == name
             ]
     return rows
+
+
+def _parts(root: Path, path: Path, heading: re.Pattern[str]) -> Iterator[tuple[str, str, str]]:
+    """The name, the link to the line, and the text of each part that begins with a heading."""
+    text, link = path.read_text(), path.relative_to(root).as_posix()
+    found = list(heading.finditer(text))
+    for one, following in zip_longest(found, found[1:]):
+        line = text.count("\n", 0, one.start()) + 1
+        yield one[1], f"{link}#L{line}", text[one.end() : following and following.start()]
+
+
+def _cases(root: Path) -> list[tuple[str, str, str]]:
+    lines = {id_: link for id_, link, _ in _parts(root, purposes.PATH, _CASE)}
+    return [(rule, case.id, lines[case.id]) for case in purposes.load() for rule in case.rules]
+
+
+def _compiled(root: Path) -> list[tuple[str, str, str]]:
+    """The methods of the compiled station that decide by a rule."""
+    parts = _parts(root, root / compiler.PATH.relative_to(ROOT), _METHOD)
+    ends = "\n\n\n"  # of a class
+    return [(rule, name, link) for name, link, body in parts for rule in _ids(body.split(ends)[0])]
 
 
 def _must_fail(root: Path) -> list[tuple[str, str, str]]:

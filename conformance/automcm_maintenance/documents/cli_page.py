@@ -61,16 +61,24 @@ def _row(each: Any) -> tuple[str, str, str]:
     else:
         value = "" if each.is_flag or each.is_bool_flag else " " + _value(each)
         typed = ", ".join([*(f"{opt}{value}" for opt in each.opts), *each.secondary_opts])
-    bounds = [f"at least {each.min}"] if each.min is not None else []
-    bounds += [f"at most {each.max}"] if each.max is not None else []
     meaning = _plain(" ".join((each.help or "").split()))
     nothing = each.default is None or each.default is False or each.default in ((), [], "")
     default = "" if nothing else f"`{_default(each)}`"
     return (
         f"`{typed}`",
         "required" if each.required else default,
-        meaning + (f" ({', '.join(bounds)})" if bounds else ""),
+        " ".join(filter(None, (meaning, _bounds(each)))),
     )
+
+
+def _bounds(each: Any) -> str:
+    """The bounds of a number in a sentence, unless the help explains the lower bound 0."""
+    least, most = each.min, each.max
+    if least is not None and most is not None:
+        return f"From {least} to {most}."
+    if most is not None:
+        return f"At most {most}."
+    return "" if least is None or "(0 = " in each.help else f"At least {least}."
 
 
 def _plain(text: str) -> str:

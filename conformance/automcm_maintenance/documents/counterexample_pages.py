@@ -22,7 +22,7 @@ FOLDER = Path("runs/verify")
 
 
 def committed(
-    loaded: Iterable[models.Model], folder: Path, say: Callable[[str], None] = lambda text: None
+    loaded: Iterable[models.Model], folder: Path, notify: Callable[[str], None] = lambda text: None
 ) -> list[Path]:
     """Write a page for each must-fail model that can have one; docs/models.md links to them.
 
@@ -32,7 +32,7 @@ def committed(
     written = []
     for model in loaded:
         if model.expect == "violates" and not model.unsent:
-            say(model.cfg)
+            notify(model.cfg)
             source = COUNTEREXAMPLES / f"{model.cfg}.itf.json"
             path = folder / f"{model.cfg}.html"
             files.write(path, html(trace_html.page_of([source], None)))

@@ -10,7 +10,7 @@ from pathlib import Path
 from automcm_cli.spec import model_output
 from automcm_conformance.adapter import adapter_schema
 from automcm_conformance.adapter.kit_paths import VECTORS
-from automcm_conformance.suite import two_peer_residual
+from automcm_conformance.suite import two_peer_pairs
 from automcm_conformance.vectors import vectors
 from automcm_maintenance.corpus import corpus, corpus_page
 from automcm_maintenance.documents import (
@@ -124,9 +124,9 @@ def _corpus() -> dict[Path, bytes]:
     return found | {CORPUS_PAGE: corpus_page.page(CORPUS_ROOT, files["index.json"]).encode()}
 
 
-def _corpus_of_tlc(say: Callable[[str], None]) -> dict[Path, bytes]:
+def _corpus_of_tlc(notify: Callable[[str], None]) -> dict[Path, bytes]:
     """The logs of the closed and of the must-fail models; takes minutes."""
-    files = corpus.behaviours(say) | corpus.counterexamples(COUNTEREXAMPLES, say)
+    files = corpus.behaviours(notify) | corpus.counterexamples(COUNTEREXAMPLES, notify)
     return {CORPUS_ROOT / name: data for name, data in files.items()}
 
 
@@ -215,7 +215,7 @@ def between(text: str, name: str, part: str) -> str:
 def drift(
     profile: str,
     one_peer: bytes,
-    say: Callable[[str], None],
+    notify: Callable[[str], None],
     verdicts: Sequence[models.Verdict] = (),
 ) -> list[str]:
     """One line for each generated file that is stale or cannot be generated.
@@ -233,13 +233,13 @@ def drift(
         (COUNTEREXAMPLES, lambda: counterexample_drift(verdicts)),
     ]
     if whole:
-        checks.append((CORPUS_ROOT, lambda: _stale_corpus(_FROM_TLC, _corpus_of_tlc(say))))
+        checks.append((CORPUS_ROOT, lambda: _stale_corpus(_FROM_TLC, _corpus_of_tlc(notify))))
     checks += [
-        (graph.path, partial(_graph_drift, graph, one_peer, say))
+        (graph.path, partial(_graph_drift, graph, one_peer, notify))
         for graph in oracle_generation.GRAPHS.values()
         if whole or graph is oracle_generation.ONE_PEER
     ]
-    checks.append((two_peer_residual.PATH, partial(_remainder_drift, whole)))
+    checks.append((two_peer_pairs.PATH, partial(_two_peer_drift, whole)))
     return [line for path, check in checks for line in _lines(path, check)]
 
 
@@ -272,9 +272,9 @@ def _vectors_drift() -> list[str]:
 
 
 def _graph_drift(
-    graph: oracle_generation.Graph, one_peer: bytes, say: Callable[[str], None]
+    graph: oracle_generation.Graph, one_peer: bytes, notify: Callable[[str], None]
 ) -> list[str]:
-    say(f"oracle: {graph.name}")
+    notify(f"oracle: {graph.name}")
     fresh = one_peer if graph is oracle_generation.ONE_PEER else oracle_generation.generate(graph)
     same = graph.path.exists() and oracle.content(graph.path) == fresh
     return [] if same else [_stale(graph.path)]
@@ -293,31 +293,31 @@ def graph_changed(one_peer: bytes) -> bool:
     return bool(before != after)
 
 
-def _remainder_drift(whole: bool) -> list[str]:
+def _two_peer_drift(whole: bool) -> list[str]:
     if not whole:
-        stale = two_peer_residual.spec_hash() != oracle_generation.spec_hash()
+        stale = two_peer_pairs.spec_hash() != oracle_generation.spec_hash()
     else:
-        stale = _differs(two_peer_residual.PATH, _remainder())
-    return [_stale(two_peer_residual.PATH)] if stale else []
+        stale = _differs(two_peer_pairs.PATH, _two_peer_pairs())
+    return [_stale(two_peer_pairs.PATH)] if stale else []
 
 
-def _remainder() -> str:
-    """The two-peer remainder, from the graphs on disk; takes a minute."""
+def _two_peer_pairs() -> str:
+    """The two-peer pairs, from the graphs on disk; takes a minute."""
     two, one = (
         oracle.load(graph.path)
         for graph in (oracle_generation.TWO_PEERS, oracle_generation.ONE_PEER)
     )
-    return two_peer_residual.text(two, one)
+    return two_peer_pairs.text(two, one)
 
 
-def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
+def write(notify: Callable[[str], None], two_peers: bool = True) -> list[Path]:
     """Renew all generated files and return those that changed."""
     changed = []
     verdicts = models.check_all([m for m in models.load() if m.expect == "violates"], jobs=2)
     for graph in oracle_generation.GRAPHS.values():
         if graph is oracle_generation.TWO_PEERS and not two_peers:
             continue
-        say(f"oracle: {graph.name}")
+        notify(f"oracle: {graph.name}")
         data = oracle_generation.generate(graph)
         if not graph.path.exists() or oracle.content(graph.path) != data:
             oracle.write(graph.path, data)
@@ -326,19 +326,19 @@ def write(say: Callable[[str], None], two_peers: bool = True) -> list[Path]:
     texts = _counterexamples(verdicts)
     texts |= {path: make() for path, make in _texts(one_peer).items()} | vectors.texts()
     if two_peers:
-        say("remainder")
-        texts[two_peer_residual.PATH] = _remainder()
+        notify("two-peer pairs")
+        texts[two_peer_pairs.PATH] = _two_peer_pairs()
     for path, text in texts.items():
         if _differs(path, text):
             path.parent.mkdir(parents=True, exist_ok=True)
             files.write(path, text)
             changed.append(path)
-    return changed + write_corpus(say)
+    return changed + write_corpus(notify)
 
 
-def write_corpus(say: Callable[[str], None]) -> list[Path]:
+def write_corpus(notify: Callable[[str], None]) -> list[Path]:
     """Renew the corpus and return the files that changed or were deleted."""
-    changed = _write_corpus(_FROM_TLC, _corpus_of_tlc(say))
+    changed = _write_corpus(_FROM_TLC, _corpus_of_tlc(notify))
     return changed + _write_corpus(_AT_ONCE, _corpus())
 
 

@@ -169,7 +169,7 @@ def _chart(after: dict[str, set[str]], labels: dict[tuple[str, str], set[str]]) 
 
 
 def table(root: Path) -> str:
-    """As Markdown: each subpackage, what it is, and the module with which to begin."""
+    """As Markdown: each subpackage, its purpose, and its first module to read."""
     lines = ["| package | subpackage | what it is | begin with |", "|---|---|---|---|"]
     for package, names in LAYERS.items():
         for name, first in zip(names.split(), BEGIN[package].split(), strict=True):

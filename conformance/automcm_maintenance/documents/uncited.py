@@ -34,6 +34,12 @@ WHY: list[tuple[str, tuple[str, ...], str]] = [
     ("case", ("ACT-1",), "up to the application: no message and no timer shows it"),
     ("case", KINEMATIC, "the vectors are the cases of the kernels"),
     ("case", PROPERTIES, "a case is about one rule of one station"),
+    ("log tools", ("ACT-1", *KINEMATIC), _TRAJECTORY),
+    (
+        "log tools",
+        (*_OF_ONE, *(f"L-{n}" for n in range(1, 5)), "R-1", "R-2", "T-6", "T-7", "T-8", "T-9"),
+        "checked by TLC; the log tools judge S-1 to S-8 and T-1 to T-5",
+    ),
     ("counterexample", ("PRE-3", "PRE-5", "NEG-8", "END-7"), _EARLY),
     ("counterexample", ("END-4", "CMD-1", "MSG-1", "ACT-6"), _IDLE),
     ("counterexample", ("MEM-1",), _LIMIT),

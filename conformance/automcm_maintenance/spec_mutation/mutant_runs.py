@@ -25,12 +25,12 @@ from automcm_spec.support.paths import MODELS, TLA
 How = Literal["property", "must-fail", "probe", "graph", "evaluation", "timeout", "counts"]
 HOW: dict[How, str] = {
     "property": "a property that must hold is violated",
-    "must-fail": "a must-fail model breaks nothing, or another property",
-    "probe": "a situation is reached that was not, or no longer",
-    "graph": "what one station answers differs from the oracle, and so from the reference",
+    "must-fail": "a must-fail model violates no property, or another one",
+    "probe": "a probe reaches a situation that it did not reach before, or no longer reaches one",
+    "graph": "an answer of one station differs from the oracle, and so from the reference",
     "evaluation": "TLC cannot evaluate the mutant",
-    "timeout": "TLC does not end: three times as long as without the mutant, or no memory left",
-    "counts": "nothing but the recorded numbers of states or steps differ",
+    "timeout": "TLC exceeds three times the time without the mutant, or its memory",
+    "counts": "only the recorded numbers of states or steps differ",
 }
 """The ways to kill a mutant, the most informative first."""
 
@@ -43,7 +43,7 @@ GRAPHS = (oracle_generation.TIGHT, oracle_generation.ONE_PEER)
 """The graphs that are compared for a mutant of Station if no model kills it by a property."""
 
 Profile = Literal["quick", "deep"]
-Say = Callable[[str], None]
+Notify = Callable[[str], None]
 
 
 class MutationError(Exception):
@@ -52,7 +52,7 @@ class MutationError(Exception):
 
 @dataclass(frozen=True)
 class Kill:
-    """A kill of a mutant by a model.  what is the violated property, or another difference."""
+    """A kill of a mutant by a model.  ``what``: the violated property, or another difference."""
 
     model: str
     how: How
@@ -419,7 +419,7 @@ def run(
     cache: Path | None = None,
     jobs: int = 2,
     search_s: float = 15,
-    say: Say = lambda text: None,
+    notify: Notify = lambda text: None,
 ) -> Report:
     """Run the models on each mutant, ``jobs`` at a time; say gets a status line.
 
@@ -439,7 +439,7 @@ def run(
                 outcome = future.result()
                 outcomes[outcome.mutant.id] = outcome
                 survived = sum(o.survived for o in outcomes.values())
-                say(f"{len(outcomes)} of {len(mutants)} mutants, {survived} survived")
+                notify(f"{len(outcomes)} of {len(mutants)} mutants, {survived} survived")
         except KeyboardInterrupt:
             the_run.stop.now()
             pool.shutdown(cancel_futures=True)

@@ -95,7 +95,7 @@ def as_rows(mutants: Sequence[Mutant]) -> list[dict[str, Any]]:
     ]
 
 
-def run(asked: Asked, mutants: Sequence[Mutant], say: Callable[[str], None]) -> Report:
+def run(asked: Asked, mutants: Sequence[Mutant], notify: Callable[[str], None]) -> Report:
     """Run the named models on the mutants; by default the quick and full ones up to longest_s.
 
     The longer models come last, so that only survivors of the others reach them.  The list of
@@ -114,7 +114,7 @@ def run(asked: Asked, mutants: Sequence[Mutant], say: Callable[[str], None]) -> 
         cache=CACHE,
         jobs=asked.jobs,
         search_s=asked.search_s,
-        say=say,
+        notify=notify,
     )
     report.reasons = {id_: entry.reason for id_, entry in known.items()}
     if asked.profile == "quick" and not asked.models:
@@ -210,7 +210,7 @@ def show(report: Report, console: Console) -> None:
 
 def _rate_text(report: Report) -> str:
     rate, without_counts = _rates(report)
-    return f"Killed: {rate:.1%}; by more than the recorded counts: {without_counts:.1%}"
+    return f"Killed: {rate:.1%}; without the recorded counts: {without_counts:.1%}"
 
 
 def markdown(report: Report) -> str:

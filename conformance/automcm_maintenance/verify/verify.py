@@ -225,7 +225,7 @@ def _behave() -> tuple[int, list[str]]:
 
 def run(
     profile: str = "quick",
-    say: Callable[[str], None] = lambda text: None,
+    notify: Callable[[str], None] = lambda text: None,
     *,
     models_too: bool = True,
     rule: str | None = None,
@@ -246,13 +246,13 @@ def run(
     report.earlier = _history().get(report.loop, {})
     try:
         if rule is not None:
-            _compare_rule(report, rule, say)
+            _compare_rule(report, rule, notify)
         else:
             if models_too:
-                _models(report, say, fresh)
-            data = _oracle(report, oracle_generation.ONE_PEER, say)
-            _compare(report, data, say)
-            _drift(report, data, say)
+                _models(report, notify, fresh)
+            data = _oracle(report, oracle_generation.ONE_PEER, notify)
+            _compare(report, data, notify)
+            _drift(report, data, notify)
     except (
         TlcError,
         ToolError,
@@ -290,27 +290,27 @@ def _remember(report: Report) -> None:
 
 @contextmanager
 def _timed(
-    report: Report, name: str, say: Callable[[str], None]
+    report: Report, name: str, notify: Callable[[str], None]
 ) -> Iterator[Callable[[str], None]]:
     """A stage, with a callback for its progress."""
     earlier = report.took_earlier(name)
     started = time.monotonic()
     try:
-        yield lambda text: say(f"{text}{earlier}")
+        yield lambda text: notify(f"{text}{earlier}")
     finally:
         report.seconds[name] = time.monotonic() - started
 
 
-def _models(report: Report, say: Callable[[str], None], fresh: bool) -> None:
+def _models(report: Report, notify: Callable[[str], None], fresh: bool) -> None:
     chosen = models.of_profile(models.load(), report.profile)
-    with _timed(report, "models", say) as say:
-        say(f"models 0/{len(chosen)}")
+    with _timed(report, "models", notify) as notify:
+        notify(f"models 0/{len(chosen)}")
 
         def done(verdict: models.Verdict) -> None:
             report.verdicts.append(verdict)
             n = f"{len(report.verdicts)}/{len(chosen)}"
             how = " (kept)" if verdict.kept else ""
-            say(f"models {n}: {verdict.model.cfg} {verdict.outcome}{how}")
+            notify(f"models {n}: {verdict.model.cfg} {verdict.outcome}{how}")
 
         kept_results.check_all(chosen, KEPT, fresh=fresh or report.profile != "quick", on_done=done)
     order = [m.cfg for m in chosen]
@@ -318,9 +318,9 @@ def _models(report: Report, say: Callable[[str], None], fresh: bool) -> None:
     report.pages = [str(path) for path in counterexample_pages.failed(report.verdicts)]
 
 
-def _oracle(report: Report, graph: oracle_generation.Graph, say: Callable[[str], None]) -> bytes:
-    with _timed(report, "oracle", say) as say:
-        say(f"oracle: {graph.name}")
+def _oracle(report: Report, graph: oracle_generation.Graph, notify: Callable[[str], None]) -> bytes:
+    with _timed(report, "oracle", notify) as notify:
+        notify(f"oracle: {graph.name}")
         data, _ = oracle_generation.build(graph, short=graph is oracle_generation.SMALL)
         fresh = oracle.dump(data)
         written = oracle.parse(fresh, "oracle")
@@ -333,12 +333,12 @@ def _oracle(report: Report, graph: oracle_generation.Graph, say: Callable[[str],
     return fresh
 
 
-def _compare_rule(report: Report, rule: str, say: Callable[[str], None]) -> None:
+def _compare_rule(report: Report, rule: str, notify: Callable[[str], None]) -> None:
     """The short loop: all inputs in all states of the small graph, also with the rule disabled."""
     _load_reference()
-    data = _oracle(report, oracle_generation.SMALL, say)
-    with _timed(report, "comparison", say) as say:
-        say("comparison: every state, every input")
+    data = _oracle(report, oracle_generation.SMALL, notify)
+    with _timed(report, "comparison", notify) as notify:
+        notify("comparison: every state, every input")
         report.compared = {oracle_generation.SMALL.name: _walk(data, False)}
         if not report.divergences:
             report.coverage = _cover(data, [rule])
@@ -353,10 +353,10 @@ def _load_reference() -> None:
         raise NotLoaded(text) from error
 
 
-def _drift(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
-    with _timed(report, "generated files", say) as say:
-        say("generated files")
-        report.drift += generated_files.drift(report.profile, one_peer, say, report.verdicts)
+def _drift(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
+    with _timed(report, "generated files", notify) as notify:
+        notify("generated files")
+        report.drift += generated_files.drift(report.profile, one_peer, notify, report.verdicts)
         report.unnoticed = (
             bool(report.verdicts)
             and all(verdict.ok for verdict in report.verdicts)
@@ -368,10 +368,10 @@ def _pool() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(2, initializer=children.end_with_parent)
 
 
-def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> None:
+def _compare(report: Report, one_peer: bytes, notify: Callable[[str], None]) -> None:
     _load_reference()
-    with _timed(report, "comparison", say) as say, _pool() as pool:
-        say("comparison: every state, every input")
+    with _timed(report, "comparison", notify) as notify, _pool() as pool:
+        notify("comparison: every state, every input")
         data = {oracle_generation.ONE_PEER.name: one_peer}
         for graph in (oracle_generation.TIGHT, oracle_generation.TWO_PEERS):
             try:
@@ -395,7 +395,7 @@ def _compare(report: Report, one_peer: bytes, say: Callable[[str], None]) -> Non
         behaved = pool.submit(_behave)
         report.compared = {name: begun[name].result() for name in data}
         report.compiled = {name: agreed[name].result() for name in agreed}
-        say("comparison: every rule taken away")
+        notify("comparison: every rule taken away")
         differs = report.compared[oracle_generation.ONE_PEER.name].differences
         report.coverage = None if differs else covered.result()
         report.behaviours, report.behaviour_differences = behaved.result()

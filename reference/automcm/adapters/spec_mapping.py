@@ -406,7 +406,7 @@ class Reference:
         for timer in self.station.timers:
             if _abstract_timer(timer, self.station.state) == value:
                 return timer
-        raise LookupError(f"not armed: {value}")
+        raise LookupError(f"the timer is not armed: {value}")
 
 
 def without(rule: str) -> Rules:

@@ -16,7 +16,7 @@ from automcm.bridge.autoware import NO_TRAJECTORY, to_odometry, to_trajectory
 from automcm.bridge.websocket_bridge import OWN_REASONS, QUEUE
 from automcm.links.clock import AsyncioClock, Clock
 from automcm.links.link import LinkError
-from automcm.service.application import Advertised, Application, Drive
+from automcm.service.application import Advertised, AgreedManeuver, Application
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory
 
@@ -262,14 +262,14 @@ class RemoteApplication:
             self._repeat_last()
         return False
 
-    def _coordinated(self, drive: Drive) -> None:
-        if drive.session == self._over:  # it has fallen back, and the bridge does not know yet
-            self._fall_back(drive.session)
-        elif drive.session != self._loaded:
+    def _coordinated(self, maneuver: AgreedManeuver) -> None:
+        if maneuver.session == self._over:  # it has fallen back, and the bridge does not know yet
+            self._fall_back(maneuver.session)
+        elif maneuver.session != self._loaded:
             self._forget_loaded()
-            self._loaded = drive.session
-            self._application.load(drive)
-        elif _ends(self._last, drive.session):
+            self._loaded = maneuver.session
+            self._application.load(maneuver)
+        elif _ends(self._last, maneuver.session):
             self._repeat_last()
 
     def _alone(self, session: Session, reason: str) -> None:

@@ -137,22 +137,24 @@ class Drive(_Output):
     until: Time = Time()
 
     @classmethod
-    def of(cls, drive: application.Drive, now: int) -> Drive:
+    def of(cls, maneuver: application.AgreedManeuver, now: int) -> Drive:
         """The message to the driving software; ``now`` in ms."""
         return cls(
             header=stamped(now),
             mode="coordinated",
-            session=to_session(drive.session),
-            role=drive.role,
-            selected=to_trajectory(drive.selected, "selected"),
-            start=to_time(drive.start_ms),
-            until=to_time(drive.until_ms),
+            session=to_session(maneuver.session),
+            role=maneuver.role,
+            selected=to_trajectory(maneuver.selected, "selected"),
+            start=to_time(maneuver.start_ms),
+            until=to_time(maneuver.until_ms),
         )
 
-    def drive(self, session: SessionKey) -> application.Drive:
+    def drive(self, session: SessionKey) -> application.AgreedManeuver:
         """The value in the application's form.  Raises ValueError."""
         selected = trajectory(self.selected, "selected")
-        return application.Drive(session, self.role, selected, self.start.ms, self.until.ms)
+        return application.AgreedManeuver(
+            session, self.role, selected, self.start.ms, self.until.ms
+        )
 
 
 class Planned(Ros):

@@ -436,12 +436,12 @@ class WebSocketBridge:
         self._publish(message.topic, text)
         self._show()
 
-    def load(self, drive: application.Drive) -> None:
+    def load(self, maneuver: application.AgreedManeuver) -> None:
         """Publish the agreed maneuver."""
         try:
-            self._drive = ros.publication(ros.Drive.of(drive, self._service.now()))
+            self._drive = ros.publication(ros.Drive.of(maneuver, self._service.now()))
         except ValueError:
-            self._give_up(drive.session, "unreadable")
+            self._give_up(maneuver.session, "unreadable")
             return
         self._publish(ros.Drive.topic, self._drive)
         self._show()

@@ -212,9 +212,11 @@ def closest_approach_pairs(t: ArrayLike, xy_a: ArrayLike, xy_b: ArrayLike) -> Ap
     a, b = (np.asarray(xy, dtype=np.float64) for xy in (xy_a, xy_b))
     for name, xy in (("xy_a", a), ("xy_b", b)):
         if xy.ndim != 3 or xy.shape[1:] != (len(times), 2):
-            raise TrajectoryError(f"{name}: shape {xy.shape}, not (pairs, {len(times)}, 2)")
+            raise TrajectoryError(
+                f"{name}: must have shape (pairs, {len(times)}, 2), not {xy.shape}"
+            )
     if len(a) != len(b):
-        raise TrajectoryError(f"xy_b: {len(b)} pairs, not {len(a)}")
+        raise TrajectoryError(f"xy_b: must have {len(a)} pairs, not {len(b)}")
     key, square = np.empty(len(a)), np.empty(len(a))
     for rows in _chunks(len(a), len(times)):
         x, y, *spare = _work(rows.stop - rows.start, len(times))

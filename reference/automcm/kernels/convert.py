@@ -23,7 +23,7 @@ V_EPS = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Feet:
+class ClosestPoints:
     """The closest points of a polyline to m points.
 
     ``segment`` (m,): the foot lies on segment k, from point k to k + 1, and not at its end; so
@@ -35,7 +35,9 @@ class Feet:
     distance: Floats
 
 
-def feet(xy: Floats, points: Floats, among: NDArray[np.intp] | None = None) -> Feet:
+def closest_points(
+    xy: Floats, points: Floats, among: NDArray[np.intp] | None = None
+) -> ClosestPoints:
     """Closest point of the polyline ``xy`` (n, 2) to each of ``points`` (m, 2); not checked.
 
     Of two that are equally close (within a nanometre) the earlier one; a foot within a nanometre
@@ -44,7 +46,7 @@ def feet(xy: Floats, points: Floats, among: NDArray[np.intp] | None = None) -> F
     if len(xy) == 1:
         away = points - xy
         first = np.zeros(len(points), np.intp)
-        return Feet(first, xy[first], np.hypot(away[:, 0], away[:, 1]))
+        return ClosestPoints(first, xy[first], np.hypot(away[:, 0], away[:, 1]))
     a, step = xy[:-1], np.diff(xy, axis=0)
     if among is not None:
         a, step = a[among], step[among]
@@ -65,7 +67,7 @@ def feet(xy: Floats, points: Floats, among: NDArray[np.intp] | None = None) -> F
     segment = k if among is None else among[k]
     at_end = chosen == 1
     place[at_end] = xy[segment[at_end] + 1]
-    return Feet(segment + at_end, place, distance[of, k])
+    return ClosestPoints(segment + at_end, place, distance[of, k])
 
 
 def convert(
@@ -91,14 +93,14 @@ def convert(
     begin = number("t0", t0)
     slow = number("v_eps", v_eps, 0, above=True)
     if len(v) != len(points):
-        raise TrajectoryError(f"speed: shape {v.shape}, not ({len(points)},)")
+        raise TrajectoryError(f"speed: must have shape ({len(points)},), not {v.shape}")
     if (v < 0).any():
         n = int(np.flatnonzero(v < 0)[0])
         raise TrajectoryError(f"speed[{n}]: {v[n]} is negative")
 
-    foot = feet(points, here[None])
-    k = int(foot.segment[0])
-    x, v = np.concatenate([foot.place, points[k + 1 :]]), v[k:]
+    closest = closest_points(points, here[None])
+    k = int(closest.segment[0])
+    x, v = np.concatenate([closest.place, points[k + 1 :]]), v[k:]
     standing = np.flatnonzero(v < slow)
     stopped = len(standing) > 0
     if stopped:

@@ -15,8 +15,9 @@ class MapError(Exception):
 
 
 class LaneMap:
-    """A Lanelet2 map in metres east (x) and north (y) of ``origin``, (latitude, longitude), on the
-    grid of its UTM zone, which is turned against true north away from the zone's middle.
+    """A Lanelet2 map in metres east (x) and north (y) of ``origin`` (latitude, longitude).
+
+    North is that of the UTM grid, which deviates from true north off the zone's meridian.
 
     Raises MapError if the file cannot be read, or if Lanelet2 is not installed.
     """

@@ -39,7 +39,7 @@ def message(loss: ArrayLike, n: int) -> Floats:
 def exchange(loss: ArrayLike, n: int) -> Floats:
     """1 - (1 - q)^N with q = (1 - λ)²: of N copies, one arrives and its answer comes back (KIN-7).
 
-    Open in the paper: Eq. 2 is one way; an exchange needs its answer.
+    Open in the paper: Eq. 2 covers one direction; an exchange needs its answer, too.
     """
     q = (1 - _loss(loss)) ** 2
     return np.asarray(1 - (1 - q) ** whole("n", n, 1))

@@ -81,7 +81,9 @@ def thin(
         if problem is None:
             return thinned
         if len(kept) <= 2:
-            raise TrajectoryError(f"budget: even {len(kept)} points are too much: {problem}")
+            raise TrajectoryError(
+                f"budget: too small for the required points ({len(kept)}): {problem}"
+            )
         kept = np.delete(kept, 1 + int(np.argmin(_effects(thinned))))
 
 

@@ -44,7 +44,7 @@ class Trajectory:
         if len(t) == 0:
             raise TrajectoryError("t: must have at least one point")
         if xy.shape != (len(t), 2):
-            raise TrajectoryError(f"xy: shape {xy.shape}, not ({len(t)}, 2)")
+            raise TrajectoryError(f"xy: must have shape ({len(t)}, 2), not {xy.shape}")
         late = np.flatnonzero(np.diff(t) <= 0)
         if len(late):
             n = int(late[0]) + 1
@@ -110,7 +110,9 @@ def path(name: str, value: ArrayLike, least: int = 1) -> Floats:
     """Points, shape (n, 2).  Raises TrajectoryError for another shape or fewer than ``least``."""
     made = array(name, value, 2)
     if made.shape[1] != 2 or len(made) < least:
-        raise TrajectoryError(f"{name}: shape {made.shape}, not (n, 2) with n of at least {least}")
+        raise TrajectoryError(
+            f"{name}: must have shape (n, 2) with n of at least {least}, not {made.shape}"
+        )
     return made
 
 
@@ -118,7 +120,7 @@ def pair(name: str, value: ArrayLike) -> Floats:
     """A place or a direction, shape (2,).  Raises TrajectoryError for another shape."""
     made = array(name, value, 1)
     if len(made) != 2:
-        raise TrajectoryError(f"{name}: shape {made.shape}, not (2,)")
+        raise TrajectoryError(f"{name}: must have shape (2,), not {made.shape}")
     return made
 
 
@@ -168,5 +170,5 @@ def to_message(trajectory: Trajectory) -> messages.Trajectory:
     if trajectory.stopped and (len(points) == 1 or points[-1][1:] != points[-2][1:]):
         points.append((points[-1][0] + round(STAND * 1000), *points[-1][1:]))
     if points[-1][0] > messages.LIMIT:
-        raise TrajectoryError(f"t: {points[-1][0]} ms is more than a message carries")
+        raise TrajectoryError(f"t: {points[-1][0]} ms exceeds the limit of a message")
     return messages.Trajectory(t0=int(t[0]), points=tuple(points))

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from automcm.kernels.collide import closest_approach
-from automcm.kernels.convert import feet
+from automcm.kernels.convert import closest_points
 from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, number
 from automcm_spec.vocabulary.parameters import DEFAULTS, derived
 
@@ -144,7 +144,7 @@ def _follows(prescribed: Trajectory, planned: Trajectory, limit: float) -> bool:
         near = np.flatnonzero(((low <= xy.max(axis=0)) & (high >= xy.min(axis=0))).all(axis=1))
         if len(near) == 0 and len(planned) > 1:
             return False
-        found = feet(planned.xy, xy, near)
+        found = closest_points(planned.xy, xy, near)
         if (found.distance > limit - spacing / 2).any():
             return False
         off = found.place - planned.xy[found.segment]

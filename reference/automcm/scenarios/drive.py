@@ -33,7 +33,7 @@ class Driver(Application, Protocol):
         """Called after every step of the road."""
 
 
-class Drive:
+class SimulatedDrive:
     """The vehicles of these drivers, their services and a radio.
 
     A given ``simulation`` determines the seed, the channel and the logs.
@@ -111,7 +111,7 @@ class FourVehicles:
         channel: Channel | None = None,
         parameters: Parameters | None = None,
         logs: Path | None = None,
-    ) -> Drive:
+    ) -> SimulatedDrive:
         """Run the drive to its end."""
         drive = self.on(Simulation(seed=self.seed, channel=channel, logs=logs), parameters)
         drive.run(self.until_s)
@@ -122,7 +122,7 @@ class FourVehicles:
         simulation: Simulation,
         parameters: Parameters | None = None,
         driver: Callable[[Vehicle, Plan], LaneChange] = LaneChange,
-    ) -> Drive:
+    ) -> SimulatedDrive:
         """The drive on this simulation, before its start.
 
         ``driver`` makes each vehicle's application.
@@ -141,7 +141,7 @@ class FourVehicles:
         for receiver in vehicles[1:]:
             receiver.late = late
         drivers = [driver(vehicle, self.plan) for vehicle in vehicles]
-        drive = Drive(drivers, parameters=parameters, simulation=simulation)
+        drive = SimulatedDrive(drivers, parameters=parameters, simulation=simulation)
         prescriber = drivers[0]
         clock = drive.simulation.clock
 

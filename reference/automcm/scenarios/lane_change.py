@@ -20,7 +20,14 @@ from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, from_message, to_message
 from automcm.kernels.verify import Limits, Reason, verify
 from automcm.scenarios.road import LANE_WIDTH, ROAD_M, Vehicle
-from automcm.service.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
+from automcm.service.application import (
+    Advertised,
+    AgreedManeuver,
+    Choice,
+    Kinematics,
+    Proposal,
+    Service,
+)
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Command, Request
 from automcm_spec.vocabulary.messages import Session
@@ -175,7 +182,7 @@ class LaneChange(Coordinated):
         """The lane to which it changes."""
         self.story: list[tuple[int, str]] = []
         """Its actions, with times in ms."""
-        self._drive: Drive | None = None
+        self._drive: AgreedManeuver | None = None
         self._begins_ms: int | None = None
         self._proposal: tuple[Proposal, Trajectory] | None = None
 
@@ -288,10 +295,10 @@ class LaneChange(Coordinated):
 
     # -- both
 
-    def load(self, drive: Drive) -> None:
+    def load(self, maneuver: AgreedManeuver) -> None:
         """Load the trajectory (receiver), or begin to wait for the gap (prescriber)."""
-        self._drive = drive
-        if drive.role == "receiver":
+        self._drive = maneuver
+        if maneuver.role == "receiver":
             assert self._proposal is not None
             self._note("loads the trajectory")
             self.vehicle.follow(self._proposal[1])

@@ -15,7 +15,7 @@ from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError, to_message
 from automcm.scenarios.lane_change import LIMITS, MARGIN_S, Coordinated, judged, planned, read
 from automcm.scenarios.road import Vehicle
-from automcm.service.application import Advertised, Choice, Drive, Proposal
+from automcm.service.application import Advertised, AgreedManeuver, Choice, Proposal
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Command, Request
 
@@ -57,7 +57,7 @@ class Merge(Coordinated):
         """Whether it plans to join and is allowed to."""
         self.delayed: float | None = None
         """The factor by which it was asked to slow down."""
-        self._drive: Drive | None = None
+        self._drive: AgreedManeuver | None = None
         self._asked: Trajectory | None = None
 
     def signal(self) -> None:
@@ -102,7 +102,7 @@ class Merge(Coordinated):
         theirs = self._planned[self._target].since(now)
         at = arrival(theirs, self.ramp.joins_m)
         if at is None:
-            raise TrajectoryError("planned: it is not known when it arrives")
+            raise TrajectoryError("planned: its arrival time is unknown")
         later = at + (mine + self.ramp.apart_s - at) / choice.proposal
         prescribed = to_message(thin(stretched(theirs, (later - now) / (at - now))))
         lease_s = later - now + self.vehicle.driving.lane_change_s + MARGIN_S
@@ -122,10 +122,10 @@ class Merge(Coordinated):
             pass
         self.service.command(proposal.refuse() if self._asked is None else proposal.accept())
 
-    def load(self, drive: Drive) -> None:
+    def load(self, maneuver: AgreedManeuver) -> None:
         """As ``Application.load``."""
-        self._drive = drive
-        if drive.role == "prescriber":
+        self._drive = maneuver
+        if maneuver.role == "prescriber":
             self.agreed = True
         elif self._asked is not None:
             self.delayed = float(self._asked.speeds().min()) / max(self.vehicle.speed, 0.1)

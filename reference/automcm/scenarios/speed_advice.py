@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from automcm.scenarios.lane_change import MARGIN_S, Coordinated
 from automcm.scenarios.road import Vehicle
-from automcm.service.application import Advertised, Choice, Drive, Proposal
+from automcm.service.application import Advertised, AgreedManeuver, Choice, Proposal
 from automcm_spec.vocabulary.application import Request
 from automcm_spec.vocabulary.messages import Trajectory
 
@@ -70,14 +70,14 @@ class SpeedAdvice(Coordinated):
         fits = speed is not None and self.least_mm_s <= speed <= self.vehicle.speed * 1000
         self.service.command(proposal.accept() if fits else proposal.refuse())
 
-    def load(self, drive: Drive) -> None:
+    def load(self, maneuver: AgreedManeuver) -> None:
         """As ``Application.load``."""
-        if drive.role == "receiver":
-            speed = speed_in(drive.selected)
+        if maneuver.role == "receiver":
+            speed = speed_in(maneuver.selected)
             assert speed is not None
             self.vehicle.desired = speed / 1000
         else:
-            self.service.command(drive.complete(), self.advice_ms)
+            self.service.command(maneuver.complete(), self.advice_ms)
 
     def tick(self, now_ms: int) -> None:
         """Does nothing: the cruise control drives."""

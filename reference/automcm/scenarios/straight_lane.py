@@ -8,7 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from automcm.service.application import Advertised, Choice, Drive, Kinematics, Proposal, Service
+from automcm.service.application import (
+    Advertised,
+    AgreedManeuver,
+    Choice,
+    Kinematics,
+    Proposal,
+    Service,
+)
 from automcm_spec.vocabulary.application import Prescribe, Request
 from automcm_spec.vocabulary.messages import Session, Trajectory
 
@@ -66,10 +73,10 @@ class Straight:
         answer = proposal.refuse() if refused else proposal.accept()
         self.service.command(answer, self.think_ms)
 
-    def load(self, drive: Drive) -> None:
+    def load(self, maneuver: AgreedManeuver) -> None:
         """As ``Application.load``."""
-        if drive.role == "prescriber":
-            self.service.command(drive.complete(), self.maneuver_ms)
+        if maneuver.role == "prescriber":
+            self.service.command(maneuver.complete(), self.maneuver_ms)
 
     def fallback(self, session: Session, reason: str) -> None:
         """Does nothing: it always drives straight on."""

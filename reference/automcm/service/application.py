@@ -108,7 +108,7 @@ class Proposal:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class AgreedManeuver:
     """An agreed maneuver (ACT-1).
 
     ``selected`` is the receiver's trajectory, which starts at its acceptance.  Up to ``start_ms``
@@ -136,7 +136,7 @@ class Service(Protocol):
     """The service, as far as the attached application may use it."""
 
     def now(self) -> int:
-        """The time in ms, on the clock of ``Drive``."""
+        """The time in ms, on the clock of ``AgreedManeuver.start_ms``."""
 
     def command(self, command: Command, after_ms: int = 0) -> None:
         """Give a command, now or later.  From within a callback, it takes effect after it."""
@@ -160,7 +160,7 @@ class Application(Protocol):
     def verify(self, proposal: Proposal) -> None:
         """Must be answered by ``accept`` or ``refuse`` within t_decide (NEG-1)."""
 
-    def load(self, drive: Drive) -> None:
+    def load(self, maneuver: AgreedManeuver) -> None:
         """Both stations have agreed.  A prescriber gives ``complete`` when it has finished."""
 
     def fallback(self, session: Session, reason: str) -> None:

@@ -22,7 +22,7 @@ from automcm.encoding.codec import JSON, Codec
 from automcm.links.clock import Cancel, Clock
 from automcm.links.link import Link
 from automcm.service import event_log
-from automcm.service.application import Advertised, Application, Choice, Drive, Proposal
+from automcm.service.application import Advertised, AgreedManeuver, Application, Choice, Proposal
 from automcm.service.statistics import Statistics
 from automcm_spec.vocabulary.application import (
     Abort,
@@ -402,7 +402,7 @@ class McService:
             assert p is not None
             selected = effect.input.selected
             self.application.load(
-                Drive(p.session, "receiver", selected, now + p.hold_ms, now + p.lease_ms)
+                AgreedManeuver(p.session, "receiver", selected, now + p.hold_ms, now + p.lease_ms)
             )
         for indication in effect.indications:
             self._indicate(indication, effect)
@@ -424,7 +424,7 @@ class McService:
                 application.verify(self._proposal)
             case Accepted(session=session, selected=selected):
                 until = now + indication.lease_left_ms
-                application.load(Drive(session, "prescriber", selected, now, until))
+                application.load(AgreedManeuver(session, "prescriber", selected, now, until))
             case Fallback(session=session, reason=reason):
                 application.fallback(session, reason)
             case NoParticipants(session=session):

@@ -236,7 +236,7 @@ def way_claim(found: Values, target_m: float) -> Claim:
 
 
 def braking_claim(found: Values) -> Claim:
-    """The claim on stops and braking after the begin of the lane change."""
+    """The claim on stops and braking after the beginning of the lane change."""
     with_, without = (
         [found["speeds"][str(speed_kmh)][which] for speed_kmh in SPEEDS_KMH]
         for which in ("with", "without")

@@ -61,8 +61,9 @@ ROUTES = """<routes>
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One trial.  SI units; ``beside_m`` is how far the prescriber is ahead, centre to centre,
-    ``signal_s`` is since the start, the target ``target_m`` from where the receiver starts."""
+    """One trial, in SI units.  ``beside_m``: how far the prescriber is ahead, centre to centre.
+    ``signal_s``: time of the signal from the start.  ``target_m``: distance of the target from the
+    start of the receiver."""
 
     how: How
     speed: float
@@ -170,5 +171,5 @@ def libsumo() -> Any:
         if error.name != "libsumo":
             raise
         raise ExperimentError(
-            "the second opinion needs SUMO: pip install 'automcm[sumo]', or --set sumo=false"
+            "the comparison with SUMO needs it: pip install 'automcm[sumo]', or --set sumo=false"
         ) from None

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from automcm.encoding import sizes
 from automcm.encoding.codec import JSON, CodecError, codec
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import Drive
+from automcm.scenarios.drive import SimulatedDrive
 from automcm.scenarios.lane_change import LaneChange, intention
 from automcm.scenarios.road import Vehicle
 from automcm_evaluation.framework.experiment import ExperimentError, Values
@@ -172,7 +172,7 @@ def column(receivers: int, beside: Sequence[int], gap_m: float = GAP_M) -> list[
 class Recorded:
     """A drive with its sent messages and those of the always-on alternative."""
 
-    drive: Drive
+    drive: SimulatedDrive
     air: Air
     offers: list[Sent] = field(default_factory=list)
     """One for each vehicle and OFFER_MS; it stands for all of that time."""
@@ -196,7 +196,9 @@ def record(
 ) -> Recorded:
     """A drive in which the prescribers change lanes one after another."""
     drivers, air = column(receivers, beside, gap_m), Air()
-    drive = Drive(drivers, seed=seed, channel=Channel(loss=loss), parameters=parameters, codec=air)
+    drive = SimulatedDrive(
+        drivers, seed=seed, channel=Channel(loss=loss), parameters=parameters, codec=air
+    )
     recorded = Recorded(drive, air)
     clock = drive.simulation.clock
     air.now = clock.now

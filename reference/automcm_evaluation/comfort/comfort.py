@@ -169,7 +169,7 @@ def cost(
 
 
 def fig6(setting: Setting) -> Values:
-    """The undisturbed maneuver: speed over position of the four, and what is claimed of it."""
+    """The undisturbed maneuver: speed over position of four vehicles, and its claims."""
     found, alone = _tracks(undisturbed(setting)), _tracks(nobody(setting))
     prescriber = found[PRESCRIBER]
     moving = np.flatnonzero(np.diff(prescriber.y))

@@ -19,7 +19,7 @@ from automcm.scenarios.drive import STEP_MS, FourVehicles
 from automcm.scenarios.lane_change import LaneChange, Plan
 from automcm.scenarios.road import STEP_S, Vehicle
 from automcm.scenarios.simulation import Simulation
-from automcm.service.application import Choice, Drive, Proposal
+from automcm.service.application import AgreedManeuver, Choice, Proposal
 from automcm_spec.vocabulary.application import Abort, Command, Prescribe
 from automcm_spec.vocabulary.parameters import Parameters
 
@@ -100,11 +100,11 @@ class Changer(LaneChange):
         if not self.absent:
             super().verify(proposal)
 
-    def load(self, drive: Drive) -> None:
+    def load(self, maneuver: AgreedManeuver) -> None:
         """As ``LaneChange``, unless the application is absent."""
         if not self.absent:
-            self.executing = drive.role == "receiver"
-            super().load(drive)
+            self.executing = maneuver.role == "receiver"
+            super().load(maneuver)
 
     def _alone(self) -> None:
         self.executing = False
@@ -158,7 +158,7 @@ class Run:
             self.changers[vehicle.station_id] = changer
             return changer
 
-        self.drive: driving.Drive = setting.four.on(
+        self.drive: driving.SimulatedDrive = setting.four.on(
             Simulation(seed=setting.four.seed),
             Parameters(t_cam_loss=setting.t_cam_loss_ms if cams else NEVER_MS, clock_drift=0),
             make,
@@ -204,7 +204,7 @@ class Run:
     # -- what may befall it
 
     def cut(self, *ways: tuple[int, int]) -> None:
-        """Lose what the first station of each pair sends to the second."""
+        """Lose all messages from the first station of each pair to the second."""
         for src, dst in ways:
             self.drive.simulation.radio.cut(src, dst)
 

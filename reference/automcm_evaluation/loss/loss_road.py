@@ -5,7 +5,7 @@ from __future__ import annotations
 from random import Random
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import Drive, arrival_s
+from automcm.scenarios.drive import SimulatedDrive, arrival_s
 from automcm.scenarios.lane_change import LaneChange, Plan
 from automcm.scenarios.road import Late, Vehicle
 from automcm_evaluation.framework.experiment import ExperimentError, Values, columns
@@ -37,7 +37,7 @@ def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Val
     speed, t_timeout = SPEED_KMH / 3.6, values["t_timeout"]
     prescriber = Insists(Vehicle(1, beside_m, 0, speed, speed), Plan(hold_s=t_timeout / 1000))
     receiver = LaneChange(Vehicle(2, 0.0, 1, speed, speed, late=Late()))
-    driven = Drive(
+    driven = SimulatedDrive(
         [prescriber, receiver],
         seed=seed,
         channel=Channel(loss=values["loss"] / 100),

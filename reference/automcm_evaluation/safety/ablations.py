@@ -255,7 +255,7 @@ ABLATIONS = (
         "silent_cam_loss",
         "a station that hears no CAM leaves without a Cancel",
         changed("expire cam", 0, then=silent),
-        unseen="hazards stay within B; the fault classes above show what it costs",
+        unseen="hazards stay within B; the fault classes above show the cost",
     ),
     Ablation(
         "plain CAMs count",
@@ -272,7 +272,7 @@ ABLATIONS = (
         "mark_dropped_early",
         "a finished prescriber no longer names the session",
         marks=bound_session,
-        unseen="shows only where all copies of a Fin are lost for t_cam_loss while CAMs pass",
+        unseen="visible only if all copies of a Fin are lost for t_cam_loss while CAMs pass",
     ),
     Ablation(
         "no lease",
@@ -281,7 +281,7 @@ ABLATIONS = (
         "no_lease",
         "nothing ends when its lease does",
         _ignored(("expire lease", 0)),
-        unseen="shows only with a prescriber that never ends its maneuver",
+        unseen="visible only with a prescriber that never ends its maneuver",
     ),
     Ablation(
         "lease from the Acceptance",
@@ -290,7 +290,7 @@ ABLATIONS = (
         "lease_from_acceptance",
         "the prescriber counts its lease from hearing the Acceptance",
         changed("receive Acceptance", 6, then=lease_anew),
-        unseen="shows only where a lease ends before the maneuver",
+        unseen="visible only if a lease ends before the maneuver",
     ),
     Ablation(
         "no busy refusal",
@@ -299,7 +299,7 @@ ABLATIONS = (
         "no_busy_refusal",
         "a receiver answers a second Advertisement (ADV-4), and the last instruction counts",
         _no_busy_refusal(),
-        unseen="shows only where a second prescriber asks a committed target",
+        unseen="visible only if a second prescriber asks a committed target",
     ),
     Ablation(
         "Acceptance abandoned",
@@ -308,7 +308,7 @@ ABLATIONS = (
         "abandoned_acceptance",
         "a receiver whose Acceptance is not acknowledged in time lets go",
         changed("expire giveup", 2, then=abandon),
-        unseen="shows only where every Ack of an Acceptance is lost while CAMs pass",
+        unseen="visible only if every Ack of an Acceptance is lost while CAMs pass",
     ),
     Ablation(
         "no retransmission",
@@ -325,7 +325,7 @@ ABLATIONS = (
         "no_re_ack",
         "a message that changes nothing is not acknowledged",
         _ignored(*COPIES),
-        unseen="an Acceptance ends a Prescription as well; other give-ups change no phase",
+        unseen="an Acceptance also ends a Prescription; other give-ups change no phase",
     ),
     Ablation(
         "no proposal number",
@@ -334,7 +334,7 @@ ABLATIONS = (
         "no_proposal_number",
         "an Acceptance counts whatever proposal it names",
         _no_proposal_number(),
-        unseen="shows only where a refusal is still being sent when the next proposal is out",
+        unseen="visible only if a refusal is still retransmitted after the next proposal",
     ),
     Ablation(
         "no session number",
@@ -343,7 +343,7 @@ ABLATIONS = (
         "no_session_number",
         "any session of the same prescriber counts as the own one",
         without("END-4"),
-        unseen="needs a message of the last session that is still sent in the next",
+        unseen="visible only if a message of one session is still sent in the next",
     ),
     Ablation(
         "Ack without type and seq",
@@ -352,7 +352,7 @@ ABLATIONS = (
         "bare_ack",
         "an Ack is taken for the oldest message sent to that station in that session",
         ack_misread(acked_by_any),
-        unseen="needs an Acceptance beside a refusal that is not acknowledged yet",
+        unseen="visible only with an Acceptance while a refusal is unacknowledged",
     ),
     Ablation(
         "no memory of sessions",
@@ -361,7 +361,7 @@ ABLATIONS = (
         "rejoin",
         "a receiver that has left a session may join it again",
         changed("receive Advertisement", 4, when=never),
-        unseen="needs a receiver that joins twice in the window, and an old copy between",
+        unseen="visible only if a receiver joins twice in the window, with an old copy between",
     ),
     Ablation(
         "no quarantine",
@@ -370,7 +370,7 @@ ABLATIONS = (
         "no_quarantine",
         "a station that has restarted joins at once",
         changed("receive Advertisement", 3, when=never),
-        unseen="needs a restart within the window, and a copy from before that arrives late",
+        unseen="visible only with a restart within the window and a late copy from before it",
     ),
     Ablation(
         "free after breaking off",
@@ -379,7 +379,7 @@ ABLATIONS = (
         "no_break_off",
         "a receiver that ends its commitment itself joins and requests at once",
         _no_break_off(),
-        unseen="needs another prescriber that asks for it while the first still acts",
+        unseen="visible only if another prescriber asks while the first still acts",
     ),
     Ablation(
         "closed in place of the Fin",
@@ -388,7 +388,7 @@ ABLATIONS = (
         "closed_despite_fin",
         "a late copy is answered with Cancel(closed) although a Fin is being sent",
         _closed(),
-        unseen="needs a copy of an Acceptance that is sent again when the Fin has been lost",
+        unseen="visible only if an Acceptance is retransmitted after its Fin was lost",
     ),
     Ablation(
         "no hold timer",
@@ -397,7 +397,7 @@ ABLATIONS = (
         "no_hold",
         "a receiver waits for ever",
         _ignored(("expire hold", 0)),
-        unseen="shows only where every Cancel to a waiting receiver is lost",
+        unseen="visible only if every Cancel to a waiting receiver is lost",
     ),
 )
 BY_NAME = {ablation.name: ablation for ablation in (WHOLE, *ABLATIONS)}

@@ -185,7 +185,7 @@ class Watched(Simulation):
                 self.hazards.append(hazard)
 
     def _keeps_to(self, st: State) -> bool:
-        """Whether the target is committed to what a prescriber in this state acts on."""
+        """Whether the target is committed to the proposal of a prescriber in this state."""
         peer = self.services[st.target].state
         same = (peer.session, peer.proposal) == (st.session, st.proposal)
         return same and self.committed(st.target)

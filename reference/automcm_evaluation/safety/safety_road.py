@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from automcm.links.simulated_radio import Channel
-from automcm.scenarios.drive import STEP_MS, Drive, FourVehicles
+from automcm.scenarios.drive import STEP_MS, FourVehicles, SimulatedDrive
 from automcm.scenarios.lane_change import LaneChange
 from automcm.scenarios.road import Late, Sample, Vehicle
 from automcm_evaluation.framework.experiment import Values
@@ -106,7 +106,7 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
     return _driven(made, watched)
 
 
-def _informed(made: Drive, watched: Watched) -> None:
+def _informed(made: SimulatedDrive, watched: Watched) -> None:
     """The vehicles that notice late are determined at the beginning of the lane change."""
     prescriber, *others = (driver.vehicle for driver in made.drivers)
     for vehicle in others:
@@ -121,7 +121,7 @@ def _informed(made: Drive, watched: Watched) -> None:
     watched.clock.at(0, look)
 
 
-def _driven(made: Drive, watched: Watched) -> Driven:
+def _driven(made: SimulatedDrive, watched: Watched) -> Driven:
     prescriber = made.drivers[0]
     samples = made.road.samples
     room, gap, ttc = nearest(samples, prescriber.vehicle)

@@ -88,7 +88,7 @@ def sweep(
     workers: int = 0,
     scheduler: str = "",
     again: bool = False,
-    say: Callable[[int, int], None] = lambda done, of: None,
+    notify: Callable[[int, int], None] = lambda done, of: None,
 ) -> list[Cell]:
     """Run all cells, in the order of the experiment, except those that are already finished.
 
@@ -110,13 +110,13 @@ def sweep(
         kept.unlink(missing_ok=True)
     done = resumed(kept, about)
     missing = [values for values, text in zip(wanted, texts, strict=True) if text not in done]
-    say(len(wanted) - len(missing), len(wanted))
+    notify(len(wanted) - len(missing), len(wanted))
     with kept.open("a", encoding="utf-8") as file:
         for values, result in _results(made.name, missing, about["seed"], workers, scheduler):
             file.write(canonical({"values": values, "result": result}) + "\n")
             file.flush()
             done[canonical(values)] = result
-            say(len(done), len(wanted))
+            notify(len(done), len(wanted))
     return [Cell(values, done[text]) for values, text in zip(wanted, texts, strict=True)]
 
 

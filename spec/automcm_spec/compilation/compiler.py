@@ -88,7 +88,7 @@ def text(tla: Path = TLA, xml: bytes | None = None) -> str:
 
 
 def is_fresh() -> bool:
-    """Whether the committed module is what the compiler makes from the specification now.
+    """Whether the committed module is the present output of the compiler.
 
     Raises the exceptions of ``text``.
     """

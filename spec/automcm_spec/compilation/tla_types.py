@@ -221,7 +221,7 @@ class Types:
         try:
             joined = join(a, b)
         except IncomparableTypes as error:
-            raise Refused(f"unlike values, {error}", node.at) from None
+            raise Refused(f"values of different types: {error}", node.at) from None
         if isinstance(joined, Rec) and len(joined.classes) > 1:
             self._mixed.setdefault(joined.classes, node.at)
         return joined
@@ -234,7 +234,7 @@ class Types:
 
     def _must(self, node: Node, env: Env, wanted: Type) -> None:
         if self.of(node, env) not in (wanted, NEVER):
-            raise Refused(f"unlike values, must be {wanted}", node.at)
+            raise Refused(f"values of different types: must be {wanted}", node.at)
 
     def _item(self, node: Node, env: Env) -> Type:
         """The type of the elements of a set."""
@@ -244,7 +244,7 @@ class Types:
         if isinstance(found, SetOf):
             return found.item
         if found != NEVER:
-            raise Refused(f"unlike values, must be a set, not {found}", node.at)
+            raise Refused(f"values of different types: must be a set, not {found}", node.at)
         return NEVER
 
     def of(self, node: Node, env: Env) -> Type:
@@ -388,7 +388,7 @@ class Types:
         if found == NEVER:
             return NEVER
         if not isinstance(found, Rec):
-            raise Refused(f"unlike values, must be a record, not {found}", node.at)
+            raise Refused(f"values of different types: must be a record, not {found}", node.at)
         fields = [
             self.classes[name].fields[step]
             for name in sorted(found.classes)

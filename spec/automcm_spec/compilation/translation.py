@@ -340,7 +340,7 @@ class Translator:
             steps, value = pair.args
             first, *rest = (local(step.name) for step in steps.args)
             if first in fields:
-                raise Refused("EXCEPT of one field twice", pair.at)
+                raise Refused("EXCEPT changes a field twice", pair.at)
             text = self.expression(value)
             for n in range(len(rest), 0, -1):
                 inner = ".".join([base, first, *rest[: n - 1]])

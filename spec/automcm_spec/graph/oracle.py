@@ -118,7 +118,9 @@ class Oracle:
         offered."""
         answer = self.answer(state, i)
         if answer is None:
-            raise KeyError(f"not offered: {canonical(self.inputs[i])}")
+            raise KeyError(
+                f"the oracle does not offer this input here: {canonical(self.inputs[i])}"
+            )
         return answer
 
     def way(self, inputs: Iterable[int]) -> list[int]:

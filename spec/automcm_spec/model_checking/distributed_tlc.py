@@ -72,7 +72,7 @@ def serve(
     safety = {name for name, id_ in models.PROPERTY_IDS.items() if id_[0] in "ST"}
     if beyond := sorted(set(checked) - safety):
         raise tlc.TlcError(
-            "config", f"{model.cfg}: {beyond[0]} cannot be checked distributed, only S and T can"
+            "config", f"{model.cfg}: {beyond[0]} cannot be checked distributed; only S and T can"
         )
     started = time.monotonic()
     with scratch.folder("server") as place:

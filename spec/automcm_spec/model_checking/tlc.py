@@ -300,7 +300,7 @@ class _Block:
 
 
 class _Reader:
-    """Parses the output line by line and keeps what the result needs."""
+    """Parses the output line by line and keeps the data for the result."""
 
     def __init__(
         self,

@@ -20,7 +20,7 @@ except ImportError:  # without flock, proceed as without a home directory
     fcntl = None  # type: ignore[assignment]
 
 
-def own() -> Path | None:
+def user_folder() -> Path | None:
     """The user's own directory, created with mode 0700 if necessary; None if there is none."""
     given, home = os.environ.get("XDG_CACHE_HOME", ""), os.environ.get("HOME", "")
     try:
@@ -41,9 +41,9 @@ def own() -> Path | None:
 
 
 @contextmanager
-def alone(name: str) -> Iterator[None]:
+def locked(name: str) -> Iterator[None]:
     """A lock by name between the processes of the user. Its lock file stays."""
-    folder = own()
+    folder = user_folder()
     if folder is None:
         yield
         return
@@ -58,13 +58,13 @@ def folder(name: str) -> Iterator[Path]:
 
     The first call removes the folders of killed processes. Raises OSError.
     """
-    base = own()
+    base = user_folder()
     if base is None:
         with tempfile.TemporaryDirectory(prefix=f"automcm-{name}-") as private:
             yield Path(private)
         return
     _sweep(base)
-    with alone("scratch"):  # another process must not remove it before it is locked
+    with locked("scratch"):  # another process must not remove it before it is locked
         made = Path(tempfile.mkdtemp(prefix=f"{name}-", dir=_scratch(base)))
         lock = os.open(made, os.O_RDONLY)
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -84,7 +84,7 @@ def _scratch(base: Path) -> Path:
 @cache
 def _sweep(base: Path) -> None:
     """Remove the folders whose processes have ended, so that nobody holds their locks."""
-    with alone("scratch"):
+    with locked("scratch"):
         for path in _scratch(base).iterdir():
             with suppress(OSError):
                 lock = os.open(path, os.O_RDONLY)

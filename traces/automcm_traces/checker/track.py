@@ -220,13 +220,13 @@ def difference(e: Expected, m: Message, t: Track, content: Fields, fresh: int) -
     )
     for name, wanted, found in plain:
         if wanted != found and not (name == "session" and _opens(e, m, t)):
-            return f"{name}: {wanted} is expected, not {found}"
+            return f"{name}: expected {wanted}, got {found}"
     if e.copy_of is not None:
         return _copy_difference(e.copy_of.message, m)
     if e.reason not in ("none", reason):
-        return f"reason: {e.reason} is expected, not {reason}"
+        return f"reason: expected {e.reason}, got {reason}"
     if e.of is not None and isinstance(m, Ack) and e.of not in _acked(m):
-        return f"of: {e.of[0]} seq={e.of[1]} is expected, not {m.of.model_dump()}"
+        return f"of: expected {e.of[0]} seq={e.of[1]}, got {m.of.model_dump()}"
     if e.k == 0 and m.seq != 0:
         return f"seq: an answer must have seq 0, not {m.seq} (END-6)"
     if e.k and m.seq != t.seq + fresh + 1:

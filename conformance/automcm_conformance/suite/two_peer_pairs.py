@@ -1,8 +1,8 @@
-"""The part of the two-peer graph that the one-peer graph does not cover.
+"""The two-peer pairs: what the two-peer graph covers and the one-peer graph does not.
 
 A pair of state and input of ``two-peers`` has an *image* in ``one-peer`` if one of the peers can be
 removed (with its session, if the station is bound to it) and the answer is the same in the rest.
-The remainder consists of the pairs without an image: they need a third station. Of pairs that
+The two-peer pairs are those without an image: they need a third station. Of pairs that
 differ only in parts of the state that the input cannot affect (END-4), or in the order of the
 peers, it holds one.
 """
@@ -33,7 +33,7 @@ PEERS = 2, 3
 STRANGER = 9
 
 
-def remainder(two: Oracle, one: Oracle) -> Iterator[Answer]:
+def pairs_without_image(two: Oracle, one: Oracle) -> Iterator[Answer]:
     """The pairs of ``two`` that have no image in ``one``, in the order of its states."""
     seen: set[tuple[int, int]] = set()
     swapped = [two.input_index[renumbering.input_of(i, _swap)] for i in two.inputs]
@@ -207,9 +207,9 @@ FORMAT = "automcm.remainder/1"
 
 
 def text(two: Oracle, one: Oracle) -> str:
-    """The file: for each state of ``two-peers`` the inputs of the remainder; a state a line."""
+    """The file: one line for each state of ``two-peers``, with the inputs of its pairs."""
     pairs: dict[int, list[int]] = {}
-    for answer in remainder(two, one):
+    for answer in pairs_without_image(two, one):
         pairs.setdefault(answer.state, []).append(answer.input)
     head = f'"format":"{FORMAT}","spec_hash":"{two.spec_hash}"'
     rows = ",\n".join(f'"{s}":{canonical(inputs)}' for s, inputs in pairs.items())
@@ -226,7 +226,7 @@ def spec_hash(path: Path = PATH) -> str:
 
 
 def read(two: Oracle, path: Path = PATH) -> list[Answer]:
-    """The remainder from its file. Raises OracleError if it is missing, or of another version."""
+    """The pairs from the file. Raises OracleError if it is missing, or of another version."""
     try:
         data = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:
