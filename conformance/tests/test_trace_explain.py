@@ -131,3 +131,31 @@ def test_what_cannot_be_read_further_is_unreadable_only_if_all_before_was_allowe
         if verdict == "unreadable":
             assert (told["file"], told["line"]) == (str(path), 81)
             assert told["event"].startswith("not UTF-8")
+
+
+def test_a_log_cut_before_a_restart_is_judged_from_there(tmp_path: Path) -> None:
+    """A divergence after it has a prefix and can be shrunk, but not be replayed."""
+    source = CORPUS.parent / "behaviours" / "restarts" / "005-1001.ndjson"
+    lines = [json.loads(line) for line in source.read_text().splitlines()]
+    restart = next(n for n, line in enumerate(lines) if line.get("ev") == "restart")
+    answer = next(n for n in range(restart, len(lines)) if is_answer(lines[n]))
+    kept = [lines[0], *lines[4:answer], *lines[answer + 1 :]]
+    for line in kept[answer - 3 :]:
+        line["seq"] -= 1
+    path = tmp_path / "cut.ndjson"
+    path.write_text("".join(json.dumps(line) + "\n" for line in kept))
+    code, told = explained(path, "--out", tmp_path / "out")
+    assert (code, told["verdict"], told["judged_from"]) == (1, "diverges", restart - 2)
+    assert "replay" not in told
+    assert explained(Path(told["prefix"]), "--out", tmp_path / "out")[1]["line"] == told["line"]
+    small = tmp_path / "small" / "cut.ndjson"
+    assert automcm("trace", "shrink", path, "--out", small.parent).exit_code == 0
+    code, again = explained(small, "--out", tmp_path / "out")
+    assert (code, again["rule"]) == (1, told["rule"])
+    assert json.loads(small.read_text().splitlines()[0])["begins"] == "running"
+    refused = automcm("trace", "replay", small, "--out", tmp_path, "--", "automcm", "adapter")
+    assert refused.exit_code == 4 and "mid-session" in refused.output
+
+
+def is_answer(line: Any) -> bool:
+    return bool(line.get("ev") == "send" and line["message"]["type"] != "CAM")

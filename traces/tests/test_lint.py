@@ -55,6 +55,7 @@ def test_the_logs_of_the_reference_are_clean(tmp_path: Path) -> None:
 
 CASES: list[tuple[str, list[Line | bytes], list[tuple[int, str, str]]]] = [
     ("gap", [HEADER, event(1), event(4), event(5), end(5)], [(3, "seq", "seq")]),
+    ("from 0", [HEADER, event(0), event(1), event(2), end(2)], [(2, "seq", "seq")]),
     ("twice", [HEADER, event(1), event(1), event(2), end(2)], [(3, "seq", "seq")]),
     ("end ahead", [HEADER, event(1), end(3)], [(3, "seq", "seq")]),
     ("end behind", [HEADER, event(1), end(0)], [(3, "seq", "seq")]),
@@ -88,7 +89,7 @@ CASES: list[tuple[str, list[Line | bytes], list[tuple[int, str, str]]]] = [
     (
         "another version",
         [HEADER, event(1), {**HEADER, "schema": "automcm.trace/2"}, end(1)],
-        [(3, "schema", "schema")],
+        [(3, "schema", "schema"), (3, "order", "rec")],
     ),
     ("float", [HEADER, {**event(1), "x_load": 0.5}, end(1)], [(2, "schema", "x_load")]),
     ("null", [HEADER, {**event(1), "rule": None}, end(1)], [(2, "schema", "rule")]),
@@ -195,12 +196,20 @@ def test_the_report_says_where_and_counts_what_it_leaves_out(tmp_path: Path) -> 
     one = report(path, most=1)
     assert (one.verdict, one.errors, one.warnings, len(one.findings)) == ("findings", 19, 1, 1)
     assert text(one).splitlines() == [
-        f"{path}:2: seq: 2 after 0: 1 missing [seq]",
+        f"{path}:2: seq: must count from 1, not from 2; if the log was cut here, its header needs "
+        '"begins": "running" [seq]',
         f"{path}: 19 more",
         f"{path}: 19 errors, 1 warning",
     ]
     assert exit_code([one]) == 1
     assert one.as_dict()["findings"][0]["check"] == "seq"
+
+
+def test_a_seq_that_begins_at_0_is_no_repetition(tmp_path: Path) -> None:
+    path = write(tmp_path, HEADER, event(0), event(1), end(1))
+    assert [finding.observed for finding in lint(path)] == [
+        "must count from 1, not from 0: add 1 to each, also in the end"
+    ]
 
 
 def test_a_seq_twice_and_one_that_goes_back_are_told_apart(tmp_path: Path) -> None:

@@ -149,11 +149,11 @@ def test_header_without_what_is_optional(tmp_path: Path) -> None:
         ),
         (HEADER, {"schema": "automcm.trace/2", "clock": 1.5}, "schema", "is not supported"),
         (HEADER, {"schema": 1}, "schema", "is not supported"),
-        (HEADER, {"station": 0}, "station", "greater"),
-        (HEADER, {"station": 2**32}, "station", "less"),
+        (HEADER, {"station": 0}, "station", "must be at least 1"),
+        (HEADER, {"station": 2**32}, "station", "must be at most 4294967295"),
         (HEADER, {"station": "7"}, "station", "integer"),
         (HEADER, {"station": True}, "station", "integer"),
-        (HEADER, {"run": ""}, "run", "at least 1"),
+        (HEADER, {"run": ""}, "run", "must not be empty"),
         (HEADER, {"host": "a"}, "host", "unknown field"),
         (HEADER, {"implementation": {"name": "a"}}, "implementation.version", "missing"),
         (HEADER, {"implementation": 3}, "implementation", "not a JSON object"),
@@ -163,9 +163,9 @@ def test_header_without_what_is_optional(tmp_path: Path) -> None:
             HEADER,
             {"parameters": {"t_resend": 0.1}},
             "parameters.t_resend",
-            "must be an integer, not 0.1",
+            "must be an integer number of milliseconds, not 0.1",
         ),
-        (HEADER, {"parameters": {"t_resend": -1}}, "parameters.t_resend", "greater"),
+        (HEADER, {"parameters": {"t_resend": -1}}, "parameters.t_resend", "must be at least 0"),
         (HEADER, {"parameters": {"t_unheard": 1}}, "parameters.t_unheard", "unknown field"),
         (HEADER, {"complete": ["send", "receive"]}, "complete", "sorted"),
         (HEADER, {"complete": ["send", "send"]}, "complete", "without duplicates"),
@@ -173,16 +173,16 @@ def test_header_without_what_is_optional(tmp_path: Path) -> None:
         (RESTART, {"rec": "evnt"}, "rec", "must be one of"),
         (RESTART, {"rec": 1}, "rec", "must be one of"),
         (RESTART, {"ev": 4}, "ev", "string"),
-        (RESTART, {"seq": 0}, "seq", "greater"),
+        (RESTART, {"seq": 0}, "seq", "must be at least 1"),
         (RESTART, {"seq": 1.0}, "seq", "must be an integer, not 1.0"),
-        (RESTART, {"t_ms": -1}, "t_ms", "greater"),
-        (RESTART, {"t_ms": 2**53}, "t_ms", "less"),
+        (RESTART, {"t_ms": -1}, "t_ms", "must be at least 0"),
+        (RESTART, {"t_ms": 2**53}, "t_ms", "must be at most"),
         (RESTART, {"t_ms": None}, "t_ms", "null"),
         (RESTART, {"message": MESSAGE}, "message", "unknown field"),
         (RESTART, {"rule": 3}, "rule", "string"),
         (RESTART, {"a\nb": 3}, "a\nb", "unknown field"),
         (RESTART, {"x_load": 0.5}, "x_load", "must be an integer, not 0.5"),
-        (SEND, {"tx": "7"}, "tx", "pattern"),
+        (SEND, {"tx": "7"}, "tx", 'such as "7:1"'),
         (SEND, {"tx": 7}, "tx", "string"),
         (SEND, {"message": []}, "message", "not a JSON object"),
         (SEND, {"message": {"src": 7}}, "message.type", "must have a string"),
@@ -243,7 +243,7 @@ def test_refuses_a_record_that_lacks(tmp_path: Path, record: Line, fields: tuple
         lines = [rest] if record is HEADER else [HEADER, rest]
         error = refused(tmp_path, *lines, END)
         assert (error.line, error.field) == (len(lines), field)
-        assert record is RECEIVE or error.problem == "missing"
+        assert record is RECEIVE or error.problem.split(":")[0] == "missing"
 
 
 @pytest.mark.parametrize(
@@ -277,7 +277,7 @@ def test_refuses_a_record_that_lacks(tmp_path: Path, record: Line, fields: tuple
         ((b'{"rec":"header","sch',), 1, "", "not JSON"),
         ((HEADER, b"[" * 100_000 + b"\n"), 2, "", "not JSON"),
         ((HEADER, b" " * (LONGEST_LINE + 1)), 2, "", "longer than"),
-        ((HEADER, RESTART, {**END, "lost_records": -1}), 3, "lost_records", "greater"),
+        ((HEADER, RESTART, {**END, "lost_records": -1}), 3, "lost_records", "must be at least 0"),
         ((HEADER, RESTART, {**END, "rule": "END-8"}), 3, "rule", "unknown field"),
     ],
 )
@@ -371,15 +371,18 @@ YES: Line = {**COMMON, "type": "Acceptance", "proposal": 1, "accepted": True, "s
         ({**CANCEL, "colour": 1}, [("colour", "unknown field")]),
         ({**COMMON, "type": "Cancel"}, [("reason", "missing")]),
         ({n: v for n, v in CANCEL.items() if n != "v"}, [("v", "missing")]),
-        ({**CANCEL, "src": 2**32}, [("src", "Input should be less than")]),
-        ({**CANCEL, "session": [7, True]}, [("session[1]", "Input should be a valid integer")]),
+        ({**CANCEL, "src": 2**32}, [("src", "must be at most 4294967295")]),
+        ({**CANCEL, "session": [7, True]}, [("session[1]", "must be an integer, not true")]),
         (
             {**CANCEL, "reason": "closed"},
             [("seq", "must be 0 if and only if the reason is closed")],
         ),
         ({**YES, "reason": "busy"}, [("reason", "must be present if and only if not accepted")]),
         ({**YES, "selected": {"t0": 0, "points": []}}, [("selected.points", "Tuple should have")]),
-        ({**YES, "proposal": 0, "accepted": 1}, [("proposal", "Input"), ("accepted", "Input")]),
+        (
+            {**YES, "proposal": 0, "accepted": 1},
+            [("proposal", "must be at"), ("accepted", "must be true")],
+        ),
     ],
 )
 def test_end_5_every_field_of_a_message_that_is_wrong_is_named(

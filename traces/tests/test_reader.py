@@ -48,8 +48,15 @@ def test_records_missing_before_the_end_are_a_gap_too(tmp_path: Path) -> None:
 
 
 def test_an_unknown_event_after_missing_ones_is_a_gap(tmp_path: Path) -> None:
-    log = LogStream(write(tmp_path, HEADER, restart(3, ev="song"), restart(4)))
-    assert not list(log) and log.gap is not None and log.gap[0] == 2
+    log = LogStream(write(tmp_path, HEADER, restart(1), restart(3, ev="song"), restart(4)))
+    assert len(list(log)) == 1 and log.gap is not None and log.gap[0] == 3
+
+
+def test_what_is_missing_before_the_first_event_is_no_gap(tmp_path: Path) -> None:
+    log = LogStream(write(tmp_path, HEADER, restart(3, ev="song"), restart(4), restart(6)))
+    assert not log.mid_session
+    assert [line for line, _ in log] == [3]
+    assert log.mid_session and not log.complete and log.gap is not None and log.gap[0] == 4
 
 
 @pytest.mark.parametrize("seq", [1, 2])

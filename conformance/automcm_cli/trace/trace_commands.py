@@ -14,6 +14,7 @@ from automcm_cli.trace.trace_logs import Logs, files_of
 
 if TYPE_CHECKING:
     from automcm_traces.explain.explain import Verdict
+    from automcm_traces.explain.lint import Repeated
 
 app = typer.Typer()
 
@@ -38,6 +39,7 @@ def explain(
     the properties of the system (S-*, T-*), with the hazards that a fault has caused.
     """
     from automcm_traces.explain import explain as explain_
+    from automcm_traces.explain import lint as lint_
 
     logs = files_of("explain", logs)
     several = len(logs) > 1
@@ -54,20 +56,33 @@ def explain(
     written: list[dict[str, str]] = []
     for verdict, log in zip(verdicts, logs, strict=True):
         written.append(_prefix(verdict, log, out, written))
+    errors = [_errors(verdict, log) for verdict, log in zip(verdicts, logs, strict=True)]
     reports = [v.as_dict() | where for v, where in zip(verdicts, written, strict=True)]
+    for report, kinds in zip(reports, errors, strict=True):
+        if kinds:
+            report["findings"] = [kind.as_dict() for kind in kinds[: lint_.FIRST]]
     if system is None:
         write_json(json_, reports[0])
     else:
         write_json(json_, {"logs": reports, "system": system.as_dict()})
     if str(json_) != "-":
-        for verdict, where in zip(verdicts, written, strict=True):
+        for verdict, where, kinds, log in zip(verdicts, written, errors, logs, strict=True):
             typer.echo(explain_.text(verdict))
+            for line in lint_.errors_text(kinds, log):
+                typer.echo(f"  {line}")
             for name, value in where.items():
                 typer.echo(f"  {name}: {value}")
         if system is not None:
             typer.echo(system.text())
     code = explain_.exit_code(verdicts)
     raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
+
+
+def _errors(verdict: Verdict, log: Path) -> list[Repeated]:
+    """The kinds of error in a log that cannot be read."""
+    from automcm_traces.explain.lint import kinds_of_error
+
+    return kinds_of_error(log) if verdict.verdict == "unreadable" else []
 
 
 def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]) -> dict[str, str]:
@@ -85,7 +100,8 @@ def _prefix(verdict: Verdict, log: Path, out: Path, before: list[dict[str, str]]
     except OSError as error:
         typer.echo(f"explain: the failing prefix could not be written: {error}", err=True)
         return {}
-    return {"prefix": str(path), "replay": replay(path)}
+    again = {} if verdict.judged_from else {"replay": replay(path)}  # from the station's start only
+    return {"prefix": str(path)} | again
 
 
 app.command(

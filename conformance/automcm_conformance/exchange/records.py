@@ -20,7 +20,7 @@ from automcm_conformance.exchange.exchange import Link, Mismatch, Step
 from automcm_conformance.exchange.wire import Expected
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.format.log import first_problem
+from automcm_traces.format.problems import first_problem
 from automcm_traces.format.writer import LogWriter
 
 FORMAT = "automcm.replay/1"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_spec.vocabulary.messages import LIMIT
+from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import CannotTell
 from automcm_traces.format.log import (
     ApplicationCommand,
@@ -129,7 +130,10 @@ def survey(path: Path) -> Survey:
 
 
 def require_replayable(found: Survey) -> None:
-    """Raises CannotTell if the log has no inputs, or too long a gap between events."""
+    """Raises CannotTell if the log begins in mid-session, has no inputs, or too long a gap between
+    events."""
+    if found.header.begins is not None:
+        raise CannotTell(f"{MID_SESSION}, and only a session from its start can be replayed")
     if not found.inputs:
         raise CannotTell("the log contains no input")
     if found.longest_ms > LONGEST_MS:

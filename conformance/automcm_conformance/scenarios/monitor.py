@@ -31,8 +31,8 @@ from automcm_traces.format.log import (
     MessageTimer,
     Timer,
     TimerEnd,
-    not_plain,
 )
+from automcm_traces.format.problems import not_plain
 from automcm_traces.format.reader import read
 from automcm_traces.format.writer import LogWriter
 

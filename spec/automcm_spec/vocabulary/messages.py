@@ -299,8 +299,15 @@ _OPTIONAL = {
 
 
 def missing(message: Message | Cam) -> frozenset[str]:
-    """Fields that are required on the wire but were not given for this message."""
+    """The fields that ``required`` names and that were not given for this message."""
     return _REQUIRED[type(message)] - message.model_fields_set
+
+
+def required(fields: Fields) -> list[str]:
+    """The fields with a default here that a message of this type must have on the wire; none if
+    the type is unknown."""
+    type_ = fields.get("type")
+    return next((sorted(_REQUIRED[m]) for m in _MODELS if m.__name__ == type_), [])
 
 
 def from_dict(fields: dict[str, Any]) -> Message | Cam:

@@ -6,14 +6,16 @@ Everything that needs the steps of a log watches this pass: verdict, timeline, p
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain, islice
 from typing import TypeAlias
 
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.checker.engine import Engine
 from automcm_traces.checker.finding import NOTHING_WRONG, Diverges, Finding, cannot_tell, unreadable
+from automcm_traces.checker.log_start import MID_SESSION, LogStart
 from automcm_traces.checker.possible_states import Possible
 from automcm_traces.checker.track import CannotTell, Step, Track
 from automcm_traces.format.log import Event
@@ -24,6 +26,8 @@ NEEDED = ("command", "receive", "restart", "send", "timer")
 Follower: TypeAlias = Engine | Possible
 RECENT = 8
 """The number of recent events kept."""
+AFTER = 200
+"""The number of events kept after a divergence."""
 
 
 @dataclass(slots=True)
@@ -41,12 +45,16 @@ class Ending:
     events: int = 0
     recent: deque[tuple[int, Event]] = field(default_factory=lambda: deque(maxlen=RECENT))
     """The last events, with their lines."""
+    after: list[tuple[int, Event]] = field(default_factory=list)
+    """The first ``AFTER`` events after a divergence, with their lines."""
     end: bool = False
     """Whether the log has an end record."""
     crashed: bool = False
     """Whether the end record is missing or reports a crash."""
     lost: int = 0
     """The number of records that the log reports as lost."""
+    judged_from: int = 0
+    """The line of the first event that was judged, in a log that begins in mid-session; else 0."""
 
     @property
     def line(self) -> int:
@@ -95,9 +103,13 @@ def follow(
         else:
             engine = Possible(log.header, late_ms)
         ending.engine = engine
+        start = LogStart(log.header, late_ms)
+        events = _judged(log, start, events, ending, engine)
         for at, event in events:
             ending.events += 1
             ending.recent.append((at, event))
+            if ending.judged_from and start.is_left_over(event, engine.timers):
+                continue
             engine.feed(at, event)
             for watcher in watchers:
                 watcher.event(at, event, engine)
@@ -110,6 +122,9 @@ def follow(
         elif isinstance(engine, Engine):
             with suppress(Diverges, CannotTell):  # effects of the last input may be missing
                 engine.finish()
+        if ending.judged_from and ending.finding.kind == "nothing":
+            text = f"{MID_SESSION}; it is allowed from line {ending.judged_from} on"
+            ending.finding = cannot_tell(log.file, ending.judged_from, text)
         ending.decided = ending.finding.kind == "nothing"
     except Diverges as d:
         ending.diverges, ending.decided = d, True
@@ -122,7 +137,7 @@ def follow(
         ending.finding = cannot_tell(log.file, ending.line or 1, str(error))
     except BadInput as error:
         ending.finding = unreadable(error)
-    _read_to_the_end(log, events)
+    ending.after = _read_to_the_end(log, events)
     ending.end = log.end is not None
     ending.crashed = log.end is None or log.end.reason == "crash"
     ending.lost = 0 if log.end is None else log.end.lost_records
@@ -136,16 +151,44 @@ def follow(
     return ending
 
 
+def _judged(
+    log: Log | LogStream,
+    start: LogStart,
+    events: Iterator[tuple[int, Event]],
+    ending: Ending,
+    engine: Follower,
+) -> Iterator[tuple[int, Event]]:
+    """The events that can be judged: all, unless the log begins in mid-session.
+
+    Raises CannotTell if there are none.
+    """
+    for at, event in events:
+        if not log.mid_session:
+            return chain([(at, event)], events)
+        if start.known_before(event):
+            ending.judged_from, engine.since_ms = at, start.since_ms or 0
+            return chain([(at, event)], events)
+    if log.mid_session:
+        raise CannotTell(f"{MID_SESSION}, and at no event the state of the station is known")
+    return events
+
+
 def _late(line: int, event: Event) -> str:
     ms = event.late_ms
     return f"; the station reports that it was {ms} ms late (late_ms, line {line})" if ms else ""
 
 
-def _read_to_the_end(log: Log | LogStream, events: Iterable[tuple[int, Event]]) -> None:
-    """Read the rest of the log: its end record applies to the whole log."""
-    if isinstance(log, LogStream):
-        with suppress(BadInput):  # already reported, or after the divergence
+def _read_to_the_end(
+    log: Log | LogStream, events: Iterator[tuple[int, Event]]
+) -> list[tuple[int, Event]]:
+    """The first ``AFTER`` of the remaining events. Reads all: the end record applies to the whole
+    log."""
+    kept: list[tuple[int, Event]] = []
+    with suppress(BadInput):  # already reported, or after the divergence
+        kept.extend(islice(events, AFTER))
+        if isinstance(log, LogStream):
             for _ in events:
                 pass
             for _ in log if log.gap is not None else ():
                 pass
+    return kept

@@ -28,6 +28,7 @@ from automcm_traces.format.log import (
     Header,
     Receive,
     Send,
+    Timer,
     TimerArm,
     TimerEnd,
 )
@@ -101,6 +102,21 @@ class Possible:
     def only_if(self) -> tuple[Supposition, ...]:
         """The unobserved events that all possible states suppose."""
         return reduce(_common, (engine.supposed for engine in self._engines))
+
+    @property
+    def timers(self) -> set[Timer]:
+        """The timers that may be armed."""
+        return {timer for engine in self._engines for timer in engine.timers}
+
+    @property
+    def since_ms(self) -> int:
+        """The time of the last event other than a CAM; unobserved inputs happened later."""
+        return min(engine.since_ms for engine in self._engines)
+
+    @since_ms.setter
+    def since_ms(self, since_ms: int) -> None:
+        for engine in self._engines:
+            engine.since_ms = since_ms
 
     def feed(self, at: int, event: Event) -> None:
         """Check the next event. Raises the exceptions of Engine.feed; Diverges only if no

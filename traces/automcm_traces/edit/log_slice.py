@@ -73,7 +73,11 @@ class LogSlice:
                 case event:
                     items.append(Item(number, event, json.loads(text)))
         assert header is not None, "the caller has read the log before"
-        return LogSlice(name_of(path), header, json.loads(texts[0]), end, tuple(items))
+        head = json.loads(texts[0])
+        if items and json.loads(texts[1])["seq"] > 1:  # it is numbered anew: the header says it
+            head["begins"] = "running"
+            header = header.model_copy(update={"begins": "running"})
+        return LogSlice(name_of(path), header, head, end, tuple(items))
 
     def having(self, items: Sequence[Item]) -> LogSlice:
         """The same log with only these items."""

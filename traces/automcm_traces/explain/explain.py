@@ -26,7 +26,9 @@ from automcm_traces.checker.finding import (
     unreadable,
 )
 from automcm_traces.checker.follow import Watcher, follow
+from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import Step, Track
+from automcm_traces.explain.hints import Hints
 from automcm_traces.explain.log_table import Row, columns
 from automcm_traces.format.log import Event, Header
 from automcm_traces.format.reader import Log, LogStream
@@ -128,6 +130,10 @@ class Verdict:
     """The last line checked: that of the divergence, or of the event that revealed it."""
     only_if: tuple[Supposition, ...] = ()
     """The unobserved events without which the log would not be allowed."""
+    judged_from: int = 0
+    """The line of the first event that was judged, if the log begins in mid-session; else 0."""
+    hint: str = ""
+    """Why the log, and not the station, may be to blame; empty if nothing hints at it."""
 
     @property
     def verdict(self) -> Answer:
@@ -148,6 +154,8 @@ class Verdict:
             "nearest": found.why.nearest,
             "allowed_after": list(found.why.causes),
             "state": found.why.state,
+            "judged_from": self.judged_from,
+            "hint": self.hint,
             "possible_states": self.possible_states,
             "only_if": [supposition.as_dict() for supposition in self.only_if],
             "events": self.events,
@@ -164,8 +172,8 @@ def explain(
     events: Iterable[tuple[int, Event]] | None = None,
 ) -> Verdict:
     """The verdict on one log. The arguments are those of ``follow``."""
-    sessions = Sessions()
-    ending = follow(log, late_ms, [sessions, *watchers], events=events)
+    sessions, hints = Sessions(), Hints(log.header)
+    ending = follow(log, late_ms, [sessions, hints, *watchers], events=events)
     found, engine, diverges = ending.finding, ending.engine, ending.diverges
     if not ending.events and found.kind == "nothing":
         found = cannot_tell(log.file, 0, "the log contains no events")
@@ -178,6 +186,8 @@ def explain(
         warnings=tuple(log.warnings),
         unobserved=tuple(log.header.unobserved),
         header=log.header,
+        judged_from=ending.judged_from,
+        hint=hints.hint(ending),
     )
     if engine is None or not ending.decided:
         return verdict
@@ -276,7 +286,7 @@ def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdic
     """The verdicts, updated for messages that were forged between these logs."""
     foreign = forged(logs) if logs else {}
     return [
-        Verdict(v.file, other, warnings=v.warnings, header=v.header)
+        Verdict(v.file, other, warnings=v.warnings, header=v.header, hint=v.hint)
         if (other := foreign.get(v.file)) is not None
         and (v.verdict == "allowed" or other.at.line <= v.finding.at.line)
         else v
@@ -308,7 +318,8 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 
 def text(verdict: Verdict) -> str:
     """The verdict as lines for a terminal, with the reader's warnings."""
-    lines = [*_lines(verdict), *(f"  warning: {warning}" for warning in verdict.warnings)]
+    hint = [f"  hint: {verdict.hint}"] if verdict.hint else []
+    lines = [*_lines(verdict), *hint, *(f"  warning: {warning}" for warning in verdict.warnings)]
     return "\n".join(map(printable, lines))
 
 
@@ -325,6 +336,8 @@ def _lines(verdict: Verdict) -> Iterator[str]:
             yield f"{where}: CANNOT TELL: {found.observed}"
         case "diverges":
             yield f"{where}: DIVERGES at {found.observed}"
+            if verdict.judged_from:
+                yield f"  {MID_SESSION}; judged from line {verdict.judged_from} on"
             yield from _diverges(verdict)
 
 

@@ -7,36 +7,30 @@ it can.
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Final, Literal
+from typing import Any, BinaryIO, Final, Literal
 
 from pydantic import ValidationError
 from pydantic_core import from_json
 
 from automcm_spec.support.bad_input import BadInput, at_line, name_of, one_line
-from automcm_spec.vocabulary.messages import RELIABLE, Fields
+from automcm_spec.vocabulary.messages import RELIABLE
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.finding import At, Finding
 from automcm_traces.checker.track import PHASES, ROLES
-from automcm_traces.format.log import (
-    End,
-    Event,
-    Header,
-    MessageTimer,
-    Receive,
-    Record,
-    Send,
-    TimerArm,
-    UnknownEvent,
-    problems,
-    problems_of,
-)
+from automcm_traces.format.line_problems import KINDS, line_problems, plain
+from automcm_traces.format.log import problems
 from automcm_traces.format.number_sets import Numbers
+from automcm_traces.format.problems import join
 from automcm_traces.format.reader import LONGEST_LINE, NotJsonError, cut, parse
 
+Json = Any
 Level = Literal["error", "warning"]
 
 CHECKS: Final[dict[str, tuple[Level, str]]] = {
@@ -144,6 +138,56 @@ def report(path: str | Path, most: int = 0) -> Report:
     return Report(name_of(path), kept, levels["error"], levels["warning"])
 
 
+FIRST = 5
+"""The number of errors that explain shows of a log that it cannot read."""
+
+
+@dataclass(slots=True)
+class Repeated:
+    """An error, and in how many places of the file it occurs: the same field and problem but for
+    numbers."""
+
+    first: Finding
+    times: int = 1
+
+    def __str__(self) -> str:
+        found, times = self.first, self.times
+        more = f" (and {_count(times - 1, 'time')} more)" if times > 1 else ""
+        field = f"{found.at.field}: " if found.at.field else ""
+        return one_line(f"line {found.at.line}: {field}{found.observed}{more}")
+
+    def as_dict(self) -> dict[str, object]:
+        """The ``--json`` form."""
+        return as_dict(self.first) | {"times": self.times}
+
+
+def kinds_of_error(path: str | Path) -> list[Repeated]:
+    """One error of each kind in the log at ``path``, by its first line; none if it is no log."""
+    kinds: dict[tuple[str, str, str], Repeated] = {}
+    with suppress(BadInput):
+        for finding in lint(path):
+            field, problem = (_NUMBERS.sub("", x) for x in (finding.at.field, finding.observed))
+            one = kinds.get(kind := (finding.rule, field, problem))
+            if one is not None:
+                one.times += 1
+            elif level(finding) == "error":
+                kinds[kind] = Repeated(finding)
+    return list(kinds.values())
+
+
+_NUMBERS: Final = re.compile(r"[0-9.e+-]+")
+
+
+def errors_text(kinds: Sequence[Repeated], path: str | Path) -> list[str]:
+    """The first ``FIRST`` of these kinds of error as lines, and how to see or mend the others."""
+    if not kinds:
+        return []
+    lines = [str(kind) for kind in kinds[:FIRST]]
+    left = f"{len(kinds) - FIRST} more kinds of error; " if len(kinds) > FIRST else ""
+    lint_ = f"automcm trace lint {shlex.quote(name_of(path))}"
+    return [*lines, f"{left}all: {lint_}; with --fix: a mended copy"]
+
+
 EXIT = {"clean": 0, "findings": 1, "unreadable": 3}
 
 
@@ -179,8 +223,14 @@ class _Lint:
     def __init__(self, file: str) -> None:
         self._file = file
         self._line = 0
-        self._header: Header | None = None
+        self._station: object = None
+        """The station in the header, whatever its type; None if there is no header."""
+        self._promised: object = ()
+        self._running = False
+        """Whether the header says that the log begins in mid-session."""
         self._ended = False
+        self._first = True
+        """Whether no event was seen."""
         self._seq = 0
         self._t_ms = 0
         self._sent = Numbers()
@@ -206,8 +256,9 @@ class _Lint:
         yield from self._at_end()
 
     def _one(self, line: bytes) -> Iterator[Finding]:
+        refused = False
         try:
-            record = parse(line, first=self._line == 1)
+            parse(line, first=self._line == 1)
         except NotJsonError as error:
             if self._line == 1:
                 raise BadInput(self._file, 1, "", error.problem, error.rule) from None
@@ -216,35 +267,19 @@ class _Lint:
             else:
                 yield self._found(error.rule, "", error.problem)
             return
-        except ValidationError as error:
-            yield from self._refused(line, error)
+        except ValidationError:
+            refused = True
+        value = from_json(line)
+        if isinstance(value, dict):
+            yield from self._record(value, line, refused)
+        elif self._line == 1:
+            raise BadInput(self._file, 1, "", "not a JSON object", "json")
         else:
-            yield from self._keys(line)
-            yield from self._record(record)
+            yield self._found("json", "", "not a JSON object")
         if line.endswith(b"\r\n"):
             yield self._found("text", "", "must end with LF, not CR LF")
         elif not line.endswith(b"\n"):
             yield self._found("text", "", "the last line must end with LF")
-
-    def _refused(self, line: bytes, error: ValidationError) -> Iterator[Finding]:
-        """A line that is not a record. Its seq and t_ms still count, or each later line would be
-        wrong."""
-        value = from_json(line)
-        if self._line == 1 and not isinstance(value, dict):
-            raise BadInput(self._file, 1, "", "not a JSON object", "json")
-        for field, problem in problems_of(error):
-            yield self._found("schema" if isinstance(value, dict) else "json", field, problem)
-        if not isinstance(value, dict):
-            return
-        yield from self._keys(line)
-        if value.get("rec") == "end":
-            self._ended = True
-        elif value.get("rec") == "event":
-            seq, t_ms = value.get("seq"), value.get("t_ms")
-            yield from self._place(
-                seq if type(seq) is int else self._seq + 1,
-                t_ms if type(t_ms) is int else self._t_ms,
-            )
 
     def _keys(self, line: bytes) -> Iterator[Finding]:
         again: list[str] = []
@@ -258,100 +293,130 @@ class _Lint:
         for key in again:
             yield self._found("key", key, "duplicate key in its object")
 
-    def _record(self, record: Record | UnknownEvent) -> Iterator[Finding]:
-        if isinstance(record, Header):
+    def _record(self, value: dict[str, Json], line: bytes, refused: bool) -> Iterator[Finding]:
+        """One line. ``refused``: it breaks the format. Its right fields count all the same."""
+        found: list[tuple[str, str]] = []
+        if refused:
+            found, value = line_problems(value, self._station)
+        wrong = {field for field, _ in found}
+        for field, problem in found:
+            if field == "seq" and type(value.get("seq")) is int:  # as well said by _place
+                continue
+            yield self._found("schema", field, problem)
+        yield from self._keys(line)
+        rec = value.get("rec")
+        if rec == "header":
             if self._line != 1:
-                problem = "a second header: a file contains one log"
-                yield self._found("order", "rec", problem)
+                yield self._found("order", "rec", "a second header: a file contains one log")
             else:
-                self._header = record
+                self._station, self._promised = value.get("station"), value.get("complete")
+                self._running = "begins" in value
             return
         if self._line == 1:
             yield self._found("order", "rec", "the first line must be the header")
         if self._ended:
             yield self._found("order", "rec", "a record after the end")
-        if isinstance(record, End):
-            yield from self._end(record)
-            return
-        yield from self._place(record.seq, record.t_ms)
-        self._kinds[record.ev] += 1
-        if isinstance(record, UnknownEvent):
-            yield self._found("unknown", "ev", f"unknown kind of event {record.ev!r}")
-            return
-        yield from self._event(record)
+        if rec == "end":
+            yield from self._end(value)
+        elif rec == "event" or "ev" in value:
+            yield from self._place(value)
+            yield from self._event(value, wrong)
 
-    def _place(self, seq: int, t_ms: int) -> Iterator[Finding]:
-        wanted = self._seq + 1
-        if seq > wanted:
+    def _place(self, value: dict[str, Json]) -> Iterator[Finding]:
+        wanted, seq, t_ms = self._seq + 1, value.get("seq"), value.get("t_ms")
+        if isinstance(seq, float) and seq.is_integer():
+            seq = int(seq)
+        if type(seq) is not int:
+            seq = wanted
+        elif self._first and seq < 1:
+            problem = f"must count from 1, not from {seq}: add {1 - seq} to each, also in the end"
+            yield self._found("seq", "seq", problem)
+        elif self._first and seq > 1 and not self._running:
+            mark = 'if the log was cut here, its header needs "begins": "running"'
+            yield self._found("seq", "seq", f"must count from 1, not from {seq}; {mark}")
+        elif seq > wanted and not self._first:
             problem = f"{seq} after {self._seq}: {seq - wanted} missing"
             yield self._found("seq", "seq", problem)
         elif seq == self._seq:
             yield self._found("seq", "seq", f"{seq} is repeated; expected {wanted}")
         elif seq < wanted:
             yield self._found("seq", "seq", f"must not decrease, from {self._seq} to {seq}")
+        self._seq, self._first = seq, False
+        if type(t_ms) is not int:
+            return
         if t_ms < self._t_ms:
             yield self._found("t_ms", "t_ms", f"must not decrease, from {self._t_ms} to {t_ms}")
-        self._seq, self._t_ms = seq, t_ms
+        self._t_ms = t_ms
 
-    def _event(self, event: Event) -> Iterator[Finding]:
-        match event:
-            case Send(message=message):
-                yield from self._transmission(event.tx)
-                self._reliable += message["type"] in RELIABLE
-                yield from self._message(message)
-            case Receive(message=message) if message is not None:
-                yield from self._message(message)
-            case TimerArm(deadline=deadline, timer=timer):
-                self._resent += isinstance(timer, MessageTimer)
-                if deadline < event.t_ms:
-                    problem = f"{deadline} is before t_ms {event.t_ms}"
-                    yield self._found("deadline", "deadline", problem)
-        if event.phase is not None and event.phase not in PHASES:
-            yield self._found("unknown", "phase", f"{event.phase!r} is not a protocol phase")
-        if event.role is not None and event.role not in ROLES:
-            problem = f"must be one of {', '.join(ROLES)}, not {event.role!r}"
+    def _event(self, value: dict[str, Json], wrong: set[str]) -> Iterator[Finding]:
+        ev, message = value.get("ev"), value.get("message")
+        if isinstance(ev, str) and "ev" not in wrong:
+            self._kinds[ev] += 1
+            if ev not in KINDS:
+                yield self._found("unknown", "ev", f"unknown kind of event {ev!r}")
+                return
+        if ev == "send" and "tx" in value and "tx" not in wrong:
+            yield from self._transmission(value["tx"])
+        if ev in ("send", "receive") and isinstance(message, dict):
+            self._reliable += ev == "send" and message.get("type") in RELIABLE
+            yield from self._message(message)
+        if ev == "timer" and value.get("op") == "arm":
+            timer, deadline, t_ms = (value.get(name) for name in ("timer", "deadline", "t_ms"))
+            self._resent += isinstance(timer, dict) and timer.get("name") in ("giveup", "resend")
+            if type(deadline) is int and type(t_ms) is int and deadline < t_ms:
+                problem = f"{deadline} is before t_ms {t_ms}"
+                yield self._found("deadline", "deadline", problem)
+        phase, role, rule = (value.get(name) for name in ("phase", "role", "rule"))
+        if isinstance(phase, str) and phase not in PHASES and "phase" not in wrong:
+            yield self._found("unknown", "phase", f"{phase!r} is not a protocol phase")
+        if isinstance(role, str) and role not in ROLES and "role" not in wrong:
+            problem = f"must be one of {', '.join(ROLES)}, not {role!r}"
             yield self._found("unknown", "role", problem)
-        if event.rule is not None and event.rule not in RULES:
-            yield self._found("unknown", "rule", f"{event.rule!r} is not a protocol rule")
+        if isinstance(rule, str) and rule not in RULES and "rule" not in wrong:
+            yield self._found("unknown", "rule", f"{rule!r} is not a protocol rule")
 
     def _transmission(self, tx: str) -> Iterator[Finding]:
         station, number = (int(part) for part in tx.split(":"))
-        if self._header is not None and station != self._header.station:
-            problem = f"{tx} must begin with {self._header.station}, the station of this log"
+        if type(self._station) is int and station != self._station:
+            problem = f"{tx} must begin with {self._station}, the station of this log"
             yield self._found("tx", "tx", problem)
         elif not self._sent.add(number):
             yield self._found("tx", "tx", f"{tx} was used before; each transmission needs a new tx")
 
-    def _message(self, message: Fields) -> Iterator[Finding]:
-        for field, problem in problems(message):
-            yield self._found("message", f"message.{field}", problem)
+    def _message(self, message: dict[str, Json]) -> Iterator[Finding]:
+        if not isinstance(message.get("type"), str):
+            return
+        for field, problem in problems(plain(message, {})):
+            yield self._found("message", join("message", field), problem)
         broadcast = message["type"] in ("Advertisement", "CAM")
         if broadcast and "dst" in message:
             yield self._found("message", "message.dst", "not allowed in a broadcast (END-5)")
         elif not broadcast and "dst" not in message:
             yield self._found("message", "message.dst", "missing: only broadcasts omit it (END-5)")
 
-    def _end(self, end: End) -> Iterator[Finding]:
-        if end.seq > self._seq:
-            problem = (
-                f"{end.seq}, but the last event has {self._seq}: {end.seq - self._seq} missing"
-            )
-            yield self._found("seq", "seq", problem)
-        elif end.seq < self._seq:
-            yield self._found("seq", "seq", f"{end.seq}, but the last event has {self._seq}")
-        if end.lost_records:
-            yield self._found("end", "lost_records", f"{end.lost_records} events were not logged")
+    def _end(self, end: dict[str, Json]) -> Iterator[Finding]:
+        seq, lost = end.get("seq"), end.get("lost_records")
+        if type(seq) is int and seq >= 0:
+            if seq > self._seq:
+                problem = f"{seq}, but the last event has {self._seq}: {seq - self._seq} missing"
+                yield self._found("seq", "seq", problem)
+            elif seq < self._seq:
+                yield self._found("seq", "seq", f"{seq}, but the last event has {self._seq}")
+        elif type(seq) is int:
+            yield self._found("seq", "seq", f"must be at least 0, not {seq}")
+        if type(lost) is int and lost > 0:
+            yield self._found("end", "lost_records", f"{lost} events were not logged")
         self._ended = True
 
     def _at_end(self) -> Iterator[Finding]:
         if not self._ended:
             yield self._found("end", "", "the log has no end record")
-        if self._header is None:
+        if not isinstance(self._promised, list | tuple):
             return
-        if "timer" in self._header.complete and self._reliable and not self._kinds["timer"]:
+        if "timer" in self._promised and self._reliable and not self._kinds["timer"]:
             problem = "promises all timers, but reliable messages have none in this log (REL-1)"
             yield self._promise(problem)
-        if "send" in self._header.complete and self._resent and not self._kinds["send"]:
+        if "send" in self._promised and self._resent and not self._kinds["send"]:
             problem = "promises all sent messages, but message timers are armed and nothing is sent"
             yield self._promise(problem)
 

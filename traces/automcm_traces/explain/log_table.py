@@ -114,14 +114,14 @@ class Logs:
         try:
             for entry in records(path, gaps=True):
                 match entry.record:
-                    case Header(complete=complete):
+                    case Header(complete=complete, begins=None):
                         seen.all_sent, seen.all_received = "send" in complete, "receive" in complete
                     case Send(tx=tx):
                         seen.sent.add(int(tx.split(":")[1]))
                     case Receive(tx=tx) if tx is not None:
                         sender, number = (int(part) for part in tx.split(":"))
                         seen.received.setdefault(sender, Numbers()).add(number)
-                    case Notice(kind="gap" | "unknown_event"):
+                    case Notice(kind="begins_late" | "gap" | "unknown_event"):
                         seen.all_sent = seen.all_received = False
                     case End(lost_records=lost):
                         nothing_lost = lost == 0

@@ -20,6 +20,7 @@ from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary.parameters import LIMITS, TIMERS
 from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.finding import At, Finding, Why, cannot_tell, unreadable
+from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import timer_name
 from automcm_traces.explain.explain import Verdict, with_forged
 from automcm_traces.explain.tlc_module import TooLarge, Translation, limits, module
@@ -128,6 +129,8 @@ def _beyond(log: Log) -> str:
         return f"the log lost {log.end.lost_records} records"
     if not log.events:
         return "the log contains no events"
+    if log.mid_session:
+        return MID_SESSION
     missing = [kind for kind in NEEDED if kind not in log.header.complete]
     return f"`complete` in the header lacks {', '.join(missing)}" if missing else ""
 

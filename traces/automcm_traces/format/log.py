@@ -12,7 +12,8 @@ The reader checks the order of lines, ``seq`` and ``t_ms``, not this module.
 
 import base64
 import binascii
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
 
 from pydantic import (
@@ -28,7 +29,7 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import ErrorDetails, SchemaValidator
+from pydantic_core import SchemaValidator
 from typing_extensions import TypeAliasType
 
 from automcm_spec.vocabulary import application, messages
@@ -36,12 +37,13 @@ from automcm_spec.vocabulary.messages import (
     MESSAGE,
     Array,
     Fields,
-    MessageType,
     StationId,
     fault,
     missing,
+    required,
 )
 from automcm_spec.vocabulary.parameters import DEFAULTS, IN_HEADER, UNITS, longest_delay
+from automcm_traces.format.problems import not_an_integer, not_plain, problems_of
 
 SCHEMA: Final = "automcm.trace/1"
 
@@ -51,35 +53,6 @@ Value = TypeAliasType(
 """Plain JSON without null and float."""
 
 EventKind = Literal["command", "indication", "receive", "restart", "send", "timer"]
-
-
-def not_plain(value: object) -> tuple[str, str] | None:
-    """The path (``message.points[0]``) and the problem of the first value inside `value` that a log
-    cannot contain; None if there is none."""
-    if isinstance(value, (int, str)):
-        return None
-    if isinstance(value, (list, tuple)):
-        for index, item in enumerate(value):
-            if wrong := not_plain(item):
-                return _join(f"[{index}]", wrong[0]), wrong[1]
-        return None
-    if isinstance(value, dict):
-        for key, item in value.items():
-            if not isinstance(key, str):
-                return "", f"the key {key!r} is not a string"
-            if wrong := not_plain(item):
-                return _join(key, wrong[0]), wrong[1]
-        return None
-    if value is None:
-        return "", "null is not allowed: omit a field that was not observed"
-    if isinstance(value, float):
-        return "", f"must be an integer, not {value}"
-    return "", f"must be a JSON value, not a Python {type(value).__name__}"
-
-
-def _join(outer: str, inner: str) -> str:
-    """The path `inner` relative to the object that contains `outer`."""
-    return f"{outer}.{inner}" if outer and inner and not inner.startswith("[") else outer + inner
 
 
 def _typed_message(message: dict[str, Value]) -> dict[str, Value]:
@@ -96,9 +69,15 @@ def _base64(text: str) -> str:
     return text
 
 
+def not_sorted(kinds: Sequence[EventKind]) -> Iterator[str]:
+    """What is wrong with the order of these kinds."""
+    if list(kinds) != (wanted := sorted(set(kinds))):
+        yield f"must be sorted, without duplicates: {json.dumps(wanted)}"
+
+
 def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
-    if list(kinds) != sorted(set(kinds)):
-        raise fault("", "must be sorted, without duplicates")
+    for problem in not_sorted(kinds):
+        raise fault("", problem)
     return kinds
 
 
@@ -182,6 +161,9 @@ class Header(Part):
     ]
     """The event kinds of which the log contains all events, sorted: only there does absent mean
     "no"."""
+    begins: Literal["running"] | None = None
+    """``running``: the station was already running when the log began, so its state is unknown.
+    Absent: the log begins with the station."""
 
     @property
     def known(self) -> dict[str, int]:
@@ -248,6 +230,16 @@ def _with_its_names(schema: dict[str, Any]) -> None:
     schema["properties"] |= {"session": pair, "proposal": number, "target": number}
 
 
+def command_problems(given: Fields) -> Iterator[tuple[str, str]]:
+    """What is wrong with the fields of a command that name what it means."""
+    session = given.get("session", [0, 0])
+    if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
+        yield "session", "must be a station id and a number, such as [1001, 1]"
+    for name in ("proposal", "target"):
+        if type(given.get(name, 0)) is not int:
+            yield name, not_an_integer(given[name], name)
+
+
 class Command(Part):
     """A command of the application; its own fields stand beside the name."""
 
@@ -258,13 +250,8 @@ class Command(Part):
 
     @model_validator(mode="after")
     def _names_what_it_means(self) -> Self:
-        given = self.model_extra or {}
-        session = given.get("session", [0, 0])
-        if not isinstance(session, list) or [type(n) for n in session] != [int, int]:
-            raise fault("session", "must be a station id and a number")
-        for name in ("proposal", "target"):
-            if type(given.get(name, 0)) is not int:
-                raise fault(name, "must be an integer")
+        for wrong in command_problems(self.model_extra or {}):
+            raise fault(*wrong)
         return self
 
 
@@ -297,6 +284,16 @@ class EventBase(Part):
     was stopped or starved. A hint that is never trusted."""
 
 
+def receive_problems(
+    message: Fields | None, raw: object, planned: object
+) -> Iterator[tuple[str, str]]:
+    """What is wrong between these fields of a ``receive``; None: absent."""
+    if (message is None) == (raw is None):
+        yield "message", "exactly one of 'message' and 'raw' must be present"
+    if planned is not None and (message is None or message.get("type") != "Advertisement"):
+        yield "planned", "allowed only with an Advertisement"
+
+
 class Receive(EventBase):
     """A message was received, or bytes that are not a message."""
 
@@ -316,11 +313,8 @@ class Receive(EventBase):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if (self.message is None) == (self.raw is None):
-            raise fault("message", "exactly one of 'message' and 'raw' must be present")
-        advertised = self.message is not None and self.message["type"] == "Advertisement"
-        if self.planned is not None and not advertised:
-            raise fault("planned", "allowed only with an Advertisement")
+        for wrong in receive_problems(self.message, self.raw, self.planned):
+            raise fault(*wrong)
         return self
 
 
@@ -458,57 +452,9 @@ def typed(m: Fields) -> messages.Message | messages.Cam | list[tuple[str, str]]:
 
 
 def problems(m: Fields) -> list[tuple[str, str]]:
-    """The problems of a malformed message (``typed``); empty for a well-formed one."""
+    """All problems of a malformed message (``typed``); empty for a well-formed one."""
     found = typed(m)
-    return found if isinstance(found, list) else []
-
-
-_PROBLEMS = {
-    "dict_type": "not a JSON object",
-    "extra_forbidden": "unknown field",
-    "missing": "missing",
-    "model_attributes_type": "not a JSON object",
-    "model_type": "not a JSON object",
-    "union_tag_not_found": "missing",
-}
-
-
-def first_problem(error: ValidationError) -> tuple[str, str]:
-    """The first of ``problems_of``."""
-    return problems_of(error)[0]
-
-
-def problems_of(error: ValidationError) -> list[tuple[str, str]]:
-    """Each wrong field (a path such as ``message.seq``, "" for the whole line) and its problem."""
-    return [_problem(one) for one in error.errors(include_url=False, include_input=False)]
-
-
-def _problem(error: ErrorDetails) -> tuple[str, str]:
-    context: Mapping[str, object] = error.get("ctx", {})
-    if error["type"] == "json_invalid":
-        return "", f"not JSON: {context['error']}".replace(" at line 1 column", " at column")
-    path = _path(error)
-    for inner in (str(context.get("discriminator", "")).strip("'"), str(context.get("field", ""))):
-        path = _join(path, inner)
-    if error["type"] == "union_tag_invalid":
-        return path, f"must be one of {context['expected_tags']}, not {context['tag']!r}"
-    return path, _PROBLEMS.get(error["type"], error["msg"])
-
-
-_TAGS = frozenset(("header", "end", *get_args(MessageType), "CAM"))
-"""The tags with which pydantic begins a path: the model chosen for a line or a message."""
-
-
-def _path(error: ErrorDetails) -> str:
-    """The path of an error, without the tags that pydantic adds for discriminated unions."""
-    loc = error["loc"]
-    if loc[:1] == ("event",):
-        loc = loc[3:] if loc[1:2] == ("timer",) else loc[2:]
-        if loc[:1] == ("timer",):
-            loc = ("timer", *loc[2:])
-    elif loc and loc[0] in _TAGS:
-        loc = loc[1:]
-    path = ""
-    for part in loc:
-        path = _join(path, f"[{part}]" if isinstance(part, int) else part)
-    return path
+    if not isinstance(found, list):
+        return []
+    absent = [(name, "missing") for name in required(m) if name not in m]
+    return [*found, *(one for one in absent if one not in found)]

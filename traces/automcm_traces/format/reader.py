@@ -14,10 +14,10 @@ from automcm_traces.format.log import (
     Header,
     Record,
     UnknownEvent,
-    first_problem,
     record,
     unknown_event,
 )
+from automcm_traces.format.problems import first_problem
 
 LONGEST_LINE = 16 * 2**20
 """The maximum number of bytes in a line; longer lines are rejected without reading them into
@@ -28,10 +28,11 @@ memory."""
 class Notice:
     """A problem in a log that does not prevent reading it.
 
-    After a ``gap`` (missing records) no verdict is possible.
+    After a ``gap`` (missing records) no verdict is possible. ``begins_late``: records are missing
+    before the first event.
     """
 
-    kind: Literal["gap", "no_end", "truncated", "unknown_event"]
+    kind: Literal["begins_late", "gap", "no_end", "truncated", "unknown_event"]
     problem: str
 
 
@@ -56,11 +57,18 @@ class Log:
     """Whether the last line was incomplete; it is not in `events`."""
     warnings: list[str]
     """One line each: the file, the line and the problem."""
+    begins_late: bool = False
+    """Whether the first event was not the first of the station's log."""
 
     @property
     def ended(self) -> bool:
         """Whether there is an end record; without one, events may be missing at the end."""
         return self.end is not None
+
+    @property
+    def mid_session(self) -> bool:
+        """Whether the state of the station is unknown when the log begins."""
+        return self.begins_late or self.header.begins is not None
 
     def __iter__(self) -> Iterator[tuple[int, Event]]:
         return iter(self.events)
@@ -146,8 +154,10 @@ class LogStream:
         possible."""
         self.warnings: list[str] = []
         """One line each: the file, the line and the problem; only the first MOST_WARNINGS."""
+        self.begins_late = False
+        """Whether seq began above 1. What is missing there is no gap: the log was cut."""
         self.complete = False
-        """Whether all events have been yielded."""
+        """Whether all events have been yielded, from the station's start on."""
         self.overlooked = 0
         """The number of warnings."""
         self.events = 0
@@ -163,12 +173,17 @@ class LogStream:
         """Whether the end record was read; without one, events may be missing at the end."""
         return self.end is not None
 
+    @property
+    def mid_session(self) -> bool:
+        """Whether the state of the station is unknown when the log begins."""
+        return self.begins_late or self.header.begins is not None
+
     def __iter__(self) -> Iterator[tuple[int, Event]]:
         for entry in self._entries:
             match entry.record:
                 case Notice() as notice:
                     self._notice(entry.line, notice)
-                    if notice.kind == "gap" and not self._past_gaps:
+                    if self.gap is not None and not self._past_gaps:
                         return
                 case End() as end:
                     self.end = end
@@ -177,16 +192,19 @@ class LogStream:
                 case event:
                     self.events += 1
                     yield entry.line, event
-        self.complete = self.gap is None
+        self.complete = self.gap is None and not self.mid_session
 
     def log(self, events: Iterable[tuple[int, Event]]) -> Log:
         """A Log with these events, which are all or some of the events yielded."""
         kept = list(events)
         warnings = list(self.warnings)
-        return Log(self.file, self.header, kept, self.end, self.truncated, warnings)
+        late = self.begins_late
+        return Log(self.file, self.header, kept, self.end, self.truncated, warnings, late)
 
     def _notice(self, line: int, notice: Notice) -> None:
         self.truncated = self.truncated or notice.kind == "truncated"
+        if notice.kind == "begins_late":
+            self.begins_late = True
         if notice.kind == "gap" and self.gap is None:
             self.gap = line, notice.problem
         self.overlooked += 1
@@ -260,6 +278,8 @@ class _Reader:
         self._gaps = gaps
         self._line = 0
         self._header = False
+        self._running = False
+        """Whether the header allows any seq at the beginning."""
         self._end = False
         self._seq = 0
         self._t_ms = 0
@@ -281,8 +301,10 @@ class _Reader:
                 if not self._header and field == "rec":
                     problem += ": the first line must be a header of automcm.trace/1"
                 raise self._error(field, problem, "schema" if field else "json") from None
+            first = self._seq == 0 and not isinstance(record, End | Header)
             if missing := self._check(record):
-                yield Entry(self._line, Notice("gap", f"seq: {missing}"))
+                kind: Literal["begins_late", "gap"] = "begins_late" if first else "gap"
+                yield Entry(self._line, Notice(kind, f"seq: {missing}"))
             if isinstance(record, UnknownEvent):
                 notice = Notice("unknown_event", f"unknown event {record.ev!r}, ignored")
                 yield Entry(self._line, notice)
@@ -305,11 +327,14 @@ class _Reader:
             raise self._error("rec", "a record after the end", "order")
         if isinstance(record, Header):
             self._header = True
+            self._running = record.begins is not None
             return ""
         if isinstance(record, End):
             gap = self._gap(record.seq, self._seq, "but the last event has")
             self._end = True
             return gap
+        if self._running and self._seq == 0:
+            self._seq = record.seq - 1
         gap = self._gap(record.seq, self._seq + 1, f"after {self._seq}, expected")
         if record.t_ms < self._t_ms:
             problem = f"must not decrease, from {self._t_ms} to {record.t_ms}"

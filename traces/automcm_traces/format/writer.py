@@ -8,7 +8,8 @@ from typing import Protocol, Self, cast
 
 from pydantic import ValidationError
 
-from automcm_traces.format.log import RECORD, SCHEMA, first_problem, not_plain
+from automcm_traces.format.log import RECORD, SCHEMA
+from automcm_traces.format.problems import first_problem, not_plain
 
 
 class Sink(Protocol):

@@ -144,7 +144,7 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
         if refused and not logs:
             raise refused[0]
     try:
-        merged = merge([_unpromised(log) if part else log for _, log in logs])
+        merged = merge([_unpromised(log) if part or log.mid_session else log for _, log in logs])
     except MergeError as error:
         raise PageError(str(error)) from None
     alone = [one.verdict for one in found]
@@ -258,7 +258,7 @@ def _tx(event: Event) -> str | None:
 
 def _unpromised(log: Log) -> Log:
     """The log with an empty ``complete``: in a part of a log, any event may be missing."""
-    return replace(log, header=log.header.model_copy(update={"complete": []}))
+    return replace(log, header=log.header.model_copy(update={"complete": ()}))
 
 
 def _before(log: Log) -> int:

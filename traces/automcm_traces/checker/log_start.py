@@ -1,0 +1,114 @@
+"""Finds the event from which on a log that begins in mid-session can be judged.
+
+What the station did before is unknown: its session, and what outlives a session (Fin and Cancel in
+the outbox, the sessions joined, quarantine, back-off). A restart forgets all that (END-8). So does
+time: a station that is in no session, and opens and joins none for as long as any of it lasts, is
+as new. Only the number of its last own session stays unknown, which nothing depends on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+from automcm_spec.vocabulary.parameters import DEFAULTS, Known, durations, forgotten_at
+from automcm_traces.format.log import (
+    ApplicationCommand,
+    ApplicationIndication,
+    Event,
+    Header,
+    Receive,
+    Restart,
+    Send,
+    Timer,
+    TimerArm,
+    TimerEnd,
+)
+
+LEFT = ("fallback", "finished", "no_participants")
+"""The indications of a step that ends in STANDALONE."""
+OPENING = ("Advertisement", "Intention")
+"""The messages that a station sends when it enters a session."""
+MID_SESSION = "the log begins in mid-session"
+
+
+class LogStart:
+    """Looks at the events of a log that begins in mid-session, until its state is known."""
+
+    def __init__(self, header: Header, late_ms: int | None = None) -> None:
+        late = header.longest_delay if late_ms is None else late_ms
+        lasts = remembered_for(header.known)
+        self._wait = None if lasts is None else lasts + late
+        self.since_ms: int | None = None
+        """Since when the station is known to be in no session; None: not known."""
+        self._restarting = False
+
+    def known_before(self, event: Event) -> bool:
+        """Whether the station is as new before this event; if not, take note of the event."""
+        if isinstance(event, Restart):
+            self.since_ms = event.t_ms
+            return True
+        if _is_input(event) and self._forgotten(event.t_ms):
+            return True
+        if _opens(event) or event.phase not in (None, "STANDALONE"):
+            self.since_ms = None
+        elif _lasts_on(event) or self.since_ms is None:
+            known = self.since_ms is not None or shows_standalone(event)
+            self.since_ms = event.t_ms if known else None
+        return False
+
+    def is_left_over(self, event: Event, timers: Container[Timer]) -> bool:
+        """Whether an event, judged with these timers armed, only ends a timer of before: a restart
+        stops them all, and the specification does not say how long forget and backoff last."""
+        if _is_input(event) or isinstance(event, Restart):
+            self._restarting = isinstance(event, Restart)
+        if not isinstance(event, TimerEnd) or event.timer in timers:
+            return False
+        stopped = event.op == "stop" and self._restarting
+        return stopped or event.timer.name in ("forget", "backoff")
+
+    def _forgotten(self, t_ms: int) -> bool:
+        if self.since_ms is None or self._wait is None:
+            return False
+        return t_ms > self.since_ms + self._wait
+
+
+def remembered_for(p: Known) -> int | None:
+    """How long a station remembers anything of a session after it left it, in ms; None if the
+    header lacks a parameter for this. A back-off lasts at most its default."""
+    lasts = durations(p)
+    if "t_advertise" not in p or "t_life" not in p:
+        return None
+    times = lasts["giveup"], lasts["quarantine"]
+    known = [ms for ms in times if ms is not None]
+    if len(known) < len(times):
+        return None
+    return max(*known, forgotten_at(p, 0, 0), DEFAULTS["backoff_max"])
+
+
+def shows_standalone(event: Event) -> bool:
+    """Whether an event shows that the station is in no session after its step."""
+    match event:
+        case Send(message={"type": "CAM", "marks": []}):  # ACT-5
+            return True
+        case ApplicationIndication(indication=told) if told.name in LEFT:
+            return True
+    return event.phase == "STANDALONE"
+
+
+def _opens(event: Event) -> bool:
+    return isinstance(event, Send) and event.message["type"] in OPENING
+
+
+def _lasts_on(event: Event) -> bool:
+    """Whether a timer is armed that outlives a session, perhaps by a restart without a record."""
+    names = ("backoff", "forget", "giveup", "quarantine")
+    return isinstance(event, TimerArm) and event.timer.name in names
+
+
+def _is_input(event: Event) -> bool:
+    match event:
+        case Receive() | ApplicationCommand() | TimerEnd(op="expire"):
+            return True
+        case Send(message=message):
+            return message["type"] == "CAM"  # a step of its own
+    return False

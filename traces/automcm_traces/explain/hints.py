@@ -1,0 +1,229 @@
+"""Hints that the log, and not the station, is to blame for a divergence.
+
+A hint is a question to whoever wrote the log. It is no verdict, and changes none.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Final
+
+from automcm_spec.vocabulary.messages import Cam
+from automcm_spec.vocabulary.parameters import TIMERS
+from automcm_spec.vocabulary.station import Station
+from automcm_traces.checker.engine import Engine
+from automcm_traces.checker.finding import Diverges, Seen
+from automcm_traces.checker.follow import Ending, Follower, Watcher
+from automcm_traces.checker.log_start import OPENING, shows_standalone
+from automcm_traces.checker.track import CannotTell, Track, received
+from automcm_traces.format.log import (
+    Event,
+    Header,
+    MessageTimer,
+    PlainTimer,
+    Receive,
+    Restart,
+    Send,
+    TimerArm,
+    TimerEnd,
+    typed,
+)
+from automcm_traces.format.number_sets import Numbers
+
+KEPT: Final = 20
+"""The number of Advertisements remembered."""
+CANDIDATES: Final = 20
+"""The maximum number of late timers whose delay is tried as a step of the clock."""
+
+
+class Hints(Watcher):
+    """Watches the check of a log for what the hints are about."""
+
+    def __init__(self, header: Header) -> None:
+        self._header = header
+        self._cam_received = False
+        self._own_cams: list[int] = []
+        """The times of the last four CAMs sent."""
+        self._by_cams = range(0)
+        """By how much the clock stepped if it stepped between two CAMs sent; empty: no step."""
+        self._not_planned: dict[tuple[int, int], Receive] = {}
+        """The last Advertisements without ``planned``, by session."""
+        self._begun = False
+        """Whether an event showed the station outside a session, or entering one."""
+        self._sent = Numbers()
+        self._again = ""
+        """The first transmission with the id of an earlier one."""
+        self._last_ms = -1
+        self._gaps_ms = [0, 0]
+        """The two longest times between two events, the longest last."""
+
+    def event(self, line: int, event: Event, engine: Follower) -> None:
+        """Take note of an event."""
+        self._time(event.t_ms)
+        if isinstance(event, Send):
+            if not self._sent.add(int(event.tx.partition(":")[2])) and not self._again:
+                again = "each transmission needs its own, also a copy"
+                self._again = f"line {line} uses tx {event.tx} a second time: {again}"
+            self._own_cam(event)
+        elif isinstance(event, Receive) and event.message is not None:
+            self._cam_received = self._cam_received or event.message["type"] == "CAM"
+            if event.planned is None and (session := _advertised(event)) is not None:
+                kept = list(self._not_planned.items())[1 - KEPT :]
+                self._not_planned = dict([*kept, (session, event)])
+        self._begun = self._begun or _begins(event)
+
+    def _time(self, t_ms: int) -> None:
+        gap = t_ms - self._last_ms
+        if gap > self._gaps_ms[0]:
+            self._gaps_ms = sorted((gap, self._gaps_ms[1])) if self._last_ms >= 0 else [0, 0]
+        self._last_ms = t_ms
+
+    def hint(self, ending: Ending) -> str:
+        """The hints on what was found, as one text; empty if there are none."""
+        return "; ".join(filter(None, (self._again, self._about(ending))))
+
+    def _about(self, ending: Ending) -> str:
+        d, engine = ending.diverges, ending.engine
+        if d is None or engine is None:
+            return ""
+        if not self._begun and not ending.judged_from and _in_a_session(d, engine.track):
+            mark = 'its header needs "begins": "running"'
+            return f"does the log begin in mid-session? Then {mark}"
+        if planned := self._planned(d.seen, ending.recent[-1][1], engine.track):
+            return planned
+        if _about_cams(d) and "receive" in self._header.complete and not self._cam_received:
+            drop = "`complete` must not have receive"
+            return f"the log has no received CAM: if it does not record CAMs, {drop}"
+        if d.finding.kind == "overdue" and (step_ms := self._clock_step(ending, engine)):
+            return f"did the clock jump by {step_ms:,} ms?"
+        return ""
+
+    def _planned(self, seen: Seen | None, last: Event, track: Track) -> str:
+        """About an Intention that the station would send if the Advertisement concerned it."""
+        match seen:
+            case ("send", {"type": "Intention", "session": [int(p), int(n)]}):
+                event = self._not_planned.get((p, n))
+            case ("phase" | "role", _) if isinstance(last, Receive) and last.planned is None:
+                event = last if _advertised(last) else None
+            case _:
+                event = None
+        m = None if event is None else typed(event.message or {})
+        if event is None or m is None or isinstance(m, list | Cam):
+            return ""
+        concerned = received(track, event.model_copy(update={"planned": {}}), m).value
+        outcome = Station(track.max_rounds, *track.limits).step(track.me, track.state, concerned)
+        if not any(out.type == "Intention" for out in outcome.out):
+            return ""
+        where = f"the Advertisement of session {m.session[0]}/{m.session[1]}"
+        return f"{where} has no `planned`: with it, it concerns the application (ADV-3)"
+
+    def _clock_step(self, ending: Ending, engine: Follower) -> int:
+        """By how much the clock must have stepped before the last event for the events from there
+        on to be allowed; 0 if no step explains them, or if nothing else speaks for one."""
+        at, event = ending.recent[-1]
+        if event.late_ms is not None:
+            return 0
+        self._time(event.t_ms)
+        other_ms, silence_ms = self._gaps_ms
+        after = [(at, event), *ending.after]
+        for later in after:
+            self._own_cam(later[1])
+        shifted, by_cams = _shifted_timers(engine, after), self._by_cams
+        likeliest = by_cams[len(by_cams) // 2 :][:1]
+        for step_ms in dict.fromkeys([*shifted[:CANDIDATES], *likeliest]):
+            silent = step_ms in by_cams and silence_ms > 2 * other_ms
+            likely = silent or shifted.count(step_ms) > 1
+            if 0 < step_ms <= silence_ms and likely and _allowed(engine, after, step_ms):
+                return int(step_ms)
+        return 0
+
+    def _own_cam(self, event: Event) -> None:
+        """Look for a pause between two CAMs of the station, with regular intervals around it. After
+        a stop of the station the next interval is another."""
+        if not isinstance(event, Send) or event.message["type"] != "CAM":
+            return
+        self._own_cams = [*self._own_cams[-3:], event.t_ms]
+        if len(self._own_cams) == 4:
+            before, pause, then = (b - a for a, b in pairwise(self._own_cams))
+            margin = before // 4
+            if pause > 2 * before and abs(then - before) <= margin:
+                step_ms = pause - before
+                self._by_cams = range(step_ms - margin, step_ms + margin + 1)
+
+
+def _advertised(event: Receive) -> tuple[int, int] | None:
+    """The session of a received Advertisement."""
+    m = event.message
+    match m and m["type"] == "Advertisement" and m.get("session"):
+        case [int(p), int(n)]:
+            return p, n
+    return None
+
+
+def _begins(event: Event) -> bool:
+    """Whether an event shows the station outside a session, or entering one."""
+    opens = isinstance(event, Send) and event.message["type"] in OPENING
+    return opens or isinstance(event, Restart) or shows_standalone(event)
+
+
+def _in_a_session(d: Diverges, track: Track) -> bool:
+    """Whether a station in no session does what belongs to one."""
+    if track.session is not None:
+        return False
+    match d.seen:
+        case ("send", {"type": "CAM"}):
+            return True
+        case ("send", {**message}):
+            return message["type"] not in OPENING
+        case (_, PlainTimer(name="quarantine" | "backoff")):
+            return False
+        case (_, MessageTimer() | PlainTimer()) | ("phase" | "role" | "indication", _):
+            return True
+    i = None if d.step is None else d.step.input
+    return i is not None and i.kind == "receive" and i.message.type != "Advertisement"
+
+
+def _about_cams(d: Diverges) -> bool:
+    """Whether a CAM would explain what was found: the timer cam is overdue, or armed again."""
+    if d.finding.kind == "overdue":
+        return d.finding.rule == TIMERS["cam"].rule
+    return d.seen is not None and d.seen[0] == "arm" and _is_cam(d.seen[1])
+
+
+def _is_cam(timer: object) -> bool:
+    return isinstance(timer, PlainTimer) and timer.name == "cam"
+
+
+def _shifted_timers(engine: Follower, after: Iterable[tuple[int, Event]]) -> list[int]:
+    """For each timer that was armed before, how late it expires."""
+    if not isinstance(engine, Engine):
+        return []
+    open_ = {timer: d.first for timer, d in engine.timers.items() if d.first == d.last}
+    found = []
+    for _, event in after:
+        match event:
+            case TimerArm(timer=timer) | TimerEnd(op="stop", timer=timer):
+                open_.pop(timer, None)
+            case TimerEnd(timer=timer) if timer in open_:
+                found.append(event.t_ms - open_.pop(timer))
+    return found
+
+
+def _allowed(engine: Follower, after: Iterable[tuple[int, Event]], step_ms: int) -> bool:
+    """Whether these events are allowed if the clock is put back by ``step_ms``."""
+    trial = engine.copy() if isinstance(engine, Engine) else copy.copy(engine)
+    if isinstance(trial, Engine):
+        trial.observer = None
+    try:
+        for at, event in after:
+            earlier: dict[str, object] = {"t_ms": event.t_ms - step_ms}
+            if isinstance(event, TimerArm):
+                earlier["deadline"] = event.deadline - step_ms
+            trial.feed(at, event.model_copy(update=earlier))
+    except Diverges:
+        return False
+    except CannotTell:
+        pass
+    return True
