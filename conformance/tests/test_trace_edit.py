@@ -148,7 +148,7 @@ def test_export_names_what_it_cannot_read(tmp_path: Path) -> None:
 def test_what_cannot_be_told_is_4_and_the_log_is_named(
     command: list[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def untold(_: object) -> str:
+    def untold(*_: object) -> str:
         raise CannotTell("why")
 
     monkeypatch.setattr(itf_log, "from_log", untold)

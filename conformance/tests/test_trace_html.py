@@ -13,7 +13,7 @@ from cli_stage import automcm
 
 from automcm_cli.trace import trace_logs
 from automcm_traces.export import itf_log
-from automcm_traces.viewer import page_run
+from automcm_traces.viewer import page_part
 
 TRACES = Path(__file__).parents[2] / "traces"
 CORPUS = TRACES / "corpus"
@@ -189,19 +189,22 @@ def test_a_log_of_a_counterexample_that_is_wrong_is_named_after_it(
 # -- a part of what is too long
 
 
-def test_what_is_too_long_is_refused_with_the_options_that_choose_a_part(
+def test_of_what_is_too_long_a_part_is_shown_and_the_options_that_choose_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lines = len(LOG.read_bytes().splitlines())
-    monkeypatch.setattr(page_run, "MOST_EVENTS", lines - 3)
+    monkeypatch.setattr(page_part, "MOST_EVENTS", lines - 3)
     out = tmp_path / "page.html"
-    code, _, err = html_of(LOG, "--out", out)
-    assert (code, err.count("\n")) == (3, 1) and not out.exists()
-    assert err.startswith(f"html: {LOG}: {lines} lines; a page shows at most {lines - 3} events")
-    assert "--from-line" in err and "--to-line" in err
+    assert html_of(LOG, "--out", out)[0] == 0
+    note = f"{LOG}: {lines} lines; a page shows at most {lines - 3} events. Choose a part with"
+    assert note in out.read_text()
+    code, _, err = html_of(LOG, "--out", out, "--compare", LOG)
+    assert (code, err.count("\n")) == (3, 1) and "--from-line" in err and "--session" in err
+    for part in (["--session", "1001/1"], ["--from-ms", 500], ["--to-ms", 500]):
+        assert html_of(LOG, "--out", out, *part)[0] == 0
     for part in (["--from-line", 3], ["--to-line", lines - 2], ["--from-line", 9, "--to-line", 9]):
         assert html_of(LOG, "--out", out, *part)[0] == 0
-    monkeypatch.setattr(page_run, "MOST_EVENTS", lines)
+    monkeypatch.setattr(page_part, "MOST_EVENTS", lines)
     assert html_of(LOG, "--out", out, "--compare", LOG)[0] == 3
 
 
@@ -214,6 +217,9 @@ def test_a_part_shows_these_lines(tmp_path: Path) -> None:
 def test_a_part_that_cannot_be_is_a_usage_error(tmp_path: Path) -> None:
     assert html_of(LOG, "--from-line", 9, "--to-line", 8)[0] == 2
     assert html_of(LOG, "--from-line", 0)[0] == 2
+    assert html_of(LOG, "--from-ms", 9, "--to-ms", 8)[0] == 2
+    assert html_of(LOG, "--from-ms", 9, "--to-line", 8)[0] == 2
+    assert html_of(LOG, "--session", "1001")[0] == 2
     assert html_of(LOG, "--from-line", 9, "--compare", LOG)[0] == 2
     code, _, err = html_of(LOG, "--from-line", 9999, "--out", tmp_path / "page.html")
     assert (code, err.count("\n")) == (

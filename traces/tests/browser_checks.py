@@ -12,7 +12,7 @@ from test_page import CORPUS, FOUR, HOSTILE, killed, records, rewritten, with_te
 
 from automcm_traces.explain.explain import explain_file
 from automcm_traces.format.reader import read
-from automcm_traces.viewer import page_run
+from automcm_traces.viewer import page_part
 
 OPEN_MS = 2000
 """In which a page with nearly as many events as it may have is to be open."""
@@ -254,7 +254,7 @@ def as_many_events_as_a_page_takes_open_and_scroll(browser: Browser, folder: Pat
         end="",
     )
     print(f"{each:.0f} bytes an event")
-    assert 0.99 * page_run.MOST_EVENTS < count <= page_run.MOST_EVENTS
+    assert 0.99 * page_part.MOST_EVENTS < count <= page_part.MOST_EVENTS
     assert opened < OPEN_MS and slowest < LATE_MS and each < 250
 
 

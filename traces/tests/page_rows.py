@@ -10,10 +10,14 @@ from typing import Any
 
 from automcm_traces.checker.follow import follow
 from automcm_traces.format.reader import Log
+from automcm_traces.system.fates import FATES
 from automcm_traces.viewer.page_follow import StateHistory, States
 from automcm_traces.viewer.page_pack import Shapes
 
 Json = Any
+DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, SENDER_UNOBSERVED, FORGED, OVERHEARD = range(
+    len(FATES)
+)
 CORPUS = Path(__file__).parents[1] / "corpus"
 FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
 

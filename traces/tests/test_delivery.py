@@ -12,15 +12,17 @@ import pytest
 from merged_runs import Run, killed, records, rewritten, without_tx
 
 from automcm.links.simulated_radio import Channel
-from automcm_traces.format.reader import Log
+from automcm_traces.format.log import Send
+from automcm_traces.format.reader import Log, read
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.delivery import Deliveries, forged_receptions
+from automcm_traces.system.fates import ANYONE
 from automcm_traces.system.log_merge import merge
 
 
 def deliveries(logs: list[Log]) -> Deliveries:
     merged = merge(logs)
-    return Deliveries(merged, Clocks(merged))
+    return Deliveries(merged, Clocks.of(merged))
 
 
 def outcomes(found: Deliveries) -> Counter[str]:
@@ -146,3 +148,35 @@ def test_counts_are_by_pair_and_plain(tmp_path: Path) -> None:
     found = deliveries(Run(tmp_path).logs()).counts()
     assert list(found) == ["1-2", "1-3", "2-1", "2-3", "3-1", "3-2"]
     assert json.dumps(found)
+
+
+def test_a_log_that_lost_records_proves_nothing(tmp_path: Path) -> None:
+    one, _, three = Run(tmp_path, drop=lambda src, dst, m, now: now < 3000).logs()
+    lines = records(tmp_path / "2.ndjson")
+    lines[-1]["lost_records"] = 1
+    found = deliveries([one, rewritten(tmp_path / "2.ndjson", lines), three])
+    assert found.between(1, 2)["lost"] == 0 < found.between(1, 3)["lost"]
+    del lines[next(n for n, r in enumerate(lines) if r.get("ev") == "send")]
+    assert not deliveries([one, rewritten(tmp_path / "2.ndjson", lines), three]).forged
+
+
+def test_one_log_shows_its_messages_to_anyone_and_the_copies_that_it_received(
+    tmp_path: Path,
+) -> None:
+    one = Run(tmp_path, channel=Channel(duplicate=1.0)).logs()[0]
+    arrows = list(deliveries([one]).arrows())
+    got = Counter(arrow.fate for arrow in arrows if arrow.arrives)
+    assert got.keys() == {"sender_unobserved", "duplicated"}
+    assert abs(got["duplicated"] - got["sender_unobserved"]) < 5
+    sent = [arrow for arrow in arrows if arrow.leaves]
+    assert {arrow.fate for arrow in sent} == {"unobserved"}
+    assert {arrow.to for arrow in sent} == {ANYONE, 2, 3}
+    assert len(sent) == sum(isinstance(e, Send) for _, e in one)
+
+
+def test_a_message_to_its_own_sender_is_no_arrow(tmp_path: Path) -> None:
+    Run(tmp_path).logs()
+    lines = records(tmp_path / "1.ndjson")
+    before = len(list(deliveries([read(tmp_path / "1.ndjson")]).arrows()))
+    next(r for r in lines if r.get("message", {}).get("dst") == 2)["message"]["dst"] = 1
+    assert len(list(deliveries([rewritten(tmp_path / "1.ndjson", lines)]).arrows())) == before - 1

@@ -21,9 +21,9 @@ CORPUS = Path(__file__).parents[1] / "corpus"
 PAIR = [CORPUS / "pair/1001.ndjson", CORPUS / "pair/2002.ndjson"]
 
 
-def drawn(paths: list[Path], most: int = 400) -> list[str]:
+def drawn(paths: list[Path], most: int = 400, unfold: bool = True) -> list[str]:
     logs = Logs(paths)
-    return list(diagram(logs.rows(), logs.stations, most))
+    return list(diagram(logs.rows(), logs.stations, most, unfold))
 
 
 def test_a_diagram_has_each_message_that_arrived_and_a_cross_for_what_did_not() -> None:
@@ -40,7 +40,7 @@ def test_a_diagram_has_each_message_that_arrived_and_a_cross_for_what_did_not() 
         row.event.message["type"] != "CAM"
     ]  # fmt: skip
     assert sum("->>" in line for line in lines) == len(received)
-    assert "  S2002-x S1001: x1001 Acceptance refuses (unsafe) p1 1001/1#35;2" in lines
+    assert "  S2002-x S1001: Acceptance refuses (unsafe) p1 1001/1#35;2" in lines
     assert "  Note over S2002: = ACTUATING" in lines
     assert not any("CAM" in line for line in lines)
 
@@ -56,6 +56,27 @@ def test_a_long_diagram_is_cut_and_says_so() -> None:
     arrows = [line for line in whole if "->>" in line or "-x " in line]
     assert cut[-1] == f"  Note over S1001,S2002: {len(arrows) - 10} more messages are not shown"
     assert sum("->>" in line or "-x " in line for line in cut) == 10
+
+
+def test_copies_are_one_arrow_and_the_omitted_messages_are_counted() -> None:
+    lines = drawn(PAIR, unfold=False)
+    assert "  S1001->>S2002: Advertisement 1001/1#35;1 \u00d74" in lines
+    notes = [line for line in drawn(PAIR) if "Note" in line]
+    assert [line for line in lines if "Note" in line] == notes  # no phase is lost
+    cut = drawn(PAIR, 5, unfold=False)[-1]
+    whole = [line for line in drawn(PAIR) if re.search(r">>|-x |\)S", line)]
+    kept = [line for line in drawn(PAIR, 5, unfold=False) if re.search(r">>|-x |\)S", line)]
+    copies = [int(n) for line in kept for n in re.findall("\u00d7([0-9]+)", line)]
+    number = len(kept) + sum(copies) - len(copies)
+    assert cut == f"  Note over S1001,S2002: {len(whole) - number} more messages are not shown"
+
+
+def test_a_copy_that_changes_the_phase_is_no_copy(tmp_path: Path) -> None:
+    lines = [json.loads(line) for line in PAIR[1].read_text().splitlines()]
+    copies = [r for r in lines if r.get("message", {}).get("type") == "Advertisement"]
+    copies[-1]["phase"] = "CHOOSING"
+    (tmp_path / "2002.ndjson").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert "  Note over S2002: = CHOOSING" in drawn([tmp_path / "2002.ndjson"], unfold=False)
 
 
 def test_no_text_of_a_log_is_mermaid(tmp_path: Path) -> None:
@@ -84,12 +105,16 @@ def test_an_mcap_gives_back_the_same_logs(tmp_path: Path) -> None:
 def test_an_mcap_has_a_json_channel_with_a_schema_and_times_for_each_station() -> None:
     reader = pytest.importorskip("mcap.reader")
     found = list(reader.make_reader(io.BytesIO(mcap_file.written(PAIR))).iter_messages())
-    assert {channel.topic for _, channel, _ in found} == {"/automcm/1001", "/automcm/2002"}
+    assert {channel.topic for _, channel, _ in found} == {
+        "/automcm/1001",
+        "/automcm/2002",
+        "/automcm_arrows",
+    }
     assert {schema.encoding for schema, _, _ in found} == {"jsonschema"}
     assert json.loads(found[0][0].data)["type"] == "object"
     for _, _, message in found:
         line = json.loads(message.data)
-        if line["rec"] == "event":
+        if line.get("rec") == "event":
             assert message.log_time == line["t_ms"] * 1_000_000
 
 

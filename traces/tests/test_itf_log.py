@@ -14,6 +14,7 @@ from automcm_cli.main import app
 from automcm_traces.checker.track import INITIAL
 from automcm_traces.explain.explain import explain
 from automcm_traces.export import itf
+from automcm_traces.export.arrow_rows import arrow_rows
 from automcm_traces.export.behaviour_steps import NOTHING, Move, steps_of
 from automcm_traces.export.behaviour_to_log import BehaviourError, BehaviourStep
 from automcm_traces.export.behaviour_to_log import _times as story_times
@@ -139,7 +140,8 @@ def test_the_command_writes_the_itf_of_a_log(tmp_path: Path) -> None:
     answer = run.invoke(app, command)
     assert answer.exit_code == 0, answer.output
     (path,) = json.loads(answer.output)["written"]
-    assert Path(path).read_text() == from_log(read(source))
+    arrows = [(row.line, arrow) for _, row in arrow_rows([source]) for arrow in row.arrows]
+    assert Path(path).read_text() == from_log(read(source), arrows)
 
 
 @pytest.mark.parametrize(

@@ -178,7 +178,7 @@ def test_an_edited_message_without_id_is_matched_with_nothing(tmp_path: Path) ->
 
 
 def test_the_clocks_of_one_simulation_are_shown_to_be_nearly_the_same(logs: list[Log]) -> None:
-    clocks = Clocks(merge(logs))
+    clocks = Clocks.of(merge(logs))
     for i in range(3):
         for j in range(3):
             ahead = clocks.ahead(i, j)
@@ -193,7 +193,7 @@ def test_the_difference_of_two_clocks_is_enclosed(logs: list[Log], tmp_path: Pat
             if name in record:
                 record[name] += ms
 
-    clocks = Clocks(merge([logs[0], copied(logs[1], tmp_path, ahead), logs[2]]))
+    clocks = Clocks.of(merge([logs[0], copied(logs[1], tmp_path, ahead), logs[2]]))
     found, back = clocks.ahead(0, 1), clocks.ahead(1, 0)
     assert found is not None and back is not None
     assert found.low <= ms <= found.high and found.high - found.low <= 12
@@ -205,7 +205,7 @@ def test_the_difference_of_two_clocks_is_enclosed(logs: list[Log], tmp_path: Pat
 def test_one_way_only_the_longest_delay_is_assumed(tmp_path: Path) -> None:
     """Stations 2 and 3 hear each other through nobody; 2 never hears 1."""
     run = Run(tmp_path, drop=lambda src, dst, m, now: dst == 2 or 3 in (src, dst))
-    clocks = Clocks(merge(run.logs(until=3000)[:2]))
+    clocks = Clocks.of(merge(run.logs(until=3000)[:2]))
     ahead = clocks.ahead(0, 1)
     assert ahead is not None and ahead.assumed and ahead.low <= 0 <= ahead.high
     assert ahead.high - ahead.low <= 50
@@ -213,7 +213,7 @@ def test_one_way_only_the_longest_delay_is_assumed(tmp_path: Path) -> None:
 
 def test_without_messages_clocks_are_not_compared(tmp_path: Path) -> None:
     run = Run(tmp_path, drop=lambda src, dst, m, now: True)
-    clocks = Clocks(merge(run.logs(until=1000)))
+    clocks = Clocks.of(merge(run.logs(until=1000)))
     assert clocks.ahead(0, 1) is None and clocks.between(0, 1, 1, 2) is None
 
 
@@ -222,13 +222,13 @@ def test_clocks_that_do_not_run_alike_are_noticed(logs: list[Log], tmp_path: Pat
         if "t_ms" in record:
             record["t_ms"] = record["t_ms"] * 9 // 10
 
-    clocks = Clocks(merge([logs[0], copied(logs[1], tmp_path, slow)]))
+    clocks = Clocks.of(merge([logs[0], copied(logs[1], tmp_path, slow)]))
     assert clocks.ahead(0, 1) is None and "run at different rates" in clocks.notices[0]
 
 
 def test_a_copy_under_way_for_too_long_is_measured(tmp_path: Path) -> None:
     run = Run(tmp_path, channel=Channel(delay_ms=(0, 90), reorder=0.0))
-    clocks = Clocks(merge(run.logs()))
+    clocks = Clocks.of(merge(run.logs()))
     assert 80 <= clocks.slowest(0, 1) <= 90
 
 

@@ -113,17 +113,19 @@ def test_two_that_each_received_what_the_other_sent_later_are_shown_all_the_same
 
 
 def test_what_became_of_a_message_is_marked(tmp_path: Path) -> None:
-    sender = [event("send", n, tx=f"7:{n}", message=fin(7, 8, n)) for n in (1, 2, 3)]
-    arrived = [event("receive", n, tx=f"7:{n}", message=fin(7, 8, n)) for n in (2, 2, 9)]
+    sender = [event("send", 9000 * n, tx=f"7:{n}", message=fin(7, 8, n)) for n in (1, 2, 3)]
+    arrived = [event("receive", 9000 * n, tx=f"7:{n}", message=fin(7, 8, n)) for n in (2, 2, 4)]
+    arrived = [event("restart"), *arrived[:2], {**arrived[2], "t_ms": 27_000}]
     shown = rows(log(tmp_path, 7, *sender), log(tmp_path, 8, *arrived))
     notes = [(row.station, row.event.seq, row.notes) for row in shown if row.event is not None]
     assert sorted(notes) == [
-        (7, 1, ("x8",)),  # a later one arrived
+        (7, 1, ("x8",)),  # the log of 8 goes on for longer than t_life
         (7, 2, ()),
-        (7, 3, ("x8",)),
+        (7, 3, ("?8",)),
         (8, 1, ()),
-        (8, 2, ("2nd",)),
-        (8, 3, ("unsent",)),
+        (8, 2, ()),
+        (8, 3, ("2nd",)),
+        (8, 4, ("forged",)),
     ]
 
 
@@ -132,12 +134,16 @@ def test_what_may_be_under_way_is_not_called_lost(tmp_path: Path) -> None:
     assert rows(sender, log(tmp_path, 8))[0].notes == ("?8",)
 
 
-@pytest.mark.parametrize("head", [{"complete": ["send"]}, {"end": False}])
-def test_of_a_log_that_may_lack_it_nothing_is_said(tmp_path: Path, head: dict[str, Any]) -> None:
+def test_of_a_log_that_may_lack_it_nothing_is_said(tmp_path: Path) -> None:
     sender = log(tmp_path, 7, event("send", tx="7:1", message=fin(7, 8)))
-    assert rows(sender, log(tmp_path, 8, **head))[0].notes == ()
+    assert rows(sender, log(tmp_path, 8, complete=["send"]))[0].notes == ()
+
+
+@pytest.mark.parametrize("head", [{"complete": ["receive"]}, {"end": False}])
+def test_a_sender_that_may_not_have_logged_it_forges_nothing(
+    tmp_path: Path, head: dict[str, Any]
+) -> None:
     received = log(tmp_path, 8, event("receive", tx="7:5", message=fin(7, 8)))
-    head = {"complete": ["receive"]} if "complete" in head else head
     sender = log(tmp_path, 7, **head)
     assert next(r for r in rows(sender, received) if r.event is not None).notes == ()
 

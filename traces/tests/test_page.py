@@ -10,7 +10,24 @@ from pathlib import Path
 
 import pytest
 from merged_runs import killed, records, rewritten, simulated
-from page_rows import CORPUS, FOUR, Json, column, data_of, events, fives, followed_by, number
+from page_rows import (
+    CORPUS,
+    DELIVERED,
+    DUPLICATE,
+    FORGED,
+    FOUR,
+    IN_FLIGHT,
+    LOST,
+    SENDER_UNOBSERVED,
+    UNOBSERVED,
+    Json,
+    column,
+    data_of,
+    events,
+    fives,
+    followed_by,
+    number,
+)
 
 from automcm_spec.support.bad_input import BadInput
 from automcm_spec.vocabulary.parameters import Parameters
@@ -21,15 +38,6 @@ from automcm_traces.format.log import TimerArm
 from automcm_traces.format.reader import read
 from automcm_traces.system.properties import judge
 from automcm_traces.viewer.page import html
-from automcm_traces.viewer.page_arrows import (
-    DELIVERED,
-    DUPLICATE,
-    FORGED,
-    IN_FLIGHT,
-    LOST,
-    UNOBSERVED,
-    UNSENT,
-)
 from automcm_traces.viewer.page_data import IS_CAM, OF_CAM, as_dict, load
 from automcm_traces.viewer.page_follow import EXPIRED, RESTARTED
 from automcm_traces.viewer.page_pack import compact
@@ -62,6 +70,7 @@ def test_fields_of_a_vendor_are_there_as_they_were_logged(tmp_path: Path) -> Non
     arm = next(r for r in lines if r.get("op") == "arm")
     arm["x_cause"] = {"x_deep": ["a"]}
     arm["timer"]["x_slot"] = 3
+    next(r for r in lines if r.get("message", {}).get("type") == "CAM")["x_rssi"] = -60
     rewritten(tmp_path / "a.ndjson", lines)
     data = data_of(html(load([tmp_path / "a.ndjson"])))
     assert data["logs"][0]["header"] == records(tmp_path / "a.ndjson")[0]
@@ -85,7 +94,14 @@ def test_all_five_kinds_of_arrow_are_told_apart(lossy: list[Path]) -> None:
     page = load(lossy)
     data = as_dict(page)
     arrows = fives(data["arrows"])
-    assert {kind for _, kind, *_ in arrows} >= {0, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT}
+    assert {kind for _, kind, *_ in arrows} >= {
+        0,
+        LOST,
+        DUPLICATE,
+        UNOBSERVED,
+        IN_FLIGHT,
+        SENDER_UNOBSERVED,
+    }
     found, system = events(data), judge([read(path) for path in lossy])
     for way, counts in system.deliveries.items():
         source, to = map(int, way.split("-"))
@@ -95,7 +111,7 @@ def test_all_five_kinds_of_arrow_are_told_apart(lossy: list[Path]) -> None:
         ]
         assert len([a for a in mine if a[1] == LOST]) == counts.get("lost", 0), way
         assert len([a for a in mine if a[1] == IN_FLIGHT]) == counts.get("in_flight", 0), way
-    unsent = [found[a[0]] for a in arrows if a[1] == UNSENT]
+    unsent = [found[a[0]] for a in arrows if a[1] == SENDER_UNOBSERVED]
     assert unsent and {3003} <= {event["message"]["src"] for *_, event in unsent} <= {2002, 3003}
 
 

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import pytest
 from merged_runs import records, simulated
-from page_rows import CORPUS, FOUR, Json, fives
+from page_rows import CORPUS, DELIVERED, FORGED, FOUR, LOST, Json, events, fives
 
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.explain.explain import explain_file, explain_files
-from automcm_traces.format.event_text import summary
-from automcm_traces.viewer import page_run
+from automcm_traces.format.event_text import session_of, summary
+from automcm_traces.viewer import page_part, page_run
 from automcm_traces.viewer.page import html
-from automcm_traces.viewer.page_arrows import DELIVERED, FORGED, LOST
 from automcm_traces.viewer.page_data import as_dict, load
 from automcm_traces.viewer.page_follow import StateHistory
-from automcm_traces.viewer.page_run import MOST_EVENTS, MOST_LOGS, PageError, Part
+from automcm_traces.viewer.page_part import MOST_EVENTS, PageError, Part
+from automcm_traces.viewer.page_run import MOST_LOGS
 
 
 @pytest.mark.slow
@@ -80,15 +80,17 @@ def test_as_many_events_as_are_allowed_are_shown_and_no_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     number = len(load(FOUR).nodes)
-    monkeypatch.setattr(page_run, "MOST_EVENTS", number)
+    monkeypatch.setattr(page_part, "MOST_EVENTS", number)
     assert len(load(FOUR).nodes) == number
-    monkeypatch.setattr(page_run, "MOST_EVENTS", number - 1)
-    with pytest.raises(PageError) as refused:
-        load(FOUR)
+    monkeypatch.setattr(page_part, "MOST_EVENTS", number - 1)
+    page = load(FOUR)
+    assert 0 < len(page.nodes) < number
     lines = sum(len(records(path)) for path in FOUR)
-    assert str(refused.value).startswith(f"{len(FOUR)} logs: {lines:,} lines; ")
-    assert f"{number - 1:,} events" in str(refused.value)
-    assert "--from-line" in str(refused.value) and "--to-line" in str(refused.value)
+    assert f"{len(FOUR)} logs: {lines:,} lines; a page shows at most {number - 1:,}" in page.note
+    options = ("--session", "--from-ms", "--to-ms", "--from-line", "--to-line")
+    assert all(option in page.note for option in options)
+    with pytest.raises(PageError, match="--session"):
+        page_run.check_size(FOUR)
 
 
 def test_the_bound_is_the_one_that_is_told() -> None:
@@ -100,11 +102,10 @@ def test_the_bound_is_the_one_that_is_told() -> None:
 def test_as_many_bytes_as_are_allowed_are_shown_and_no_more(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(page_run, "MOST_BYTES", FOUR[0].stat().st_size)
+    monkeypatch.setattr(page_part, "MOST_BYTES", FOUR[0].stat().st_size)
     assert load(FOUR[:1]).nodes
-    monkeypatch.setattr(page_run, "MOST_BYTES", FOUR[0].stat().st_size - 1)
-    with pytest.raises(PageError, match="a page shows at most 0 MiB: choose a part"):
-        load(FOUR[:1])
+    monkeypatch.setattr(page_part, "MOST_BYTES", FOUR[0].stat().st_size - 1)
+    assert "a page shows at most 0 MiB. Choose a part" in load(FOUR[:1]).note
 
 
 def peak(work: Callable[[], object]) -> int:
@@ -117,14 +118,12 @@ def peak(work: Callable[[], object]) -> int:
 
 
 @pytest.mark.slow
-def test_a_log_that_is_too_long_is_refused_before_it_is_in_memory(tmp_path: Path) -> None:
+def test_of_a_log_that_is_too_long_only_a_part_is_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(page_part, "WINDOW", 100)
     path = restarts(tmp_path / "7.ndjson", MOST_EVENTS + 1, padding=200)
-
-    def refused() -> None:
-        with pytest.raises(PageError, match="choose a part"):
-            load([path])
-
-    assert peak(refused) < path.stat().st_size / 5
+    assert peak(lambda: load([path])) < path.stat().st_size / 5
 
 
 @pytest.mark.slow
@@ -140,14 +139,54 @@ def test_a_part_takes_memory_for_the_part_alone(tmp_path: Path) -> None:
 
 def test_a_part_may_not_be_too_long_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = restarts(tmp_path / "7.ndjson", 300)
-    monkeypatch.setattr(page_run, "MOST_EVENTS", 100)
-    with pytest.raises(PageError, match="choose a part"):
-        load([path])
+    monkeypatch.setattr(page_part, "MOST_EVENTS", 100)
+    assert len(load([path]).nodes) == 99  # lines 1 to 100
     assert len(load([path], part=Part(50, 149)).nodes) == 100
     with pytest.raises(PageError, match="more than 100 events in this part"):
         load([path], part=Part(50, 150))
     with pytest.raises(PageError, match="no readable event in lines 400 to 500"):
         load([path], part=Part(400, 500))
+
+
+def test_of_a_log_that_is_too_long_the_divergence_is_shown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With the states and the frame that the whole page has."""
+    log = CORPUS / "bad" / "wrong_proposal.ndjson"
+    whole = load([log])
+    monkeypatch.setattr(page_part, "MOST_EVENTS", len(whole.nodes) - 1)
+    monkeypatch.setattr(page_part, "WINDOW", 20)
+    page = load([log])
+    at = page.runs[0].verdicts[0].finding.at.line
+    shown = [line for line, _ in page.logs[0].events]
+    assert shown == list(range(at - 15, at + 5)) and at == 56
+    assert events(as_dict(page))[as_dict(page)["logs"][0]["diverges"]][1] == at
+    known = states(whole.histories[0])
+    assert states(page.histories[0]) == {n: known[n] for n in known if n in shown}
+    assert page.histories[0].why_not == whole.histories[0].why_not
+
+
+def test_a_session_or_a_time_chooses_the_part(tmp_path: Path) -> None:
+    logs = simulated(tmp_path, 1001, 2002, until=20_000, asks=(500, 9000), target=2002)
+    whole = load(logs)
+    naming = [n for n, e in whole.logs[0].events if session_of(e) == (1001, 2)]
+    page = load(logs[::-1], part=Part(session=(1001, 2)))
+    part = next(log for log in page.logs if log.header.station == 2002)
+    of_2002 = [n for n, e in whole.logs[1].events if session_of(e) == (1001, 2)]
+    assert [n for n, _ in part.events] == list(range(of_2002[0], of_2002[-1] + 1))
+    assert naming and all(n > 100 for n in naming)
+    stranger = restarts(tmp_path / "7.ndjson", 50)
+    assert load([stranger, logs[1]], part=Part(session=(1001, 2))).logs[0].events == part.events
+    page = load(logs, part=Part(from_ms=2000, to_ms=3000))
+    start = whole.logs[0].events[0][1].t_ms
+    wanted = [n for n, e in whole.logs[0].events if 2000 <= e.t_ms - start <= 3000]
+    assert [n for n, _ in page.logs[0].events] == wanted and len(wanted) > 5
+    with pytest.raises(PageError, match="the logs: no readable event of session 9/9"):
+        load(logs, part=Part(session=(9, 9)))
+    with pytest.raises(BadInput, match="cannot be read"):
+        load([tmp_path / "nothing"], part=Part(session=(9, 9)))
+    with pytest.raises(PageError, match="no readable event from 99,000 ms on"):
+        load(logs, part=Part(from_ms=99_000))
 
 
 def states(history: StateHistory) -> dict[int, Json]:

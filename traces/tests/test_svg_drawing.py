@@ -33,7 +33,7 @@ def drawn(merged: Merged, kind: type[Send] | type[Receive]) -> int:
 
 def test_each_message_received_has_an_arrow_and_each_lost_one_a_cross() -> None:
     merged = four(1001, 2002, 3003, 4004)
-    text = drawing(merged)
+    text = drawing(merged, unfold=True)
     heads = [p for p in parts(text, "path") if re.search(r"m-?6 -4l", p.get("d", ""))]
     crosses = [p for p in parts(text, "path") if "l8 8m0 -8l-8 8" in p.get("d", "")]
     assert len(heads) == drawn(merged, Receive) > 50
@@ -45,6 +45,36 @@ def test_each_message_received_has_an_arrow_and_each_lost_one_a_cross() -> None:
     twice = len(merged.again)
     assert 0 < len(crosses) <= sent - len(heads) + twice
     assert len(parts(text, "text")) > drawn(merged, Send)
+
+
+def test_copies_are_one_arrow_with_their_number() -> None:
+    merged = four(1001, 2002, 3003, 4004)
+    arrows = [parts(drawing(merged, unfold=unfold), "g") for unfold in (False, True)]
+    marks = [str(g[0].text).partition("\u00d7")[2] for g in arrows[0]]
+    assert sum(int(mark or 1) for mark in marks) == len(arrows[1]) > len(arrows[0]) + 40
+    assert all((len(g) > 2 and g[-1].text == f"\u00d7{m}") == bool(m)
+               for g, m in zip(arrows[0], marks, strict=True))  # fmt: skip
+
+
+def times(text: str) -> list[str | None]:
+    return [t.text for t in parts(text, "text") if t.get("class") == "t"]
+
+
+def test_times_count_from_the_first_event_whatever_the_clocks(tmp_path: Path) -> None:
+    """Clocks that show the time since 1970, one of them 3 s ahead."""
+    for name, ahead in (("1001", 1_732_300_000_000), ("2002", 1_732_300_003_000)):
+        lines = [json.loads(line) for line in (FOUR / f"{name}.ndjson").read_text().splitlines()]
+        for record in lines:
+            for field in {"t_ms", "deadline"} & record.keys():
+                record[field] += ahead
+        (tmp_path / name).write_text("".join(json.dumps(record) + "\n" for record in lines))
+    late = merge([read(tmp_path / name) for name in ("1001", "2002")])
+    first = merge([read(FOUR / f"{name}.ndjson") for name in ("1001", "2002")])
+    shown = [float(str(time).split()[0]) for time in times(drawing(late, unfold=True))]
+    wanted = [float(str(time).split()[0]) for time in times(drawing(first, unfold=True))]
+    assert wanted[0] < 1 and len(shown) == len(wanted)
+    assert all(abs(a - b) < 0.1 for a, b in zip(shown, wanted, strict=True))
+    assert str(times(drawing(late, absolute=True))[0]).startswith("17323000")
 
 
 def test_the_thick_lines_are_where_a_station_acts() -> None:
@@ -68,7 +98,8 @@ def test_arrows_never_go_up_whatever_the_clocks_say(tmp_path: Path) -> None:
                 record["t_ms"] += ahead + 50_000
         (tmp_path / name).write_text("".join(json.dumps(record) + "\n" for record in records))
     text = drawing(merge([read(tmp_path / "1001"), read(tmp_path / "2002")]))
-    ends = [re.match(r"M\S+ (\S+)L\S+ (\S+?)m", p.get("d", "")) for p in parts(text, "path")]
+    paths = [g.find(f"{SVG}path") for g in parts(text, "g") if "delivered" in str(g[0].text)]
+    ends = [re.match(r"M\S+ (\S+)L\S+ (\S+?)m", str(p.get("d"))) for p in paths if p is not None]
     ways = [(float(end[1]), float(end[2])) for end in ends if end]
     assert ways and all(begin < end for begin, end in ways)
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from automcm_cli.shared.common import Json, code_3, write_json
 from automcm_cli.trace.trace_logs import files_of
 from automcm_spec.support import files
+
+if TYPE_CHECKING:
+    from automcm_traces.system.fates import Arrow
 
 
 def export(
@@ -22,17 +25,24 @@ def export(
         typer.Option(help="Target format; mcap and logs need automcm[mcap]."),
     ] = "mermaid",
     out: Annotated[Path, typer.Option(help="Folder for the files.")] = Path("runs/export"),
+    all_: Annotated[
+        bool, typer.Option("--all", help="In mermaid and svg: an arrow for each copy of a message.")
+    ] = False,
+    absolute: Annotated[
+        bool, typer.Option("--absolute", help="In svg: the times of the logs, not from the start.")
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Convert logs for other tools.
 
     mermaid is a sequence diagram, svg a drawing, itf the states of a station in ITF, and mcap a
-    recording for Foxglove. A sequence diagram shows 400 messages at most and gives the number of
-    omitted ones. MCAP has one JSON channel for each station; --to logs restores the logs from it
-    byte for byte.
+    recording for Foxglove. mermaid and svg draw copies of a message as one arrow with their number.
+    A sequence diagram shows 400 arrows at most and gives the number of omitted messages. MCAP has
+    one JSON channel for each station and one for the fates of messages; --to logs restores the logs
+    from it byte for byte.
     """
     given = logs if to == "logs" else files_of("export", logs)
-    _write("export", lambda: _exported(given, to), out, json_, read=logs)
+    _write("export", lambda: _exported(given, to, all_, absolute), out, json_, read=logs)
 
 
 def itf(
@@ -92,7 +102,7 @@ def _write(
         typer.echo("\n".join(written))
 
 
-def _exported(paths: list[Path], to: str) -> dict[str, bytes]:
+def _exported(paths: list[Path], to: str, unfold: bool, absolute: bool) -> dict[str, bytes]:
     """The contents of the files to write, by name."""
     from automcm_traces.explain.log_table import Logs
     from automcm_traces.export import mcap_file
@@ -104,16 +114,17 @@ def _exported(paths: list[Path], to: str) -> dict[str, bytes]:
     if to == "itf":
         if len({path.stem for path in paths}) < len(paths):
             raise typer.BadParameter("two logs have the same file name; export each separately")
-        return {name: data for path in paths for name, data in _itf_of(path).items()}
+        return _itf_of(*paths)
     if to == "svg":
         merged = merge([read(path) for path in paths])
-        return {f"{paths[0].stem}.svg": drawing(merged).encode()}
+        return {f"{paths[0].stem}.svg": drawing(merged, absolute=absolute, unfold=unfold).encode()}
     if to == "mcap":
         return {f"{paths[0].stem}.mcap": mcap_file.written(paths)}
     if to == "logs":
         return {name: data for path in paths for name, data in mcap_file.logs(path).items()}
     together = Logs(paths)
-    text = "\n".join(diagram(together.rows(), together.stations)) + "\n"
+    lines = diagram(together.rows(), together.stations, unfold=unfold)
+    text = "\n".join(lines) + "\n"
     return {f"{paths[0].stem}.mmd": text.encode()}
 
 
@@ -124,12 +135,20 @@ def _logs_of(counterexample: Path) -> dict[str, bytes]:
     return {f"{station}.ndjson": text for station, text in logs.items()}
 
 
-def _itf_of(log: Path) -> dict[str, bytes]:
+def _itf_of(*paths: Path) -> dict[str, bytes]:
     from automcm_traces.checker.track import CannotTell
+    from automcm_traces.export.arrow_rows import arrow_rows
     from automcm_traces.export.itf_log import from_log
     from automcm_traces.format.reader import read
 
-    try:
-        return {f"{log.stem}.itf.json": from_log(read(log)).encode()}
-    except CannotTell as error:
-        raise CannotTell(f"{log}: {error}") from None
+    logs = {path: read(path) for path in paths}
+    arrows: dict[Path, list[tuple[int, Arrow]]] = {path: [] for path in paths}
+    for path, row in arrow_rows(paths):
+        arrows[path] += [(row.line, arrow) for arrow in row.arrows]
+    found = {}
+    for path, log in logs.items():
+        try:
+            found[f"{path.stem}.itf.json"] = from_log(log, arrows[path]).encode()
+        except CannotTell as error:
+            raise CannotTell(f"{path}: {error}") from None
+    return found

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from sys import maxsize
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from automcm_cli.shared.common import Json, Late, code_3, write_json
 from automcm_cli.trace.trace_edit import station_pairs
-from automcm_cli.trace.trace_logs import files_of
+from automcm_cli.trace.trace_logs import files_of, two_numbers
 from automcm_spec.support import files, scratch
 
 if TYPE_CHECKING:
     from automcm_traces.viewer.page_data import Page
-    from automcm_traces.viewer.page_run import Part, Run
+    from automcm_traces.viewer.page_part import Part
+    from automcm_traces.viewer.page_run import Run
 
 
 def html(
@@ -44,6 +46,14 @@ def html(
     to_line: Annotated[
         int | None, typer.Option(help="Show the first log up to this line.", min=1)
     ] = None,
+    session: Annotated[str, typer.Option(help="Show only this session, such as 1001/3.")] = "",
+    from_ms: Annotated[
+        int | None,
+        typer.Option(help="Show the first log from this time after its start on.", min=0),
+    ] = None,
+    to_ms: Annotated[
+        int | None, typer.Option(help="Show the first log up to this time after its start.", min=0)
+    ] = None,
     json_: Json = None,
 ) -> None:
     """Write an HTML page that explains the logs of a run.
@@ -53,28 +63,24 @@ def html(
     runs side by side, aligned up to the first difference that diff finds. The exit code is 0 when
     the page was written, whatever the verdict.
 
-    Logs of more than 100,000 events are refused. For a part of them, give --from-line, --to-line or
-    both: the page then shows these lines of the first log, and the lines of the other logs from the
+    Of more than 100,000 events, the page shows a part: around the first divergence, or from the
+    start. --session, --from-ms and --to-ms, or --from-line and --to-line choose another: lines of
+    the first log (of the first that has the session), and the lines of the other logs from the
     first to the last message exchanged with them.
     """
-    from automcm_spec.model_checking.tlc import TlcError
     from automcm_spec.support.bad_input import BadInput
-    from automcm_traces.export.behaviour_to_log import BehaviourError
-    from automcm_traces.export.itf import ItfError
     from automcm_traces.viewer.page import html as html_
     from automcm_traces.viewer.page_data import judged
-    from automcm_traces.viewer.page_run import PageError
+    from automcm_traces.viewer.page_part import PageError
 
     pairs = station_pairs(stations)
     if pairs and not compare:
         raise typer.BadParameter("is only allowed with --compare", param_hint="--stations")
-    part = _part(from_line, to_line)
+    part = _part((from_line, to_line), (from_ms, to_ms), session)
     if part and compare:
-        raise typer.BadParameter(
-            "cannot be combined with --compare", param_hint="--from-line, --to-line"
-        )
+        raise typer.BadParameter("a part cannot be combined with --compare", param_hint="--compare")
     logs, other = (files_of("html", paths) for paths in (logs, compare or []))
-    with code_3("html", ItfError, BadInput, OSError, PageError, BehaviourError, TlcError):
+    with code_3("html", BadInput, OSError, PageError):
         page = page_of(logs, late, other, pairs, part)
         data = html_(page)
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -95,7 +101,7 @@ def page_of(
 
     ``part`` is not allowed with a counterexample.
 
-    Raises ItfError, BadInput, OSError, PageError, StoryError, TlcError.
+    Raises BadInput, OSError, PageError.
     """
     from automcm_traces.viewer import page_data
     from automcm_traces.viewer.page_run import check_size
@@ -109,23 +115,34 @@ def page_of(
     return page_data.of_runs(a, b, stations, f"{title} | {other}")
 
 
-def _part(first: int | None, last: int | None) -> Part | None:
-    from automcm_traces.viewer.page_run import Part
+def _part(
+    lines: tuple[int | None, int | None], times: tuple[int | None, int | None], session: str
+) -> Part | None:
+    from automcm_traces.viewer.page_part import Part
 
-    if first is None and last is None:
+    chosen = {"--from-line, --to-line": lines != (None, None)}
+    chosen |= {"--from-ms, --to-ms": times != (None, None), "--session": bool(session)}
+    given = [option for option, is_given in chosen.items() if is_given]
+    if not given:
         return None
+    if given[1:]:
+        raise typer.BadParameter(f"cannot be combined with {given[0]}", param_hint=given[1])
+    if session:
+        named = two_numbers(session, "/", "a session, such as 1001/1", "--session")
+        return Part(session=named)
+    (first, last), unit = (lines, "line") if given[0].endswith("line") else (times, "ms")
     if first is not None and last is not None and last < first:
         raise typer.BadParameter(
-            f"must be at least --from-line ({first}), not {last}", param_hint="--to-line"
+            f"must be at least --from-{unit} ({first}), not {last}", param_hint=f"--to-{unit}"
         )
-    return Part(first or 1) if last is None else Part(first or 1, last)
+    last = maxsize if last is None else last
+    return Part(first or 1, last) if unit == "line" else Part(from_ms=first or 0, to_ms=last)
 
 
 def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple[Run, str]:
     """A run and its title."""
-    from automcm_spec.support.bad_input import SpooledInput
-    from automcm_traces.export.itf_log import behaviour
-    from automcm_traces.viewer.page_run import PageError, load
+    from automcm_traces.viewer.page_part import PageError
+    from automcm_traces.viewer.page_run import load
 
     itf = [path for path in paths if path.name.endswith(".json")]
     if not itf:
@@ -135,14 +152,31 @@ def _run(paths: list[Path], late: int | None, part: Part | None = None) -> tuple
         raise PageError("a counterexample must be the only file; give it without other logs")
     if part:
         raise PageError(
-            "--from-line and --to-line select lines of a log; a counterexample has none"
+            "--session, --from-ms, --to-ms, --from-line and --to-line choose a part of a log; a "
+            "counterexample has none"
         )
-    found = behaviour(itf[0])
+    return _counterexample(itf[0], late)
+
+
+def _counterexample(path: Path, late: int | None) -> tuple[Run, str]:
+    from automcm_spec.model_checking.tlc import TlcError
+    from automcm_spec.support.bad_input import SpooledInput
+    from automcm_traces.export.behaviour_to_log import BehaviourError
+    from automcm_traces.export.itf import ItfError
+    from automcm_traces.export.itf_log import behaviour
+    from automcm_traces.viewer.page_part import PageError
+    from automcm_traces.viewer.page_run import load
+
+    try:
+        found = behaviour(path)
+        texts = found.logs()
+    except (BehaviourError, ItfError, TlcError) as error:
+        raise PageError(str(error)) from None
     with scratch.folder("html") as folder:
         logs = []
-        for station, text in found.logs().items():
+        for station, text in texts.items():
             log = SpooledInput(folder, f"{station}.ndjson")
-            log.given = f"{itf[0].name.removesuffix('.itf.json')}-{station}.ndjson"
+            log.given = f"{path.name.removesuffix('.itf.json')}-{station}.ndjson"
             log.write_bytes(text)
             logs.append(log)
         run = load(sorted(logs), late)

@@ -27,7 +27,7 @@ from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
-from automcm_traces.viewer.page_run import PageError
+from automcm_traces.viewer.page_part import PageError
 
 LEVELS: tuple[Level, ...] = ("MUST", "SHOULD", "MAY")
 GROUPS = {

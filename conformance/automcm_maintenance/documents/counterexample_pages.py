@@ -16,7 +16,7 @@ from automcm_spec.support.bad_input import BadInput
 from automcm_traces.export.behaviour_to_log import BehaviourError
 from automcm_traces.export.itf import ItfError
 from automcm_traces.viewer.page import html
-from automcm_traces.viewer.page_run import PageError
+from automcm_traces.viewer.page_part import PageError
 
 FOLDER = Path("runs/verify")
 

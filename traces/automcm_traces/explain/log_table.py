@@ -9,7 +9,7 @@ stations.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from automcm_traces.format.event_text import Kind, fitted, kind, safe, session_o
 from automcm_traces.format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.format.number_sets import Numbers
 from automcm_traces.format.reader import Notice, records
+from automcm_traces.system.fates import Arrow, Fate
+from automcm_traces.system.streamed_fates import StreamedFates
 
 WIDTH = 80
 NARROWEST = 20
@@ -36,8 +38,10 @@ class Row:
     """The note, if there is no event."""
     notes: tuple[str, ...] = ()
     """The fate of a message according to all logs: ``x2002`` lost on the way to 2002, ``?2002`` not
-    yet received there, ``2nd`` a second copy of a transmission, ``unsent`` without a sender, ``for
+    yet received there, ``2nd`` a second copy of a transmission, ``forged`` never sent, ``for
     2002`` overheard."""
+    arrows: tuple[Arrow, ...] = ()
+    """The messages that arrive here, or that leave here and arrive nowhere."""
     problem: bool = False
     """Whether the log cannot be read any further."""
 
@@ -49,6 +53,7 @@ class Row:
             "t_ms": None if self.event is None else self.event.t_ms,
             "kind": self.kind,
             "notes": list(self.notes),
+            "arrows": [arrow.as_dict() for arrow in self.arrows],
             "text": safe(self.text) if self.event is None else summary(self.event),
         }
 
@@ -62,17 +67,6 @@ class Row:
         """The text of the row; the notes come first, so that they are not cut."""
         text = safe(self.text) if self.event is None else summary(self.event)
         return " ".join([*self.notes, text])
-
-
-@dataclass(slots=True)
-class _Seen:
-    """The transmissions in one log, for the rows of the other logs."""
-
-    sent: Numbers = field(default_factory=Numbers)
-    received: dict[int, Numbers] = field(default_factory=dict)
-    """By sender."""
-    all_sent: bool = False
-    all_received: bool = False
 
 
 class Logs:
@@ -103,50 +97,23 @@ class Logs:
             names = " and ".join(repr(run) for run in list(runs)[:2])
             self.warnings.append(safe(f"the logs are of different runs: {names}"))
         self.stations = tuple(sorted(self._paths))
-        self._seen: dict[int, _Seen] = {}
-        if len(self._paths) > 1:
-            self._seen = {s: self._look(path) for s, path in self._paths.items()}
-
-    def _look(self, path: Path) -> _Seen:
-        """The first of two passes over a log: its transmissions and receptions."""
-        seen = _Seen()
-        nothing_lost = False
-        try:
-            for entry in records(path, gaps=True):
-                match entry.record:
-                    case Header(complete=complete, begins=None):
-                        seen.all_sent, seen.all_received = "send" in complete, "receive" in complete
-                    case Send(tx=tx):
-                        seen.sent.add(int(tx.split(":")[1]))
-                    case Receive(tx=tx) if tx is not None:
-                        sender, number = (int(part) for part in tx.split(":"))
-                        seen.received.setdefault(sender, Numbers()).add(number)
-                    case Notice(kind="begins_late" | "gap" | "unknown_event"):
-                        seen.all_sent = seen.all_received = False
-                    case End(lost_records=lost):
-                        nothing_lost = lost == 0
-        except BadInput:
-            nothing_lost = False
-        seen.all_sent = seen.all_sent and nothing_lost
-        seen.all_received = seen.all_received and nothing_lost
-        return seen
 
     def rows(self) -> Iterator[Row]:
         """All rows in one possible order, read lazily."""
+        fates = StreamedFates(self._paths)
         feeds = {station: self._feed(station) for station in self.stations}
         heads = {station: row for station in feeds if (row := next(feeds[station], None))}
         times = dict.fromkeys(self.stations, 0)
         sent = {station: Numbers() for station in self.stations}
-        got: dict[tuple[int, int], Numbers] = {}
         while heads:
             for station, row in heads.items():
                 times[station] = times[station] if row.event is None else row.event.t_ms
-            free = [s for s, row in heads.items() if not self._waits(row, sent)]
+            free = [s for s, row in heads.items() if not _waits(row, sent, fates)]
             station = min(free or heads, key=lambda s: (times[s], s))
             row = heads.pop(station)
             if isinstance(row.event, Send):
                 sent[station].add(int(row.event.tx.split(":")[1]))
-            yield self._noted(row, got) if len(feeds) > 1 else _noted_alone(row, got)
+            yield _noted(row, fates)
             if (after := next(feeds[station], None)) is not None:
                 heads[station] = after
 
@@ -167,57 +134,34 @@ class Logs:
             problem = f"{error.field}: {error.problem}" if error.field else error.problem
             yield Row(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
 
-    def _waits(self, row: Row, sent: dict[int, Numbers]) -> bool:
-        """Whether the row is the reception of a message that has yet to be sent."""
-        if not isinstance(row.event, Receive) or row.event.tx is None:
-            return False
-        sender, number = (int(part) for part in row.event.tx.split(":"))
-        if sender not in sent or sender == row.station or number in sent[sender]:
-            return False
-        return number in self._seen[sender].sent
 
-    def _noted(self, row: Row, got: dict[tuple[int, int], Numbers]) -> Row:
-        row = _noted_alone(row, got)
-        match row.event:
-            case Receive(tx=tx) if tx is not None:
-                sender, number = (int(part) for part in tx.split(":"))
-                seen = self._seen.get(sender)
-                if seen is not None and seen.all_sent and number not in seen.sent:
-                    return replace(row, notes=("unsent", *row.notes))
-            case Send(tx=tx, message=m):
-                number = int(tx.split(":")[1])
-                dst = m.get("dst")
-                wanted = (dst,) if isinstance(dst, int) else self.stations
-                notes = (self._fate(row.station, number, s) for s in wanted if s != row.station)
-                return replace(row, notes=tuple(note for note in notes if note))
+def _waits(row: Row, sent: Mapping[int, Numbers], fates: StreamedFates) -> bool:
+    """Whether the row is the reception of a message that has yet to be sent."""
+    if not isinstance(row.event, Receive) or row.event.tx is None:
+        return False
+    sender, number = (int(part) for part in row.event.tx.split(":"))
+    if sender not in sent or sender == row.station or number in sent[sender]:
+        return False
+    return fates.has_sent(sender, number)
+
+
+_MARKS: dict[Fate, str] = {"lost": "x", "in_flight": "?"}
+
+
+def _noted(row: Row, fates: StreamedFates) -> Row:
+    """The row with the fates of its message."""
+    if not isinstance(row.event, Send | Receive):
         return row
-
-    def _fate(self, sender: int, number: int, station: int) -> str:
-        """Empty if a transmission was received; ``x`` if it was lost, because a later one was
-        received."""
-        seen = self._seen.get(station)
-        if seen is None or not seen.all_received:
-            return ""
-        arrived = seen.received.get(sender)
-        if arrived is not None and number in arrived:
-            return ""
-        later = arrived is not None and arrived.top > number
-        return f"x{station}" if later else f"?{station}"
-
-
-def _noted_alone(row: Row, got: dict[tuple[int, int], Numbers]) -> Row:
-    """Mark a second copy of a transmission, and a message addressed to another station."""
-    if not isinstance(row.event, Receive):
-        return row
-    notes = []
-    m, tx = row.event.message, row.event.tx
-    if tx is not None:
-        sender, number = (int(part) for part in tx.split(":"))
-        if not got.setdefault((row.station, sender), Numbers()).add(number):
-            notes.append("2nd")
+    arrows = fates.arrows(row.station, row.event)
+    if isinstance(row.event, Send):
+        notes = [f"{_MARKS[a.fate]}{a.to}" for a in arrows if a.fate in _MARKS]
+        return replace(row, notes=tuple(notes), arrows=arrows)
+    marks = {"forged": "forged", "duplicated": "2nd"}
+    notes = [marks[a.fate] for a in arrows if a.fate in marks]
+    m = row.event.message
     if m is not None and type(m.get("dst")) is int and m["dst"] != row.station:
         notes.append(f"for {m['dst']}")
-    return replace(row, notes=tuple(notes)) if notes else row
+    return replace(row, notes=tuple(notes), arrows=arrows)
 
 
 @dataclass(slots=True)

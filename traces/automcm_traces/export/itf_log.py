@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -23,6 +24,7 @@ from automcm_traces.export import behaviour_to_log, itf, itf_validation
 from automcm_traces.export.behaviour_effects import cfg_of, effects_of
 from automcm_traces.export.behaviour_steps import Move, steps_of
 from automcm_traces.format.reader import Log
+from automcm_traces.system.fates import Arrow
 
 TICK_MS = 100
 """The duration of a tick of a timed model."""
@@ -177,13 +179,15 @@ def _cams(at: itf.ItfState) -> tuple[int, ...]:
     return tuple(s for s, left in enumerate(due, 1) if left == 1)
 
 
-def from_log(log: Log) -> str:
+def from_log(log: Log, arrows: Sequence[tuple[int, Arrow]] = ()) -> str:
     """A log as ITF: the station's state in the specification after each step, with real ids.
 
     The ``#meta`` of a state contains ``action`` (the operator of Station.tla), ``args`` (the
-    content of the event), ``rule``, ``t_ms``, the ``line`` of the log and the ``location`` in
-    Station.tla. The states of a diverging log end with the last allowed step, and the description
-    says so. Raises automcm_traces.checker.track.CannotTell.
+    content of the event), ``rule``, ``t_ms``, the ``line`` of the log, the ``location`` in
+    Station.tla, and ``messages``: the messages that arrive in the step, or leave in it and arrive
+    nowhere, with their lines and fates. ``arrows`` are those of the log, by line. The states of a
+    diverging log end with the last allowed step, and the description says so. Raises
+    automcm_traces.checker.track.CannotTell.
     """
     watcher = _Steps(log)
     ending = follow(log, watchers=[watcher], one=True)
@@ -193,6 +197,7 @@ def from_log(log: Log) -> str:
     if ending.diverges is not None:
         found = ending.diverges.finding
         divergence = f" It diverges at line {found.at.line}: {found.observed}."
+    watcher.add_messages(arrows)
     about = {
         "description": f"Station {log.header.station} of run {log.header.run}.{divergence}",
         "source": Path(log.file).name,
@@ -218,6 +223,16 @@ class _Steps(Watcher):
             "location": {"module": "Station", "line": line(step.rule, step.input)},
         }
         self.states.append(itf.ItfState(_values(track), meta))
+
+    def add_messages(self, arrows: Sequence[tuple[int, Arrow]]) -> None:
+        """Add each arrow to the last step at or before its line."""
+        lines: list[Any] = [state.meta["line"] for state in self.states[1:]]
+        for line_, arrow in arrows:
+            k = bisect_right(lines, line_)
+            meta = dict(self.states[k].meta)
+            known: Any = meta.get("messages", [])
+            meta["messages"] = [*known, {**arrow.as_dict(), "line": line_}]
+            self.states[k] = itf.ItfState(self.states[k].values, meta)
 
 
 def _values(t: Track) -> dict[str, object]:

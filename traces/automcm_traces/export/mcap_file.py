@@ -1,6 +1,7 @@
 """Converts logs to MCAP, for Foxglove and similar tools, and back: one JSON channel per station.
 
 Every line of a log becomes a message, including the header and the end, so that nothing is lost.
+One more channel has the fate of each message.
 The log time is ``t_ms``, because the absolute time is unknown. Needs the extra ``mcap``.
 """
 
@@ -14,11 +15,25 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec.support.bad_input import name_of, one_line
+from automcm_traces.export.arrow_rows import arrow_rows
+from automcm_traces.format.event_text import summary
 from automcm_traces.format.log import SCHEMA, End, Header
 from automcm_traces.format.reader import Notice, records
 
 TOPIC = "/automcm/"
 """The name of a channel is this and the id of its station."""
+ARROWS = "/automcm_arrows"
+"""The channel of the fates of all messages."""
+ARROW = {
+    "title": "automcm.arrow/1",
+    "type": "object",
+    "properties": {
+        **{name: {"type": "integer"} for name in ("from", "to", "station", "line")},
+        **{name: {"type": "string"} for name in ("fate", "file", "event")},
+    },
+}
+"""``station`` and ``line`` are those of the event where the message arrives, or, if it never does,
+where it leaves; ``event`` is its summary."""
 LATEST_MS = 2**63 // 10**6
 """The latest time: MCAP counts nanoseconds in 64 bits."""
 _INTEGERS = ("seq", "t_ms", "deadline", "station", "lost_records")
@@ -86,8 +101,24 @@ def written(paths: Sequence[Path]) -> bytes:
             now = t_ms * 10**6
             data = lines[entry.line - 1]
             writer.add_message(channel, now, data, now, sequence=entry.line)
+    _add_arrows(writer, paths)
     writer.finish()
     return stream.getvalue()
+
+
+def _add_arrows(writer: Any, paths: Sequence[Path]) -> None:
+    schema = writer.register_schema(
+        name=ARROW["title"], encoding="jsonschema", data=json.dumps(ARROW).encode()
+    )
+    channel = writer.register_channel(topic=ARROWS, message_encoding="json", schema_id=schema)
+    for path, row in arrow_rows(paths):
+        event = row.event
+        assert event is not None, "a row with arrows has an event"
+        place = {"file": Path(name_of(path)).name, "station": row.station, "line": row.line}
+        for arrow in row.arrows:
+            data = json.dumps(arrow.as_dict() | place | {"event": summary(event)}).encode()
+            now = event.t_ms * 10**6
+            writer.add_message(channel, now, data, now, sequence=row.line)
 
 
 def logs(path: Path) -> dict[str, bytes]:

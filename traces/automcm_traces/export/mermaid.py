@@ -15,88 +15,91 @@ from automcm_traces.format.log import (
     Restart,
     Send,
 )
+from automcm_traces.system.copy_folding import Key, folded, key_of
+from automcm_traces.system.fates import ANYONE, Arrow, Fate
 
 MESSAGES = 400
 """The maximum number of arrows; browsers draw no more."""
+HEADS: dict[Fate, str] = {
+    "delivered": "->>",
+    "duplicated": "->>",
+    "lost": "-x ",
+    "in_flight": "-)",
+    "unobserved": "--)",
+    "sender_unobserved": "-->>",
+    "forged": "-->>",
+    "overheard": "-->>",
+}
+SAID = ("duplicated", "in_flight", "forged", "overheard")
+"""The fates that the text names, because the head does not show them."""
 
 
-def diagram(rows: Iterable[Row], stations: Sequence[int], most: int = MESSAGES) -> Iterator[str]:
+def diagram(
+    rows: Iterable[Row], stations: Sequence[int], most: int = MESSAGES, unfold: bool = False
+) -> Iterator[str]:
     """The lines of a diagram: messages as arrows, commands and phases as notes.
 
     ``rows`` are those of ``log_table.Logs``. A received message is an arrow at its reception. A
-    message that was lost, or that is not in the other log, ends in a cross. CAMs and timers are
-    left out. After ``most`` messages, a note states the number of the remaining ones.
+    lost one ends in a cross; a dotted one is not in the log of one of its stations. CAMs and timers
+    are left out. Copies are one arrow, unless ``unfold``. After ``most`` arrows, a note states the
+    number of the remaining messages.
     """
-    kept = list(rows)
-    sent = {row.event.tx for row in kept if isinstance(row.event, Send)}
-    taken = {row.event.tx for row in kept if isinstance(row.event, Receive)}
-    known = set(stations)
-    known |= {s for row in kept if (s := _sender(row.event)) is not None}
-    known |= {s for row in kept if (s := _addressee(row.event)) is not None}
+    kept = [row for row in rows if not _is_cam(row.event)]
+    known = {*stations, *(s for row in kept for a in row.arrows for s in (a.source, a.to))}
+    known -= {ANYONE}
     yield "sequenceDiagram"
     yield from (f"  participant S{station} as {station}" for station in sorted(known))
-    phase: dict[int, str] = {}
-    arrows = left_out = 0
-    for row in kept:
-        arrow = _arrow(row, sent, taken)
-        if arrow:
-            arrows += 1
-            left_out += arrows > most
-        if arrows > most:
+    drawn = left_out = 0
+    for fold in folded(_with_phases(kept), _unique if unfold else _key):
+        row, phase = fold.first
+        room = max(0, most - drawn)
+        drawn += len(row.arrows)
+        left_out += fold.times * len(row.arrows[room:])
+        yield from (f"  {_arrow(row, arrow, fold.mark)}" for arrow in row.arrows[:room])
+        if drawn > most:
             continue
-        if arrow:
-            yield f"  {arrow}"
-        elif isinstance(row.event, ApplicationCommand | ApplicationIndication | Restart):
+        if isinstance(row.event, ApplicationCommand | ApplicationIndication | Restart):
             yield f"  Note over S{row.station}: {_plain(summary(row.event))}"
-        now = row.event.phase if row.event is not None else None
-        if now is not None and now != phase.get(row.station, "STANDALONE"):
-            yield f"  Note over S{row.station}: = {_plain(now)}"
-        if now is not None:
-            phase[row.station] = now
+        if phase:
+            yield f"  Note over S{row.station}: = {_plain(phase)}"
     if left_out:
         first, last = min(known), max(known)
         yield f"  Note over S{first},S{last}: {left_out} more messages are not shown"
 
 
-def _arrow(row: Row, sent: set[str], taken: set[str | None]) -> str:
-    """A message as an arrow; empty for other events, and for a message whose reception follows
-    later."""
-    event, me = row.event, f"S{row.station}"
-    if not isinstance(event, Send | Receive) or event.message is None:
-        return ""
-    if event.message["type"] == "CAM":
-        return ""
-    words = summary(event).split(" ")
-    if isinstance(event, Receive):
-        sender = _sender(event)
-        if sender is None:
-            return f"Note over {me}: {_plain(summary(event))}"
-        arrow = "->>" if event.tx in sent or event.tx is None else "-->>"
-        notes = [note for note in row.notes if not note.startswith("for ")]
-        return f"S{sender}{arrow}{me}: {_plain(' '.join([*notes, words[1], *words[3:]]))}"
-    if event.tx in taken:
-        return ""
-    label = _plain(" ".join([*row.notes, words[0], *words[2:]]))
-    to = _addressee(event)
-    if to is None:
-        return f"Note over {me}: {label} to all"
-    return f"{me}-x S{to}: {label}"
+def _with_phases(rows: Iterable[Row]) -> Iterator[tuple[Row, str]]:
+    """Each row with the new phase of its station; empty if it stays."""
+    phase: dict[int, str] = {}
+    for row in rows:
+        was = phase.get(row.station, "STANDALONE")
+        now = (None if row.event is None else row.event.phase) or was
+        phase[row.station] = now
+        yield row, "" if now == was else now
 
 
-def _sender(event: Event | None) -> int | None:
-    if not isinstance(event, Receive) or event.message is None:
-        return None
-    if event.message["type"] == "CAM":
-        return None
-    src = event.message.get("src")
-    return src if type(src) is int and src >= 0 else None
+def _key(item: tuple[Row, str]) -> Key | None:
+    row, phase = item
+    return None if phase or row.event is None else key_of(row.station, row.event, row.arrows)
 
 
-def _addressee(event: Event | None) -> int | None:
-    if not isinstance(event, Send) or event.message["type"] == "CAM":
-        return None
-    dst = event.message.get("dst")
-    return dst if type(dst) is int and dst > 0 else None
+def _unique(item: tuple[Row, str]) -> None:
+    """No key: nothing folds."""
+
+
+def _arrow(row: Row, arrow: Arrow, mark: str) -> str:
+    """A message as an arrow, or as a note if one of its ends is no single station."""
+    assert row.event is not None, "a row with an arrow has an event"
+    fate = "".join([f" {mark}" * bool(mark), f" ({arrow.word})" * (arrow.fate in SAID)])
+    if ANYONE in (arrow.source, arrow.to):
+        return f"Note over S{row.station}: {_plain(summary(row.event))}{fate}"
+    words = summary(row.event).split(" ")
+    label = [words[1], *words[3:]] if isinstance(row.event, Receive) else [words[0], *words[2:]]
+    return f"S{arrow.source}{HEADS[arrow.fate]}S{arrow.to}: {_plain(' '.join(label))}{fate}"
+
+
+def _is_cam(event: Event | None) -> bool:
+    m = event.message if isinstance(event, Send | Receive) else None
+    return m is not None and m["type"] == "CAM"
 
 
 def _plain(text: str) -> str:

@@ -1,7 +1,8 @@
 """Draws a run as SVG: a line for each station, time downwards, an arrow for each message.
 
-Events are ordered by time. Where clocks differ so much that a reception would come before its
-transmission, they follow the partial order. Time between events takes no space. The line of a
+Events are ordered by time, with aligned clocks. Where a reception would still come before its
+transmission, they follow the partial order. Times count from the first event. Copies of a message
+are one arrow. Time between events takes no space. The line of a
 station is thick while it acts. CAMs are left out.
 """
 
@@ -11,18 +12,21 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 
-from automcm_traces.format.event_text import safe
+from automcm_traces.format.event_text import safe, summary
 from automcm_traces.format.log import Event, Receive, Send
 from automcm_traces.system.clock_offsets import Clocks
-from automcm_traces.system.delivery import Deliveries, Delivery
+from automcm_traces.system.copy_folding import Fold, Key, folded, key_of
+from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.fates import ANYONE, Arrow
 from automcm_traces.system.log_merge import Merged, Node
 
 COLUMN, ROW, TOP, LEFT = 190, 15, 46, 160
 """In pixels: between stations, between events, above the first event, left of the first station."""
 SHORT = 30
 """The distance in pixels from the addressee at which the arrow of an unreceived message ends."""
-COLOURS = {"delivered": "#1a6e4a", "duplicated": "#1a6e4a", "lost": "#b3261e"}
+COLOURS = {"delivered": "#1a6e4a", "duplicated": "#1a6e4a", "lost": "#b3261e", "forged": "#b3261e"}
 OTHER = "#6b7280"
+DASHED = ("unobserved", "in_flight", "sender_unobserved", "forged")
 STYLE = (
     "text{font:11px sans-serif;fill:#1f2933}.name{font-weight:bold;font-size:13px}"
     ".t{fill:#6b7280;text-anchor:end}.phase{fill:#5b3fa0}"
@@ -37,13 +41,28 @@ class _Places:
     """By event."""
 
 
-def drawing(merged: Merged, names: Mapping[int, str] | None = None) -> str:
-    """The drawing; ``names`` replace the ids of stations."""
-    deliveries = [d for d in Deliveries(merged, Clocks(merged)).all if _drawn(merged.event(d.sent))]
-    addressed = {d.to for d in deliveries}
-    stations = sorted({*merged.stations, *addressed})
+def drawing(
+    merged: Merged,
+    names: Mapping[int, str] | None = None,
+    *,
+    absolute: bool = False,
+    unfold: bool = False,
+) -> str:
+    """The drawing; ``names`` replace the ids of stations.
+
+    With ``absolute``, times are those of the logs, each on its own clock. With ``unfold``, each
+    copy of a message is an arrow.
+    """
+    clocks = Clocks.of(merged)
+    arrows = [a for a in Deliveries(merged, clocks).arrows() if _drawn(merged, a)]
+    named = {station for a in arrows for station in (a.source, a.to)}
+    stations = sorted({*merged.stations, *named} - {ANYONE})
     phases = _phases(merged)
-    shown = [n for n in _ordered(merged) if n in phases or _drawn(merged.event(n))]
+    starts = clocks.starts(merged)
+    ordered = _ordered(merged, starts)
+    folds = _folded(merged, arrows, phases, ordered, unfold)
+    ends = {node for fold in folds for node in (fold.first.leaves, fold.first.arrives)}
+    shown = [n for n in ordered if n in phases or n in ends]
     places = _Places(
         {station: LEFT + k * COLUMN for k, station in enumerate(stations)},
         {node: TOP + ROW * (k + 1) for k, node in enumerate(shown)},
@@ -62,24 +81,61 @@ def drawing(merged: Merged, names: Mapping[int, str] | None = None) -> str:
         lines.append(f'<text class="name" x="{x}" y="20" text-anchor="middle">{name}</text>')
         lines.append(f'<path d="M{x} 30V{height - ROW}" stroke="#c3c9d1"/>')
     lines += _acting(merged, phases, places, height - ROW)
-    for delivery in deliveries:
-        lines += _arrow(merged, delivery, places)
-    lines += _labels(merged, places, phases)
+    lines += [_arrow(merged, fold, places) for fold in folds]
+    lines += _labels(merged, places, phases, [0] * len(starts) if absolute else starts)
     return "\n".join([*lines, "</svg>"]) + "\n"
 
 
-def _ordered(merged: Merged) -> list[Node]:
+def _folded(
+    merged: Merged,
+    arrows: list[Arrow],
+    phases: dict[Node, str],
+    ordered: list[Node],
+    unfold: bool,
+) -> list[Fold[Arrow]]:
+    """The arrows in the order of their starts; copies between two changes of phase are one."""
+    row_of = {node: row for row, node in enumerate(ordered)}
+    items: list[tuple[int, Arrow | None]] = [(row_of[node], None) for node in phases]
+    items += [(row_of[_start(arrow)], arrow) for arrow in arrows]
+    items.sort(key=lambda item: (item[0], item[1] is not None))
+
+    def key(item: tuple[int, Arrow | None]) -> Key | None:
+        arrow = item[1]
+        if unfold or arrow is None:
+            return None
+        return key_of(arrow.source, _event(merged, arrow), (arrow.to, arrow.fate))
+
+    return [
+        Fold(fold.first[1], fold.last[1], fold.times)
+        for fold in folded(items, key)
+        if fold.first[1] is not None and fold.last[1] is not None
+    ]
+
+
+def _ordered(merged: Merged, starts: list[int]) -> list[Node]:
     def time(node: Node) -> int:
-        return merged.event(node).t_ms
+        return merged.event(node).t_ms - starts[node[0]]
 
     if any(time(to) < time(match.sent) for to, match in merged.matches.items()):
         return merged.order
     return sorted(merged.order, key=time)
 
 
-def _drawn(event: Event) -> bool:
+def _drawn(merged: Merged, arrow: Arrow) -> bool:
+    """Whether an arrow is drawn: it is no CAM."""
+    event = _event(merged, arrow)
     message = event.message if isinstance(event, Send | Receive) else None
-    return message is not None and message["type"] != "CAM"
+    return message is None or message["type"] != "CAM"
+
+
+def _start(arrow: Arrow) -> Node:
+    node = arrow.leaves or arrow.arrives
+    assert node is not None, "an arrow has an end that is logged"
+    return node
+
+
+def _event(merged: Merged, arrow: Arrow) -> Event:
+    return merged.event(_start(arrow))
 
 
 def _phases(merged: Merged) -> dict[Node, str]:
@@ -104,41 +160,52 @@ def _acting(merged: Merged, phases: dict[Node, str], places: _Places, end: float
                 yield f'<path d="M{x} {y}V{until}" stroke="#5b3fa0" stroke-width="5"/>'
 
 
-def _arrow(merged: Merged, delivery: Delivery, places: _Places) -> Iterator[str]:
-    """An arrow from transmission to reception; if the message was lost, it ends in a cross."""
-    x = places.x[merged.stations[delivery.sent[0]]]
-    y, far = places.y[delivery.sent], places.x[delivery.to]
-    colour = COLOURS.get(delivery.outcome, OTHER)
-    for node in delivery.received:
-        yield _head(x, y, far, places.y[node], colour)
-    if not delivery.received:
-        end = far - SHORT if far > x else far + SHORT
-        dash = "" if delivery.outcome == "lost" else ' stroke-dasharray="3 3"'
-        yield f'<path d="M{x} {y}H{end}" stroke="{colour}"{dash}/>'
-        if delivery.outcome == "lost":
-            yield f'<path d="M{end - 4} {y - 4}l8 8m0 -8l-8 8" stroke="{colour}"/>'
+def _arrow(merged: Merged, fold: Fold[Arrow], places: _Places) -> str:
+    """An arrow from transmission to reception; if the message was lost, it ends in a cross.
+
+    An end that no log shows is level with the other, and short of its station.
+    """
+    arrow = fold.first
+    at = [places.y[node] for node in (arrow.leaves, arrow.arrives) if node is not None]
+    x = places.x.get(arrow.source, places.x.get(arrow.to, 0) - SHORT * 2)
+    far = places.x.get(arrow.to, x + SHORT * 2)
+    way = 1 if far > x else -1
+    colour = COLOURS.get(arrow.fate, OTHER)
+    dash = ' stroke-dasharray="3 3"' if arrow.fate in DASHED else ""
+    if arrow.leaves is None:
+        x += SHORT * way
+    if arrow.arrives is None:
+        end = far - SHORT * way
+        drawn = f'<path d="M{x} {at[0]}H{end}" stroke="{colour}"{dash}/>'
+        if arrow.fate == "lost":
+            drawn += f'<path d="M{end - 4} {at[0] - 4}l8 8m0 -8l-8 8" stroke="{colour}"/>'
+    else:
+        head = f"L{far} {at[-1]}m{-6 * way} -4l{6 * way} 4l{-6 * way} 3"
+        drawn = f'<path d="M{x} {at[0]}{head}" stroke="{colour}" fill="none"{dash}/>'
+    if fold.mark:
+        anchor = "end" if way > 0 else "start"
+        drawn += (
+            f'<text x="{far - 10 * way}" y="{at[-1] - 4}" text-anchor="{anchor}">{fold.mark}</text>'
+        )
+    about = " ".join([f"{safe(summary(_event(merged, arrow)))}: {arrow.word}", fold.mark]).strip()
+    return f"<g><title>{escape(about)}</title>{drawn}</g>"
 
 
-def _head(x: float, y: float, far: float, below: float, colour: str) -> str:
-    way = 6 if far > x else -6
-    return (
-        f'<path d="M{x} {y}L{far} {below}m{-way} -4l{way} 4l{-way} 3" stroke="{colour}" '
-        'fill="none"/>'
-    )
-
-
-def _labels(merged: Merged, places: _Places, phases: dict[Node, str]) -> Iterator[str]:
+def _labels(
+    merged: Merged, places: _Places, phases: dict[Node, str], starts: list[int]
+) -> Iterator[str]:
     """Times and types of sent messages, and phases, beside the line."""
     for node, y in places.y.items():
         event, x = merged.event(node), places.x[merged.stations[node[0]]]
         last = max(places.x.values())
-        if isinstance(event, Send) and _drawn(event):
+        if isinstance(event, Send) and event.message["type"] != "CAM":
             dst = event.message.get("dst")
             to = places.x[dst] if isinstance(dst, int) and dst in places.x else last - 1
             side, anchor = (6, "start") if to > x else (-6, "end")
             text = escape(safe(_about(event)))
             yield f'<text x="{x + side}" y="{y - 3}" text-anchor="{anchor}">{text}</text>'
-            yield f'<text class="t" x="{LEFT - 100}" y="{y + 4}">{event.t_ms / 1000:.2f} s</text>'
+            seconds = (event.t_ms - starts[node[0]]) / 1000
+            yield f'<text class="t" x="{LEFT - 100}" y="{y + 4}">{seconds:.2f} s</text>'
         if node in phases:
             side, anchor = (-6, "end") if x == LEFT else (6, "start")
             yield (

@@ -198,8 +198,9 @@ class LogStream:
         """A Log with these events, which are all or some of the events yielded."""
         kept = list(events)
         warnings = list(self.warnings)
+        end = self.end if self.gap is None or self._past_gaps else None
         late = self.begins_late
-        return Log(self.file, self.header, kept, self.end, self.truncated, warnings, late)
+        return Log(self.file, self.header, kept, end, self.truncated, warnings, late)
 
     def _notice(self, line: int, notice: Notice) -> None:
         self.truncated = self.truncated or notice.kind == "truncated"

@@ -10,6 +10,7 @@ the result is marked as assumed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -43,23 +44,32 @@ class Span:
         }
 
 
+class Travels:
+    """The shortest and longest times in ms from a transmission, on the clock of its sender, to the
+    reception, on that of its receiver: by the indices of their logs."""
+
+    def __init__(self, delay_ms: Sequence[int]) -> None:
+        n = len(delay_ms)
+        self.delay_ms = delay_ms
+        """For each log, the maximum assumed delay of a copy from its station."""
+        self.shortest: Bounds = [[inf] * n for _ in range(n)]
+        self.longest: Bounds = [[-inf] * n for _ in range(n)]
+
+    def add(self, i: int, j: int, ms: int, sure: bool) -> None:
+        """Add a message from log ``i`` to log ``j``. ``ms`` counts from the first transmission that
+        may have been received; ``sure`` if it is the only one."""
+        if i != j:
+            self.shortest[i][j] = min(self.shortest[i][j], ms)
+            if sure:
+                self.longest[i][j] = max(self.longest[i][j], ms)
+
+
 class Clocks:
     """Bounds on the time between events of different logs."""
 
-    def __init__(self, merged: Merged) -> None:
-        n = len(merged.logs)
-        seen: Bounds = [[inf] * n for _ in range(n)]
-        longest: Bounds = [[-inf] * n for _ in range(n)]
-        for node, match in merged.matches.items():
-            i, j = match.sent[0], node[0]
-            if i == j:
-                continue
-            first = merged.event(node).t_ms - merged.event(match.first).t_ms
-            seen[i][j] = min(seen[i][j], first)
-            if match.sure:
-                longest[i][j] = max(longest[i][j], first)
-        self.delay_ms = [log.header.longest_delay for log in merged.logs]
-        """For each log, the maximum assumed delay of a copy from its station."""
+    def __init__(self, travels: Travels) -> None:
+        self.delay_ms = travels.delay_ms
+        n, seen, longest = len(self.delay_ms), travels.shortest, travels.longest
         self.notices: list[str] = []
         self._longest = longest
         self._sure = _closed(seen)
@@ -75,6 +85,15 @@ class Clocks:
         closed = _closed(wide)
         fits = all(closed[i][i] >= 0 for i in range(n))
         self._assumed = closed if fits else self._sure
+
+    @staticmethod
+    def of(merged: Merged) -> Clocks:
+        """The clocks of merged logs."""
+        travels = Travels([log.header.longest_delay for log in merged.logs])
+        for node, match in merged.matches.items():
+            ms = merged.event(node).t_ms - merged.event(match.first).t_ms
+            travels.add(match.sent[0], node[0], ms, match.sure)
+        return Clocks(travels)
 
     def ahead(self, i: int, j: int) -> Span | None:
         """How far the clock of log ``j`` is ahead of that of log ``i``; None if unknown.
@@ -92,6 +111,18 @@ class Clocks:
             return None
         best = 0 if low <= 0 <= high else (int(low) + int(high)) // 2
         return Span(int(low), int(high), best, assumed)
+
+    def offsets(self) -> list[int]:
+        """For each log, how many ms its clock is most likely ahead of the first one."""
+        spans = [self.ahead(0, i) for i in range(len(self.delay_ms))]
+        return [0 if span is None else span.best for span in spans]
+
+    def starts(self, merged: Merged) -> list[int]:
+        """For each log, the time of the first event of all logs, on its own clock."""
+        offsets = self.offsets()
+        pairs = zip(merged.logs, offsets, strict=True)
+        first = min((log.events[0][1].t_ms - o for log, o in pairs if log.events), default=0)
+        return [first + offset for offset in offsets]
 
     def between(self, i: int, t_i: int, j: int, t_j: int) -> Span | None:
         """The time from ``t_i`` on the clock of log ``i`` to ``t_j`` on the clock of log ``j``."""

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from automcm_spec.vocabulary.messages import Fields
+from automcm_spec.vocabulary.messages import Fields, same
 from automcm_traces.format.log import Event, Receive, Send
 from automcm_traces.format.reader import Log
 
@@ -119,9 +119,12 @@ def merge(logs: Sequence[Log]) -> Merged:
     return merged
 
 
+_ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"))
+
+
 def content(message: Fields) -> str:
     """A message as text; equal messages give equal texts."""
-    return json.dumps(message, sort_keys=True, separators=(",", ":"))
+    return _ENCODER.encode(message)
 
 
 def _match(merged: Merged) -> None:
@@ -148,7 +151,7 @@ def _match(merged: Merged) -> None:
             found = None
             if e.tx is not None:
                 sent = by_tx.get(e.tx)
-                if sent is not None and _message(merged, sent) == e.message:
+                if sent is not None and same(_message(merged, sent), e.message):
                     found = Match(sent, sent, True)
             elif isinstance(src := e.message.get("src"), int):
                 key = (src, content(e.message))

@@ -40,7 +40,7 @@ class World:
     ) -> None:
         self.merged: Merged = merge(logs)
         known = timelines or {}
-        self.clocks = Clocks(self.merged)
+        self.clocks = Clocks.of(self.merged)
         self.deliveries = Deliveries(self.merged, self.clocks)
         self.timelines = {
             log.header.station: known.get(log.file) or timeline(log) for log in self.merged.logs

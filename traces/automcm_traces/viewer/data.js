@@ -2,9 +2,9 @@
 /* What Python wrote (page_data.py), and what is worked out of it once. */
 
 const DATA = JSON.parse(document.getElementById("data").textContent);
-const ARROWS = ["delivered", "lost", "duplicate", "unobserved", "in flight", "unsent", "forged",
-  "overheard"];
-const [DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, UNSENT, FORGED, OVERHEARD] = ARROWS.keys();
+const ARROWS = ["delivered", "lost", "duplicate", "unobserved", "in flight",
+  "sender unobserved", "forged", "overheard"];
+const [DELIVERED, LOST, DUPLICATE, UNOBSERVED, IN_FLIGHT, SENDER_UNOBSERVED, FORGED, OVERHEARD] = ARROWS.keys();
 const ENDS = ["stopped", "expired", "armed anew", "still running", "ended by a restart"];
 const KIND = {
   s: "send", r: "receive", t: "timer", c: "command", i: "indication", x: "restart",

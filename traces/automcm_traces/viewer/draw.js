@@ -215,7 +215,7 @@ function drawArrow(layer, arrow, y) {
   const x1 = from + side * 5;
   if (kind === DELIVERED || kind === DUPLICATE || kind === OVERHEARD) {
     line(group, x1, y1, to - side * 5, y(arrow.last), true);
-  } else if (kind === UNSENT || kind === FORGED) {
+  } else if (kind === SENDER_UNOBSERVED || kind === FORGED) {
     line(group, from + side * 8, y1, side < 0 ? Math.min(from - 20, to + besides(arrow.first)) : to - 5, y1, true);
     sign(group, from, y1, kind === FORGED ? "!" : "?");
   } else {

@@ -23,7 +23,7 @@ Json = Any
 VIEWER = Path(__file__).parent
 SCRIPTS = ("data.js", "draw.js", "road.js", "panel.js", "save.js", "main.js")
 """In the order of insertion."""
-TABLE = 100_000
+TABLE = 1_000
 """The maximum number of rows in the table shown without JavaScript, centred on the divergence."""
 
 

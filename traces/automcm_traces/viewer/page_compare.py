@@ -9,7 +9,8 @@ from automcm_traces.edit.canonical_log import CanonicalEvent
 from automcm_traces.edit.log_diff import Diff, StationDiff, diff_logs
 from automcm_traces.format.reader import Log
 from automcm_traces.system.log_merge import Node
-from automcm_traces.viewer.page_run import PageError, Run
+from automcm_traces.viewer.page_part import PageError
+from automcm_traces.viewer.page_run import Run
 
 
 @dataclass(slots=True)

@@ -16,14 +16,17 @@ from automcm_spec.vocabulary.rules import RULES, operators
 from automcm_traces.format.event_text import session_of, summary
 from automcm_traces.format.log import Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.format.reader import Log
+from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.fates import FATES
 from automcm_traces.system.log_merge import Node
 from automcm_traces.viewer import page_run
-from automcm_traces.viewer.page_arrows import arrows
 from automcm_traces.viewer.page_compare import Comparison, compare
 from automcm_traces.viewer.page_follow import StateHistory
 from automcm_traces.viewer.page_order import order
 from automcm_traces.viewer.page_pack import Shapes, Table
-from automcm_traces.viewer.page_run import Part, Run
+from automcm_traces.viewer.page_part import Part
+from automcm_traces.viewer.page_run import Run
 
 Json = Any
 OF_CAM = 1
@@ -265,20 +268,20 @@ def _body(event: Event, record: dict[str, Json] | None) -> dict[str, Json]:
 
 
 def _arrows(page: Page, row_of: dict[Node, int]) -> list[int]:
-    """Five numbers per arrow: the rows from the previous arrow's start to its start, its kind, the
-    rows down to its end (0: none), and the columns it leaves and reaches. Column -1 is shared by
-    all stations without a column. The columns are the logs of all runs, then their ghosts."""
+    """Five numbers per arrow: the rows from the previous arrow's start to its start, its fate as an
+    index of FATES, the rows down to its end (0: none), and the columns it leaves and reaches. An
+    arrow whose transmission is not logged starts at its reception. Column -1 is shared by all
+    stations without a column. The columns are the logs of all runs, then their ghosts."""
     found = []
     first, ghost = 0, len(page.logs)
     for run in page.runs:
         columns = {s: first + i for i, s in enumerate(run.merged.stations)}
         columns |= {s: ghost + n for n, s in enumerate(run.ghosts)}
-        for (i, k), kind, end, source, to in arrows(run):
-            row = row_of[first + i, k]
-            arrives = row_of[first + end[0], end[1]] if end is not None else row
-            found.append(
-                (row, kind, max(0, arrives - row), columns.get(source, -1), columns.get(to, -1))
-            )
+        for arrow in Deliveries(run.merged, Clocks.of(run.merged)).arrows():
+            rows = [row_of[first + at[0], at[1]] for at in (arrow.leaves, arrow.arrives) if at]
+            source, to = (columns.get(s, -1) for s in (arrow.source, arrow.to))
+            down = max(0, rows[-1] - rows[0])
+            found.append((rows[0], FATES.index(arrow.fate), down, source, to))
         first, ghost = first + len(run.logs), ghost + len(run.ghosts)
     found.sort()
     numbers, last = [], 0

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 Json = Any
+PLAIN = frozenset({int, str, bool})
+"""Types that are stored as they are: without a call, which matters for every field of a log."""
 
 
 @dataclass(slots=True)
@@ -54,9 +56,9 @@ class Shapes:
             if place is None:
                 place = self._places[names] = len(self.keys)
                 self.keys.append(list(names))
-            return [place, *(self.pack(v) for v in value.values())]
+            return [place, *[v if type(v) in PLAIN else self.pack(v) for v in value.values()]]
         if isinstance(value, list | tuple):
-            return [-1, *(self.pack(v) for v in value)]
+            return [-1, *[v if type(v) in PLAIN else self.pack(v) for v in value]]
         return value
 
     def unpack(self, packed: Json) -> Json:

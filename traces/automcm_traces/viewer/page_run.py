@@ -3,52 +3,31 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, takewhile
 from pathlib import Path
-from stat import S_ISREG
 from typing import Any
 
-from automcm_spec.support.bad_input import BadInput, name_of
-from automcm_traces.explain.explain import Verdict, explained, together, verdicts
-from automcm_traces.format.log import Event, Receive, Send
+from automcm_spec.support.bad_input import BadInput
+from automcm_traces.checker.follow import follow
+from automcm_traces.explain.explain import Explained, Verdict, explained, together, verdicts
+from automcm_traces.format.log import Receive, Send
 from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import Merged, MergeError, merge
 from automcm_traces.system.properties import SystemReport
 from automcm_traces.viewer.page_follow import StateHistory, States
+from automcm_traces.viewer.page_part import CHOOSE, PageError, Part, around, parts, too_long
 
 Json = Any
 MOST_LOGS = 200
 """With more logs, comparing all pairs of logs takes too long."""
-MOST_EVENTS = 100_000
-"""In all logs of a run. Each event takes 5 to 7 KB while the page is made."""
-MOST_BYTES = 256 * 2**20
-"""In all logs of a run, whatever the number of events."""
 GHOSTS = 12
 """The maximum number of stations without a log that have their own column; if there are more, all
 share one."""
-
-
-class PageError(Exception):
-    """The logs cannot be shown as a page; the text is one line."""
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """The part of the logs to show: a range of lines of the first log, and of each other log the
-    lines between the first and the last message exchanged with that range."""
-
-    first: int
-    last: int = sys.maxsize
-
-    def __str__(self) -> str:
-        if self.last == sys.maxsize:
-            return f"from line {self.first} on"
-        return f"in lines {self.first} to {self.last}"
 
 
 @dataclass(slots=True)
@@ -89,11 +68,7 @@ class Run:
 
     def ahead(self) -> list[int]:
         """For each log, how many ms its clock is most likely ahead of the first one."""
-        if len(self.logs) == 1:
-            return [0]
-        clocks = Clocks(self.merged)
-        spans = [clocks.ahead(0, i) for i in range(len(self.logs))]
-        return [0 if span is None else span.best for span in spans]
+        return Clocks.of(self.merged).offsets()
 
     def judged(self) -> dict[str, Json]:
         """The verdicts, and the report on all logs together."""
@@ -122,22 +97,31 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
 
     A log that cannot be read to its end is shown up to there. For a log without a header there is
     only the verdict. With a ``part``, only that part is kept in memory; each verdict is still for
-    the whole log, but the logs are not checked together.
+    the whole log, but the logs are not checked together. Logs that are too long are shown in part:
+    around the first divergence, or from the start.
 
     Raises PageError, and BadInput if no log has a header.
     """
     if len(paths) > MOST_LOGS:
         raise PageError(f"{len(paths)} logs; a page shows at most {MOST_LOGS}")
     logs: list[tuple[Path, Log]] = []
-    note = ""
-    if part is None:
-        check_size(paths)
-    else:
-        logs, note = _parts(paths, part)
+    found: list[Explained] = []
+    note = reason = ""
+    if part is not None:
+        logs, note = parts(paths, part)
+    elif reason := too_long(paths):
+        found = [explained(path, late_ms, keep=False) for path in paths]
+        ordered, part = around(found)
+        logs, note = parts(ordered, part)
+        note += f" {reason}. {CHOOSE.capitalize()} to see another."
     lines = {path: range(log.events[0][0], log.events[-1][0] + 1) for path, log in logs}
     every = range(sys.maxsize) if part is None else range(0)
     states = {path: States(lines.get(path, every)) for path in paths}
-    found = [explained(path, late_ms, part is None, [states[path]]) for path in paths]
+    if reason:
+        for path, span in lines.items():
+            _until(path, span[-1], late_ms, states[path])
+    else:
+        found = [explained(path, late_ms, part is None, [states[path]]) for path in paths]
     if part is None:
         logs = [(one.path, one.log) for one in found if one.log is not None]
         refused = [one.refused for one in found if one.refused is not None]
@@ -174,86 +158,15 @@ def check_size(paths: Sequence[Path]) -> None:
 
     Raises PageError, and BadInput for an unreadable file.
     """
-    lines = size = 0
-    for path in paths:
-        try:
-            if not S_ISREG(os.stat(path).st_mode):
-                raise BadInput(path, 0, "", "must be a regular file: it is read more than once")
-            with open(path, "rb") as stream:
-                while block := stream.read(2**20):
-                    lines += block.count(b"\n")
-                    size += len(block)
-        except FileNotFoundError:
-            continue  # reported by its verdict
-        except OSError as error:
-            raise BadInput(path, 0, "", f"cannot be read: {error.strerror}") from None
-    what = name_of(paths[0]) if len(paths) == 1 else f"{len(paths)} logs"
-    choose = "choose a part of the first log with --from-line and --to-line"
-    if lines - 2 * len(paths) > MOST_EVENTS:
-        most = f"a page shows at most {MOST_EVENTS:,} events"
-        raise PageError(f"{what}: {lines:,} lines; {most}: {choose}")
-    if size > MOST_BYTES:
-        most = f"a page shows at most {MOST_BYTES >> 20} MiB"
-        raise PageError(f"{what}: {size >> 20} MiB; {most}: {choose}")
+    if reason := too_long(paths):
+        raise PageError(f"{reason}: {CHOOSE}")
 
 
-def _parts(paths: Sequence[Path], part: Part) -> tuple[list[tuple[Path, Log]], str]:
-    """The part of each log to show, and a sentence about it.
-
-    Raises PageError if the part is empty or too large, and BadInput if the first log has no header.
-    """
-    first = paths[0]
-    own = _lines(first, part.first, part.last, 0)
-    if not own.events:
-        raise PageError(f"{name_of(first)}: no readable event {part}")
-    exchanged = {tx for _, event in own.events if (tx := _tx(event))}
-    logs = [(first, own)]
-    without = []
-    for path in paths[1:]:
-        try:
-            at = [line for line, event in _readable(LogStream(path)) if _tx(event) in exchanged]
-        except BadInput:
-            continue  # reported by its verdict
-        if at:
-            held = sum(len(log.events) for _, log in logs)
-            logs.append((path, _lines(path, at[0], at[-1], held)))
-        else:
-            without.append(name_of(path))
-    shown = ", ".join(
-        f"{log.file} lines {log.events[0][0]} to {log.events[-1][0]}" for _, log in logs
-    )
-    note = f"A part: {shown}. Each verdict is for the whole log by itself."
-    if without:
-        note += f" No message of these lines is in {', '.join(without)}."
-    return logs, note
-
-
-def _lines(path: Path, first: int, last: int, held: int) -> Log:
-    """The events in these lines; ``held`` is the number already in memory. Raises PageError,
-    BadInput."""
+def _until(path: Path, last: int, late_ms: int | None, states: States) -> None:
+    """Record the states of a log up to a line."""
     stream = LogStream(path)
-    events: list[tuple[int, Event]] = []
-    for line, event in _readable(stream):
-        if line > last:
-            break
-        if line >= first:
-            events.append((line, event))
-            if len(events) + held > MOST_EVENTS:
-                most = f"a page shows at most {MOST_EVENTS:,}"
-                raise PageError(f"more than {MOST_EVENTS:,} events in this part; {most}")
-    return stream.log(events)
-
-
-def _readable(stream: LogStream) -> Iterator[tuple[int, Event]]:
-    """The readable events of a log; its verdict reports why it stops."""
-    try:
-        yield from stream
-    except BadInput:
-        return
-
-
-def _tx(event: Event) -> str | None:
-    return event.tx if isinstance(event, Send | Receive) else None
+    with suppress(BadInput):
+        follow(stream, late_ms, [states], events=takewhile(lambda e: e[0] <= last, stream))
 
 
 def _unpromised(log: Log) -> Log:
@@ -272,9 +185,15 @@ def _vendor(path: Path, log: Log, part: Part | None) -> dict[int, Json]:
     lines = {1, *(at for at, _ in log.events)}
     with open(path, "rb") as stream:
         for at, line in enumerate(islice(stream, max(lines)), 1):
-            if (b'"x_' in line and at in lines) or (part is not None and at == 1):
+            vendor = b'"x_' in line and at in lines and not _is_plain_cam(line)
+            if vendor or (part is not None and at == 1):
                 found[at] = json.loads(line)
     return found
+
+
+def _is_plain_cam(line: bytes) -> bool:
+    """Whether the only field of a line that looks like a vendor field is ``x_mm`` of a CAM."""
+    return b'"CAM"' in line and b'"x_mm"' in line and line.count(b'"x_') == 1
 
 
 def _named(merged: Merged) -> set[int]:

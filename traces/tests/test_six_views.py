@@ -1,0 +1,377 @@
+"""Show, page, Mermaid, SVG, ITF and MCAP agree on the fate of each message: on the whole corpus,
+and on runs with loss, copies, no tx, and logs that stop."""
+
+from __future__ import annotations
+
+import json
+import random
+import re
+import xml.etree.ElementTree as ElementTree
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from merged_runs import Run, killed, records, rewritten, without_tx
+from page_rows import CORPUS, Json, events, fives
+
+from automcm.links.simulated_radio import Channel
+from automcm_traces.checker.track import CannotTell
+from automcm_traces.explain.explain import explained
+from automcm_traces.explain.log_table import Logs
+from automcm_traces.export import mcap_file
+from automcm_traces.export.arrow_rows import arrow_rows
+from automcm_traces.export.itf_log import from_log
+from automcm_traces.export.mermaid import diagram
+from automcm_traces.export.svg_drawing import drawing
+from automcm_traces.format.event_text import summary
+from automcm_traces.format.log import Receive, Send
+from automcm_traces.format.reader import Log, read
+from automcm_traces.system.clock_offsets import Clocks
+from automcm_traces.system.delivery import Deliveries
+from automcm_traces.system.fates import ANYONE, FATES
+from automcm_traces.system.log_merge import merge, receptions
+from automcm_traces.viewer.page_data import as_dict, load
+
+SVG = "{http://www.w3.org/2000/svg}"
+MARKS = {"lost": "x{to}", "in_flight": "?{to}", "duplicated": "2nd", "forged": "forged"}
+
+
+class Seen(NamedTuple):
+    """An arrow as a view shows it, at the line where it arrives or, if it does not, leaves."""
+
+    station: int
+    line: int
+    source: int
+    to: int
+    fate: str
+
+
+class Case:
+    """A run, and the arrows that all views must show."""
+
+    def __init__(self, paths: list[Path]) -> None:
+        self.paths = paths
+        found = [explained(path) for path in paths]
+        self.logs = [one.log for one in found if one.log is not None]
+        self.whole = all(one.complete for one in found)
+        merged = merge(self.logs)
+        self.last = {
+            log.header.station: log.events[-1][0] if log.events else 1 for log in self.logs
+        }
+        self.arrows: Counter[Seen] = Counter()
+        self.text: dict[tuple[int, int], str] = {}
+        self.cams: set[tuple[int, int]] = set()
+        self.drawn: Counter[tuple[int, int, str]] = Counter()
+        self.no_tx = any(e.tx is None for _, e in receptions(merged))
+        for arrow in Deliveries(merged, Clocks.of(merged)).arrows():
+            node = arrow.arrives or arrow.leaves
+            assert node is not None
+            log = merged.logs[node[0]]
+            at, event = log.events[node[1]]
+            station = log.header.station
+            self.arrows[Seen(station, at, arrow.source, arrow.to, arrow.fate)] += 1
+            assert isinstance(event, Send | Receive)
+            if event.message is not None and event.message["type"] == "CAM":
+                self.cams.add((station, at))
+            else:
+                about = summary(merged.event(arrow.leaves or node))
+                self.drawn[arrow.source, arrow.to, f"{about}: {arrow.word}"] += 1
+
+
+def in_show(case: Case) -> Counter[Seen]:
+    found: Counter[Seen] = Counter()
+    for row in Logs(case.paths).rows():
+        if row.line > case.last[row.station]:
+            continue  # after a gap, which ends the log elsewhere
+        shown = row.as_dict()
+        marks = []
+        for arrow in shown["arrows"]:
+            found[Seen(row.station, row.line, arrow["from"], arrow["to"], arrow["fate"])] += 1
+            marks += [MARKS[arrow["fate"]].format(**arrow)] if arrow["fate"] in MARKS else []
+        assert [note for note in shown["notes"] if not note.startswith("for ")] == marks
+    return found
+
+
+def on_the_page(case: Case) -> Counter[Seen]:
+    data = as_dict(load(case.paths))
+    rows = events(data)
+    columns = [log["station"] for log in data["logs"]] + data["runs"][0]["ghosts"] + [ANYONE]
+    found: Counter[Seen] = Counter()
+    for row, kind, down, source, to in fives(data["arrows"]):
+        station, line, _ = rows[row + down]
+        found[Seen(station, line, columns[source], columns[to], FATES[kind])] += 1
+    return found
+
+
+def in_mcap(case: Case) -> Counter[Seen]:
+    reader = pytest.importorskip("mcap.reader")
+    import io
+
+    found: Counter[Seen] = Counter()
+    stream = io.BytesIO(mcap_file.written(case.paths))
+    for _, channel, message in reader.make_reader(stream).iter_messages():
+        if channel.topic == mcap_file.ARROWS:
+            a = json.loads(message.data)
+            found[Seen(a["station"], a["line"], a["from"], a["to"], a["fate"])] += 1
+    return found
+
+
+def in_itf(case: Case) -> Counter[Seen]:
+    found: Counter[Seen] = Counter()
+    arrows = defaultdict(list)
+    for path, row in arrow_rows(case.paths):
+        arrows[path] += [(row.line, arrow) for arrow in row.arrows]
+    for path in case.paths:
+        log = read(path)
+        text: Json = json.loads(from_log(log, arrows[path]))
+        for state in text["states"]:
+            for a in state["#meta"].get("messages", ()):
+                place = (log.header.station, a["line"], a["from"], a["to"], a["fate"])
+                found[Seen(*place)] += 1
+    return found
+
+
+def in_mermaid(case: Case, unfold: bool) -> Iterator[tuple[int, int, str]]:
+    """Sender, addressee and fate of each message, in order."""
+    heads = {"->>": "delivered", "-x": "lost", "-)": "in_flight", "--)": "unobserved"}
+    heads["-->>"] = "sender_unobserved"
+    said = {"duplicate": "duplicated", "in flight": "in_flight"}
+    said |= {fate: fate for fate in ("forged", "overheard")}
+    logs = Logs(case.paths)
+    for line in diagram(logs.rows(), logs.stations, 10**9, unfold):
+        mark = re.search(r" \u00d7(\d+)", line)
+        line, times = re.sub(r" \u00d7\d+", "", line), int(mark[1]) if mark else 1
+        assert times == 1 or not unfold
+        arrow = re.match(r"  S(\d+)(-{1,2}(?:>>|x|\)))\s?S(\d+): .*?(?: \(([a-z ]+)\))?$", line)
+        if arrow:
+            fate = said.get(arrow[4] or "", heads[arrow[2]])
+            yield from [(int(arrow[1]), int(arrow[3]), fate)] * times
+        elif anyone := re.match(r"  Note over S(\d+): (#lt;- no message|\w+ -#gt;all)", line):
+            lost = anyone[2].startswith("#lt;")
+            ends = (ANYONE, int(anyone[1])) if lost else (int(anyone[1]), ANYONE)
+            yield from [(*ends, "sender_unobserved" if lost else "unobserved")] * times
+
+
+def phases(case: Case, unfold: bool) -> list[str]:
+    logs = Logs(case.paths)
+    lines = diagram(logs.rows(), logs.stations, 10**9, unfold)
+    return [line for line in lines if re.match(r"  Note over S\d+: = ", line)]
+
+
+def in_svg(case: Case, unfold: bool) -> Counter[tuple[int, int, str]]:
+    root = ElementTree.fromstring(
+        drawing(merge([read(path) for path in case.paths]), unfold=unfold)
+    )
+    at: dict[float, int] = {}
+    for name in root.iter(f"{SVG}text"):
+        if name.get("class") == "name":
+            at[float(name.get("x", ""))] = int(name.text or "")
+    found: Counter[tuple[int, int, str]] = Counter()
+    for group in root.iter(f"{SVG}g"):
+        path = group[1].get("d", "")
+        ends = re.match(r"M(\S+) \S+(?:L(\S+) |H(\S+))", path)
+        assert ends is not None, path
+        x, far = float(ends[1]), float(ends[2] or ends[3])
+        way = 1 if far > x else -1
+        source = at.get(x, at.get(x - 30 * way, ANYONE))
+        to = at.get(far, at.get(far + 30 * way, ANYONE))
+        about, _, times = (group[0].text or "").partition(" \u00d7")
+        found[source, to, about] += int(times or 1)
+        crossed = "l8 8m0 -8l-8 8" in ElementTree.tostring(group, "unicode")
+        assert crossed == about.endswith(": lost")
+    return found
+
+
+def unplaced(arrows: Counter[Seen]) -> Counter[Seen]:
+    """Without tx, the page may place a reception above its transmission: above a later copy."""
+    found: Counter[Seen] = Counter()
+    for arrow, n in arrows.items():
+        found[arrow._replace(station=0, line=0)] += n
+    return found
+
+
+VIEWS: dict[str, Callable[[Case], Counter[Seen]]] = {
+    "show": in_show,
+    "page": on_the_page,
+    "mcap": in_mcap,
+    "itf": in_itf,
+}
+
+
+def compare(case: Case) -> Counter[str]:
+    """The number of arrows compared in each view; fails where a view shows others."""
+    compared: Counter[str] = Counter()
+    for name, view in VIEWS.items():
+        if not case.whole and name in ("mcap", "itf"):
+            continue  # these refuse a log that cannot be read to its end
+        try:
+            shown = view(case)
+        except CannotTell:
+            continue
+        wanted = case.arrows
+        if name == "page" and case.no_tx:
+            shown, wanted = unplaced(shown), unplaced(wanted)
+        assert shown == wanted, (name, case.paths, shown - wanted, wanted - shown)
+        compared[name] += shown.total()
+    if not case.whole:
+        return compared
+    for unfold in (False, True):
+        assert in_svg(case, unfold) == case.drawn, case.paths
+    expected = sorted((a.source, a.to, a.fate) for a in case.arrows.elements()
+                      if (a.station, a.line) not in case.cams)  # fmt: skip
+    for unfold in (False, True):
+        assert sorted(in_mermaid(case, unfold)) == expected, case.paths
+    assert phases(case, False) == phases(case, True)
+    return compared + Counter(svg=case.drawn.total(), mermaid=len(expected))
+
+
+@cache
+def runs() -> list[list[Path]]:
+    """Every log of the corpus that has a header, alone, and every run of several logs."""
+    together: dict[tuple[Path, str], list[Path]] = defaultdict(list)
+    found = []
+    for path in sorted(CORPUS.rglob("*.ndjson")):
+        log = explained(path).log
+        if log is not None:
+            found.append([path])
+            if path.parent.name != "bad":
+                together[path.parent, log.header.run].append(path)
+    for entry in json.loads((CORPUS / "index.json").read_text()):
+        if "beside" in entry:
+            found.append([CORPUS / entry["beside"], CORPUS / entry["file"]])
+    return found + [paths for paths in together.values() if len(paths) > 1]
+
+
+@pytest.mark.parametrize("every", [10, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("several", [False, True])
+def test_all_views_agree_on_the_corpus(several: bool, every: int) -> None:
+    compared: Counter[str] = Counter()
+    fates: Counter[str] = Counter()
+    for n, paths in enumerate(runs()):
+        forged = several and paths[-1].parent.name == "bad"
+        if (len(paths) > 1) == several and (n % every == 0 or forged):
+            case = Case(paths)
+            compared += compare(case)
+            fates += Counter(arrow.fate for arrow in case.arrows)
+    assert len(compared) == 6 and min(compared.values()) > 200
+    wanted = {"delivered", "lost", "in_flight", "forged"} if several else {"unobserved"}
+    assert fates.keys() >= wanted
+
+
+def lossy(folder: Path, **more: Json) -> list[Log]:
+    chance = random.Random(3)
+    return Run(folder, drop=lambda s, d, m, now: chance.random() < 0.3, **more).logs()
+
+
+def plain(folder: Path) -> None:
+    lossy(folder)
+
+
+def copies(folder: Path) -> None:
+    lossy(folder, channel=Channel(duplicate=0.5))
+
+
+def no_tx(folder: Path) -> None:
+    lossy(folder, channel=Channel(duplicate=0.5))
+    for n in (1, 2, 3):
+        without_tx(folder / f"{n}.ndjson")
+
+
+def stopped(folder: Path) -> None:
+    lossy(folder)
+    killed(folder / "2.ndjson", 3000)
+
+
+def no_third_log(folder: Path) -> None:
+    copies(folder)
+    (folder / "3.ndjson").unlink()
+
+
+def edited(change: Callable[[list[Json]], list[Json]]) -> Callable[[Path], None]:
+    def make(folder: Path) -> None:
+        lossy(folder)
+        rewritten(folder / "2.ndjson", change(records(folder / "2.ndjson")))
+
+    return make
+
+
+def received(lines: list[Json], n: int) -> Json:
+    return [line for line in lines if line.get("ev") == "receive"][n]
+
+
+def forged(lines: list[Json]) -> list[Json]:
+    received(lines, 3)["tx"] = "1:999999"
+    received(lines, 5)["message"]["v"] = 9
+    return lines
+
+
+def undecodable(lines: list[Json]) -> list[Json]:
+    del received(lines, 4)["message"]
+    received(lines, 4)["raw"] = "AAAA"
+    return lines
+
+
+def unpromised(lines: list[Json]) -> list[Json]:
+    lines[0]["complete"] = ["timer"]
+    return [line for line in lines if line.get("ev") != "send"]
+
+
+def late(lines: list[Json]) -> list[Json]:
+    return [line for line in lines if line.get("t_ms", 9000) >= 5000]
+
+
+def running(lines: list[Json]) -> list[Json]:
+    lines[0]["begins"] = "running"
+    return late(lines)
+
+
+def overheard(folder: Path) -> None:
+    lossy(folder)
+    one, three = (records(folder / f"{n}.ndjson") for n in (1, 3))
+    sent = next(r for r in one if r.get("ev") == "send" and r["message"].get("dst") == 2)
+    got = {name: sent[name] for name in ("rec", "t_ms", "tx", "message")} | {"ev": "receive"}
+    n = next(n for n, r in enumerate(three) if r.get("t_ms", 0) > sent["t_ms"])
+    rewritten(folder / "3.ndjson", [*three[:n], got, *three[n:]])
+
+
+MADE = {
+    "plain": plain,
+    "overheard": overheard,
+    "copies": copies,
+    "no tx": no_tx,
+    "stopped": stopped,
+    "no third log": no_third_log,
+    "forged": edited(forged),
+    "undecodable": edited(undecodable),
+    "unpromised": edited(unpromised),
+    "late": edited(late),
+    "running": edited(running),
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_all_views_agree_on_runs_with_faults(tmp_path: Path, name: str) -> None:
+    MADE[name](tmp_path / "logs")
+    paths = sorted((tmp_path / "logs").glob("*.ndjson"))
+    case = Case(paths)
+    compare(case)
+    fates = {arrow.fate for arrow in case.arrows}
+    assert (
+        fates
+        >= {
+            "plain": {"delivered", "lost"},
+            "overheard": {"overheard"},
+            "copies": {"duplicated", "lost"},
+            "no tx": {"duplicated", "lost"},
+            "stopped": {"in_flight", "sender_unobserved"},
+            "no third log": {"sender_unobserved", "unobserved", "duplicated"},
+            "forged": {"forged"},
+            "undecodable": {"sender_unobserved"},
+            "unpromised": {"unobserved", "sender_unobserved"},
+            "running": {"unobserved", "sender_unobserved"},
+            "late": {"unobserved"},
+        }[name]
+    )
