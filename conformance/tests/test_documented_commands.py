@@ -193,6 +193,7 @@ TABLE: dict[str, Way] = {
     f"automcm trace show {LOGS} --session 1001/1": Run(),
     f"automcm trace show {LOGS} --session 1001/1 --no-timers": Run(),
     f"automcm trace shrink {LOGS} --out small": SHRINK,
+    f"automcm trace watch {LOGS}": Run(),
     "automcm vectors check": By(f"{HERE}vectors.py::test_the_command_agrees_with_the_reference"),
     "automcm vectors check --kernel collide": Run(),
     "automcm vectors check [--kernel KERNEL] [--json PATH]": SYNOPSIS,

@@ -95,7 +95,7 @@ def test_show_filters_and_counts_cams(folder: Path) -> None:
     arguments = ["trace", "show", str(folder), "--session", "1001/1", "--no-timers"]
     answer = automcm(*arguments)
     lines = answer.output.splitlines()
-    assert lines[0].split() == ["t_ms", "line", "1001", "2002"]
+    assert lines[0].split() == ["ms", "line", "1001", "2002"]
     assert "CAMs not shown" in lines[-1] and max(len(line) for line in lines) <= 80
     assert "Intention ->1001" in answer.output and "arm " not in answer.output
     assert answer.output == automcm(*arguments).output
@@ -115,7 +115,7 @@ def test_show_gives_the_last_rows_and_json(folder: Path) -> None:
     rows = json.loads(answer.output)["rows"]
     assert len(rows) == 3 and rows[-1]["text"].startswith("-- end")
     answer = automcm("trace", "show", folder, "--station", "2002", "--from-line", "9")
-    assert answer.output.splitlines()[0].split() == ["t_ms", "line", "2002"]
+    assert answer.output.splitlines()[0].split() == ["ms", "line", "2002"]
     assert int(answer.output.splitlines()[1].split()[1]) >= 9
 
 
@@ -164,3 +164,11 @@ def test_no_color_means_none(folder: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "\x1b" in automcm(*arguments, color=True).output
     monkeypatch.setenv("NO_COLOR", "1")
     assert "\x1b" not in automcm(*arguments, color=True).output
+
+
+def test_coverage_writes_a_page(folder: Path, tmp_path: Path) -> None:
+    out = tmp_path / "new" / "coverage.html"
+    shown = automcm("trace", "coverage", folder, "--html", out)
+    assert shown.output == automcm("trace", "coverage", folder).output
+    assert "<h1>Coverage of Station.tla</h1>" in out.read_text()
+    assert automcm("trace", "coverage", folder, "--html", folder).exit_code == 3

@@ -249,11 +249,13 @@ def test_a_timer_left_out_is_missed(logs: list[Path], tmp_path: Path) -> None:
 
 def test_a_wrong_deadline_is_named(logs: list[Path], tmp_path: Path) -> None:
     number = find(logs[2], "timer", op="arm")
-    deadline = Edited(logs[2].read_bytes()).at(number)["deadline"]
-    later_ = {"deadline": deadline + 1}
+    event = Edited(logs[2].read_bytes()).at(number)
+    later_ = {"deadline": event["deadline"] + 1}
     verdict = spoilt(logs[2], tmp_path, lambda log: log.at(number).update(later_))
     assert (verdict.verdict, verdict.finding.at.line) == ("diverges", number)
-    assert f"until {deadline} ms" in verdict.finding.expected[0]
+    duration = event["deadline"] - event["t_ms"]
+    assert verdict.finding.expected[0].endswith(f" for {duration} ms")
+    assert f" for {duration + 1} ms" in verdict.finding.observed
 
 
 def test_an_expiry_too_early_is_named(tmp_path: Path) -> None:

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from merged_runs import Run, killed, records, rewritten, without_tx
+from merged_runs import Run, apart, killed, records, rewritten, without_tx
 
 from automcm_spec.vocabulary.application import Abort
 from automcm_spec.vocabulary.messages import Cam, Cancel, Fin, Message, encode
 from automcm_traces.format.log import Send
-from automcm_traces.format.reader import Log, read
+from automcm_traces.format.reader import read
 from automcm_traces.system.clock_offsets import Span
 from automcm_traces.system.hazards import Hazard
 from automcm_traces.system.hazards import hazard as hazard_of
@@ -176,16 +176,6 @@ def test_without_transmission_ids_the_hazard_is_the_same(tmp_path: Path) -> None
     report = judge([without_tx(tmp_path / f"{n}.ndjson") for n in (1, 2, 3)])
     measured(only(report), run)
     assert any("name no transmission" in notice for notice in report.notices)
-
-
-def apart(log: Log, path: Path, ms: int) -> Log:
-    """A log on a clock that is ahead."""
-    lines = records(path)
-    for record in lines:
-        for name in ("t_ms", "deadline"):
-            if name in record:
-                record[name] += ms
-    return rewritten(path, lines)
 
 
 @pytest.mark.parametrize("ahead", [7, 100_000])

@@ -16,7 +16,8 @@ from merged_runs import records, simulated
 from rich.cells import cell_len
 
 from automcm_spec.support.bad_input import BadInput
-from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row, before, columns
+from automcm_traces.explain.log_columns import columns
+from automcm_traces.explain.log_table import Filter, FilteredRows, Logs, Row, before
 from automcm_traces.format.event_text import fitted, safe, summary
 from automcm_traces.format.log import RECORD, Receive, Send
 

@@ -255,7 +255,7 @@ def test_adv_8_unequal_parameters_make_a_station_join_a_session_twice(tmp_path: 
     simulation.run(until=12_000)
     report = judge([read(tmp_path / f"{n}.ndjson") for n in (1, 2)])
     assert "T-5" in broken(report) and "the timers assume equal parameters" in judged(report, "T-5")
-    assert sum(text.startswith("1/1: station 2") for text in report.sessions) == 3
+    assert sum(text.startswith("1/1: station 2") for text in report.as_dict()["sessions"]) == 3
     assert any("t_giveup differs (8100 at 1, 600 at 2)" in note for note in report.notices)
 
 
@@ -264,7 +264,7 @@ def test_several_sessions_are_told_apart(tmp_path: Path) -> None:
     run.simulation.request(1, at=7000)
     run.simulation.command(2, Abort(session=(1, 2)), at=9800)
     report = judge(run.logs(until=14_000))
-    assert {text.split(":")[0] for text in report.sessions} == {"1/1", "1/2"}
+    assert {text.split(":")[0] for text in report.as_dict()["sessions"]} == {"1/1", "1/2"}
     assert [h.session for h in report.hazards] in ([], [(1, 2)])
 
 
@@ -272,7 +272,7 @@ def test_two_prescribers_at_once_are_judged_each(tmp_path: Path) -> None:
     run = Run(tmp_path)
     run.simulation.request(3, at=505)
     report = judge(run.logs())
-    assert not broken(report) and {t.split(":")[0] for t in report.sessions} >= {"1/1"}
+    assert not broken(report) and {t.split(":")[0] for t in report.as_dict()["sessions"]} >= {"1/1"}
 
 
 def test_logs_of_two_runs_are_one_clear_line(tmp_path: Path) -> None:

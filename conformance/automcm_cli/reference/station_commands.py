@@ -116,6 +116,12 @@ def station(
             "so on."
         ),
     ] = None,
+    log_to: Annotated[
+        str | None,
+        typer.Option(
+            help="Send the log as datagrams to HOST:PORT, where automcm trace watch listens."
+        ),
+    ] = None,
     number_file: Annotated[
         Path | None,
         typer.Option(
@@ -178,6 +184,7 @@ def station(
     from automcm.links.link import LinkError
     from automcm.links.udp_link import UdpLink, address
     from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
+    from automcm.service.datagram_log import DatagramLog
     from automcm.service.station_process import NumberFile, StationProcess
 
     if not 0 <= zero <= time.monotonic():
@@ -186,6 +193,7 @@ def station(
         )
     with usage(LinkError, CodecError), code_3("station", CodecMissing):
         to, relay = address(broadcast), address(via) if via else None
+        watcher = address(log_to.removeprefix("udp:")) if log_to else None
         coded = by_name(codec)
     straight = Straight(
         target=target,
@@ -195,6 +203,9 @@ def station(
     )
     served = None if bridge is None else _bridge(bridge, host, allow_remote)
     parameters = chosen(set_ or [])
+
+    with code_3("station", LinkError):
+        sent = DatagramLog(watcher, allow_remote=allow_remote) if watcher else None
 
     async def run(lines: Lines) -> None:
         process = StationProcess(
@@ -207,6 +218,7 @@ def station(
             report=lines.report,
             complain=lines.complain,
             log=log,
+            log_to=sent,
             number_file=NumberFile(number_file) if number_file else None,
             commands=[] if request_after is None else [(request_after, LANE_CHANGE)],
             listen_ms=listen,

@@ -9,7 +9,14 @@ import typer
 
 from automcm_cli.shared.adapter_options import WithCommand
 from automcm_cli.shared.common import Json, Late, code_3, example, write_json
-from automcm_cli.trace import trace_edit, trace_export, trace_html, trace_logs, trace_replay
+from automcm_cli.trace import (
+    trace_edit,
+    trace_export,
+    trace_html,
+    trace_logs,
+    trace_replay,
+    trace_watch,
+)
 from automcm_cli.trace.trace_logs import Logs, files_of
 
 if TYPE_CHECKING:
@@ -30,6 +37,13 @@ def explain(
         Literal["oracle", "tlc"],
         typer.Option(help="oracle: the compiled specification; tlc: TLC on the TLA+ text."),
     ] = "oracle",
+    absolute: Annotated[
+        bool, typer.Option("--absolute", help="Show times as logged, not from the start.")
+    ] = False,
+    matrix: Annotated[
+        bool,
+        typer.Option("--matrix", help="Count the messages between each two stations, by fate."),
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Check logs against the specification.
@@ -66,14 +80,15 @@ def explain(
     else:
         write_json(json_, {"logs": reports, "system": system.as_dict()})
     if str(json_) != "-":
+        start_ms = None if absolute else explain_.start_times(verdicts)
         for verdict, where, kinds, log in zip(verdicts, written, errors, logs, strict=True):
-            typer.echo(explain_.text(verdict))
+            typer.echo(explain_.text(verdict, start_ms))
             for line in lint_.errors_text(kinds, log):
                 typer.echo(f"  {line}")
             for name, value in where.items():
                 typer.echo(f"  {name}: {value}")
         if system is not None:
-            typer.echo(system.text())
+            typer.echo(system.text(start_ms, matrix))
     code = explain_.exit_code(verdicts)
     raise typer.Exit(1 if system is not None and system.verdict == "violated" else code)
 
@@ -122,3 +137,9 @@ app.command(epilog=example("trace coverage logs/ --json coverage.json"))(trace_l
 app.command(cls=WithCommand, epilog=example("trace replay 2002.ndjson -- automcm adapter"))(
     trace_replay.replay
 )
+app.command(
+    epilog=example(
+        "trace watch 1001.ndjson 2002.ndjson",
+        "For logs that live stations send, give an address such as udp:127.0.0.1:47200.  ",
+    )
+)(trace_watch.watch)

@@ -35,7 +35,8 @@ def shrink(
     all of them. Exit code 0: shrunk; 1: the logs have no violation.
     """
     from automcm_traces.edit import log_shrinking as shrink_
-    from automcm_traces.explain.log_table import columns
+    from automcm_traces.explain.log_columns import columns
+    from automcm_traces.format.event_text import starts
 
     logs = files_of("shrink", logs)
     try:
@@ -55,7 +56,8 @@ def shrink(
     rows = found.rows()
     if len(rows) <= ROWS:
         stations = [log.header.station for log in found.logs]
-        for line in columns(rows, stations):
+        first = {row.station: row.event.t_ms for row in reversed(rows) if row.event is not None}
+        for line in columns(rows, stations, start_ms=starts(first)):
             typer.echo(f"  {line}".rstrip())
     typer.echo(f"automcm trace explain {' '.join(str(path) for path in written)}")
 

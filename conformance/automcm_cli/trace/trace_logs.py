@@ -169,9 +169,17 @@ def show(
         int,
         typer.Option(help="Columns of the table (0 = width of the terminal, or 80).", min=0),
     ] = 0,
+    absolute: Annotated[
+        bool, typer.Option("--absolute", help="Show times as logged, not from the start.")
+    ] = False,
+    all_: Annotated[
+        bool, typer.Option("--all", help="Show every copy of a message as a row of its own.")
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Show logs as a table of events.
+
+    Times count from the first event. Copies of a message are one row with their number (x20).
 
     Each event is a row and each station a column. A received message stands below its sending.
     CAMs are hidden by default. With several logs, a mark before a message shows its delivery:
@@ -192,7 +200,8 @@ def show(
         from_line=from_line,
     )
     with code_3("show", BadInput):
-        together = show_.Logs(files_of("show", logs))
+        paths = files_of("show", logs)
+        together = show_.Logs(paths)
     for warning in together.warnings:
         typer.echo(f"show: warning: {warning}", err=True)
     for missing in sorted(wanted.stations - set(together.stations)):
@@ -201,20 +210,35 @@ def show(
     if json_ is not None:
         write_json(json_, {"rows": [row.as_dict() for row in shown]})
     else:
-        _print(shown, sorted(wanted.stations & {*together.stations}) or together.stations, width)
+        stations = sorted(wanted.stations & {*together.stations}) or together.stations
+        _print(shown, stations, width, paths, absolute, all_)
         if wanted.hidden_cams:
             typer.echo(f"{wanted.hidden_cams} CAMs not shown (--cams shows them)")
     raise typer.Exit(0 if shown.good else 3)
 
 
-def _print(shown: FilteredRows, stations: Sequence[int], width: int) -> None:
+def _print(
+    shown: FilteredRows,
+    stations: Sequence[int],
+    width: int,
+    logs: Sequence[Path],
+    absolute: bool,
+    all_: bool,
+) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from automcm_traces.explain.log_table import Table
+    from automcm_traces.explain.log_columns import Table, first_times, folds
+    from automcm_traces.format.event_text import starts
 
     console = Console(highlight=False)
-    table = Table(stations, width or (console.width if console.is_terminal else 80))
+    first_ms = first_times(logs)
+    table = Table(
+        stations,
+        width or (console.width if console.is_terminal else 80),
+        None if absolute else starts(first_ms),
+        max(first_ms.values(), default=0) if absolute else 0,
+    )
 
     def put(kind: str, line: str) -> None:
         if console.is_terminal and not console.no_color:
@@ -224,8 +248,8 @@ def _print(shown: FilteredRows, stations: Sequence[int], width: int) -> None:
 
     for line in table.head():
         put("note", line)
-    for row in shown:
-        for kind, line in table.lines(row, shown.phases.get(row.station, "")):
+    for row, phase, times in folds(shown, all_):
+        for kind, line in table.lines(row, phase, times):
             put(kind, line)
 
 
@@ -246,6 +270,10 @@ def coverage(
         bool,
         typer.Option("--annotate", help="Print the text of Station.tla with a mark on each line."),
     ] = False,
+    html: Annotated[
+        Path | None,
+        typer.Option(help="File for a page: the text of Station.tla, lines taken green and red."),
+    ] = None,
     late: Late = None,
     json_: Json = None,
 ) -> None:
@@ -260,6 +288,13 @@ def coverage(
     files = files_of("coverage", logs)
     with progress() as status:
         found = coverage_.measure(_with_progress(files, status), late)
+    if html is not None:
+        from automcm_spec.support.files import write
+        from automcm_traces.explain.coverage_page import page
+
+        with code_3("coverage", OSError):
+            html.parent.mkdir(parents=True, exist_ok=True)
+            write(html, page(found))
     if write_json(json_, found.as_dict()):
         for line in annotated(found.conditions) if annotate else coverage_.text(found):
             typer.echo(line)

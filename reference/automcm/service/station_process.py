@@ -25,13 +25,14 @@ from automcm.links.link import LinkError
 from automcm.links.udp_link import UdpLink
 from automcm.service import event_log
 from automcm.service.application import Application
+from automcm.service.datagram_log import Both
 from automcm.service.line_output import LineOutput, create
 from automcm.service.service import McService
 from automcm_spec.support import files
 from automcm_spec.vocabulary.application import Command, Fallback, Propose
 from automcm_spec.vocabulary.messages import LIMIT, MessageError
 from automcm_spec.vocabulary.parameters import Parameters, in_header
-from automcm_traces.format.writer import LogWriter
+from automcm_traces.format.writer import LogWriter, Sink
 
 Report = Callable[[dict[str, Any]], None]
 """Takes one event, as JSON values."""
@@ -88,6 +89,8 @@ class StationProcess:
     parameters: Parameters
     report: Report
     log: Path | None = None
+    log_to: Sink | None = None
+    """Where the log is sent, besides the file or instead of it."""
     run_name: str = "live"
     number_file: NumberFile | None = None
     number: int = 0
@@ -189,7 +192,10 @@ class StationProcess:
         Records that cannot be written appear in the log as a gap of ``seq`` and in its end record.
         """
         if self.log is None:
-            yield None
+            with nullcontext() if self.log_to is None else self._writer(self.log_to) as sent:
+                if sent is not None:
+                    service.log_to(sent)
+                yield None
             return
         fd, path = create(self.log)
 
@@ -197,15 +203,7 @@ class StationProcess:
             self.complain(f"{path}: {why}; current log records are lost, the station continues")
 
         output = LineOutput(fd, owned=True, trouble=trouble)
-        log = LogWriter(
-            output,
-            run=self.run_name,
-            station=self.station_id,
-            implementation="automcm",
-            version="0.1.0",
-            parameters=in_header(self.parameters.known),
-            complete=event_log.COMPLETE,
-        )
+        log = self._writer(output if self.log_to is None else Both(output, self.log_to))
         output.drain(FINISH_S)
         if output.lost:  # without its header, a log cannot be read
             output.finish(FINISH_S)
@@ -223,6 +221,17 @@ class StationProcess:
             output.finish(FINISH_S)
         if output.lost:
             raise OSError(f"{path}: {output.lost} log records were lost")
+
+    def _writer(self, sink: Sink) -> LogWriter:
+        return LogWriter(
+            sink,
+            run=self.run_name,
+            station=self.station_id,
+            implementation="automcm",
+            version="0.1.0",
+            parameters=in_header(self.parameters.known),
+            complete=event_log.COMPLETE,
+        )
 
     def _observe(self, before: State, effects: Effects) -> None:
         """Report messages, changes of phase and indications."""

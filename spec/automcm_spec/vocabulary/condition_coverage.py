@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from automcm_spec.support.paths import TLA
 from automcm_spec.vocabulary import rules, station
@@ -22,6 +22,7 @@ from automcm_spec.vocabulary.tla_names import snake
 
 ROOTS = ("step", "marks")
 BOTH = (False, True)
+Mark = Literal["", "both", "true", "false", "part", "met", "never"]
 
 
 class Reached(NamedTuple):
@@ -137,33 +138,60 @@ def lacking(coverage: ConditionCoverage) -> list[str]:
     return lines
 
 
-def annotated(coverage: ConditionCoverage) -> list[str]:
-    """The operators of Station.tla that a step evaluates, each line with its coverage.
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line of Station.tla with its coverage.
 
-    ``both``: every condition had all its possible values; ``true``, ``false``: its condition had
-    only that value; ``part``: so had the conditions listed below it; ``never``: not reached. A line
-    without a condition that names a rule has ``met`` or ``never``.
+    ``mark`` is ``both``: every condition had all its possible values; ``true``, ``false``: its
+    condition had only that value; ``part``: some conditions lack a value; ``never``: not reached. A
+    line without a condition that names a rule has ``met`` or ``never``. All other lines have none.
     """
+
+    number: int
+    text: str
+    mark: Mark
+    conditions: tuple[Condition, ...]
+    rules: tuple[Condition, ...]
+
+
+def by_operator(coverage: ConditionCoverage) -> dict[str, list[Line]]:
+    """The text of Station.tla, by operator; the part before the first has an empty name."""
     conditions, deciding = _by_line(reached().conditions), _by_line(reached().rules)
+    return {
+        name: [
+            _line(coverage, number, text, conditions.get(number, []), deciding.get(number, []))
+            for number, text in enumerate(body.split("\n"), first)
+        ]
+        for name, (first, body) in rules.operators(TLA).items()
+    }
+
+
+def _line(
+    coverage: ConditionCoverage, number: int, text: str, own: list[Condition], by: list[Condition]
+) -> Line:
+    mark: Mark = ""
+    if own:
+        mark = _mark(coverage, own)
+    elif by:
+        mark = "met" if any(coverage.ways[c, True] for c in by) else "never"
+    if mark in ("true", "false") and f"~{own[0].text}" in text:
+        mark = "part"  # the line negates the condition
+    return Line(number, text, mark, tuple(own), tuple(by))
+
+
+def annotated(coverage: ConditionCoverage) -> list[str]:
+    """The operators of Station.tla that a step evaluates, each line with its mark; below a line
+    marked ``part``, the conditions that lack a value."""
     operators = {c.operator for c in (*reached().conditions, *reached().rules)}
     lines = []
-    for name, (first, text) in rules.operators(TLA).items():
+    for name, body in by_operator(coverage).items():
         if name not in operators:
             continue
-        for number, written in enumerate(_without_what_follows(text), first):
-            here, mark = conditions.get(number, []), ""
-            if here:
-                mark = _mark(coverage, here)
-            elif number in deciding:
-                met = any(coverage.ways[c, True] for c in deciding[number])
-                mark = "met" if met else "never"
-            if mark in ("true", "false") and f"~{here[0].text}" in written:
-                mark = "part"  # the line negates the condition
-            lines.append(f"{mark:>5} {number:>4} {written}".rstrip())
-            if mark == "part":
-                lines += [
-                    f"{_mark(coverage, [c]):>17}: {c.text}" for c in here if coverage.missing(c)
-                ]
+        for line in _without_what_follows(body):
+            lines.append(f"{line.mark:>5} {line.number:>4} {line.text}".rstrip())
+            if line.mark == "part":
+                lacks = [c for c in line.conditions if coverage.missing(c)]
+                lines += [f"{_mark(coverage, [c]):>17}: {c.text}" for c in lacks]
         lines.append("")
     return lines[:-1]
 
@@ -175,19 +203,21 @@ def _by_line(conditions: Iterable[Condition]) -> dict[int, list[Condition]]:
     return found
 
 
-def _without_what_follows(text: str) -> list[str]:
+def _without_what_follows(body: list[Line]) -> list[Line]:
     """The lines of an operator, without the comment before the next operator."""
-    lines = text.splitlines()
-    while not lines[-1] or lines[-1].startswith(("(*", "\\*", "===")):
-        lines.pop()
-    return lines
+    last = len(body)
+    while not body[last - 1].text or body[last - 1].text.startswith(("(*", "\\*", "===")):
+        last -= 1
+    return body[:last]
 
 
-def _mark(coverage: ConditionCoverage, conditions: list[Condition]) -> str:
+def _mark(coverage: ConditionCoverage, conditions: Sequence[Condition]) -> Mark:
     """The coverage of some conditions as one word."""
     met = [[value for value in BOTH if coverage.ways[c, value]] for c in conditions]
     if not any(met):
         return "never"
     if not any(map(coverage.missing, conditions)):
         return "both"
-    return str(met[0][0]).lower() if len(conditions) == 1 else "part"
+    if len(conditions) > 1:
+        return "part"
+    return "true" if met[0][0] else "false"

@@ -306,8 +306,8 @@ class Engine:
             wanted = [f"an armed timer: {armed or 'none is armed'}"]
             raise Diverges(at, f"{what}: not armed", rule, wanted, "", None, seen)
         if event.t_ms < deadline.first:
-            early = f"{what}: {deadline.first - event.t_ms} ms too early"
-            wanted = [f"{what} at {deadline.first} ms"]
+            ms = deadline.first - event.t_ms
+            early, wanted = f"{what}: {ms} ms too early", [f"{what} {ms} ms later"]
             raise Diverges(at, early, rule, wanted, _by(rule), None, seen)
         question = expired(self.track, timer)
         if question is None:
@@ -353,7 +353,7 @@ class Engine:
             first = max(step.since_ms, t_ms - max(self._late_ms - 1, 0))
             if first > step.t_ms:
                 self._missed(at, first)
-                wanted = [f"{step.what}, by {step.t_ms} ms"]
+                wanted = [f"{step.what}, at least {first - step.t_ms} ms earlier"]
                 raise Late(at, event, step.rule, wanted, step.guard, step, seen)
             step.unseen, step.since_ms = False, first
         return step
@@ -448,8 +448,8 @@ class Engine:
             return
         duration = self._duration(step, timer)
         if duration is not None and event.deadline != event.t_ms + duration:
-            wanted = [f"{what} until {event.t_ms + duration} ms"]
-            text = f"{what} until {event.deadline} ms"
+            wanted = [f"{what} for {duration} ms"]
+            text = f"{what} for {event.deadline - event.t_ms} ms"
             raise Diverges(at, text, step.rule, wanted, step.guard, step, seen)
         self._arm(timer, event.deadline, event.deadline)
 
@@ -490,8 +490,9 @@ class Engine:
         ]
         if late:
             due_ms, name, rule = min(late)
-            wanted = [f"expire {name} at {due_ms} ms"]
-            raise Late(at, f"{name} was due at {due_ms} ms", rule, wanted, _by(rule))
+            text = f"{name} was due at least {t_ms - due_ms} ms before"
+            wanted = [f"expire {name} before"]
+            raise Late(at, text, rule, wanted, _by(rule))
 
 
 def _by(rule: str) -> str:

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from itertools import islice
 from typing import TypeAlias
 
 from automcm_spec.support.bad_input import BadInput
@@ -88,89 +88,133 @@ def follow(
     ``late_ms`` is as for ``Engine``. ``events`` replaces the events of the log. With ``one``, a
     single state is tracked even if the log does not promise all of ``NEEDED``.
     """
-    ending = Ending(tuple(kind for kind in NEEDED if kind not in log.header.complete))
-
-    def after(step: Step, track: Track) -> None:
-        for watcher in watchers:
-            watcher.step(step, track)
-
+    check = Check(log, late_ms, watchers, one=one)
     events = iter(log if events is None else events)
     try:
-        engine: Follower
-        if one or not ending.unpromised:
-            engine = Engine(log.header, late_ms)
-            engine.observer = after
-        else:
-            engine = Possible(log.header, late_ms)
-        ending.engine = engine
-        start = LogStart(log.header, late_ms)
-        events = _judged(log, start, events, ending, engine)
         for at, event in events:
-            ending.events += 1
-            ending.recent.append((at, event))
-            if ending.judged_from and start.is_left_over(event, engine.timers):
-                continue
+            check.feed(at, event)
+            if check.over:
+                break
+    except BadInput as error:
+        check.stop(unreadable(error))
+    check.ending.after = _read_to_the_end(log, events)
+    return check.end()
+
+
+class Check:
+    """A check of one log in progress: ``feed`` it the events in order, then ``end`` it.
+
+    The arguments are those of ``follow``.
+    """
+
+    def __init__(
+        self,
+        log: Log | LogStream,
+        late_ms: int | None = None,
+        watchers: Sequence[Watcher] = (),
+        *,
+        one: bool = False,
+    ) -> None:
+        self._log, self._watchers = log, watchers
+        self._start = LogStart(log.header, late_ms)
+        header = log.header
+        missing = tuple(kind for kind in NEEDED if kind not in header.complete)
+        self.ending = Ending(missing)
+        try:
+            if one or not missing:
+                engine = Engine(header, late_ms)
+                engine.observer = self._after
+                self.ending.engine = engine
+            else:
+                self.ending.engine = Possible(header, late_ms)
+        except CannotTell as error:
+            self._refused(error)
+
+    @property
+    def over(self) -> bool:
+        """Whether further events change nothing."""
+        return self.ending.finding.kind != "nothing"
+
+    def feed(self, at: int, event: Event) -> None:
+        """Check the next event, unless the check is over."""
+        ending, engine = self.ending, self.ending.engine
+        if engine is None or self.over:
+            return
+        if self._log.mid_session and not ending.judged_from:
+            if not self._start.known_before(event):
+                return
+            ending.judged_from, engine.since_ms = at, self._start.since_ms or 0
+        ending.events += 1
+        ending.recent.append((at, event))
+        if ending.judged_from and self._start.is_left_over(event, engine.timers):
+            return
+        try:
             engine.feed(at, event)
-            for watcher in watchers:
-                watcher.event(at, event, engine)
+        except (Diverges, CannotTell) as error:
+            self._refused(error)
+            return
+        for watcher in self._watchers:
+            watcher.event(at, event, engine)
+
+    def stop(self, finding: Finding) -> None:
+        """End the check with a finding about the log, unless it is over."""
+        if not self.over:
+            self.ending.finding = finding
+
+    def end(self) -> Ending:
+        """The result, after the last event of the log."""
+        ending, log = self.ending, self._log
+        if not self.over:
+            try:
+                self._finish()
+            except (Diverges, CannotTell) as error:
+                self._refused(error)
+        ending.end = log.end is not None
+        ending.crashed = log.end is None or log.end.reason == "crash"
+        ending.lost = 0 if log.end is None else log.end.lost_records
+        if ending.lost and ending.finding.kind not in ("cannot_tell", "unreadable"):
+            but = f"; apart from that: {ending.finding.observed}" if ending.diverges else ""
+            text = f"the log lost {ending.lost} records{but}"
+            where = ending.finding.at._replace(file=log.file)
+            ending.finding = replace(ending.finding, kind="cannot_tell", at=where, observed=text)
+        for watcher in self._watchers:
+            watcher.ended(ending)
+        return ending
+
+    def _finish(self) -> None:
+        """Check that no effect is missing at the end."""
+        ending, engine, log = self.ending, self.ending.engine, self._log
+        if log.mid_session and not ending.judged_from:
+            raise CannotTell(f"{MID_SESSION}, and at no event the state of the station is known")
         if isinstance(log, LogStream) and log.gap is not None:
             line, missing = log.gap
             text = f"records are missing before this line: {missing}"
             ending.finding = cannot_tell(log.file, line, text)
-        elif log.ended:
+        elif engine is not None and log.ended:
             engine.finish()
         elif isinstance(engine, Engine):
             with suppress(Diverges, CannotTell):  # effects of the last input may be missing
                 engine.finish()
-        if ending.judged_from and ending.finding.kind == "nothing":
+        if ending.judged_from and not self.over:
             text = f"{MID_SESSION}; it is allowed from line {ending.judged_from} on"
             ending.finding = cannot_tell(log.file, ending.judged_from, text)
-        ending.decided = ending.finding.kind == "nothing"
-    except Diverges as d:
-        ending.diverges, ending.decided = d, True
+        ending.decided = not self.over
+
+    def _after(self, step: Step, track: Track) -> None:
+        for watcher in self._watchers:
+            watcher.step(step, track)
+
+    def _refused(self, error: Diverges | CannotTell) -> None:
+        ending = self.ending
+        if isinstance(error, CannotTell):
+            ending.finding = cannot_tell(self._log.file, ending.line or 1, str(error))
+            return
+        ending.diverges, ending.decided = error, True
         ending.finding = replace(
-            d.finding,
-            at=d.finding.at._replace(file=log.file),
-            observed=d.finding.observed + _late(*ending.recent[-1]),
+            error.finding,
+            at=error.finding.at._replace(file=self._log.file),
+            observed=error.finding.observed + _late(*ending.recent[-1]),
         )
-    except CannotTell as error:
-        ending.finding = cannot_tell(log.file, ending.line or 1, str(error))
-    except BadInput as error:
-        ending.finding = unreadable(error)
-    ending.after = _read_to_the_end(log, events)
-    ending.end = log.end is not None
-    ending.crashed = log.end is None or log.end.reason == "crash"
-    ending.lost = 0 if log.end is None else log.end.lost_records
-    if ending.lost and ending.finding.kind not in ("cannot_tell", "unreadable"):
-        but = f"; apart from that: {ending.finding.observed}" if ending.diverges else ""
-        text = f"the log lost {ending.lost} records{but}"
-        where = ending.finding.at._replace(file=log.file)
-        ending.finding = replace(ending.finding, kind="cannot_tell", at=where, observed=text)
-    for watcher in watchers:
-        watcher.ended(ending)
-    return ending
-
-
-def _judged(
-    log: Log | LogStream,
-    start: LogStart,
-    events: Iterator[tuple[int, Event]],
-    ending: Ending,
-    engine: Follower,
-) -> Iterator[tuple[int, Event]]:
-    """The events that can be judged: all, unless the log begins in mid-session.
-
-    Raises CannotTell if there are none.
-    """
-    for at, event in events:
-        if not log.mid_session:
-            return chain([(at, event)], events)
-        if start.known_before(event):
-            ending.judged_from, engine.since_ms = at, start.since_ms or 0
-            return chain([(at, event)], events)
-    if log.mid_session:
-        raise CannotTell(f"{MID_SESSION}, and at no event the state of the station is known")
-    return events
 
 
 def _late(line: int, event: Event) -> str:

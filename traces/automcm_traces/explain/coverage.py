@@ -7,7 +7,7 @@ verdict is possible any more, or where it cannot be read.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -209,6 +209,7 @@ def exit_code(coverage: Coverage) -> int:
     return next((code for code in (1, 3, 4) if code in codes), 0)
 
 
+CONDITIONS = "conditions both ways"
 MOST_PROBLEMS = 10
 _PROBLEMS: dict[Problem, str] = {
     "diverges": "diverge",
@@ -226,19 +227,36 @@ def text(coverage: Coverage) -> list[str]:
     for what, texts in _PROBLEMS.items():
         if counts[what]:
             lines.append(f"  {counts[what]:,} {texts}; counted up to there")
-    for file, line, problem, why in c.problems[:MOST_PROBLEMS]:
-        where = at_line(one_line(file), line)
-        lines.append(f"  {where}: {problem.replace('_', ' ').upper()}: {why}")
+    lines += [f"  {one}" for one in problems(c)[:MOST_PROBLEMS]]
     if len(c.problems) > MOST_PROBLEMS:
         lines.append(f"  {len(c.problems) - MOST_PROBLEMS:,} more")
-    conditions = c.conditions
-    lines.append(_share("conditions both ways", conditions.both_ways(), len(reached().conditions)))
-    lines += [f"  {line}" for line in lacking(conditions)]
-    for name, table in c.tables().items():
-        lines.append(_share(name, sum(1 for count in table.values() if count), len(table)))
-        never = [thing for thing, count in table.items() if not count]
-        lines += _wrapped("  never: ", never)
+    for name, part, whole, never in shares(c):
+        lines.append(_share(name, part, whole))
+        if name == CONDITIONS:
+            lines += [f"  {line}" for line in never]
+        else:
+            lines += _wrapped("  never: ", never)
     return lines
+
+
+def problems(coverage: Coverage) -> list[str]:
+    """A line for each log that was not counted to its end."""
+    return [
+        f"{at_line(one_line(file), line)}: {problem.replace('_', ' ').upper()}: {why}"
+        for file, line, problem, why in coverage.problems
+    ]
+
+
+def shares(coverage: Coverage) -> Iterator[tuple[str, int, int, list[str]]]:
+    """For each kind of element: its name, how many were seen, how many there are, and the others.
+
+    For conditions, the others are the lines of ``lacking``.
+    """
+    conditions = coverage.conditions
+    yield CONDITIONS, conditions.both_ways(), len(reached().conditions), lacking(conditions)
+    for name, table in coverage.tables().items():
+        never = [thing for thing, count in table.items() if not count]
+        yield name, len(table) - len(never), len(table), never
 
 
 def _share(what: str, part: int, whole: int) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -25,11 +25,13 @@ from automcm_traces.checker.finding import (
     cannot_tell,
     unreadable,
 )
-from automcm_traces.checker.follow import Watcher, follow
+from automcm_traces.checker.follow import Ending, Follower, Watcher, follow
 from automcm_traces.checker.log_start import MID_SESSION
 from automcm_traces.checker.track import Step, Track
 from automcm_traces.explain.hints import Hints
-from automcm_traces.explain.log_table import Row, columns
+from automcm_traces.explain.log_columns import columns
+from automcm_traces.explain.log_table import Row
+from automcm_traces.format.event_text import starts
 from automcm_traces.format.log import Event, Header
 from automcm_traces.format.reader import Log, LogStream
 from automcm_traces.system.delivery import forged_receptions
@@ -86,9 +88,18 @@ class Session:
 class Sessions(Watcher):
     """Collects the sessions of a station."""
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST) -> None:
         self.kept: list[Session] = []
+        """The last ``most`` sessions."""
         self.number = 0
+        self.first_ms: int | None = None
+        """The time of the first event."""
+        self._most = most
+
+    def event(self, line: int, event: Event, engine: Follower) -> None:
+        """Note the time of the first event."""
+        if self.first_ms is None:
+            self.first_ms = event.t_ms
 
     def step(self, step: Step, track: Track) -> None:
         """Update the sessions after a step."""
@@ -101,7 +112,7 @@ class Sessions(Watcher):
         if current is None:
             self.number += 1
             current = Session(track.session, track.state.role, step.at, [])
-            self.kept = [*self.kept[1 - MOST :], current]
+            self.kept = [*self.kept[1 - self._most :], current]
         if current.phases[-1:] != [track.state.phase]:
             current.phases.append(track.state.phase)
 
@@ -130,6 +141,8 @@ class Verdict:
     """The last line checked: that of the divergence, or of the event that revealed it."""
     only_if: tuple[Supposition, ...] = ()
     """The unobserved events without which the log would not be allowed."""
+    first_ms: int | None = None
+    """The time of the first event; None if there is none."""
     judged_from: int = 0
     """The line of the first event that was judged, if the log begins in mid-session; else 0."""
     hint: str = ""
@@ -172,34 +185,64 @@ def explain(
     events: Iterable[tuple[int, Event]] | None = None,
 ) -> Verdict:
     """The verdict on one log. The arguments are those of ``follow``."""
-    sessions, hints = Sessions(), Hints(log.header)
-    ending = follow(log, late_ms, [sessions, hints, *watchers], events=events)
-    found, engine, diverges = ending.finding, ending.engine, ending.diverges
-    if not ending.events and found.kind == "nothing":
-        found = cannot_tell(log.file, 0, "the log contains no events")
-    if diverges is not None and engine is not None:
-        found = replace(found, why=why(diverges, engine.track))
-    verdict = Verdict(
-        log.file,
-        found,
-        events=ending.events,
-        warnings=tuple(log.warnings),
-        unobserved=tuple(log.header.unobserved),
-        header=log.header,
-        judged_from=ending.judged_from,
-        hint=hints.hint(ending),
-    )
-    if engine is None or not ending.decided:
-        return verdict
-    return replace(
-        verdict,
-        possible_states=engine.states,
-        sessions=tuple(sessions.kept),
-        number_of_sessions=sessions.number,
-        recent=tuple(ending.recent) if diverges else (),
-        seen=ending.line if diverges else 0,
-        only_if=() if diverges else engine.only_if,
-    )
+    noted = Noted(log)
+    return noted.verdict(follow(log, late_ms, [*noted.watchers, *watchers], events=events))
+
+
+class Noted:
+    """What a verdict says besides the result of the check, noted by watchers of the check."""
+
+    def __init__(self, log: Log | LogStream, most: int = MOST) -> None:
+        """``most`` is the maximum number of sessions kept."""
+        self._log = log
+        self._sessions, self._hints = Sessions(most), Hints(log.header)
+
+    @property
+    def watchers(self) -> list[Watcher]:
+        """The watchers that the check must have."""
+        return [self._sessions, self._hints]
+
+    @property
+    def first_ms(self) -> int | None:
+        """The time of the first event."""
+        return self._sessions.first_ms
+
+    def verdict(self, ending: Ending) -> Verdict:
+        """The verdict after the check."""
+        log, sessions = self._log, self._sessions
+        found, engine, diverges = ending.finding, ending.engine, ending.diverges
+        if not ending.events and found.kind == "nothing":
+            found = cannot_tell(log.file, 0, "the log contains no events")
+        if diverges is not None and engine is not None:
+            found = replace(found, why=why(diverges, engine.track))
+        verdict = Verdict(
+            log.file,
+            found,
+            events=ending.events,
+            warnings=tuple(log.warnings),
+            unobserved=tuple(log.header.unobserved),
+            header=log.header,
+            first_ms=_first_ms(ending, sessions),
+            judged_from=ending.judged_from,
+            hint=self._hints.hint(ending),
+        )
+        if engine is None or not ending.decided:
+            return verdict
+        return replace(
+            verdict,
+            possible_states=engine.states,
+            sessions=tuple(sessions.kept),
+            number_of_sessions=sessions.number,
+            recent=tuple(ending.recent) if diverges else (),
+            seen=ending.line if diverges else 0,
+            only_if=() if diverges else engine.only_if,
+        )
+
+
+def _first_ms(ending: Ending, sessions: Sessions) -> int | None:
+    if sessions.first_ms is None and ending.recent:
+        return ending.recent[0][1].t_ms
+    return sessions.first_ms
 
 
 def forged(logs: Sequence[Log]) -> dict[str, Finding]:
@@ -286,7 +329,14 @@ def with_forged(verdicts: Sequence[Verdict], logs: Sequence[Log]) -> list[Verdic
     """The verdicts, updated for messages that were forged between these logs."""
     foreign = forged(logs) if logs else {}
     return [
-        Verdict(v.file, other, warnings=v.warnings, header=v.header, hint=v.hint)
+        Verdict(
+            v.file,
+            other,
+            warnings=v.warnings,
+            header=v.header,
+            first_ms=v.first_ms,
+            hint=v.hint,
+        )
         if (other := foreign.get(v.file)) is not None
         and (v.verdict == "allowed" or other.at.line <= v.finding.at.line)
         else v
@@ -316,14 +366,27 @@ def exit_code(verdicts: Sequence[Verdict]) -> int:
 # -- the verdict as text, the failing prefix, and the command to replay it
 
 
-def text(verdict: Verdict) -> str:
-    """The verdict as lines for a terminal, with the reader's warnings."""
+def start_times(verdicts: Iterable[Verdict]) -> dict[str, int]:
+    """The time that counts as the start of each log, by file."""
+    return starts({v.file: v.first_ms for v in verdicts if v.first_ms is not None})
+
+
+def text(verdict: Verdict, start_ms: Mapping[str, int] | None = None) -> str:
+    """The verdict as lines for a terminal, with the reader's warnings.
+
+    ``start_ms`` has the time that counts as 0, by file; without it, times are as logged.
+    """
+    start = None if start_ms is None else start_ms.get(verdict.file, 0)
     hint = [f"  hint: {verdict.hint}"] if verdict.hint else []
-    lines = [*_lines(verdict), *hint, *(f"  warning: {warning}" for warning in verdict.warnings)]
+    lines = [
+        *_lines(verdict, start),
+        *hint,
+        *(f"  warning: {warning}" for warning in verdict.warnings),
+    ]
     return "\n".join(map(printable, lines))
 
 
-def _lines(verdict: Verdict) -> Iterator[str]:
+def _lines(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
     found = verdict.finding
     where = at_line(verdict.file, found.at.line)
     match verdict.verdict:
@@ -338,7 +401,7 @@ def _lines(verdict: Verdict) -> Iterator[str]:
             yield f"{where}: DIVERGES at {found.observed}"
             if verdict.judged_from:
                 yield f"  {MID_SESSION}; judged from line {verdict.judged_from} on"
-            yield from _diverges(verdict)
+            yield from _diverges(verdict, start_ms)
 
 
 def _allowed(verdict: Verdict) -> Iterator[str]:
@@ -363,7 +426,7 @@ def expected(these: Sequence[str]) -> list[str]:
     return [f"expected{order}: {'; '.join(these)}"] if these else []
 
 
-def _diverges(verdict: Verdict) -> Iterator[str]:
+def _diverges(verdict: Verdict, start_ms: int | None) -> Iterator[str]:
     yield from (f"  {line}" for line in expected(verdict.finding.expected))
     why = verdict.finding.why
     if why.guard:
@@ -378,7 +441,8 @@ def _diverges(verdict: Verdict) -> Iterator[str]:
     if verdict.recent and verdict.header is not None:
         station = verdict.header.station
         rows = [Row(station, line, event) for line, event in verdict.recent]
-        yield from (f"  {line}" for line in columns(rows, [station], 78))
+        zero = None if start_ms is None else {station: start_ms}
+        yield from (f"  {line}" for line in columns(rows, [station], 78, zero))
 
 
 def prefix(

@@ -15,16 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from automcm_spec.support.bad_input import BadInput, name_of
-from automcm_traces.format.event_text import Kind, fitted, kind, safe, session_of, summary
+from automcm_traces.format.event_text import Kind, kind, safe, session_of, summary
 from automcm_traces.format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
 from automcm_traces.format.number_sets import Numbers
 from automcm_traces.format.reader import Notice, records
 from automcm_traces.system.fates import Arrow, Fate
 from automcm_traces.system.streamed_fates import StreamedFates
-
-WIDTH = 80
-NARROWEST = 20
-"""The minimum column width of a station; with less space, all stations share one column."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +60,7 @@ class Row:
 
     @property
     def full_text(self) -> str:
-        """The text of the row; the notes come first, so that they are not cut."""
+        """The text of the row, the notes first."""
         text = safe(self.text) if self.event is None else summary(self.event)
         return " ".join([*self.notes, text])
 
@@ -227,52 +223,6 @@ class Filter:
             return True
         self._after_cam.discard(row.station)
         return False
-
-
-class Table:
-    """Lays out rows in columns. Call ``lines`` for one row after the other."""
-
-    def __init__(self, stations: Sequence[int], width: int = WIDTH) -> None:
-        self._stations = sorted(set(stations))
-        self._gutter = 16
-        room = max(width, 40) - self._gutter
-        each = room // max(len(self._stations), 1)
-        self._apart = each > NARROWEST or len(self._stations) == 1
-        self._width = each - 1 if self._apart else room - 11
-        self._phase: dict[int, str] = {}
-
-    def head(self) -> list[str]:
-        """The column headings."""
-        if not self._apart:
-            return [f"{'t_ms':>8} {'line':>6} {'station':>10}"]
-        names = " ".join(fitted(str(s), self._width) for s in self._stations)
-        return [f"{'t_ms':>8} {'line':>6} {names}".rstrip()]
-
-    def lines(self, row: Row, phase_before: str = "") -> Iterator[tuple[Kind, str]]:
-        """The row, and a second one if it changes the phase of its station.
-
-        ``phase_before`` is the phase before this row, where earlier rows are left out.
-        """
-        was = phase_before or self._phase.get(row.station, "")
-        t_ms = "" if row.event is None else str(row.event.t_ms)
-        yield row.kind, self._cell(f"{t_ms:>8} {row.line:>6} ", row.station, row.full_text)
-        phase = None if row.event is None else row.event.phase
-        if phase is not None and phase != (was or "STANDALONE"):
-            yield "phase", self._cell(" " * self._gutter, row.station, f"= {safe(phase)}")
-        if phase is not None:
-            self._phase[row.station] = phase
-
-    def _cell(self, gutter: str, station: int, label: str) -> str:
-        if not self._apart:
-            return f"{gutter}{station:>10} {fitted(label, self._width)}".rstrip()
-        before = self._stations.index(station) * (self._width + 1)
-        return (gutter + " " * before + fitted(label, self._width)).rstrip()
-
-
-def columns(rows: Iterable[Row], stations: Sequence[int], width: int = WIDTH) -> list[str]:
-    """The rows as lines of at most ``width`` terminal columns, with column headings."""
-    table = Table(stations, width)
-    return table.head() + [line for row in rows for _, line in table.lines(row)]
 
 
 def before(rows: Iterable[Row], station: int, line: int, most: int) -> list[Row]:

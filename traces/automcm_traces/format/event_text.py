@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import unicodedata
-from typing import Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal, NamedTuple, TypeVar
 
 from rich.cells import cell_len, set_cell_size
 
@@ -26,6 +27,8 @@ from automcm_traces.format.log import (
 
 Kind = Literal["send", "receive", "timer", "command", "indication", "restart", "note", "phase"]
 
+Name = TypeVar("Name", int, str)
+DAY_MS = 86_400_000
 _LONGEST = 300
 """The maximum length in characters. No event needs more; some messages contain megabytes."""
 _TURNS = {"R", "AL", "AN", "RLE", "RLO", "RLI", "LRE", "LRO", "LRI", "PDF", "PDI", "FSI"}
@@ -57,34 +60,68 @@ def kind(event: Event) -> Kind:
     return event.ev
 
 
+class Word(NamedTuple):
+    """A word of a summary, and what may stand for it, one after the other, where there is little
+    room. Words of a lower rank are shortened first."""
+
+    text: str
+    shorter: tuple[str, ...] = ()
+    rank: int = 0
+
+
+def _id(text: str) -> Word:
+    """A word that can be left out: a station, a proposal, a duration."""
+    return Word(text, ("",), 1)
+
+
 def summary(event: Event) -> str:
     """A summary of an event, the most important part first.
 
     Examples: ``Intention ->1001 1001/1#1``, ``<- Intention 2002``, ``expire decide``. ``1001/1`` is
     a session, ``#1`` a seq, ``p1`` a proposal.
     """
+    return safe(" ".join(word.text for word in words(event)))
+
+
+def words(event: Event) -> list[Word]:
+    """The words of the summary. Where there is little room, the session goes first, then stations,
+    proposals and durations, then the seq of an acknowledged or repeated message."""
     match event:
         case Send(message=m):
             to = "all" if m.get("dst") is None else _plain(m["dst"])
-            return safe(f"{m['type']} ->{to}{_content(m)}")
+            return [Word(str(m["type"])), _id(f"->{to}"), *_content(m)]
         case Receive(message=None, raw=raw):
             size = len(base64.b64decode(raw or ""))
             sender = event.tx.split(":")[0] if event.tx else "somebody"
-            return f"<- no message, {size} bytes {sender}"
+            return [*_kept(f"<- no message, {size} bytes"), _id(sender)]
         case Receive(message=m) if m is not None:
-            return safe(f"<- {m['type']} {_plain(m.get('src', '?'))}{_content(m)}")
+            src = _plain(m.get("src", "?"))
+            return [Word(f"<- {m['type']}"), _id(src), *_content(m)]
         case TimerArm(timer=timer):
-            name = _timer(timer)
-            return safe(f"arm {name} +{event.deadline - event.t_ms}")
+            return [Word("arm"), *_timer(timer), _id(f"+{event.deadline - event.t_ms}")]
         case TimerEnd(timer=timer):
-            return safe(f"{event.op} {_timer(timer)}")
+            return [Word(event.op), *_timer(timer)]
         case ApplicationCommand(command=command):
-            return safe(f"command {command.name}{_fields(command.model_extra or {})}")
+            return [*_kept(f"command {command.name}"), *_fields(command.model_extra or {})]
         case ApplicationIndication(indication=indication):
-            return safe(f"told {indication.name}{_fields(indication.model_extra or {})}")
+            return [*_kept(f"told {indication.name}"), *_fields(indication.model_extra or {})]
         case Restart():
-            return "RESTART"
-    return ""
+            return [Word("RESTART")]
+    return []
+
+
+def _kept(text: str) -> list[Word]:
+    return [Word(word) for word in text.split(" ")]
+
+
+def starts(first_ms: Mapping[Name, int]) -> dict[Name, int]:
+    """By log, the time that counts as the start: that of the first event in all logs. ``first_ms``
+    has that of the first event in each, by station or by file.
+
+    A clock that is more than a day ahead has another origin, so its own first event counts.
+    """
+    earliest = min(first_ms.values(), default=0)
+    return {log: t if t - earliest > DAY_MS else earliest for log, t in first_ms.items()}
 
 
 def session_of(event: Event) -> tuple[int, int] | None:
@@ -114,42 +151,45 @@ def _plain(value: object) -> str:
     return str(value)
 
 
-def _content(m: Fields) -> str:
+def _content(m: Fields) -> Iterator[Word]:
     """The fields that distinguish this message from others of its type."""
-    words = []
     if "accepted" in m:
-        words.append("accepts" if m["accepted"] is True else "refuses")
+        yield Word("accepts" if m["accepted"] is True else "refuses")
     if "reason" in m:
-        words.append(f"({_plain(m['reason'])})")
+        yield Word(f"({_plain(m['reason'])})")
     if "proposal" in m:
-        words.append(f"p{_plain(m['proposal'])}")
+        yield _id(f"p{_plain(m['proposal'])}")
     of = m.get("of")
     if isinstance(of, dict):
-        words.append(f"of {_plain(of.get('type', '?'))}#{_plain(of.get('seq', '?'))}")
+        acknowledged = _plain(of.get("type", "?"))
+        yield Word("of")
+        yield Word(f"{acknowledged}#{_plain(of.get('seq', '?'))}", (acknowledged,), 2)
     if m["type"] == "CAM":
         marks = m.get("marks")
-        words += [_plain(mark) for mark in marks] if isinstance(marks, list) else []
+        yield from (Word(_plain(mark)) for mark in marks) if isinstance(marks, list) else ()
     if "session" in m:
-        words.append(f"{_plain(m['session'])}#{_plain(m.get('seq', '?'))}")
-    return "".join(f" {word}" for word in words)
+        seq = f"#{_plain(m.get('seq', '?'))}"
+        yield Word(f"{_plain(m['session'])}{seq}", (seq, ""))
 
 
-def _timer(timer: Timer) -> str:
+def _timer(timer: Timer) -> Iterator[Word]:
+    yield Word(timer.name)
     match timer:
         case MessageTimer(message=MessageKey() as m):
-            return f"{timer.name} {m.type}#{m.seq} ->{m.to or 'all'}"
+            yield Word(f"{m.type}#{m.seq}", (m.type,), 2)
+            yield _id(f"->{m.to or 'all'}")
         case ForgetTimer(station=int(station)):
-            return f"{timer.name} {station}"
-    return timer.name
+            yield Word(str(station))
 
 
 _SHOWN_FIELDS = ("reason", "target", "station", "proposal", "session")
 
 
-def _fields(fields: Fields) -> str:
-    words = []
+def _fields(fields: Fields) -> Iterator[Word]:
     for name in _SHOWN_FIELDS:
         if name in fields:
             text = _plain(fields[name])
-            words.append({"proposal": f"p{text}", "reason": f"({text})"}.get(name, text))
-    return "".join(f" {word}" for word in words)
+            if name == "reason":
+                yield Word(f"({text})")
+            else:
+                yield _id(f"p{text}" if name == "proposal" else text)

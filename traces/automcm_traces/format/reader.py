@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal, Protocol
 
 from pydantic import ValidationError
 
@@ -96,6 +96,38 @@ def read(path: str | Path) -> Log:
     return Log(name_of(path), header, events, end, truncated, warnings)
 
 
+class Lines(Protocol):
+    """A source of lines, such as a binary stream."""
+
+    def readline(self, limit: int, /) -> bytes:
+        """The next line, or its first ``limit`` bytes; empty if there is none."""
+
+
+class GrowingLog:
+    """The entries of a log while it is written, as ``records`` yields them.
+
+    Iteration stops where ``lines`` has no further line, and can go on from there later.
+    """
+
+    def __init__(self, path: str | Path, lines: Lines) -> None:
+        self._lines = lines
+        self._reader = _Reader(path, gaps=True)
+        self._entries: Iterator[Entry] = iter(())
+
+    def __iter__(self) -> Iterator[Entry]:
+        return self
+
+    def __next__(self) -> Entry:
+        for entry in self._entries:
+            return entry
+        self._entries = self._reader.lines(self._lines)
+        return next(self._entries)
+
+    def finish(self) -> None:
+        """Take the rest of the lines as the end of the log."""
+        self._entries = self._reader.entries(self._lines)
+
+
 def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
     """Read the log at `path` line by line: header, events, end, and notices in between.
 
@@ -141,10 +173,17 @@ class LogStream:
     The constructor reads the header (BadInput if that fails). Iterating, possible once, yields the
     events with their lines. It raises BadInput at the first line that cannot be read; the events
     before it are valid. It stops before a gap, unless `past_gaps`. The other attributes describe
-    what has been read so far, and the whole log at the end.
+    what has been read so far, and the whole log at the end. With the `entries` of a GrowingLog, it
+    can be iterated again when there are more.
     """
 
-    def __init__(self, path: str | Path, *, past_gaps: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        past_gaps: bool = False,
+        entries: Iterator[Entry] | None = None,
+    ) -> None:
         self.file = name_of(path)
         self.end: End | None = None
         self.truncated = False
@@ -163,7 +202,7 @@ class LogStream:
         self.events = 0
         """The number of events yielded so far."""
         self._past_gaps = past_gaps
-        self._entries = records(path, gaps=True)
+        self._entries = records(path, gaps=True) if entries is None else entries
         first = next(self._entries).record
         assert isinstance(first, Header), "records() yields the header first"
         self.header: Header = first
@@ -285,7 +324,16 @@ class _Reader:
         self._seq = 0
         self._t_ms = 0
 
-    def entries(self, stream: BinaryIO) -> Iterator[Entry]:
+    def entries(self, stream: Lines) -> Iterator[Entry]:
+        """The entries of all lines, and of the end of the log."""
+        yield from self.lines(stream)
+        if self._line == 0:
+            raise BadInput(self._path, 0, "", "empty file", "order")
+        if not self._end:
+            yield Entry(self._line, Notice("no_end", "the log has no end record"))
+
+    def lines(self, stream: Lines) -> Iterator[Entry]:
+        """The entries of the next lines, up to the last that is there."""
         while line := stream.readline(LONGEST_LINE + 1):
             self._line += 1
             if len(line) > LONGEST_LINE:
@@ -311,10 +359,6 @@ class _Reader:
                 yield Entry(self._line, notice)
             else:
                 yield Entry(self._line, record)
-        if self._line == 0:
-            raise BadInput(self._path, 0, "", "empty file", "order")
-        if not self._end:
-            yield Entry(self._line, Notice("no_end", "the log has no end record"))
 
     def _check(self, record: Record | UnknownEvent) -> str:
         """Reject a record that does not fit the previous ones; returns a description of missing

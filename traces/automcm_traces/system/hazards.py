@@ -10,6 +10,7 @@ hazard excuses it, and T-2 bounds no hazard that a forged message has begun or p
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -95,8 +96,12 @@ class Hazard:
             "prolonged_by": self.prolonged_by,
         }
 
-    def text(self) -> str:
-        """A few lines of text."""
+    def text(self, start_ms: Mapping[str, int] | None = None) -> str:
+        """A few lines of text. ``start_ms`` has the time that counts as 0, by file."""
+        since, until = (
+            f"{where} ({t_ms - (start_ms or {}).get(where.rpartition(':')[0], 0)} ms)"
+            for where, t_ms in ((self.since, self.since_ms), (self.until, self.until_ms))
+        )
         least = "at least " if self.open else ""
         length = "unknown length" if self.length is None else f"{least}{self.length}"
         kind = "hazard (fault)" if self.excused else "HAZARD WITHOUT EXCUSE (S-5)"
@@ -104,10 +109,10 @@ class Hazard:
             kind = "hazard (forged message)"
         lines = [
             f"{kind}, session {self.session[0]}/{self.session[1]}: {length}",
-            f"  from  {self.since} ({self.since_ms} ms): {self.fault}",
+            f"  from  {since}: {self.fault}",
             *([f"  begun by forged {self.begun_by}"] if self.begun_by else []),
             *([f"  prolonged by forged {self.prolonged_by}"] if self.prolonged_by else []),
-            f"  to    {self.until} ({self.until_ms} ms): {self.ended}",
+            f"  to    {until}: {self.ended}",
             *(f"  between: {text}" for text in self.between),
         ]
         if self.bound is not None:
@@ -420,8 +425,7 @@ def _last_cam(world: World, acts: Period, target: int) -> str:
     cams = _cams(world, acts, target)
     if not cams:
         return f"no CAM of station {target} counted"
-    at, t_ms = cams[-1]
-    return f"the last CAM that counted was at {log.file}:{log.events[at][0]} ({t_ms} ms)"
+    return f"the last CAM that counted was at {log.file}:{log.events[cams[-1][0]][0]}"
 
 
 def _cams(world: World, acts: Period, target: int) -> list[tuple[int, int]]:

@@ -71,6 +71,28 @@ class PropertyResult:
 
 
 @dataclass(frozen=True, slots=True)
+class Stay:
+    """A period of a station in a session."""
+
+    session: tuple[int, int]
+    station: int
+    start: Moment
+    end: Moment | None
+    file: str
+    ended: str
+    """How it ended, as text."""
+
+    def text(self, start_ms: int = 0) -> str:
+        """One line. ``start_ms`` is the time that counts as 0."""
+        start, end = self.start, self.end
+        text = f"{self.session[0]}/{self.session[1]}: station {self.station} as {start.role}"
+        text = f"{text} from {self.file}:{start.line} ({start.t_ms - start_ms} ms)"
+        if end is not None:
+            text = f"{text} to {self.file}:{end.line} ({end.t_ms - start_ms} ms)"
+        return f"{text}, {self.ended}"
+
+
+@dataclass(frozen=True, slots=True)
 class SystemReport:
     """The result for all logs of one run together."""
 
@@ -82,7 +104,7 @@ class SystemReport:
     hazards: tuple[Hazard, ...] = ()
     forged: tuple[str, ...] = ()
     cycles: tuple[str, ...] = ()
-    sessions: tuple[str, ...] = ()
+    sessions: tuple[Stay, ...] = ()
     deliveries: dict[str, dict[str, int]] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
 
@@ -108,13 +130,17 @@ class SystemReport:
             "hazards": [h.as_dict() for h in self.hazards],
             "forged": list(self.forged),
             "cycles": list(self.cycles),
-            "sessions": list(self.sessions),
+            "sessions": [stay.text() for stay in self.sessions],
             "deliveries": self.deliveries,
             "notices": list(self.notices),
         }
 
-    def text(self) -> str:
-        """The report as text: hazards first, the properties that hold on one line."""
+    def text(self, start_ms: Mapping[str, int] | None = None, matrix: bool = False) -> str:
+        """The report as text: the finding at the end, the properties that hold on one line.
+
+        ``start_ms`` has the time that counts as 0, by file. With ``matrix``, the number of messages
+        between each two stations, by fate.
+        """
         if self.problem:
             return f"together: CANNOT TELL: {self.problem}"
         word = {
@@ -123,22 +149,23 @@ class SystemReport:
             "violated": "VIOLATED",
             "cannot_tell": "CANNOT TELL",
         }[self.verdict]
-        lines = [f"together, run {self.run}: {word}", *self.forged, *self.cycles]
-        lines += [h.text() for h in self.hazards]
-        lines += [f"session {text}" for text in self.sessions]
+        zero = start_ms or {}
+        lines = [f"session {stay.text(zero.get(stay.file, 0))}" for stay in self.sessions]
+        for way, counts in self.deliveries.items() if matrix else ():
+            texts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items())
+            lines.append(f"messages {way}: {texts}")
+        lines += [f"note: {notice}" for notice in self.notices]
         held = [j.property for j in self.properties if j.outcome == "holds"]
         lines += [f"hold: {', '.join(held)}"] if held else []
-        lines += [j.text() for j in self.properties if j.outcome == "violated"]
         undecided: dict[tuple[str, ...], list[str]] = {}
         for j in self.properties:
             if j.outcome == "cannot_tell":
                 undecided.setdefault(j.where, []).append(j.property)
         for where, names in undecided.items():
             lines.append(f"cannot tell: {', '.join(names)}: {'; '.join(where)}")
-        for way, counts in self.deliveries.items():
-            texts = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items())
-            lines.append(f"messages {way}: {texts}")
-        return "\n".join([*lines, *(f"note: {notice}" for notice in self.notices)])
+        lines += [f"together, run {self.run}: {word}", *self.forged, *self.cycles]
+        lines += [j.text() for j in self.properties if j.outcome == "violated"]
+        return "\n".join([*lines, *(h.text(zero) for h in self.hazards)])
 
 
 def judge(logs: Sequence[Log], timelines: Mapping[str, Timeline] | None = None) -> SystemReport:
@@ -212,23 +239,21 @@ def _result(name: str, found: Iterable[Checked], partly: Sequence[str]) -> Prope
     return PropertyResult(name, "holds", len(answers))
 
 
-def _sessions(world: World) -> Iterator[str]:
-    """A line for each period of a station in a session: its times and its end."""
-    texts = []
+def _sessions(world: World) -> list[Stay]:
+    """The periods of all stations in a session, by session and station."""
+    stays = []
     for station, line in world.timelines.items():
         for period in line.sessions():
             assert period.session is not None
             start, end = period.start, period.end
-            text = f"station {station} as {start.role} from {line.where(start)} ({start.t_ms} ms)"
-            if end is None:
-                text += f", not ended: {line.why}"
-            else:
+            ended = f"not ended: {line.why}"
+            if end is not None:
                 indications = world.indications(station, end)
-                text += f" to {line.where(end)} ({end.t_ms} ms), {end.cause} by {end.rule}"
-                text += f", told {indications}" if indications else ""
-            texts.append((period.session, station, text))
-    for session, _, text in sorted(texts, key=lambda entry: entry[:2]):
-        yield f"{session[0]}/{session[1]}: {text}"
+                ended = f"{end.cause} by {end.rule}" + (
+                    f", told {indications}" if indications else ""
+                )
+            stays.append(Stay(period.session, station, start, end, line.file, ended))
+    return sorted(stays, key=lambda stay: (stay.session, stay.station))
 
 
 def _pairs(lines: Iterable[Timeline]) -> Iterator[tuple[Timeline, Moment, Moment]]:

@@ -1,0 +1,202 @@
+"""``automcm trace watch``: logs judged while they are written."""
+
+from __future__ import annotations
+
+import json
+import select
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated
+
+import typer
+
+from automcm_cli.shared.common import Late, code_3, usage
+from automcm_cli.shared.network_options import Remote
+
+if TYPE_CHECKING:
+    from automcm_traces.explain.watch import Report, Watch, WatchedLog
+    from automcm_traces.format.growing_file import GrowingFile
+
+POLL_S = 0.02
+"""How often the files are read."""
+LARGEST = 65_535
+BATCH = 1000
+"""The maximum number of datagrams taken at once."""
+MOST_SENDERS = 64
+"""The maximum number of senders whose logs are not over; datagrams of others are ignored."""
+STYLES = {"hazard": "bold red", "withdrawn": "yellow", "begun": "dim", "note": "yellow"}
+
+
+def watch(
+    logs: Annotated[
+        list[str],
+        typer.Argument(
+            help="Logs of one run, which need not exist yet; - for standard input; udp:HOST:PORT "
+            "for the logs that stations send there (station --log-to)."
+        ),
+    ],
+    late: Late = None,
+    allow_remote: Remote = False,
+    json_: Annotated[
+        Path | None,
+        typer.Option(
+            "--json",
+            help="Write each report as one line of JSON to this file; - for standard output.",
+        ),
+    ] = None,
+) -> None:
+    """Check logs while they are written.
+
+    Reports the first violation of each log, and hazards between several logs, as soon as the logs
+    show them. A hazard is reported when it begins and when it is over. A log without an event for
+    1 s of the other logs' time counts as stopped. Memory use does not grow with the logs.
+
+    Ends when each log has ended, diverged or stopped, or on Ctrl-C or SIGTERM. It then prints the
+    verdict on each log so far. The exit code is that of explain; for several logs, only hazards
+    are checked of the system's properties.
+    """
+    from automcm_traces.explain.watch import Report, Watch
+
+    watched = Watch(late)
+    with ExitStack() as stack, code_3("watch", OSError):
+        put = stack.enter_context(_output(json_))
+        sources = stack.enter_context(closing(_Sources(watched)))
+        for name in dict.fromkeys(logs):
+            sources.open(name, allow_remote)
+        stopped = stack.enter_context(_signals())
+        while not stopped and not watched.over:
+            sources.wait()
+            put(sources.changes())
+            put(watched.advance())
+        put(watched.finish())
+        put([Report("end", "", {"exit": watched.exit_code})])
+    raise typer.Exit(watched.exit_code)
+
+
+class _Sources:
+    """The files and addresses from which the logs come."""
+
+    def __init__(self, watched: Watch) -> None:
+        self._watch = watched
+        self._files: dict[GrowingFile, WatchedLog] = {}
+        self._sockets: dict[socket.socket, str] = {}
+        self._senders: dict[str, WatchedLog] = {}
+        self._waiting: set[GrowingFile] = set()
+        """The files reported as missing."""
+
+    def open(self, name: str, allow_remote: bool) -> None:
+        """Read a file, or listen at an address.  Exits with code 2 or 3 if that is not possible."""
+        where = name.removeprefix("udp:")
+        if where == name:
+            self._open(Path(name))
+            return
+        from automcm.links.link import LinkError
+        from automcm.links.udp_link import address, bind
+
+        with usage(LinkError):
+            host, port = address(where)
+        with code_3("watch", LinkError):
+            self._sockets[bind(host, port, allow_remote=allow_remote)] = name
+
+    def wait(self) -> None:
+        """Wait for POLL_S, or until a datagram comes; take the datagrams."""
+        for ready in select.select(list(self._sockets), [], [], POLL_S)[0]:
+            with suppress(BlockingIOError):
+                for _ in range(BATCH):
+                    data, (host, port) = ready.recvfrom(LARGEST)
+                    if data:
+                        self._take(f"{self._sockets[ready]} from {host}:{port}", data)
+
+    def changes(self) -> Iterator[Report]:
+        """What happened to the files.  A file that begins anew is a new log."""
+        from automcm_traces.explain.watch import Report, note
+
+        for file, log in list(self._files.items()):
+            file.open()
+            what = file.change()
+            if what == "missing" and file not in self._waiting:
+                self._waiting.add(file)
+                yield Report("waiting", f"{log.file}: waiting for the file", {"file": log.file})
+            elif what in ("truncated", "replaced"):
+                yield note(log.file, f"the file was {what}; what follows is a log of its own")
+                yield from self._watch.end(log)
+                file.close()
+                del self._files[file]
+                self._open(file.path)
+            elif file.ended:
+                yield from self._watch.end(log)
+
+    def close(self) -> None:
+        """Close the files and sockets."""
+        for file in self._files:
+            file.close()
+        for sock in self._sockets:
+            sock.close()
+
+    def _open(self, path: Path) -> None:
+        from automcm_traces.format.growing_file import GrowingFile
+
+        file = GrowingFile(path)
+        self._files[file] = self._watch.add(str(path), file)
+
+    def _take(self, sender: str, data: bytes) -> None:
+        from automcm_traces.format.growing_file import LineBuffer
+
+        if sender not in self._senders:
+            over = (name for name, log in self._senders.items() if log.verdict is not None)
+            if (
+                len(self._senders) >= MOST_SENDERS
+                and self._senders.pop(next(over, ""), None) is None
+            ):
+                return
+            self._senders[sender] = self._watch.add(sender, LineBuffer())
+        log = self._senders[sender]
+        if log.verdict is None:
+            log.lines.put(data if data.endswith(b"\n") else data + b"\n")
+
+
+@contextmanager
+def _output(json_: Path | None) -> Iterator[Callable[[Iterable[Report]], None]]:
+    """A function that writes reports at once: as text, as JSON, or both."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    text = str(json_) != "-"
+    with ExitStack() as stack:
+        out: IO[str] | None = None if text else sys.stdout
+        if json_ is not None and text:
+            out = stack.enter_context(json_.open("w", encoding="utf-8"))
+
+        def put(reports: Iterable[Report]) -> None:
+            for one in reports:
+                if out is not None:
+                    out.write(json.dumps(one.as_dict()) + "\n")
+                    out.flush()
+                if not text or not one.text:
+                    continue
+                if console.is_terminal:
+                    style = "" if console.no_color else STYLES.get(one.what, "")
+                    console.print(Text(one.text, style), soft_wrap=True)
+                elif one.what not in ("begun", "waiting"):
+                    typer.echo(one.text)
+                    sys.stdout.flush()
+
+        yield put
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """The signals SIGINT and SIGTERM that have come, instead of their usual effect."""
+    came: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda n, _: came.append(n)) for number in numbers]
+    try:
+        yield came
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)

@@ -1,0 +1,90 @@
+"""Coverage as a page: the text of Station.tla, each line green, red or neutral."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from automcm_spec.vocabulary.condition_coverage import (
+    BOTH,
+    ConditionCoverage,
+    Line,
+    Mark,
+    by_operator,
+    reached,
+)
+from automcm_spec.vocabulary.conditions import Condition
+from automcm_spec.vocabulary.rules import RULES
+from automcm_traces.explain.coverage import Coverage, problems, shares
+
+Colour = Literal["taken", "part", "missed", "neutral"]
+COLOURS: Mapping[Mark, Colour] = {
+    "both": "taken",
+    "met": "taken",
+    "true": "part",
+    "false": "part",
+    "part": "part",
+    "never": "missed",
+    "": "neutral",
+}
+
+
+class Shown(NamedTuple):
+    """A line of the page."""
+
+    number: int
+    text: str
+    colour: Colour
+    notes: tuple[str, ...]
+    """How often each condition was true and false."""
+    rules: Mapping[str, int]
+    """How often each rule decided there."""
+
+
+def page(coverage: Coverage) -> str:
+    """The page, which is one file and needs no network."""
+    conditions = coverage.conditions
+    parts = {
+        name: [_shown(conditions, line) for line in body]
+        for name, body in by_operator(conditions).items()
+    }
+    template = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    ).get_template("coverage.html.j2")
+    return template.render(
+        coverage=coverage,
+        problems=problems(coverage),
+        shares=list(shares(coverage)),
+        parts=parts,
+        counts={name: _counts(lines) for name, lines in parts.items()},
+        total=_counts([line for lines in parts.values() for line in lines]),
+        meaning=RULES,
+    )
+
+
+def _shown(coverage: ConditionCoverage, line: Line) -> Shown:
+    decided: Counter[str] = Counter()
+    for c in line.rules:
+        decided[c.text] += coverage.ways[c, True]
+    notes = tuple(_values(coverage, line.conditions))
+    return Shown(line.number, line.text, COLOURS[line.mark], notes, decided)
+
+
+def _values(coverage: ConditionCoverage, own: Sequence[Condition]) -> Iterator[str]:
+    for c in own:
+        can_be = reached().values(c)
+        times = [f"{str(v).lower()} {coverage.ways[c, v]:,}" for v in reversed(BOTH) if v in can_be]
+        yield f"{c.text}: {', '.join(times)}"
+
+
+def _counts(lines: Sequence[Shown]) -> dict[str, int]:
+    colours = [line.colour for line in lines]
+    return {colour: colours.count(colour) for colour in ("taken", "part", "missed")}
