@@ -47,6 +47,19 @@ def the_verdict_is_that_of_explain(browser: Browser, folder: Path) -> None:
             assert page.inner_text("#step > details:first-child").startswith("Step ")
 
 
+def a_hint_at_the_log_is_shown(browser: Browser, folder: Path) -> None:
+    lines = [json.loads(line) for line in (CORPUS / "pair/2002.ndjson").read_text().splitlines()]
+    path = folder / "unplanned.ndjson"
+    for one in lines:
+        one.pop("planned", None)
+    path.write_text("".join(json.dumps(one) + "\n" for one in lines))
+    verdict = explain_file(path)
+    assert verdict.verdict == "diverges" and verdict.hint
+    with browser.page(browser.write("hint", path)) as page:
+        told = page.inner_text("#judged")
+        assert " ".join(verdict.hint.split()) in " ".join(told.split())
+
+
 def every_kind_of_arrow_is_drawn(browser: Browser, folder: Path) -> None:
     logs = run(folder / "arrows", 10_000)
     killed(logs[1], 8000)
@@ -95,6 +108,7 @@ def an_arrow_longer_than_the_window_is_drawn(browser: Browser, folder: Path) -> 
 
 def steps_lead_forward_and_back_to_the_same_state(browser: Browser, folder: Path) -> None:
     with browser.page(browser.write("steps", *FOUR), "#step=90") as page:
+        page.check("#copies")
         before, states = page.inner_text("#step"), []
         for _ in range(150):
             page.keyboard.press("l")
@@ -275,6 +289,7 @@ def two_runs_are_aligned_up_to_their_first_difference(browser: Browser, folder: 
         assert 0 < row - line < 25, "the line stands right above the row"
         before = page.evaluate(f"now.shown[now.before[{first}] - 1]")
         assert page.evaluate(f"down({first}) - down({before})") == page.evaluate("2 * HEIGHT")
+        page.check("#copies")
         pairs = page.evaluate(
             """ROW.flags.reduce((all, _, row) => (isBeside(row) ? [...all,
             [down(row) - down(row - 1), CLOCK[row] - CLOCK[row - 1], runOf(row) - runOf(row - 1)]]
@@ -299,6 +314,7 @@ def steps_of_two_runs_lead_forward_and_back_to_the_same_state(
 ) -> None:
     path = two(browser, folder)
     with browser.page(path) as page:
+        page.check("#copies")
         begun, states = page.evaluate("STEP[now.row] + 1"), [page.inner_text("#step")]
         for key in "h" * 40 + "l" * 80:
             page.keyboard.press(key)

@@ -34,16 +34,16 @@ class Browser:
     """Opens pages, offline; whatever goes wrong in one is noted."""
 
     def __init__(self, browser: Any, folder: Path) -> None:
-        self._browser, self._folder = browser, folder
+        self._browser, self.folder = browser, folder
         self.problems: list[str] = []
 
     def write(self, name: str, *logs: Path) -> Path:
-        path = self._folder / f"{name}.html"
+        path = self.folder / f"{name}.html"
         path.write_bytes(html(load(logs)))
         return path
 
     def write_two(self, name: str, a: Sequence[Path], b: Sequence[Path]) -> Path:
-        path = self._folder / f"{name}.html"
+        path = self.folder / f"{name}.html"
         path.write_bytes(html(of_runs(page_run.load(a), page_run.load(b))))
         return path
 
@@ -84,3 +84,14 @@ def two(browser: Browser, folder: Path) -> Path:
     """A page of two runs that part."""
     a, b = (run(folder / name, 9_000, 0.0, seed=seed) for name, seed in (("a", 3), ("b", 5)))
     return browser.write_two("two", a, b)
+
+
+def overlapping(boxes: list[list[float]]) -> list[tuple[list[float], list[float]]]:
+    """Pairs of boxes (left, top, right, bottom) that share more than a pixel each way."""
+    boxes = sorted(boxes, key=lambda box: box[1])
+    return [
+        (a, b)
+        for n, a in enumerate(boxes)
+        for b in boxes[n + 1 :]
+        if min(a[2], b[2]) - max(a[0], b[0]) > 1 and min(a[3], b[3]) - max(a[1], b[1]) > 1
+    ]

@@ -27,7 +27,7 @@ CORPUS = Path(__file__).parents[1] / "corpus"
 FOUR = sorted((CORPUS / "four-vehicles").glob("*.ndjson"))
 RUNS = [sorted((CORPUS / "pair").glob("*.ndjson")), FOUR]
 EPOCH = 1_732_300_000_000
-MARKS = [(), ("x2002",), ("?2002",), ("2nd", "for 3003"), ("x2002", "x3003", "?4004"), ("unsent",)]
+MARKS = [(), ("x2002",), ("?2002",), ("2nd", "for 3003"), ("x2002", "x3003", "?4004"), ("forged",)]
 
 
 def different() -> list[Event]:
@@ -70,7 +70,7 @@ def test_with_four_stations_no_row_loses_its_type_or_verdict(place: int) -> None
             assert not any(word.endswith("..") for word in words), lines
             marks = {word[0] for word in words if word[0] in "x?"}
             assert marks == {note[0] for note in notes if note[0] in "x?"}
-            assert notes == ("unsent",) or all(note in " ".join(words) for note in notes[1:])
+            assert notes == ("forged",) or all(note in " ".join(words) for note in notes[1:])
 
 
 def test_where_there_is_room_nothing_is_left_out() -> None:

@@ -24,9 +24,9 @@ const OTHERS = RUNS.map(({ crowded }, run) =>
   COLUMNS.push({ run, name: named(run, crowded ? "others" : "?"), logged: false }) - 1);
 
 /** A column of the table of rows; one number stands for a column of nothing else. */
-function column(name) {
+function column(name, Numbers = Int32Array) {
   const found = DATA.rows[name];
-  return Array.isArray(found) ? Int32Array.from(found) : new Int32Array(COUNT).fill(found);
+  return Array.isArray(found) ? Numbers.from(found) : new Numbers(COUNT).fill(found);
 }
 
 /** 0 means the next new value, n the one n back from there. */
@@ -38,7 +38,7 @@ function referred(name) {
 }
 
 const ROW = {
-  log: column("log"), line: column("line"), t: column("t"), session: column("session"),
+  log: column("log"), line: column("line"), t: column("t", Float64Array), session: column("session"),
   hint: column("hint"), flags: column("flags"), text: referred("text"), body: referred("body"),
 };
 /* Two events of two runs that stand beside each other are one step. */
@@ -47,9 +47,9 @@ const isBeside = (row) => row < COUNT && (ROW.flags[row] & BESIDE) !== 0;
 /** The events of the step that a row begins. */
 const atStep = (row) => (isBeside(row + 1) ? [row, row + 1] : [row]);
 const rowsOf = LOGS.map(() => []);
-/* Time on the clock of the first log, never going back from row to row. What stands beside another
-   event has its time, and what follows it in its log counts from there. */
-const CLOCK = new Float64Array(COUNT);
+/* Time on the clock of the first log; what stands beside another event has its time, and what follows
+   it in its log counts from there. CLOCK is the same, but never goes back from row to row. */
+const TIME = new Float64Array(COUNT), CLOCK = new Float64Array(COUNT);
 
 (function addUp() {
   const last = LOGS.map(() => 1), ahead = LOGS.map((log) => log.ahead);
@@ -65,10 +65,14 @@ const CLOCK = new Float64Array(COUNT);
     STEP[row] = step;
     at = t - ahead[log];
     clock = row ? Math.max(clock, at) : at;
+    TIME[row] = at;
     CLOCK[row] = clock;
     rowsOf[log].push(row);
   }
 })();
+
+/** The time of a row in ms from the start of the run, on the clock of the first log. */
+const sinceStart = (row) => TIME[row] - CLOCK[0];
 
 /** An object or list as it was before it was packed (page_pack.py). */
 function unpack(packed) {

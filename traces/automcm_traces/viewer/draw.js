@@ -1,99 +1,10 @@
 /* The space-time drawing: only what is in the window is in the document. */
 
-const SVG = "http://www.w3.org/2000/svg";
-const HEIGHT = 20, HEAD = 30, GUTTER = 100, DIVIDE = 22, BARE = TWO ? 50 : 76, LANES = 6, LANE = 6, LIFELINE = 44, TALLEST = 30_000_000;
-const view = document.getElementById("view"), svg = document.getElementById("svg");
-const room = document.getElementById("room"), map = document.getElementById("map");
-
-/* What is selected and how it is shown. `passed` are the rows that pass the filters, `shown` the
-   first of each step among them, `before` how many of these come before a row. */
-const now = { row: -1, time: false, scale: 0.2, shown: [], passed: new Uint8Array(COUNT),
-  before: new Int32Array(COUNT + 1) };
-/* `spans` is by run where its columns begin, and how wide they are together. */
-const layout = { x: [], width: [], spans: [], total: 0 };
-
 function make(name, attributes, ...children) {
   const element = document.createElementNS(SVG, name);
   for (const key in attributes) element.setAttribute(key, attributes[key]);
   element.append(...children);
   return element;
-}
-
-/** Where each column begins; a column without a log needs no room for words. */
-function arrange() {
-  const used = COLUMNS.map((one, n) => !OTHERS.includes(n) || othersUsed().includes(n));
-  const bare = COLUMNS.filter((one, n) => used[n] && !one.logged).length;
-  const free = Math.max(view.clientWidth, 300) - GUTTER - bare * BARE - DIVIDE * (RUNS.length - 1);
-  const wide = Math.max(TWO ? 110 : 170, Math.floor(free / LOGS.length));
-  let x = GUTTER;
-  layout.width = COLUMNS.map((one, n) => (used[n] ? (one.logged ? wide : BARE) : 0));
-  layout.spans = RUNS.map((_, run) => {
-    const begin = (x += run ? DIVIDE : 0);
-    COLUMNS.forEach((one, n) => {
-      if (one.run === run) layout.x[n] = (x += layout.width[n]) - layout.width[n];
-    });
-    return [begin, x - begin];
-  });
-  layout.total = x;
-}
-
-let foundUsed = null;
-/** The columns for all others that a message comes from or goes to. */
-function othersUsed() {
-  return (foundUsed ??= OTHERS.filter((n) => arrows.some((arrow) => arrow.from === n || arrow.to === n)));
-}
-
-const lifeline = (column) => layout.x[column] + (COLUMNS[column].logged ? LIFELINE : BARE / 2);
-const timeHeight = () => (COUNT ? (CLOCK[COUNT - 1] - CLOCK[0]) * now.scale + HEIGHT : 0);
-
-const isShown = (row) => now.passed[row] === 1;
-/** The rows that stand side by side where a row is shown. */
-const abreast = (row) => atStep(row).filter(isShown);
-/** Room for the line above the first difference. */
-const gap = (row) => (row >= DIFFERENCE ? HEIGHT : 0);
-const heightOfAll = () => (now.time ? timeHeight() : now.shown.length * HEIGHT) + gap(COUNT);
-
-/** Down to the middle of a row, from the top of the first. */
-function down(row) {
-  if (now.time) return (CLOCK[row] - CLOCK[0]) * now.scale + HEIGHT / 2 + gap(row);
-  return now.before[row] * HEIGHT + (isShown(row) ? HEIGHT / 2 : 0) + gap(row);
-}
-
-/** Down to a time of a log's clock, in whichever order is shown. */
-function downTo(ms) {
-  const row = search(COUNT, (i) => CLOCK[i] >= ms);
-  if (now.time) return (ms - CLOCK[0]) * now.scale + HEIGHT / 2 + gap(row);
-  return now.before[row] * HEIGHT + gap(row);
-}
-
-/** The places in `now.shown` that are in the window. */
-function inWindow() {
-  const top = view.scrollTop, bottom = top + view.clientHeight - HEAD;
-  const count = now.shown.length;
-  if (now.time) {
-    return [search(count, (i) => down(now.shown[i]) >= top - HEIGHT),
-      search(count, (i) => down(now.shown[i]) > bottom + HEIGHT)];
-  }
-  return [Math.max(0, Math.floor(top / HEIGHT) - 2), Math.min(count, Math.ceil(bottom / HEIGHT) + 1)];
-}
-
-function resize() {
-  arrange();
-  room.style.height = `${Math.min(TALLEST, heightOfAll() + HEAD + HEIGHT)}px`;
-  room.style.width = `${layout.total}px`;
-  drawMap();
-  redraw();
-}
-
-let asked = false;
-/** Draw anew before the next frame. */
-function redraw() {
-  if (asked) return;
-  asked = true;
-  requestAnimationFrame(() => {
-    asked = false;
-    draw();
-  });
 }
 
 /** Bars beside the lifeline: each in the first lane that is free. */
@@ -114,34 +25,41 @@ function draw() {
   const size = { width: view.clientWidth, height: view.clientHeight };
   const at = { left: view.scrollLeft, top: view.scrollTop - HEAD };
   const y = (row) => down(row) - at.top;
-  const layers = ["bands", "lines", "bars", "arrows", "marks"].map((name) => make("g", { class: name }));
-  const [bands, lines, barLayer, arrowLayer, marks] = layers;
+  const layers = ["bands", "phases", "lines", "bars", "arrows", "marks"].map((name) => make("g", { class: name }));
+  const [bands, phases, lines, barLayer, arrowLayer, marks] = layers;
   const moved = make("g", { transform: `translate(${-at.left} 0)` }, ...layers);
-  const visible = COLUMNS.map((one, n) => layout.width[n] > 0
+  const fixed = make("g", {});
+  const seen = COLUMNS.map((one, n) => layout.width[n] > 0
     && layout.x[n] + layout.width[n] > at.left && layout.x[n] < at.left + size.width);
   if (b > a) {
     drawBands(bands, a, b, y, at, size);
+    drawPhases(phases, first, last, y, seen, size.height);
     for (let n = 0; n < COLUMNS.length; n++) {
-      if (visible[n]) lines.append(lifelineOf(n, size.height));
+      if (seen[n]) lines.append(lifelineOf(n, size.height));
     }
     if (filters.timers.checked) {
       for (const bar of touching(bars, barReach, first, last)) {
-        if (visible[ROW.log[bar.first]] && passesBar(bar)) drawBar(barLayer, bar, at, size.height);
+        if (seen[ROW.log[bar.first]] && passesBar(bar)) drawBar(barLayer, bar, at, size.height);
       }
     }
+    const signs = [];
     for (const arrow of touching(arrows, arrowReach, first, last)) {
-      if (passesArrow(arrow)) drawArrow(arrowLayer, arrow, y);
+      if (passesArrow(arrow)) drawArrow(arrowLayer, arrow, y, signs);
     }
-    drawRows(marks, a, b, y, visible);
-    if (TWO) drawDifference(lines, marks, y, at, size);
+    drawMarks(marks, a, b, y, seen);
+    if (TWO) lines.append(divide(size));
+    drawDifference(fixed, y, size);
+    drawSpan(fixed, y, size);
   }
   svg.setAttribute("width", size.width);
   svg.setAttribute("height", size.height);
-  svg.replaceChildren(moved, gutter(a, b, y, size), heads(visible, at, size));
+  svg.replaceChildren(moved, gutter(a, b, y, at, size), fixed, heads(seen, first, at, size));
   showWindow();
 }
 
-const passesArrow = (arrow) => isShown(arrow.first) || isShown(arrow.last);
+/** An arrow is drawn where one of its ends is shown, and the other is not folded. */
+const passesArrow = (arrow) => (isShown(arrow.first) || isShown(arrow.last))
+  && [arrow.first, arrow.last].every((row) => isShown(row) || !isFolded(row));
 const passesBar = (bar) => isShown(bar.first) || (!bar.open && isShown(bar.last));
 
 function drawBands(layer, a, b, y, at, size) {
@@ -155,20 +73,24 @@ function drawBands(layer, a, b, y, at, size) {
       if (row !== now.row) band("wrong", span);
       band("wrong edge", span);
     }
+    if (!now.time) layer.append(make("path", { class: "guide", d: `M${whole[0]} ${y(row) + HEIGHT / 2}h${whole[1]}` }));
   }
 }
 
-/** What divides two runs, and the line above their first difference, with what it is in words. */
-function drawDifference(lines, marks, y, at, size) {
+/** What divides two runs. */
+function divide(size) {
   const x = layout.spans[1][0] - DIVIDE / 2;
-  lines.append(make("line", { class: "divide", x1: x, x2: x, y1: HEAD, y2: size.height }));
-  const middle = DIFFERENCE < Infinity ? y(DIFFERENCE) - HEIGHT : -Infinity;
-  if (middle < 0 || middle > size.height + HEIGHT) return;
-  marks.append(make("rect", { class: "differs", x: at.left, y: middle - HEIGHT / 2 + 1,
-    width: size.width, height: HEIGHT - 2 }));
-  const full = `≠ first difference, ${difference()}`, most = Math.floor((size.width - GUTTER) / 6.8);
-  marks.append(make("text", { class: "differs", x: at.left + GUTTER, y: middle + 4 },
-    full.length > most ? `${full.slice(0, most - 1)}…` : full));
+  return make("line", { class: "divide", x1: x, x2: x, y1: HEAD, y2: size.height });
+}
+
+/** The line above the first difference of two runs, with what it is in words. */
+function drawDifference(layer, y, size) {
+  if (DIFFERENCE === Infinity || (now.span && (DIFFERENCE < now.span[0] || DIFFERENCE > now.span[1]))) return;
+  const middle = y(DIFFERENCE) - HEIGHT;
+  if (middle < HEAD || middle > size.height + HEIGHT) return;
+  layer.append(make("rect", { class: "differs", x: 0, y: middle - HEIGHT / 2 + 1, width: size.width, height: HEIGHT - 2 }));
+  layer.append(make("text", { class: "differs", x: 10, y: middle + 4 },
+    fitted(`≠ first difference, ${difference()}`, (size.width - 20) / 1.12)));
 }
 
 function lifelineOf(column, height) {
@@ -178,8 +100,8 @@ function lifelineOf(column, height) {
 
 /** A timer from arming to its end; a tick where the specification has its deadline. */
 function drawBar(layer, bar, at, height) {
-  const column = ROW.log[bar.first];
-  const x = lifeline(column) - 8 - (lanes.get(bar) + 1) * LANE;
+  const column = ROW.log[bar.first], room = Math.max(1, Math.floor((layout.width[column] / 2 - 13) / LANE));
+  const x = lifeline(column) - 8 - Math.min(room, lanes.get(bar) + 1) * LANE;
   const top = Math.max(down(bar.first) - at.top, HEAD - 10);
   const end = bar.open && !now.time ? down(bar.last) + HEIGHT / 2 : down(bar.last);
   const bottom = Math.min(end - at.top, height + 10);
@@ -204,8 +126,8 @@ function said(bar) {
   return `${name}: ${spec}, ${ENDS[bar.how]}${lasted}`;
 }
 
-/** An arrow; one that arrives nowhere is short. */
-function drawArrow(layer, arrow, y) {
+/** An arrow; one that arrives nowhere is short. `signs` are those drawn so far; they may not overlap. */
+function drawArrow(layer, arrow, y, signs) {
   const { kind } = arrow, from = lifeline(arrow.from), to = lifeline(arrow.to);
   const group = make("g", { class: `arrow ${ARROWS[kind].replace(" ", "-")}` });
   const faded = past(arrow.first) || past(arrow.last);
@@ -213,27 +135,26 @@ function drawArrow(layer, arrow, y) {
   group.append(make("title", {}, `${ARROWS[kind]}: ${text(arrow.first)}`));
   const y1 = y(arrow.first), side = Math.sign(to - from) || 1;
   const x1 = from + side * 5;
+  const signed = (x, word) => {
+    if (y1 < HEAD + 8 || signs.some((one) => one.x === x && Math.abs(one.y - y1) < 15)) return;
+    signs.push({ x, y: y1 });
+    sign(group, x, y1, word);
+  };
   if (kind === DELIVERED || kind === DUPLICATE || kind === OVERHEARD) {
     line(group, x1, y1, to - side * 5, y(arrow.last), true);
   } else if (kind === SENDER_UNOBSERVED || kind === FORGED) {
-    line(group, from + side * 8, y1, side < 0 ? Math.min(from - 20, to + besides(arrow.first)) : to - 5, y1, true);
-    sign(group, from, y1, kind === FORGED ? "!" : "?");
+    line(group, from + side * 8, y1, to - side * 5, y1, true);
+    signed(from, kind === FORGED ? "!" : "?");
+  } else if (kind === UNOBSERVED) {
+    line(group, x1, y1, to - side * 9, y1, false);
+    signed(to, "?");
   } else {
-    const short = kind === UNOBSERVED ? to - side * 9 : from + (to - from) * 0.55;
-    const y2 = y1 + (kind === UNOBSERVED ? 0 : HEIGHT * 0.7);
-    if (kind === UNOBSERVED && side > 0) line(group, Math.min(short - 8, from + besides(arrow.first)), y1, short, y2, false);
-    else if (kind === IN_FLIGHT) fading(group, x1, y1, short, y2);
-    else line(group, x1, y1, short - side * (kind === LOST ? 4 : 0), y2, false);
-    if (kind === LOST) cross(group, short, y2);
-    if (kind === UNOBSERVED) sign(group, to, y2, "?");
+    const x2 = from + (to - from) * 0.55, y2 = y1 + HEIGHT * 0.7;
+    if (kind === IN_FLIGHT) fading(group, x1, y1, x2, y2);
+    else line(group, x1, y1, x2 - side * 4, y2, false);
+    if (kind === LOST) cross(group, x2, y2);
   }
   layer.append(group);
-}
-
-/** How far to the right of its lifeline the words of a row end. */
-function besides(row) {
-  const letters = Math.min(rowText(row).length, roomFor(row));
-  return 16 + letters * 6.6;
 }
 
 function line(group, x1, y1, x2, y2, pointed) {
@@ -265,134 +186,79 @@ const MARKS = {
   command: "M0 -5L5 0L0 5L-5 0Z", indication: "M-5 -4h10l-5 9Z", restart: "M-5 -5h10v10h-10Z",
 };
 
-/** Of each row a mark on its lifeline, and its words where there is room. */
-function drawRows(layer, a, b, y, visible) {
-  const free = COLUMNS.map(() => -Infinity);
+const styleOf = (row) => `${kind(row)}${past(row) ? " past" : ""}`;
+
+/** Of each row a mark on its lifeline. */
+function drawMarks(layer, a, b, y, seen) {
   for (const row of now.shown.slice(a, b).flatMap(abreast)) {
     const column = ROW.log[row];
-    if (!visible[column]) continue;
-    const x = lifeline(column), name = kind(row);
-    const faded = past(row) ? " past" : "";
-    const group = make("g", { class: `row ${name}${faded}`, "data-row": row });
-    group.append(make("path", { class: "mark", d: MARKS[name], transform: `translate(${x} ${y(row)})` }));
-    if (y(row) - free[column] >= 13 || STEP[row] === STEP[now.row]) {
-      free[column] = y(row);
-      group.append(words(row, x + 12, y(row) + 4));
-    }
-    layer.append(group);
+    if (!seen[column]) continue;
+    layer.append(make("g", { class: `row ${styleOf(row)}`, "data-row": row },
+      make("title", {}, rowText(row)),
+      make("path", { class: "mark", d: MARKS[kind(row)], transform: `translate(${lifeline(column)} ${y(row)})` })));
   }
 }
 
-const roomFor = (row) => Math.floor((layout.width[ROW.log[row]] - LIFELINE - 20) / 6.7);
-
-/** A row in words, with the phase in which it leaves its station. */
+/** A row in words, with its station, and the phase in which it leaves the station. */
 function rowText(row) {
-  const phase = phaseChange(row);
-  const wrong = diverges(row) ? "✗ " : "";
-  return wrong + text(row) + (phase ? `  = ${visible(phase)}` : "");
+  const phase = phaseChange(row), whose = LOGS.length > RUNS.length ? `${station(row)} ` : "";
+  return (diverges(row) ? "✗ " : "") + whose + text(row) + (phase ? ` = ${visible(phase)}` : "");
 }
 
-function words(row, x, y) {
-  const full = rowText(row), most = roomFor(row);
-  return make("text", { x, y }, full.length > most ? `${full.slice(0, most - 1)}…` : full);
-}
-
-/** The phase in which an event leaves its station, if that is another than before. */
-function phaseChange(row) {
-  const phase = hint(row)[1];
-  return phase && phase !== (phasesBefore[row] || "STANDALONE") ? phase : "";
-}
-
-const phasesBefore = (function () {
-  const last = LOGS.map(() => ""), found = new Array(COUNT);
-  for (let row = 0; row < COUNT; row++) {
-    found[row] = last[ROW.log[row]];
-    last[ROW.log[row]] = hint(row)[1] || last[ROW.log[row]];
+/** The words of a row, with how often it is there, where copies are folded. */
+function words(row, y, at) {
+  const run = runOf(row), copied = times(row), tail = copied ? textWidth(copied) + 10 : 0;
+  const x = layout.text[run] - (TWO ? at.left : 0);
+  const group = make("g", { class: `row ${styleOf(row)}`, "data-row": row });
+  const full = rowText(row), shown = fitted(full, layout.words - 12 - tail);
+  const element = make("text", { x, y: y + 4 }, shown);
+  if (shown !== full) group.append(make("title", {}, full));
+  group.append(element);
+  if (copied) {
+    group.append(make("text", { class: "copies", x: x + textWidth(shown) + 8, y: y + 4 }, copied));
   }
-  return found;
-})();
+  return group;
+}
 
-/** Numbers of the steps and times, left of the columns. */
-function gutter(a, b, y, size) {
+/** Numbers of the steps, times, and what happened in words, left of the columns. */
+function gutter(a, b, y, at, size) {
   const group = make("g", { class: "gutter" });
-  group.append(make("rect", { class: "cover", x: 0, y: 0, width: GUTTER - 6, height: size.height }));
-  let free = -Infinity;
-  for (let n = a; n < b; n++) {
-    const row = now.shown[n];
-    if (y(row) - free < 13 || y(row) < HEAD) continue;
-    free = y(row);
-    const same = { y: y(row) + 4, "text-anchor": "end", class: row === now.row ? "selected" : "" };
-    group.append(make("text", { x: 42, ...same }, String(STEP[row] + 1)));
-    group.append(make("text", { x: GUTTER - 10, ...same }, String(ROW.t[row])));
-  }
-  return group;
-}
-
-function heads(visible, at, size) {
-  const group = make("g", { class: "heads" });
-  group.append(make("rect", { class: "cover", x: 0, y: 0, width: size.width, height: HEAD - 2 }));
-  const inner = make("g", { transform: `translate(${-at.left} 0)` });
-  for (let n = 0; n < COLUMNS.length; n++) {
-    if (!visible[n]) continue;
-    const name = COLUMNS[n].logged ? COLUMNS[n].name : bareName(n);
-    inner.append(make("text", { x: lifeline(n), y: 19, "text-anchor": "middle",
-      class: COLUMNS[n].logged ? "name" : "name bare" }, name));
-  }
-  group.append(inner);
-  group.append(make("rect", { class: "cover", x: 0, y: 0, width: GUTTER - 6, height: HEAD - 2 }));
-  group.append(make("text", { x: 42, y: 19, "text-anchor": "end", class: "unit" }, "step"));
-  group.append(make("text", { x: GUTTER - 10, y: 19, "text-anchor": "end", class: "unit" }, "ms"));
-  group.append(make("line", { class: "rule", x1: 0, x2: size.width, y1: HEAD - 2, y2: HEAD - 2 }));
-  return group;
-}
-
-/** A station without a log; of which run it is, its place tells. */
-const bareName = (n) => COLUMNS[n].name.replace(/^[AB] · /, "") + (OTHERS.includes(n) ? "" : "?");
-
-/* The minimap: all rows that are shown, and the window among them. */
-
-const small = document.createElement("canvas");
-
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-function drawMap() {
-  map.height = small.height = Math.max(40, map.parentElement.clientHeight);
-  small.width = map.width;
-  const pen = small.getContext("2d"), drawn = new Set();
-  const colours = { send: colour("--send"), receive: colour("--receive"), other: colour("--dim") };
-  const wide = (map.width - 8) / LOGS.length;
-  for (const row of TWO ? now.shown.flatMap(abreast) : now.shown) {
-    const y = Math.floor(mapY(row)), column = ROW.log[row], name = kind(row);
-    const key = y * 100_000 + column * 3 + (name === "send" ? 0 : name === "receive" ? 1 : 2);
-    if (drawn.has(key)) continue;
-    drawn.add(key);
-    pen.fillStyle = colours[name] ?? colours.other;
-    pen.fillRect(4 + column * wide, y, Math.max(1, wide - 1), 1.5);
-  }
-  const mark = (row, name) => {
-    pen.fillStyle = colour(name);
-    pen.fillRect(0, Math.floor(mapY(row)) - 1, map.width, 3);
+  const cover = make("g", { class: "covers" });
+  if (at.left > 0) cover.append(make("rect", { class: "cover", x: 0, y: 0, width: fixedWidth(), height: size.height }));
+  group.append(cover);
+  let free = -Infinity, more = 0;
+  const close = () => {
+    if (more && !TWO) besides(group.lastChild, more);
+    more = 0;
   };
-  if (DIFFERENCE < Infinity) mark(DIFFERENCE, "--told");
-  for (const log of LOGS) if (log.diverges >= 0) mark(log.diverges, "--wrong");
+  for (let n = a; n < b; n++) {
+    const row = now.shown[n], chosen = row === now.row;
+    if (y(row) < HEAD) continue;
+    if (y(row) - free < 15) {
+      more++;
+      if (!chosen) continue;
+      group.lastChild.remove();
+    } else {
+      close();
+    }
+    free = y(row);
+    const line = make("g", { class: chosen ? "step selected" : "step" });
+    const same = { y: y(row) + 4, "text-anchor": "end" };
+    if (layout.step) line.append(make("text", { class: "number", x: layout.step - 8, ...same }, String(STEP[row] + 1)));
+    line.append(make("text", { class: "time", x: layout.gutter - 10, ...same }, timeText(row)));
+    line.append(...abreast(row).map((one) => words(one, y(row), at)));
+    group.append(line);
+  }
+  close();
+  return group;
 }
 
-/** Down to a row in the minimap. */
-function mapY(row) {
-  const all = heightOfAll();
-  return all ? (down(row) / all) * (map.height - 4) : 0;
-}
-
-function showWindow() {
-  const pen = map.getContext("2d");
-  const all = Math.max(1, heightOfAll());
-  const scale = (map.height - 4) / all;
-  pen.clearRect(0, 0, map.width, map.height);
-  pen.drawImage(small, 0, 0);
-  pen.strokeStyle = colour("--text");
-  pen.lineWidth = 1.5;
-  const tall = Math.min(map.height - 3, Math.max(6, view.clientHeight * scale));
-  pen.strokeRect(1, Math.min(view.scrollTop * scale + 1, map.height - tall - 2), map.width - 2, tall);
-  pen.fillStyle = colour("--accent");
-  if (COUNT) pen.fillRect(0, mapY(now.row), map.width, 2);
+/** After the words of a step, how many more stand where it stands, in real time. */
+function besides(line, more) {
+  const texts = line.querySelectorAll("text"), last = texts[texts.length - 1];
+  const bold = last.classList.contains("copies") ? 1.1 : 1;
+  const x = Number(last.getAttribute("x")) + textWidth(last.textContent) * bold + 8;
+  if (x + 30 < layout.text[0] + layout.words) {
+    line.append(make("text", { class: "more", x, y: last.getAttribute("y") }, `+${more}`));
+  }
 }

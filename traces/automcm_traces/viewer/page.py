@@ -21,7 +21,13 @@ from automcm_traces.viewer.page_pack import compact
 
 Json = Any
 VIEWER = Path(__file__).parent
-SCRIPTS = ("data.js", "draw.js", "road.js", "panel.js", "save.js", "main.js")
+SCRIPTS = tuple(
+    f"{name}.js"
+    for name in (
+        *("data", "layout", "phases", "copies", "draw", "heads", "span", "map", "road", "panel"),
+        *("save", "legend", "table", "keys", "main"),
+    )
+)
 """In the order of insertion."""
 TABLE = 1_000
 """The maximum number of rows in the table shown without JavaScript, centred on the divergence."""

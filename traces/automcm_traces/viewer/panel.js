@@ -58,6 +58,7 @@ function verdictOf(run, v) {
   const where = v.line ? `${v.file}:${v.line}` : v.file;
   const terms = [["event", v.event], ["expected", v.expected], ["rule", v.guard || v.rule],
     ["nearest", v.nearest.replace(/^nearest allowed: /, "")], ["allowed after", v.allowed_after], ["state before", v.state],
+    ["hint", v.hint], ["judged from", v.judged_from ? `line ${v.judged_from}` : ""],
     ["possible states", v.verdict === "allowed" && v.possible_states === 1 ? "" : v.possible_states],
     ["not logged", v.unobserved.join(", ")], ["warnings", v.warnings]];
   return el("div", { class: "verdict" },
@@ -172,7 +173,8 @@ function stepPart(row) {
 function eventOf(row) {
   const log = LOGS[ROW.log[row]];
   return [el("p", { class: "words" }, side(row) + text(row)),
-    el("p", { class: "dim" }, `station ${log.station}, ${log.file}:${ROW.line[row]}, ${ROW.t[row]} ms`
+    el("p", { class: "dim" }, `station ${log.station}, ${log.file}:${ROW.line[row]}, ${sinceStart(row)} ms from the start`
+      + (ROW.t[row] === sinceStart(row) ? "" : `, t_ms ${ROW.t[row]}`)
       + (session(row) ? `, session ${session(row)}` : "")),
     past(row) ? el("p", { class: "warn" }, "after the divergence: not judged") : "",
     ends(row)];

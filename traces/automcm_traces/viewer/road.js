@@ -1,6 +1,6 @@
 /* Where the vehicles are, as their CAMs say, at the selected step. */
 
-const ROAD = { width: 600, height: 130, margin: 24 };
+const ROAD = { width: 600, height: 150, margin: 24 };
 
 /* By run and station: the rows with its CAMs. */
 const camRows = (function () {
@@ -52,12 +52,13 @@ function road(run, row) {
   if (!known.length) return null;
   const { width, height, margin } = ROAD, part = around(known), told = [];
   const x = (mm) => margin + ((mm - part.along.low) / part.along.size) * (width - 2 * margin);
-  const y = (mm) => height - 34 - ((mm - part.across.low) / part.across.size) * (height - 60);
+  const y = (mm) => height - 34 - ((mm - part.across.low) / part.across.size) * (height - 100);
   const strip = make("svg", { class: "road", viewBox: `0 0 ${width} ${height}`, role: "img" });
   strip.append(make("rect", { class: "ground", x: 0, y: 0, width, height, rx: 4 }));
   ticks(strip, part.along, x, height);
-  known.forEach((v, n) => {
-    strip.append(vehicle(v, x(v.x_mm), y(v.y_mm), n));
+  const names = [];
+  known.forEach((v) => {
+    strip.append(vehicle(v, x(v.x_mm), y(v.y_mm), names));
     told.push(`${v.src} at ${(v.x_mm / 1000).toFixed(1)}, ${(v.y_mm / 1000).toFixed(1)} m`
       + (Number.isFinite(v.speed_mm_s) ? `, ${(v.speed_mm_s / 1000).toFixed(1)} m/s` : ""));
   });
@@ -65,12 +66,18 @@ function road(run, row) {
   return { strip, told };
 }
 
-/** A wedge and its name; names of neighbours stand at different heights. */
-function vehicle(v, x, y, n) {
+/** A wedge and its name, above the names of its neighbours; without a name where there is no room. */
+function vehicle(v, x, y, names) {
   const turn = Number.isFinite(v.heading_mrad) ? (-v.heading_mrad * 180) / (1000 * Math.PI) : 0;
-  const up = y - 12 - (n % 3) * 15;
-  return make("g", {},
-    make("line", { class: "tick", x1: x, x2: x, y1: y, y2: up + 2 }),
-    make("path", { class: "vehicle", d: "M12 0L-9 -6L-4 0L-9 6Z", transform: `translate(${x} ${y}) rotate(${turn})` }),
-    make("text", { x, y: up, "text-anchor": "middle" }, String(v.src)));
+  const name = String(v.src), half = textWidth(name) * 0.6 + 2;
+  let up = y - 12;
+  const isTaken = (one) => Math.abs(one.x - x) < one.half + half && Math.abs(one.up - up) < 17;
+  while (names.some(isTaken)) up -= 1;
+  const group = make("g", {}, make("path", { class: "vehicle", d: "M12 0L-9 -6L-4 0L-9 6Z",
+    transform: `translate(${x} ${y}) rotate(${turn})` }));
+  if (up < 13) return group;
+  names.push({ x, up, half });
+  group.prepend(make("line", { class: "tick", x1: x, x2: x, y1: y, y2: up + 2 }));
+  group.append(make("text", { x, y: up, "text-anchor": "middle" }, name));
+  return group;
 }
