@@ -326,7 +326,7 @@ STEP = {"now": 1, "line": {"cmd": "stop"}, "expected": {}}
         (None, "No such file"),
         ("[", "not JSON"),
         ("[]", "not a JSON object"),
-        ('{"format": "automcm.replay/2"}', "format: Input should be 'automcm.replay/1'"),
+        ('{"format": "automcm.replay/2"}', "format: must be 'automcm.replay/1'"),
         (json.dumps(REPLAY | {"steps": [{"now": 1}]}), "line: missing"),
         (json.dumps({k: v for k, v in REPLAY.items() if k != "rule"}), "rule: missing"),
         (json.dumps(REPLAY | {"steps": 7}), "steps: "),

@@ -16,7 +16,9 @@ from hypothesis import Phase, settings
 
 import automcm.kernels.convert
 
-QUICK = settings(database=None, phases=[Phase.explicit, Phase.generate], deadline=None)
+QUICK = settings(
+    max_examples=100, database=None, phases=[Phase.explicit, Phase.generate], deadline=None
+)
 
 # kernel, old text, new text, the test file, the properties of which one must fail
 MUTANTS = [

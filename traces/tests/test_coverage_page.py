@@ -50,9 +50,10 @@ def test_the_figures_are_those_of_the_text() -> None:
     of_text = [re.match(r"(\S.*?) {2,}([\d,]+) of +([\d,]+) ", line) for line in told]
     assert shares == [match.groups() for match in of_text if match] and len(shares) == 7
     assert "busy_accepted.ndjson:" in made and "DIVERGES" in made
+    shown = lines(coverage)
     for row in coverage.conditions.as_list():
         values = ", ".join(f"{v} {row[v]:,}" for v in ("true", "false") if row[v] is not None)
-        assert f"{row['text']}: {values}" in lines(coverage)[int(row["line"] or 0)][2]
+        assert f"{row['text']}: {values}" in shown[int(row["line"] or 0)][2]
 
 
 def test_a_log_that_takes_a_line_changes_its_colour() -> None:

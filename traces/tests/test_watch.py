@@ -49,6 +49,7 @@ def grown(
     return watch, reports + watch.finish()
 
 
+@pytest.mark.sweep(60)
 @pytest.mark.parametrize("case", INDEX, ids=lambda case: case["file"])
 def test_the_verdict_on_a_log_that_grows_is_that_of_explain(case: dict[str, Any]) -> None:
     path = CORPUS / case["file"]
@@ -147,6 +148,7 @@ def test_a_log_that_falls_silent_is_a_hazard_before_the_prescriber_notices(tmp_p
     assert 900 < noticed <= 1200 < left == run.left(1) - hazards[0]["since_ms"]
 
 
+@pytest.mark.slow
 def test_a_hazard_is_withdrawn_when_the_log_only_came_late(tmp_path: Path) -> None:
     run = Run(tmp_path, maneuver_ms=20_000)
     paths = [Path(log.file) for log in run.logs(until=28_000)]
@@ -162,6 +164,7 @@ def several() -> Iterator[list[Path]]:
             yield paths
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("paths", list(several()), ids=lambda paths: paths[0].parent.name)
 def test_the_hazards_of_the_corpus_are_those_of_explain(paths: list[Path]) -> None:
     logs = [read(path) for path in paths]
@@ -190,6 +193,7 @@ def held(root: object) -> int:
 NOT_HELD = ("module", "function", "builtin_function_or_method", "method", "frame")
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_logs(tmp_path: Path) -> None:
     """Sessions follow one another, so that windows, sessions and outboxes are all used."""
     asks = range(500, 200_000, 8000)
