@@ -28,31 +28,6 @@ COMMAND: Line = EVENT | {
     "command": {"name": "prescribe", "target": 8, "prescribed": PRESCRIBED},
 }
 INDICATION: Line = EVENT | {"ev": "indication", "indication": {"name": "intended", "station": 8}}
-END: Line = {"rec": "event", "seq": 1, "t_ms": 5, "ev": "send", "tx": "7:1", "message": MESSAGE}
-RECEIVE: Line = {**SEND, "ev": "receive"}
-TIMER: Line = {
-    "rec": "event",
-    "seq": 1,
-    "t_ms": 5,
-    "ev": "timer",
-    "op": "arm",
-    "timer": {"name": "resend", "message": {"type": "Fin", "to": 8, "session": [7, 1], "seq": 2}},
-    "deadline": 105,
-}
-COMMAND: Line = {
-    "rec": "event",
-    "seq": 1,
-    "t_ms": 5,
-    "ev": "command",
-    "command": {"name": "prescribe", "target": 8, "prescribed": {"t0": 0, "points": [[0, 1, 2]]}},
-}
-INDICATION: Line = {
-    "rec": "event",
-    "seq": 1,
-    "t_ms": 5,
-    "ev": "indication",
-    "indication": {"name": "intended", "station": 8},
-}
 END: Line = {"rec": "end", "seq": 1, "reason": "clean", "lost_records": 0}
 
 
@@ -69,6 +44,11 @@ def refused(folder: Path, *lines: Line | bytes) -> BadInput:
 
 def numbered(*events: Line) -> list[Line]:
     return [{**event, "seq": seq} for seq, event in enumerate(events, 1)]
+
+
+def test_act_4_a_deadline_is_a_time_and_the_longest_lease(tmp_path: Path) -> None:
+    late = TIMER | {"t_ms": 2**53 - 1, "deadline": 2**54 - 2}
+    assert len(read(write(tmp_path, HEADER, late, END)).events) == 1
 
 
 def test_reads_a_whole_log(tmp_path: Path) -> None:
@@ -182,6 +162,7 @@ def test_header_without_what_is_optional(tmp_path: Path) -> None:
         (RESTART, {"rule": 3}, "rule", "string"),
         (RESTART, {"a\nb": 3}, "a\nb", "unknown field"),
         (RESTART, {"x_load": 0.5}, "x_load", "must be an integer, not 0.5"),
+        (TIMER, {"deadline": 2**54 - 1}, "deadline", "must be at most"),
         (SEND, {"tx": "7"}, "tx", 'such as "7:1"'),
         (SEND, {"tx": 7}, "tx", "string"),
         (SEND, {"message": []}, "message", "not a JSON object"),

@@ -84,6 +84,8 @@ def _sorted_kinds(kinds: tuple[EventKind, ...]) -> tuple[EventKind, ...]:
 Natural = Annotated[int, Field(ge=0, le=2**53 - 1)]
 """At most the largest integer that a float represents exactly, as in a message
 (docs/messages.md)."""
+Deadline = Annotated[int, Field(ge=0, le=2 * (2**53 - 1))]
+"""A time and a lease later: each may be the largest integer of a message (ACT-4)."""
 Positive = Annotated[int, Field(ge=1, le=2**53 - 1)]
 Percent = Annotated[int, Field(ge=0, le=99)]
 Name = Annotated[str, Field(min_length=1)]
@@ -333,7 +335,7 @@ class TimerArm(EventBase):
     ev: Literal["timer"]
     op: Literal["arm"]
     timer: Timer
-    deadline: Natural
+    deadline: Deadline
     """The time of its expiry, on the clock of `t_ms`."""
 
 
