@@ -96,9 +96,6 @@ TABLE: dict[str, Way] = {
         instead="conform check-adapter -- mine/run"
     ),
     "automcm conform check-adapter -- mine/run": Run(),
-    "automcm conform check-adapter -- my_adapter/run": Run(
-        instead="conform check-adapter -- mine/run"
-    ),
     "automcm conform explore 60 -- mine/run": EXPLORE,
     "automcm conform explore 60 --seed 7 -- ./my_adapter": EXPLORE,
     'automcm conform explore 600 --seed "$(date +%Y%m%d)" --out runs/explore -- mine/run': EXPLORE,
@@ -119,7 +116,6 @@ TABLE: dict[str, Way] = {
     "automcm conform report a.json b.json --html both.html": SIDE,
     "automcm conform run -- automcm adapter": LONG,
     "automcm conform run -- mine/run": LONG,
-    "automcm conform run -- my_adapter/run": LONG,
     "automcm conform run -- ws://192.0.2.7:9100/adapter": WEBSOCKET,
     "automcm conform run PRE-6 -- automcm adapter": Parsed("the rule is to be added before"),
     "automcm conform run --expect known.toml --out runs/suite -- mine/run": EXPECT,
@@ -142,7 +138,6 @@ TABLE: dict[str, Way] = {
     "automcm generate": FRESH,
     "automcm link relay --port 47200 --loss 0.2 --delay 5:40": DEMO,
     "automcm simulate lane-change --vehicles 4 --speed 30": DRAWN,
-    "automcm spec bench": ENCODINGS,
     "automcm spec bench --seconds 120": ENCODINGS,
     "automcm spec check --property T-2": LONG,
     "automcm spec check hazard_anything --json -": LONG,
@@ -156,7 +151,6 @@ TABLE: dict[str, Way] = {
     "automcm spec check retarget": CHECK,
     "automcm spec list": Run(),
     "automcm spec list --property T-2": Run(),
-    "automcm spec mutate": MUTANTS,
     "automcm spec mutate --only OnAck": MUTANTS,
     "automcm spec mutate --only Station.OnAck.conjunct.ff3083": LONG,
     "automcm spec pages --out runs/counterexamples": PAGE,
