@@ -41,7 +41,9 @@ def test_what_is_found_is_what_is_there(found: dict[str, dict[str, Cell]]) -> No
     assert ("no_busy_refusal", "spec/models/no_busy_refusal.cfg") in found["NEG-4"]["must fail"]
     assert ("negotiating.py", "reference/automcm/core/negotiating.py") in found["NEG-4"]["code"]
     assert "AMCM/PRE/NEG/BI-01" in [name for name, _ in found["NEG-4"]["case"]]
-    assert found["KIN-3"]["vector"] == [("collide.json", "conformance/vectors/collide.json")]
+    assert found["KIN-3"]["vector"] == [
+        (f"{name}.json", f"conformance/vectors/{name}.json") for name in ("collide", "extents")
+    ]
     assert "no_re_ack" in [name for name, _ in found["END-3"]["counterexample"]]
     assert [name for name, _ in found["T-2"]["specification"]] == ["HazardInv"]
     assert "on_foreign_prescription" in [name for name, _ in found["NEG-4"]["log tools"]]

@@ -1,20 +1,22 @@
-"""The bugs that the vectors name, each as an edit of the exact kernels (exact_kernels.py)."""
+"""The bugs that the vectors name, each as an edit of exact_kernels.py or exact_geometry.py."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from automcm_conformance.adapter.kit_paths import VECTORS
-from automcm_conformance.vectors import exact_kernels, vectors
+from automcm_conformance.vectors import exact_geometry, exact_kernels, vectors
 
 CASES = [case for path in vectors.paths() for case in vectors.load(path)]
 SUCCESS = (VECTORS / "success.json").read_text()
 SHARE = "share = min(max(share, Fraction(0)), Fraction(1))"
 LEAST = "share = min(max(-dot(apart, change) / dot(change, change), Fraction(0)), Fraction(1))"
-KEPT = "sorted({*range(0, last + 1, every), 0, last, *changes(drive)})"
-CHANGES = "return [n for n in range(1, len(drive.t) - 1) if speeds[n - 1] != speeds[n]]"
+KEPT = '"kept": kept,'
+MOST = '(given["budget"] - overhead) // each'
+ALLOWED = "if dot(minus(drive.xy[n], here), minus(drive.xy[n], here)) > position**2:"
 TIMES = ("if after <= before:", "if False:")
 WIDER = "(greatest(a) + greatest(b)) * clock_error"
 IN_FRONT = 'if ahead > 0 or (ahead == 0 and one["station_id"] < leader["station_id"]):'
@@ -23,7 +25,10 @@ ANSWER = "None if leader is None else"
 SLOW = "slow = max(v - delta_v, v_min)"
 LONG = "gain / (v - slow)"
 STEPS = 'for step in steps(prescribed, planned, limits["reaction"]):'
-FOLLOWS = 'if not follows(prescribed, planned, limits["path"]):'
+FOLLOWS = 'if not follows(prescribed, planned, limits["path"] + limits["position_error"]):'
+LATERAL = 'if any(each > limits["lateral"] for each in lateral(prescribed)):'
+PASSED = "if any(distance(xy, projection(part, xy)[1]) > limit for xy in passed):"
+AHEAD = "return between(ORIGIN, minus(drive.xy[n + 1], drive.xy[n]), 1 / length)"
 MIDDLES = "return [speed(when + reaction) - speed(when) for when in middles]"
 OTHERS = 'for name in ("leader", "follower"):'
 RETURN = 'return {"t": t, "xy": [list(each) for each in xy]}'
@@ -78,28 +83,53 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "takes-empty-path": ("if not path:", "if False:"),
     },
     "thin": {
-        "forgets-last": (KEPT, "sorted({*range(0, last + 1, every), *changes(drive)})"),
-        "forgets-first": (KEPT, "sorted({*range(every, last + 1, every), last})"),
-        "ends-twice": (KEPT, "sorted([*range(0, last + 1, every), last])"),
-        "counts-from-one": (KEPT, "sorted({*range(every - 1, last + 1, every), 0, last})"),
-        "forgets-speed-change": (KEPT, "sorted({*range(0, last + 1, every), 0, last})"),
-        "fixed-ratio": ('every, budget = given["every"]', "every, budget = 5"),
-        "budget-excluded": ("if len(kept) <= most:", "if len(kept) < most:"),
-        "ignores-budget": ("if len(kept) <= most:", "if True:"),
-        "forgets-overhead": ("(budget - overhead) // each", "budget // each"),
-        "sends-what-cannot-fit": ("if most < len({0, last}):", "if False:"),
-        "turn-is-a-change": (
-            CHANGES,
-            "return [n for n in range(1, len(drive.t) - 1) if minus(drive.xy[n], "
-            "drive.xy[n - 1]) != minus(drive.xy[n + 1], drive.xy[n])]",
+        "forgets-last": (KEPT, '"kept": kept[:-1],'),
+        "forgets-first": (KEPT, '"kept": kept[1:],'),
+        "ends-twice": (KEPT, '"kept": [*kept, len(drive.t) - 1],'),
+        "every-fifth": (KEPT, '"kept": sorted({*range(0, len(drive.t), 5), len(drive.t) - 1}),'),
+        "thins-nothing": (KEPT, '"kept": list(range(len(drive.t))),'),
+        "forgets-speed": ("if abs(v - even) > speed:", "if False:"),
+        "across-only": (
+            "if abs(v - even) > speed:",
+            "if False:",
+            ALLOWED,
+            "if distance(projection([a, b], drive.xy[n])[1], drive.xy[n]) > position:",
+        ),
+        "along-only": (
+            "even = distance(a, b) / span",
+            "even = sum(map(distance, drive.xy[begin:end], drive.xy[begin + 1 : end + 1])) / span",
+            ALLOWED,
+            "if False:",
+        ),
+        "velocity-for-speed": (
+            "if abs(v - even) > speed:",
+            "step = Fraction(1) / (drive.t[n + 1] - drive.t[n])\n"
+            "        if distance(between((0, 0), minus(drive.xy[n + 1], drive.xy[n]), step), "
+            "between((0, 0), minus(b, a), 1 / span)) > speed:",
         ),
         "step-is-a-speed": (
-            "speeds = drive.speeds()\n",
-            "speeds = [distance(a, b) for a, b in pairwise(drive.xy)]\n",
+            "even = distance(a, b) / span",
+            "even = distance(drive.xy[begin], drive.xy[begin + 1])",
+            " / (drive.t[n + 1] - drive.t[n])\n        if",
+            "\n        if",
+        ),
+        "fixed-bounds": (
+            'position, speed = number(given["position"]), number(given["speed"])',
+            "position, speed = Fraction(1, 10), Fraction(1, 10)",
+        ),
+        "one-bound": ("if abs(v - even) > speed:", "if abs(v - even) > position:"),
+        "budget-excluded": (MOST, MOST.replace("overhead", "overhead - 1")),
+        "ignores-budget": ("while len(kept) > most:", "while False:"),
+        "forgets-overhead": (MOST, MOST.replace("overhead", "0")),
+        "sends-what-cannot-fit": (
+            "if most < min(len(drive.t), 2):",
+            "if False:",
+            "while len(kept) > most:",
+            "while False:",
         ),
         "takes-any-times": TIMES,
         "takes-any-places": ("if len(xy) != len(t):", "if False:"),
-        "every-zero": ("if every < 1:", "if False:"),
+        "takes-any-bound": ("if bound <= 0:", "if False:"),
     },
     "collide": {
         "only-at-samples": (LEAST, "share = Fraction(0)"),
@@ -143,6 +173,51 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "takes-any-times": TIMES,
         "takes-any-threshold": ("if threshold < 0:", "if False:"),
         "takes-negative-clock-error": ("if clock_error < 0:", "if False:"),
+    },
+    "extents": {
+        "compares-middles": (
+            "return [half * (2 * n + 1 - count) for n in range(count)], radius,",
+            "return [Fraction(0)], Fraction(0),",
+        ),
+        "one-disc-each": ("count = -(-length // width)", "length, count = width, 1"),
+        "one-disc-around": ("count = -(-length // width)", "count = 1"),
+        "along-x": (AHEAD, "return Fraction(1), Fraction(0)"),
+        "only-at-samples": (LEAST, "share = Fraction(0)"),
+        "heading-before": ("[*range(now, -1, -1), *range", "[0, *range"),
+        "standing-points-east": (
+            "[*range(now, -1, -1), *range(max(now, 0), len(drive.t) - 1)]",
+            "[now]",
+            "    return ORIGIN\n",
+            "    return Fraction(1), Fraction(0)\n",
+            "now = min(sum(t <= since for t in drive.t), len(drive.t) - 1) - 1",
+            "now = sum(t <= since for t in drive.t) - 1\n"
+            "    if now == len(drive.t) - 1:\n        return Fraction(1), Fraction(0)",
+        ),
+        "never-moves-points-east": (
+            "if all(xy == drive.xy[0] for xy in drive.xy):",
+            "if False:",
+            "    return ORIGIN\n",
+            "    return Fraction(1), Fraction(0)\n",
+        ),
+        "length-to-each-side": (
+            'length, width = number(extent["length"]),',
+            'length, width = 2 * number(extent["length"]),',
+        ),
+        "forgets-width": ("radius = root(half**2 + side**2)", "radius = half"),
+        "rounds-down": ("count = -(-length // width)", "count = length // width"),
+        "error-at-the-sides": (
+            "for n in range(count)], radius, radius - min(half, side)",
+            "for n in range(count)], radius, radius - side",
+        ),
+        "since-is-closest": ('        "since": since,', '        "since": best[0],'),
+        "ignores-margin": (
+            "first_below(moving, origin, margin + radii)",
+            "first_below(moving, origin, radii)",
+        ),
+        "later-on-tie": ("(found[1], found[0]) < (best[1], best[0])", "found[1] <= best[1]"),
+        "goes-on-forever": ("return None if self.stopped else self.t[-1]", "return None"),
+        "takes-any-extent": ("if size <= 0:", "if False:"),
+        "takes-any-margin": ("if margin < 0:", "if False:"),
     },
     "discover": {
         "first-of-list": (IN_FRONT, "if False:"),
@@ -230,17 +305,35 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "takes-any-start": ("if not there or distance(", "if 0 * distance("),
         "starts-now": ("planned.at(since)) >", "planned.at(now)) >"),
         "takes-any-path": (FOLLOWS, "if False:"),
-        "path-at-samples": ("for part in range(PARTS + 1):", "for part in (0, PARTS):"),
+        "path-at-samples": (PASSED, "if False:"),
         "path-exactly": ("if distance(here, foot) > limit:", "if here != foot:"),
-        "goes-back": ("if way < furthest - limit:", "if False:"),
-        "takes-any-speed": (' <= v <= limits["v_max"]', " <= v"),
-        "takes-any-slowness": ('limits["v_min"] <= v <= ', "v <= "),
+        "goes-back": ("if feet[n] < max(feet) - limit:", "if False:"),
+        "ignores-thinning": (FOLLOWS, 'if not follows(prescribed, planned, limits["path"]):'),
+        "thinning-twice": (FOLLOWS, FOLLOWS.replace('limits["pos', '2 * limits["pos')),
+        "skips-a-part": (PASSED, "if False:"),
+        "ignores-speed-error": ('limits["v_max"] + limits["speed_error"]', 'limits["v_max"]'),
+        "speed-error-once": (
+            'if step < -limits["deceleration"] * limits["reaction"] - 2 * ',
+            'if step < -limits["deceleration"] * limits["reaction"] - ',
+        ),
+        "takes-any-lateral": (LATERAL, "if False:"),
+        "braking-is-lateral": (
+            "across = abs(along[0] * bend[1] - along[1] * bend[0])",
+            "across = distance((0, 0), bend) * distance(a, c)",
+        ),
+        "lateral-without-speed": (
+            "/ distance(a, c) / TURN**2",
+            "/ distance(a, c) * 576 / dot(along, along)",
+        ),
+        "lateral-at-one-step": ("TURN = Fraction(1)", "TURN = Fraction(1, 100)"),
+        "takes-any-speed": ("slowest <= v <= fastest", "slowest <= v"),
+        "takes-any-slowness": ("slowest <= v <= fastest", "v <= fastest"),
         "speed-of-the-whole": (
-            'limits["v_max"] for v in prescribed.speeds()):',
-            'limits["v_max"] for v in [sum(map(distance, prescribed.xy, prescribed.xy[1:]))'
+            "<= fastest for v in prescribed.speeds()):",
+            "<= fastest for v in [sum(map(distance, prescribed.xy, prescribed.xy[1:]))"
             " / (prescribed.t[-1] - prescribed.t[0])]):",
         ),
-        "speed-at-limit": (' <= v <= limits["v_max"]', ' <= v < limits["v_max"]'),
+        "speed-at-limit": ("slowest <= v <= fastest", "slowest <= v < fastest"),
         "takes-any-acceleration": (STEPS, "for step in ():"),
         "one-bound": ('if step > limits["acceleration"]', 'if step > limits["deceleration"]'),
         "each-step-alone": (MIDDLES, "return [b - a for a, b in pairwise(speeds)]"),
@@ -286,9 +379,15 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
 """By kernel and name: an old text and the new one, and so on."""
 
 
+IMPORT = re.compile(r"from automcm_conformance.vectors.exact_geometry import \(.*?\)\n", re.DOTALL)
+
+
 def mutated(kernel: str, bug: str) -> vectors.Call:
     """The exact implementation with this bug."""
-    source = Path(exact_kernels.__file__).read_text()
+    kernels, geometry = (
+        Path(module.__file__).read_text() for module in (exact_kernels, exact_geometry)
+    )
+    source = geometry + IMPORT.sub("", kernels).replace("from __future__", "# from __future__")
     texts = MUTATIONS[kernel][bug]
     for old, new in zip(texts[::2], texts[1::2], strict=True):
         assert source.count(old) == 1, f"{kernel}: {bug}: {source.count(old)} times {old!r}"

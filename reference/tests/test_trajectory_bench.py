@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from automcm.kernels.collide import closest_approach, closest_approach_pairs
+from automcm.kernels.thin import thin
 from automcm_maintenance.benches import kernel_bench
 
 
 def test_report() -> None:
     report = kernel_bench.run(0.05, points=(40,), pairs=(1, 4))
     assert {row.kernel for row in report.rows} == {
-        *("convert", "thin", "discover", "prescribe", "verify", "success"),
-        *("closest_approach", "collision", "pairs", "many"),
+        *("convert", "thin", "thin_noisy", "discover", "prescribe", "verify", "success"),
+        *("closest_approach", "collision", "clearance", "pairs", "many"),
     }
     fields = report.as_dict()
     assert len(fields["rows"]) == len(report.rows)
@@ -35,3 +36,6 @@ def test_peers_agree() -> None:
     many = closest_approach_pairs(t, one, other)
     assert kernel_bench._dense(one, other) == pytest.approx(many.distance, abs=1e-9)
     assert (np.diff(t) > 0).all()
+    thinned = thin(a, 10**6, len, speed=1e9)
+    kept = kernel_bench._python_thin(a.t.tolist(), a.xy.tolist())
+    assert a.t[kept].tolist() == thinned.t.tolist()

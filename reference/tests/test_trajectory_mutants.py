@@ -29,11 +29,16 @@ MUTANTS = [
      "convert", "closest"),
     ("convert", "x[: standing[0] + 1], v[: standing[0] + 1]", "x[: standing[-1] + 1], "
      "v[: standing[-1] + 1]", "convert", "increases interpolation"),
-    ("thin", "np.union1d(changes(trajectory), [0, last])", "np.array([0, last])", "thin", "every"),
-    ("thin", "[0, last])", "[0])", "thin", "some_of"),
-    ("thin", "argmin(_effects", "argmax(_effects", "thin", "least_effect"),
+    ("thin", "np.concatenate([[0, last], np.concatenate(splits)", "np.concatenate([[0], "
+     "np.concatenate(splits)", "thin", "some_of within_the_bound"),
+    ("thin", "furthest / position, ", "0 * furthest, ", "thin", "within_the_bound"),
+    ("thin", "np.maximum.reduceat(faster, starts) / speed", "0 * furthest", "thin",
+     "within_the_bound"),
+    ("thin", "- share[:, None] * step[part]", "", "thin", "straight_and_even paper"),
     ("thin", "> budget else", "> budget + 1 else", "thin", "some_of"),
-    ("thin", "CHANGE * np.maximum", "9 * CHANGE * np.maximum", "thin", "every"),
+    ("thin", "np.argsort(-np", "np.argsort(np", "thin", "least_effect"),
+    ("thin", "fits, thinned, more = count, tried, 2 * more", "fits, more = count, 2 * more",
+     "thin", "within_the_bound"),
     ("collide", "np.minimum(np.maximum(share, 0), 1)", "share", "collide", "brute"),
     ("collide", "np.minimum(np.maximum(share, 0), 1)", "0", "collide", "brute"),
     ("collide", "t = np.concatenate([a.t, b.t])", "t = np.concatenate([a.t, a.t])", "collide",
@@ -44,7 +49,17 @@ MUTANTS = [
     ("collide", "(2 - ROUNDING) * least", "(1 - ROUNDING) * least", "collide", "pairs_as many_as"),
     ("collide", "bound[:, -1] = np.inf", "pass", "collide", "pairs_as many_as chunks"),
     ("collide", "square <= limit[:, None]", "square == least[:, None]", "collide", "rounding"),
-    ("collide", "square <= _tie(least)", "square <= least", "collide", "rounding"),
+    ("collide", "square <= tie(least)", "square <= least", "collide", "rounding"),
+    ("extents", "discs_a.inmost + discs_b.inmost", "-nearer", "extents", "brute"),
+    ("extents", "within * within)", "limit * limit)", "extents", "brute"),
+    ("extents", "math.hypot(half, side)", "side", "extents", "discs_cover"),
+    ("extents", "min(half, side))", "side)", "extents", "discs_cover"),
+    ("extents", "(off_a[:, None] - off_b)", "(off_a[:, None] - 0 * off_b)", "extents", "brute"),
+    ("extents", "searchsorted(segment, side=\"right\") - 1, 0)",
+     "searchsorted(segment, side=\"right\") - 1, 1)", "extents", "brute standing"),
+    ("extents", "if length.min() <= NANOMETRE", "if False", "extents", "standing"),
+    ("extents", "share[near[:, k], k].min()", "0", "extents", "brute symmetric lorry within"),
+    ("extents", "min(begins)", "max(begins)", "extents", "brute"),
     ("discover", "> NANOMETRE).sum", "< -NANOMETRE).sum", "discover", "foremost abreast"),
     ("discover", "> NANOMETRE).sum", "> 0).sum", "discover", "abreast"),
     ("discover", "return min((", "return max((", "discover", "foremost abreast"),
@@ -58,11 +73,17 @@ MUTANTS = [
     ("prescribe", "np.concatenate([times, np.interp(arcs, ways, times)])", "times", "prescribe",
      "same_path"),
     ("verify", "off) <= limit", "off) <= 99", "prescribe", "elsewhere"),
-    ("verify", "limit - spacing / 2).any()", "2 * limit).any()", "prescribe", "off_the_path"),
+    ("verify", "found.distance > limit", "found.distance > 2 * limit", "prescribe",
+     "off_the_path"),
+    ("verify", "return bool((np.hypot(off[:, 0], off[:, 1]) <= limit + NANOMETRE).all())",
+     "return True", "prescribe", "back_and"),
+    ("verify", "lateral(prescribed) > limits.lateral", "lateral(prescribed) > 99", "curves",
+     "lateral"),
+    ("verify", "a - 2 * b + c", "a - b", "curves", "lateral"),
     ("verify", "between + limits.reaction, side", "between, side", "prescribe", "mean_dec"),
     ("verify", "approach.distance >= limit", "approach.distance <= limit", "prescribe", "gaps"),
     ("verify", "prescribed.since(when), other", "prescribed, other", "prescribe", "from_now"),
-    ("verify", "back <= limit", "back <= 99", "prescribe", "back_and"),
+    ("verify", "np.maximum.accumulate(foot) - foot > limit", "foot < 0", "prescribe", "back_and"),
     ("verify", ">= WINDOW", ">= 0", "prescribe", "tiny"),
     ("success", "1 + math.floor", "math.floor", "success", "sendings"),
     ("success", "* (1 + 1e-9)", "", "success", "sendings"),
@@ -85,8 +106,9 @@ def mutated(kernel: str, old: str, new: str) -> ModuleType:
 @pytest.fixture(scope="module")
 def quick() -> Iterator[None]:
     """Imports the tests anew, to fail without looking for a smaller example."""
-    names = [f"test_trajectory_{each}" for each in ("convert", "thin", "collide", "discover",
-                                                     "prescribe", "success")]  # fmt: skip
+    names = [f"test_trajectory_{each}" for each in ("convert", "thin", "collide", "extents",
+                                                     "discover", "prescribe", "curves",
+                                                     "success")]  # fmt: skip
     for name in names:
         sys.modules.pop(name, None)
     before = settings.get_current_profile_name()

@@ -200,8 +200,8 @@ def test_refused() -> None:
 
 # -- verification
 
-WIDE = verify.Limits(v_max=16.0, deceleration=6.0, acceleration=6.0)
-"""More than ΔV and what the plans themselves vary, within the reaction."""
+WIDE = verify.Limits(v_max=16.0, deceleration=6.0, acceleration=6.0, lateral=99.0)
+"""More than ΔV and what the plans themselves vary and turn, within the reaction."""
 Reason = verify.Reason
 
 
@@ -213,7 +213,7 @@ def test_a_prescribed_trajectory_is_safe(case: Case, late: float) -> None:
     assert verify.verify(result, plan, start, WIDE) == ()
     if case[2]["hold"] >= late:
         assert verify.verify(result, plan, start + late, WIDE) == ()
-    received = from_message(to_message(thin(result, 10**5, every=1)))
+    received = from_message(to_message(thin(result, 10**5)))
     assert verify.verify(received, plan, start, WIDE) == ()
 
 
@@ -230,7 +230,7 @@ def test_elsewhere_is_not(case: Case, away: float, angle: float) -> None:
 @given(cases(), numbers(0.6, 10), st.data())
 def test_off_the_path_is_not(case: Case, aside: float, data: st.DataObject) -> None:
     """shapely says how far a bent one is off; none further off than the limit passes, and none
-    within 3/4 of it is refused for it."""
+    is refused for it if both lines are within 3/4 of it."""
     plan, start, _ = case
     result = made(case)
     k = data.draw(st.integers(1, len(result) - 1))
@@ -244,9 +244,10 @@ def test_off_the_path_is_not(case: Case, aside: float, data: st.DataObject) -> N
     dense = LineString(xy).segmentize(0.05)
     off = max(line.distance(Point(p)) for p in dense.coords)
     found = verify.verify(bent, plan, start, WIDE)
-    if off > WIDE.path:
+    limit = WIDE.path + WIDE.position_error
+    if off > limit:
         assert Reason.PATH in found
-    if off < 0.75 * WIDE.path:
+    if max(off, BENDS + aside) < 0.75 * limit:
         assert Reason.PATH not in found
     assert off <= hausdorff_distance(LineString(xy), line, densify=0.01) + 0.06
 
@@ -309,7 +310,7 @@ def test_many_tiny_segments_hide_no_speed() -> None:
 def test_back_and_across() -> None:
     plan = straight(10.0)
     back = Trajectory(np.array([0, 5, 6, 20.0]), np.array([(0, 0), (50, 0), (45, 0), (150, 0.0)]))
-    wide = verify.Limits(v_max=50, acceleration=99, deceleration=99)
+    wide = verify.Limits(v_max=50, acceleration=99, deceleration=99, lateral=99)
     assert verify.verify(back, plan, 0.0, wide) == (Reason.PATH,)
     # A plan that crosses itself; the prescription skips the loop.
     xy = np.array([(0, 0), (50, 0), (50, 30), (25, 30), (25, -30), (80, -30.0)])
@@ -318,7 +319,7 @@ def test_back_and_across() -> None:
     places = np.array([(0, 0), (25, 0), (25, -30), (80, -30.0)])
     short = Trajectory(np.array([0, 2.5, 5.5, 10]), places)
     assert Reason.PATH in verify.verify(short, loop, 0.0, wide)
-    assert verify.verify(loop, loop, 0.0, wide) == (Reason.PATH,)  # a limit that is documented
+    assert verify.verify(loop, loop, 0.0, wide) == ()
 
 
 @given(numbers(0, 30), numbers(0, 30), numbers(1, 20))

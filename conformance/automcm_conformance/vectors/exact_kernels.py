@@ -1,116 +1,34 @@
 """A second, independent implementation of the kernels (KIN-1 to KIN-7): slow and exact.
 
-The expected outputs of the test vectors are computed here, never by the kernels under test.  All
-numbers are fractions; an input has exactly its decimal value.  A square root is exact if it is
-rational, and otherwise truncated after 60 decimals.
+The expected outputs of the test vectors are computed here, never by the kernels under test.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from fractions import Fraction
 from itertools import pairwise
-from math import isqrt
 from typing import Any
 
+from automcm_conformance.vectors.exact_geometry import (
+    Place,
+    Refused,
+    Trajectory,
+    between,
+    closest,
+    common,
+    distance,
+    dot,
+    first_below,
+    minus,
+    number,
+    place,
+    root,
+    trajectory,
+)
+
 Json = Any
-Place = tuple[Fraction, Fraction]
-DIGITS = 60
-
-
-class Refused(ValueError):
-    """An invalid input: its name, the index of the first invalid entry if any, and the reason."""
-
-    def __init__(self, name: str, index: int | None, why: str) -> None:
-        super().__init__(why)
-        self.name, self.index, self.why = name, index, why
-
-
-def number(value: float) -> Fraction:
-    """The exact decimal value of a JSON number."""
-    return Fraction(str(value))
-
-
-def root(value: Fraction) -> Fraction:
-    """The square root, exact if it is rational."""
-    top, bottom = isqrt(value.numerator), isqrt(value.denominator)
-    if top * top == value.numerator and bottom * bottom == value.denominator:
-        return Fraction(top, bottom)
-    scale = 10**DIGITS
-    return Fraction(isqrt(value.numerator * scale * scale // value.denominator), scale)
-
-
-def place(value: Sequence[float]) -> Place:
-    """The exact value of a place in JSON."""
-    return number(value[0]), number(value[1])
-
-
-def minus(a: Place, b: Place) -> Place:
-    """The vector from ``b`` to ``a``."""
-    return a[0] - b[0], a[1] - b[1]
-
-
-def dot(a: Place, b: Place) -> Fraction:
-    """The inner product."""
-    return a[0] * b[0] + a[1] * b[1]
-
-
-def between(a: Place, b: Place, share: Fraction) -> Place:
-    """The place at the fraction ``share`` of the way from ``a`` to ``b``."""
-    return a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
-
-
-def distance(a: Place, b: Place) -> Fraction:
-    """The distance of two places."""
-    return root(dot(minus(a, b), minus(a, b)))
-
-
-@dataclass(frozen=True, slots=True)
-class Trajectory:
-    """Places over time, with constant velocity between them; ``stopped``: stays at the last."""
-
-    t: list[Fraction]
-    xy: list[Place]
-    stopped: bool
-
-    @property
-    def end(self) -> Fraction | None:
-        """The last time at which the place is known; None if it is known forever."""
-        return None if self.stopped else self.t[-1]
-
-    def at(self, when: Fraction) -> Place:
-        """The place at this time."""
-        for n in range(len(self.t) - 1):
-            if when <= self.t[n + 1]:
-                share = (when - self.t[n]) / (self.t[n + 1] - self.t[n])
-                return between(self.xy[n], self.xy[n + 1], share)
-        return self.xy[-1]
-
-    def speeds(self) -> list[Fraction]:
-        """The speed of each segment."""
-        return [
-            distance(self.xy[n], self.xy[n + 1]) / (self.t[n + 1] - self.t[n])
-            for n in range(len(self.t) - 1)
-        ]
-
-    def as_json(self) -> Json:
-        """The trajectory as in a vector."""
-        return {"t": self.t, "xy": [list(each) for each in self.xy], "stopped": self.stopped}
-
-
-def trajectory(value: Json) -> Trajectory:
-    """Raises Refused for no points, an unequal number of places, or times that do not ascend."""
-    t = [number(each) for each in value["t"]]
-    xy = [place(each) for each in value["xy"]]
-    if not t:
-        raise Refused("t", None, "must have at least one point")
-    if len(xy) != len(t):
-        raise Refused("xy", None, "must have as many places as there are times")
-    for n, (before, after) in enumerate(pairwise(t), 1):
-        if after <= before:
-            raise Refused("t", n, "must be after the previous time")
-    return Trajectory(t, xy, value.get("stopped", False))
+ORIGIN = (Fraction(0), Fraction(0))
 
 
 # KIN-1
@@ -165,75 +83,57 @@ def convert(given: Json) -> Json:
 # KIN-2
 
 
-def changes(drive: Trajectory) -> list[int]:
-    """The points at which the speed changes."""
-    speeds = drive.speeds()
-    return [n for n in range(1, len(drive.t) - 1) if speeds[n - 1] != speeds[n]]
+def allowed(drive: Trajectory, begin: int, end: int, position: Fraction, speed: Fraction) -> bool:
+    """Whether straight and even motion between two samples keeps the bounds."""
+    a, b = drive.xy[begin], drive.xy[end]
+    span = drive.t[end] - drive.t[begin]
+    even = distance(a, b) / span
+    for n in range(begin, end):
+        here = between(a, b, (drive.t[n] - drive.t[begin]) / span)
+        v = distance(drive.xy[n], drive.xy[n + 1]) / (drive.t[n + 1] - drive.t[n])
+        if abs(v - even) > speed:
+            return False
+        if dot(minus(drive.xy[n], here), minus(drive.xy[n], here)) > position**2:
+            return False
+    return True
+
+
+def fewest(drive: Trajectory, position: Fraction, speed: Fraction) -> list[int]:
+    """The fewest samples, with the first and the last, that keep the bounds."""
+    ways = [[0]]
+    for end in range(1, len(drive.t)):
+        before = [n for n in range(end) if allowed(drive, n, end, position, speed)]
+        ways.append([*min((ways[n] for n in before), key=len), end])
+    return ways[-1]
 
 
 def thin(given: Json) -> Json:
-    """KIN-2.  If the budget is too small, only the first and the last point are determined."""
+    """KIN-2.  The bounds are required if twice the fewest samples fit, or all."""
     drive = trajectory(given)
-    every, budget = given["every"], given["budget"]
+    position, speed = number(given["position"]), number(given["speed"])
     overhead, each = given["size"]["overhead"], given["size"]["per_point"]
-    if every < 1:
-        raise Refused("every", None, "must be at least 1")
-    last = len(drive.t) - 1
-    kept = sorted({*range(0, last + 1, every), 0, last, *changes(drive)})
-    most = (budget - overhead) // each
-    if len(kept) <= most:
-        return {"kept": kept}
-    if most < len({0, last}):
+    for name, bound in (("position", position), ("speed", speed)):
+        if bound <= 0:
+            raise Refused(name, None, "must be above 0")
+    most = (given["budget"] - overhead) // each
+    if most < min(len(drive.t), 2):
         raise Refused("budget", None, "must have room for the first and the last point")
-    return {"includes": sorted({0, last}), "at_most": most}
+    kept = fewest(drive, position, speed)
+    enough = 2 * len(kept)
+    required = min(enough, len(drive.t)) <= most
+    loose = position, speed
+    while len(kept) > most:
+        loose = 2 * loose[0], 2 * loose[1]
+        kept = fewest(drive, *loose)
+    return {
+        "kept": kept,
+        "at_most": min(most, enough),
+        "position": position if required else None,
+        "speed": speed if required else None,
+    }
 
 
 # KIN-3
-
-
-def common(a: Trajectory, b: Trajectory) -> list[Fraction]:
-    """The times of both, limited to those at which both places are known."""
-    low = max(a.t[0], b.t[0])
-    ends = [end for end in (a.end, b.end) if end is not None]
-    high = min(ends) if ends else max(low, a.t[-1], b.t[-1])
-    inside = {when for when in (*a.t, *b.t) if low <= when <= high}
-    return sorted(inside | {low, high}) if low <= high else []
-
-
-def closest(a: Trajectory, b: Trajectory) -> tuple[Fraction, Fraction] | None:
-    """The earliest time at which they are closest, and the square of the distance then."""
-    best = None
-    grid = common(a, b)
-    for begin, end in pairwise(grid if len(grid) > 1 else grid * 2):
-        apart = minus(a.at(begin), b.at(begin))
-        change = minus(minus(a.at(end), b.at(end)), apart)
-        share = Fraction(0)
-        if dot(change, change):
-            share = min(max(-dot(apart, change) / dot(change, change), Fraction(0)), Fraction(1))
-        least = between(apart, (apart[0] + change[0], apart[1] + change[1]), share)
-        if best is None or dot(least, least) < best[1]:
-            best = begin + share * (end - begin), dot(least, least)
-    return best
-
-
-def first_below(a: Trajectory, b: Trajectory, limit: Fraction) -> Fraction | None:
-    """The time at which they first come as close as ``limit``, if they come closer."""
-    grid = common(a, b)
-    for begin, end in pairwise(grid if len(grid) > 1 else grid * 2):
-        apart = minus(a.at(begin), b.at(begin))
-        if dot(apart, apart) < limit * limit:
-            return begin
-        change = minus(minus(a.at(end), b.at(end)), apart)
-        square, half = dot(change, change), dot(apart, change)
-        if not square:
-            continue
-        under = half * half - square * (dot(apart, apart) - limit * limit)
-        if under <= 0 or half >= 0:
-            continue
-        share = (-half - root(under)) / square
-        if share < 1:
-            return begin + share * (end - begin)
-    return None
 
 
 def greatest(drive: Trajectory) -> Fraction:
@@ -264,6 +164,71 @@ def collide(given: Json) -> Json:
 def places(a: Trajectory, b: Trajectory, when: Fraction) -> Json:
     """The places of both at a time."""
     return {"place_a": list(a.at(when)), "place_b": list(b.at(when))}
+
+
+Discs = tuple[list[Fraction], Fraction, Fraction]
+"""Discs on the axis of a vehicle: their offsets ahead of its middle, their radius, the error."""
+
+
+def cover(drive: Trajectory, extent: Json) -> Discs:
+    """So many discs that no part of the length is longer than wide; one if it never moves."""
+    length, width = number(extent["length"]), number(extent["width"])
+    for name, size in (("length", length), ("width", width)):
+        if size <= 0:
+            raise Refused(name, None, "must be above 0")
+    if all(xy == drive.xy[0] for xy in drive.xy):
+        radius = root(length**2 + width**2) / 2
+        return [Fraction(0)], radius, radius - min(length, width) / 2
+    count = -(-length // width)
+    half, side = length / count / 2, width / 2
+    radius = root(half**2 + side**2)
+    return [half * (2 * n + 1 - count) for n in range(count)], radius, radius - min(half, side)
+
+
+def heading(drive: Trajectory, since: Fraction) -> Place:
+    """The direction from this time on; of a standing vehicle the last one, or else the next."""
+    now = min(sum(t <= since for t in drive.t), len(drive.t) - 1) - 1
+    for n in [*range(now, -1, -1), *range(max(now, 0), len(drive.t) - 1)]:
+        length = distance(drive.xy[n], drive.xy[n + 1])
+        if length > 0:
+            return between(ORIGIN, minus(drive.xy[n + 1], drive.xy[n]), 1 / length)
+    return ORIGIN
+
+
+def extents(given: Json) -> Json:
+    """KIN-3 for vehicles with a length and a width: the least clearance, and when it falls below
+    the margin."""
+    a, b = trajectory(given["a"]), trajectory(given["b"])
+    margin = number(given["margin"])
+    if margin < 0:
+        raise Refused("margin", None, "must not be negative")
+    discs_a, discs_b = cover(a, given["extent_a"]), cover(b, given["extent_b"])
+    radii = discs_a[1] + discs_b[1]
+    best, since = None, None
+    grid = common(a, b)
+    for begin, end in pairwise(grid if len(grid) > 1 else grid * 2):
+        ahead_a, ahead_b = heading(a, begin), heading(b, begin)
+        falls = []
+        for p in discs_a[0]:
+            for q in discs_b[0]:
+                off = minus(between(ORIGIN, ahead_b, q), between(ORIGIN, ahead_a, p))
+                ends = [minus(minus(a.at(t), b.at(t)), off) for t in (begin, end)]
+                t = [begin, end] if begin < end else [begin]
+                moving = Trajectory(t, ends[: len(t)], True)
+                origin = Trajectory([begin], [ORIGIN], True)
+                found = closest(moving, origin)
+                if found and (best is None or (found[1], found[0]) < (best[1], best[0])):
+                    best = found
+                first = first_below(moving, origin, margin + radii)
+                falls += [] if first is None else [first]
+        if since is None and falls:
+            since = min(falls)
+    return {
+        "error_a": discs_a[2],
+        "error_b": discs_b[2],
+        "clearance": best and {"time": best[0], "distance": root(best[1]) - radii},
+        "since": since,
+    }
 
 
 # KIN-4
@@ -350,10 +315,6 @@ def prescribe(given: Json) -> Json:
 
 # KIN-6
 
-PARTS = 64
-"""Each segment is divided into this many parts to measure its distance from a path.  The answer of
-a vector must not depend on a finer division."""
-
 
 def known(drive: Trajectory, when: Fraction) -> bool:
     """Whether the place of the vehicle is known at that time."""
@@ -361,21 +322,45 @@ def known(drive: Trajectory, when: Fraction) -> bool:
 
 
 def follows(prescribed: Trajectory, planned: Trajectory, limit: Fraction) -> bool:
-    """Whether it is never more than ``limit`` from the path, nor moves back by more than that."""
-    furthest = Fraction(0)
-    for n in range(max(len(prescribed.xy) - 1, 1)):
-        for part in range(PARTS + 1):
-            ends = prescribed.xy[n], prescribed.xy[min(n + 1, len(prescribed.xy) - 1)]
-            here = between(*ends, Fraction(part, PARTS))
-            corner, foot = projection(planned.xy, here)
-            if distance(here, foot) > limit:
-                return False
-            way = sum(map(distance, planned.xy[:corner], planned.xy[1 : corner + 1]), Fraction(0))
-            way += distance(planned.xy[corner], foot)
-            if way < furthest - limit:
-                return False
-            furthest = max(way, furthest)
+    """Whether it and the part of the planned path that it covers are never more than ``limit``
+    apart, and it never goes back by more than that.
+
+    Between the samples of either both are straight, so that the distance is greatest at one.
+    """
+    arc = [Fraction(0)]
+    for a, b in pairwise(planned.xy):
+        arc.append(arc[-1] + distance(a, b))
+    feet: list[Fraction] = []
+    for n, here in enumerate(prescribed.xy):
+        corner, foot = projection(planned.xy, here)
+        if distance(here, foot) > limit:
+            return False
+        feet.append(arc[corner] + distance(planned.xy[corner], foot))
+        if feet[n] < max(feet) - limit:
+            return False
+        part = prescribed.xy[n - 1 : n + 1]
+        passed = [xy for w, xy in zip(arc, planned.xy, strict=True) if feet[n - 1] < w < feet[n]]
+        if any(distance(xy, projection(part, xy)[1]) > limit for xy in passed):
+            return False
     return True
+
+
+TURN = Fraction(1)
+"""The time between the three positions that tell the lateral acceleration, s."""
+
+
+def lateral(drive: Trajectory) -> list[Fraction]:
+    """The accelerations to the side around each sample, where the positions are known."""
+    found = []
+    for when in {t + by for t in drive.t for by in (-TURN, 0, TURN)}:
+        if when - TURN < drive.t[0] or (drive.end is not None and when + TURN > drive.end):
+            continue
+        a, b, c = drive.at(when - TURN), drive.at(when), drive.at(when + TURN)
+        along, bend = minus(c, a), minus(minus(c, b), minus(b, a))
+        across = abs(along[0] * bend[1] - along[1] * bend[0])
+        if across:
+            found.append(across / distance(a, c) / TURN**2)
+    return found
 
 
 def steps(prescribed: Trajectory, planned: Trajectory, reaction: Fraction) -> list[Fraction]:
@@ -424,15 +409,21 @@ def verify(given: Json) -> Json:
     there = known(prescribed, since) and known(planned, since)
     if not there or distance(prescribed.at(since), planned.at(since)) > limits["start"]:
         reasons.add("start")
-    if not follows(prescribed, planned, limits["path"]):
+    if not follows(prescribed, planned, limits["path"] + limits["position_error"]):
         reasons.add("path")
-    if any(not limits["v_min"] <= v <= limits["v_max"] for v in prescribed.speeds()):
+    slowest, fastest = (
+        limits["v_min"] - limits["speed_error"],
+        limits["v_max"] + limits["speed_error"],
+    )
+    if any(not slowest <= v <= fastest for v in prescribed.speeds()):
         reasons.add("speed")
     for step in steps(prescribed, planned, limits["reaction"]):
-        if step > limits["acceleration"] * limits["reaction"]:
+        if step > limits["acceleration"] * limits["reaction"] + 2 * limits["speed_error"]:
             reasons.add("acceleration")
-        if step < -limits["deceleration"] * limits["reaction"]:
+        if step < -limits["deceleration"] * limits["reaction"] - 2 * limits["speed_error"]:
             reasons.add("acceleration")
+    if any(each > limits["lateral"] for each in lateral(prescribed)):
+        reasons.add("lateral")
     for name in ("leader", "follower"):
         if given[name] is None:
             continue
@@ -469,6 +460,7 @@ KERNELS: dict[str, Callable[[Json], Json]] = {
     "convert": convert,
     "thin": thin,
     "collide": collide,
+    "extents": extents,
     "discover": discover,
     "prescribe": prescribe,
     "verify": verify,

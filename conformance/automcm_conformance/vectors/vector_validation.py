@@ -45,22 +45,24 @@ class Size(_Strict):
 
 
 class ThinInputs(Trajectory):
+    """``position`` and ``speed``: the bounds."""
+
     budget: int
-    every: int
+    position: Number
+    speed: Number
     size: Size
 
 
-class Kept(_Strict):
-    """The indices of the points that are kept, if the rule determines them."""
+class Thinned(_Strict):
+    """``kept``: the indices of the fewest points; others are free.  ``at_most``: their number.
+
+    ``position`` and ``speed``: the bounds that they keep; null if the budget may not allow them.
+    """
 
     kept: list[int]
-
-
-class Fits(_Strict):
-    """If the budget is too small: the required points and the maximum number; others are free."""
-
-    includes: list[int]
     at_most: int
+    position: Number | None
+    speed: Number | None
 
 
 class CollideInputs(_Strict):
@@ -90,6 +92,34 @@ class Collide(_Strict):
 
     approach: Approach | None
     collision: Since | None
+
+
+class Extent(_Strict):
+    length: Number
+    width: Number
+
+
+class ExtentsInputs(_Strict):
+    a: Trajectory
+    b: Trajectory
+    extent_a: Extent
+    extent_b: Extent
+    margin: Number
+
+
+class Clearance(_Strict):
+    time: Number
+    distance: Number
+
+
+class Extents(_Strict):
+    """``error_a``, ``error_b``: of the covers.  ``clearance`` is null without a common time,
+    ``since`` if it never falls below the margin."""
+
+    error_a: Number
+    error_b: Number
+    clearance: Clearance | None
+    since: Number | None
 
 
 class Candidate(_Strict):
@@ -134,7 +164,10 @@ class Limits(_Strict):
     reaction: Number
     leader_gap: Number
     follower_gap: Number
+    lateral: Number
     path: Number
+    position_error: Number
+    speed_error: Number
     start: Number
     age: Number
 
@@ -152,7 +185,16 @@ class Reasons(_Strict):
     """All reasons, sorted; empty if the trajectory is safe."""
 
     reasons: list[
-        Literal["acceleration", "expired", "follower_gap", "leader_gap", "path", "speed", "start"]
+        Literal[
+            "acceleration",
+            "expired",
+            "follower_gap",
+            "lateral",
+            "leader_gap",
+            "path",
+            "speed",
+            "start",
+        ]
     ]
 
 
@@ -205,13 +247,18 @@ class ConvertFile(File[ConvertInputs, Trajectory]):
     rule: Literal["KIN-1"]
 
 
-class ThinFile(File[ThinInputs, Kept | Fits]):
+class ThinFile(File[ThinInputs, Thinned]):
     kernel: Literal["thin"]
     rule: Literal["KIN-2"]
 
 
 class CollideFile(File[CollideInputs, Collide]):
     kernel: Literal["collide"]
+    rule: Literal["KIN-3"]
+
+
+class ExtentsFile(File[ExtentsInputs, Extents]):
+    kernel: Literal["extents"]
     rule: Literal["KIN-3"]
 
 
@@ -240,6 +287,7 @@ FILE: TypeAdapter[Any] = TypeAdapter(
         ConvertFile
         | ThinFile
         | CollideFile
+        | ExtentsFile
         | DiscoverFile
         | PrescribeFile
         | VerifyFile

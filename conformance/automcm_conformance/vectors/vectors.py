@@ -7,10 +7,12 @@ outputs from automcm_conformance.vectors.exact_kernels; they are never written b
 from __future__ import annotations
 
 import json
+import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,9 @@ For an invalid input it returns ``{"error": {"name": ..., "index": ...}}``; the 
 """
 
 SCHEMA = "vectors-1.schema.json"
-KERNELS = ("convert", "thin", "collide", "discover", "prescribe", "verify", "success")
+ROUNDING = 1e-9
+"""What rounding may add to the errors of KIN-2, m and m/s."""
+KERNELS = ("convert", "thin", "collide", "extents", "discover", "prescribe", "verify", "success")
 
 
 class VectorError(ValueError):
@@ -148,8 +152,8 @@ def difference(case: Case, got: Json) -> str:
         return "" if named == answer else f"error: expected {_named(named)}, got {_named(answer)}"
     if isinstance(got, dict) and "error" in got:
         return f"error: expected none, got {got['error']}"
-    if "at_most" in expected:
-        return _fits(expected, got)
+    if case.kernel == "thin":
+        return _thins(case.inputs, expected, got)
     if case.kernel == "prescribe":
         return _moves(expected, got, case.tolerance)
     return _differs("", expected, got, case.tolerance, 0)
@@ -190,17 +194,34 @@ def _unequal(place: str, expected: Json, got: Json) -> str:
     return f"{place}: expected {expected}, got {got}"
 
 
-def _fits(expected: Json, got: Json) -> str:
-    """Compare kept points: their number is bounded, some are required, the others are free."""
+def _thins(inputs: Json, expected: Json, got: Json) -> str:
+    """Compare kept points: the ends stay, their number and the errors are bounded, the others are
+    free."""
     kept = got.get("kept") if isinstance(got, dict) else None
     if not isinstance(kept, list) or any(type(n) is not int for n in kept):
         return f"kept: expected indices, got {kept}"
     if kept != sorted(set(kept)):
         return f"kept: expected ascending indices, got {kept}"
+    t, xy = inputs["t"], inputs["xy"]
+    missing = sorted({0, len(t) - 1} - set(kept))
+    if missing or not 0 <= kept[0] <= kept[-1] < len(t):
+        return f"kept: {missing} must be kept" if missing else f"kept: not indices: {kept}"
     if len(kept) > expected["at_most"]:
         return f"kept: expected at most {expected['at_most']} points, got {len(kept)}"
-    missing = sorted(set(expected["includes"]) - set(kept))
-    return f"kept: {missing} must be kept" if missing else ""
+    if expected["position"] is None:
+        return ""
+    for a, b in pairwise(kept):
+        even = math.dist(xy[a], xy[b]) / (t[b] - t[a])
+        for n in range(a, b):
+            there = _at([t[a], t[b]], [xy[a], xy[b]], t[n])
+            errors = {
+                "position": math.dist(xy[n], there),
+                "speed": abs(math.dist(xy[n], xy[n + 1]) / (t[n + 1] - t[n]) - even),
+            }
+            for name, error in errors.items():
+                if error > expected[name] + ROUNDING:
+                    return f"kept: at index {n} the {name} differs by {error}"
+    return ""
 
 
 def _moves(expected: Json, got: Json, tolerances: dict[str, float]) -> str:

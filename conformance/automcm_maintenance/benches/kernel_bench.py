@@ -25,16 +25,20 @@ from automcm.kernels.collide import (
 )
 from automcm.kernels.convert import convert
 from automcm.kernels.discover import Candidate, discover
+from automcm.kernels.extents import Extent, clearance
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Floats, Trajectory
 from automcm.kernels.verify import Limits, verify
 from automcm_maintenance.benches.core_bench import best_us
 
-POINTS = (50, 100, 200, 500)
+POINTS = (50, 100, 500, 1000)
 PAIRS = (1, 256, 4096)
+MOST_SAMPLES = 2**21
+"""Greater batches would take longer than all the others."""
 PEERS = ("numpy", "python", "shapely", "pycrcc")
 THRESHOLD = 4.0
+CAR = Extent(4.5, 1.8)
 SPEED = 30 / 3.6
 ZONE = ((-1e4, -2.0), (1e4, -2.0), (1e4, 2.0), (-1e4, 2.0))
 
@@ -97,9 +101,9 @@ def run(
     rows: list[Row] = []
     for n in points:
         notify(f"{n} points")
-        rows += [*_kernels(n, each), *_single(n, each, peers)]
+        rows += [*_kernels(n, each, peers["shapely"]), *_single(n, each, peers)]
         for count in pairs:
-            if count > 1:
+            if count > 1 and count * n <= MOST_SAMPLES:
                 notify(f"{n} points, {count} pairs")
                 rows += _batched(n, count, each, peers)
     return Report(tuple(rows), tuple(name for name, peer in peers.items() if peer is None))
@@ -147,12 +151,14 @@ def traffic(n: int, pairs: int) -> tuple[Floats, Floats, Floats]:
 # -- kernels of one vehicle
 
 
-def _kernels(n: int, seconds: float) -> list[Row]:
+def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
     plan, speed = road(n), np.full(n, SPEED)
     times, places, speeds = plan.t.tolist(), plan.xy.tolist(), speed.tolist()
     here, hold, gain = (1.0, 1.0), 1.0, 5.0
     prescribed = prescribe(plan, 1.0, hold=hold, gain=gain)
     rng = np.random.default_rng(0)
+    way = np.cumsum(5 + 0.6 * rng.standard_normal(n))
+    noisy = Trajectory(plan.t, np.stack([way, 3 * np.sin(way / 60)], axis=1))
     cars = [
         Candidate(i + 1, np.array(xy), np.array([1.0, 0.0]))
         for i, xy in enumerate(rng.uniform(-3, 3, (n, 2)))
@@ -160,9 +166,14 @@ def _kernels(n: int, seconds: float) -> list[Row]:
     losses, limits = np.linspace(0, 1, n), Limits()
     path = [plan.t, plan.xy]
 
-    def row(name: str, read: Sequence[Floats], call: Call, python: Call) -> Row:
+    lines = [shapely.LineString(each.xy) for each in (plan, noisy, prescribed)] if shapely else []
+
+    def row(
+        name: str, read: Sequence[Floats], call: Call, python: Call, geos: Call | None = None
+    ) -> Row:
         us, floor = best_us(call, seconds), _copy_us(read, seconds / 3)
-        return Row(name, n, 1, us, floor, None, best_us(python, seconds), None, None)
+        peer = best_us(geos, seconds) if geos and shapely else None
+        return Row(name, n, 1, us, floor, None, best_us(python, seconds), peer, None)
 
     return [
         row(
@@ -171,7 +182,20 @@ def _kernels(n: int, seconds: float) -> list[Row]:
             lambda: convert(plan.xy, speed, here, 0.0),
             lambda: _python_convert(places, speeds, here),
         ),
-        row("thin", path, lambda: thin(plan, 10**6, len), lambda: _python_thin(times, places)),
+        row(
+            "thin",
+            path,
+            lambda: thin(plan, 10**6, len),
+            lambda: _python_thin(times, places),
+            lambda: lines[0].simplify(0.1),  # in the plane, without times
+        ),
+        row(
+            "thin_noisy",
+            path,
+            lambda: thin(noisy),
+            lambda: _python_thin(times, noisy.xy.tolist()),
+            lambda: lines[1].simplify(0.1),
+        ),
         row(
             "discover",
             [np.array([each.xy for each in cars])],
@@ -189,6 +213,7 @@ def _kernels(n: int, seconds: float) -> list[Row]:
             [*path, prescribed.t, prescribed.xy],
             lambda: verify(prescribed, plan, 1.5, limits, None, None),
             lambda: _python_follows(prescribed.xy.tolist(), places),
+            lambda: shapely.hausdorff_distance(lines[0], lines[2]),  # the path only
         ),
         row(
             "success",
@@ -220,6 +245,7 @@ def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
         for name, call in (
             ("closest_approach", lambda: closest_approach(a, b)),
             ("collision", lambda: collision(a, b, THRESHOLD)),
+            ("clearance", lambda: clearance(a, b, CAR, CAR, 0.5)),
         )
     ]
 
@@ -380,13 +406,21 @@ def _python_convert(
 
 
 def _python_thin(t: list[float], xy: list[list[float]]) -> list[int]:
-    v = [math.dist(xy[k], xy[k + 1]) / (t[k + 1] - t[k]) for k in range(len(t) - 1)]
-    last = len(t) - 1
-    return [
-        k
-        for k in range(len(t))
-        if k % 5 == 0 or k == last or abs(v[k] - v[k - 1]) > 0.01 * max(v[k], v[k - 1])
-    ]
+    """Douglas-Peucker at equal times, with a stack; of the bounds only that of the position."""
+    kept, parts = {0, len(t) - 1}, [(0, len(t) - 1)]
+    while parts:
+        a, b = parts.pop()
+        worst, at = 0.1, a
+        for k in range(a + 1, b):
+            s = (t[k] - t[a]) / (t[b] - t[a])
+            x, y = (xy[a][i] + s * (xy[b][i] - xy[a][i]) for i in (0, 1))
+            away = math.hypot(xy[k][0] - x, xy[k][1] - y)
+            if away > worst:
+                worst, at = away, k
+        if at > a:
+            kept.add(at)
+            parts += [(a, at), (at, b)]
+    return sorted(kept)
 
 
 def _python_discover(cars: Sequence[Candidate]) -> int:

@@ -10,6 +10,7 @@ from automcm.kernels import success
 from automcm.kernels.collide import Approach, Collision, closest_approach, collision
 from automcm.kernels.convert import convert
 from automcm.kernels.discover import Candidate, discover
+from automcm.kernels.extents import Extent, clearance, discs
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError
@@ -54,7 +55,8 @@ def _thin(given: Json) -> Json:
         whole,
         given["budget"],
         lambda trajectory: int(overhead + per_point * len(trajectory)),
-        given["every"],
+        given["position"],
+        given["speed"],
     )
     return {"kept": [n for n, t in enumerate(whole.t) if t in thinned.t]}
 
@@ -66,6 +68,18 @@ def _collide(given: Json) -> Json:
     return {
         "approach": closest and {"distance": closest.distance, **_places(closest)},
         "collision": found and _places(found),
+    }
+
+
+def _extents(given: Json) -> Json:
+    a, b = _trajectory(given["a"]), _trajectory(given["b"])
+    one, other = Extent(**given["extent_a"]), Extent(**given["extent_b"])
+    found = clearance(a, b, one, other, given["margin"])
+    return {
+        "error_a": discs(a, one).error,
+        "error_b": discs(b, other).error,
+        "clearance": found and {"time": found.time, "distance": found.distance},
+        "since": found and found.since,
     }
 
 
@@ -107,6 +121,7 @@ KERNELS: dict[str, Callable[[Json], Json]] = {
     "convert": _convert,
     "thin": _thin,
     "collide": _collide,
+    "extents": _extents,
     "discover": _discover,
     "prescribe": _prescribe,
     "verify": _verify,

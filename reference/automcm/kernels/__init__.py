@@ -8,8 +8,9 @@ convert.
 |---|---|
 | trajectory | the Trajectory type |
 | convert | KIN-1, a path with speeds as positions over time |
-| thin | KIN-2, a reduction of the points to one frame |
+| thin | KIN-2, a reduction of the points to one frame, within a bound |
 | collide | KIN-3, the closest approach of two, also between samples |
+| extents | KIN-3 for vehicles with a length and a width, as discs |
 | discover | KIN-4, the target vehicle |
 | prescribe | KIN-5, the prescribed trajectory |
 | verify | KIN-6, the safety check of a prescription |

@@ -76,7 +76,7 @@ def least_share(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Floats,
     return share, x * x + y * y
 
 
-def _tie(square: Floats) -> Floats:
+def tie(square: Floats) -> Floats:
     """Squared distances up to this value count as equal to the least, ``square``."""
     limit: Floats = np.square(np.sqrt(square) + NANOMETRE)
     return limit
@@ -86,7 +86,7 @@ def _tie(square: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Relative:
+class Relative:
     """Two trajectories on the union of their time grids; x and y are a minus b."""
 
     t: Floats
@@ -118,7 +118,8 @@ def common_time(a: Trajectory, b: Trajectory) -> tuple[float, float] | None:
     return (float(start), float(end)) if start <= end else None
 
 
-def _relative(a: Trajectory, b: Trajectory) -> _Relative | None:
+def relative(a: Trajectory, b: Trajectory) -> Relative | None:
+    """Both over their common times; None without one."""
     common = common_time(a, b)
     if common is None:
         return None
@@ -127,12 +128,12 @@ def _relative(a: Trajectory, b: Trajectory) -> _Relative | None:
     t = np.minimum(np.maximum(t, common[0]), common[1])
     at_a = np.interp(t, a.t, a.xy[:, 0]), np.interp(t, a.t, a.xy[:, 1])
     at_b = np.interp(t, b.t, b.xy[:, 0]), np.interp(t, b.t, b.xy[:, 1])
-    return _Relative(t, at_a, at_b, at_a[0] - at_b[0], at_a[1] - at_b[1])
+    return Relative(t, at_a, at_b, at_a[0] - at_b[0], at_a[1] - at_b[1])
 
 
-def _approach(pair: _Relative, share: Floats, square: Floats) -> Approach:
+def _approach(pair: Relative, share: Floats, square: Floats) -> Approach:
     least = square.min()
-    i = int((square <= _tie(least)).argmax())
+    i = int((square <= tie(least)).argmax())
     time, place_a, place_b = pair.at(i, float(share[i]))
     return Approach(time, math.sqrt(least), place_a, place_b)
 
@@ -144,7 +145,7 @@ def closest_approach(a: Trajectory, b: Trajectory) -> Approach | None:
     in the paper: "the distance at each time" of two trajectories with different sample times; here
     the union of the two grids, and the minimum between samples in closed form.
     """
-    pair = _relative(a, b)
+    pair = relative(a, b)
     if pair is None:
         return None
     return _approach(pair, *least_share(pair.x[:-1], pair.y[:-1], pair.x[1:], pair.y[1:]))
@@ -173,7 +174,7 @@ def collision(
     if speed is None:
         speed = sum(float(each.speeds().max(initial=0)) for each in (a, b)) if clock_error else 0.0
     limit = float(threshold) + number("speed", speed, 0) * clock_error
-    pair = _relative(a, b)
+    pair = relative(a, b)
     if pair is None:
         return None
     x, y = pair.x, pair.y
@@ -182,12 +183,12 @@ def collision(
     i = int(below.argmax())
     if not below[i]:
         return None
-    since = _falls(x[i], y[i], x[i + 1] - x[i], y[i + 1] - y[i], limit)
+    since = falls(x[i], y[i], x[i + 1] - x[i], y[i + 1] - y[i], limit)
     time, place_a, place_b = pair.at(i, since)
     return Collision(time, limit, place_a, place_b, _approach(pair, share, square))
 
 
-def _falls(x: float, y: float, wx: float, wy: float, limit: float) -> float:
+def falls(x: float, y: float, wx: float, wy: float, limit: float) -> float:
     """The smaller s with |d + s·w| = limit, for an interval in which the distance falls below it;
     0 if it is below from the start.  The formula avoids cancellation."""
     a, b, c = wx * wx + wy * wy, x * wx + y * wy, x * x + y * y - limit * limit
@@ -294,7 +295,7 @@ def _least(
     row = i // n
     np.minimum.at(least, row, between)
 
-    limit = _tie(least)
+    limit = tie(least)
     near = square <= limit[:, None]
     first = near.argmax(axis=1)
     key = np.where(near[rows, first], first, np.inf)

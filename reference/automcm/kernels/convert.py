@@ -47,9 +47,11 @@ def closest_points(
         away = points - xy
         first = np.zeros(len(points), np.intp)
         return ClosestPoints(first, xy[first], np.hypot(away[:, 0], away[:, 1]))
-    a, step = xy[:-1], np.diff(xy, axis=0)
-    if among is not None:
-        a, step = a[among], step[among]
+    if among is None:
+        a, step = xy[:-1], np.diff(xy, axis=0)
+    else:
+        a = xy[among]
+        step = xy[among + 1] - a
     length = np.hypot(step[:, 0], step[:, 1])
     away = points[:, None] - a
     dot = away[..., 0] * step[:, 0] + away[..., 1] * step[:, 1]

@@ -9,15 +9,19 @@ import numpy as np
 
 from automcm.kernels.collide import closest_approach
 from automcm.kernels.convert import closest_points
-from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, number
+from automcm.kernels.thin import POSITION, SPEED
+from automcm.kernels.trajectory import NANOMETRE, Floats, Trajectory, TrajectoryError, number
 from automcm_spec.vocabulary.parameters import DEFAULTS, derived
 
 _TIMES = DEFAULTS | derived(DEFAULTS)
 
-TOGETHER = 256
-"""Number of positions of the path that are compared at a time with the segments near them."""
+TOGETHER = 64
+"""Number of samples that are compared at a time with the planned segments near them."""
 WINDOW = 0.1
 """Speeds are means over at least this time, s."""
+TURN = 1.0
+"""The lateral acceleration is that of three positions this time apart, s: thinning changes it by at
+most 4 POSITION / TURN²."""
 ROUNDING = 1e-3
 """A message rounds to s/1000 and m/1000."""
 
@@ -33,6 +37,8 @@ class Reason(StrEnum):
     """It leaves the planned path, goes back, or skips a part of it."""
     SPEED = "speed"
     ACCELERATION = "acceleration"
+    LATERAL = "lateral"
+    """Its lateral acceleration is too great."""
     LEADER_GAP = "leader_gap"
     FOLLOWER_GAP = "follower_gap"
 
@@ -56,8 +62,14 @@ class Limits:
     leader_gap: float = 7.0
     """Metres, centre to centre: a car and 2 m."""
     follower_gap: float = 7.0
-    path: float = 0.5
+    lateral: float = 3.0
+    """m/s², to the side: less than what overturns a lorry (about 3.5)."""
+    path: float = 0.3
     """Metres to the side of the planned path."""
+    position_error: float = 2 * POSITION
+    """Metres that the thinning of the plan and of the prescription may add to that (KIN-2)."""
+    speed_error: float = SPEED
+    """m/s, likewise, for the speed."""
     start: float = 1.0
     """Metres between the start of the prescription and the vehicle's position then."""
     age: float = (_TIMES["t_giveup"] + _TIMES["t_decide"]) / 1000
@@ -89,8 +101,8 @@ def verify(
     Open in the paper: what "safe" is.  Bounded are the speed (mean over WINDOW or a segment, less
     what ROUNDING may add), and the mean acceleration over any time of ``reaction``: the prescribed
     speed is a step function, and the control smooths a step in that time.  Before the first sample
-    the vehicle drives its planned speed, after the last the last speed, or 0 if it stopped.  Not
-    judged: lateral acceleration, jerk.
+    the vehicle drives its planned speed, after the last the last speed, or 0 if it stopped.  Both
+    trajectories may be thinned (KIN-2).  Not judged: jerk.
 
     Raises TrajectoryError only if ``now`` is not finite.
     """
@@ -100,9 +112,10 @@ def verify(
     checks = {
         Reason.EXPIRED: expired,
         Reason.START: not _starts(prescribed, planned, time, limits.start),
-        Reason.PATH: not _follows(prescribed, planned, limits.path),
+        Reason.PATH: not _follows(prescribed, planned, limits.path + limits.position_error),
         Reason.SPEED: not _speed(prescribed, limits),
         Reason.ACCELERATION: not _acceleration(prescribed, planned, limits),
+        Reason.LATERAL: bool((lateral(prescribed) > limits.lateral).any()),
         Reason.LEADER_GAP: not _gap(prescribed, leader, time, limits.leader_gap),
         Reason.FOLLOWER_GAP: not _gap(prescribed, follower, time, limits.follower_gap),
     }
@@ -123,44 +136,70 @@ def _starts(prescribed: Trajectory, planned: Trajectory, now: float, limit: floa
 
 
 def _follows(prescribed: Trajectory, planned: Trajectory, limit: float) -> bool:
-    """Whether it stays within ``limit`` of the planned path without going back or skipping a part.
+    """Whether it stays within ``limit`` of the planned path, and the part of that path which it
+    covers within ``limit`` of it, without going back by more than ``limit``.
 
-    It is checked every limit/4 of the distance; a position between two of these is at most limit/8
-    further away, which is subtracted from the limit, so that no position beyond ``limit`` passes.
-    A path that comes within ``limit`` of itself may be refused although it is the same.
+    Between the samples of either both are straight, so that the distance is greatest at one.  The
+    closest points of the whole path count: a path that comes within ``limit`` of itself may be
+    refused although it is the same.
     """
-    way, whole = prescribed.arc(), planned.arc()
-    if way[-1] > whole[-1] + 2 * limit:
-        return False  # limits the cost of a long path
-    spacing = limit / 4
-    samples = np.unique(np.concatenate([way, np.arange(0, way[-1], spacing)]))
+    whole = planned.arc()
     # The boxes that contain all positions within the limit of each planned segment.
-    ends = planned.xy[:-1], planned.xy[1:]
-    low, high = np.minimum(*ends) - limit, np.maximum(*ends) + limit
-    foot_ways = []
-    for begin in range(0, len(samples), TOGETHER):
-        part = samples[begin : begin + TOGETHER]
-        xy = np.stack([np.interp(part, way, prescribed.xy[:, axis]) for axis in (0, 1)], axis=1)
-        near = np.flatnonzero(((low <= xy.max(axis=0)) & (high >= xy.min(axis=0))).all(axis=1))
+    ends = planned.xy[:-1].T, planned.xy[1:].T
+    (left, lower), (right, upper) = np.minimum(*ends) - limit, np.maximum(*ends) + limit
+    feet = []
+    for begin in range(0, len(prescribed), TOGETHER):
+        xy = prescribed.xy[begin : begin + TOGETHER]
+        (x0, y0), (x1, y1) = xy.min(axis=0), xy.max(axis=0)
+        near = np.flatnonzero((left <= x1) & (right >= x0) & (lower <= y1) & (upper >= y0))
         if len(near) == 0 and len(planned) > 1:
             return False
         found = closest_points(planned.xy, xy, near)
-        if (found.distance > limit - spacing / 2).any():
+        if (found.distance > limit + NANOMETRE).any():
             return False
         off = found.place - planned.xy[found.segment]
-        foot_ways.append(whole[found.segment] + np.hypot(off[:, 0], off[:, 1]))
-    along = np.concatenate(foot_ways)
-    back = np.maximum.accumulate(along) - along
-    return bool((back <= limit).all() and (np.diff(along) <= spacing + 2 * limit).all())
+        feet.append(whole[found.segment] + np.hypot(off[:, 0], off[:, 1]))
+    foot = np.concatenate(feet)
+    if (np.maximum.accumulate(foot) - foot > limit).any():
+        return False
+    # The planned samples between the feet of each prescribed segment, and their distance from it.
+    first = np.searchsorted(whole, np.minimum(foot[1:], foot[:-1]))
+    counts = np.maximum(np.searchsorted(whole, np.maximum(foot[1:], foot[:-1])) - first, 0)
+    k = np.repeat(np.arange(len(counts)), counts)
+    passed = np.arange(len(k)) + (first - np.cumsum(counts) + counts)[k]
+    away, step = planned.xy[passed] - prescribed.xy[k], np.diff(prescribed.xy, axis=0)[k]
+    square = (step * step).sum(axis=1)
+    share = np.clip((away * step).sum(axis=1) / np.where(square > 0, square, 1), 0, 1)
+    off = away - share[:, None] * step
+    return bool((np.hypot(off[:, 0], off[:, 1]) <= limit + NANOMETRE).all())
 
 
 def _speed(prescribed: Trajectory, limits: Limits) -> bool:
-    _, low, high = _speeds(prescribed)
+    _, low, high = _speeds(prescribed, limits.speed_error)
     return bool((low <= limits.v_max).all() and (high >= limits.v_min).all())
 
 
-def _speeds(trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
-    """Times (m,), and the lowest and the highest speed (m - 1,) between them, given ROUNDING.
+def lateral(trajectory: Trajectory) -> Floats:
+    """The lateral accelerations, m/s²: of the positions A, B, C at t - TURN, t, t + TURN, the part
+    of A - 2 B + C across C - A, over TURN².  t is TURN before, at and after each sample, where all
+    three are known.
+    """
+    t = trajectory.t
+    times = np.concatenate([t - TURN, t, t + TURN])
+    times = times[(times >= t[0] + TURN) & (trajectory.stopped | (times <= t[-1] - TURN))]
+    a, b, c = (
+        np.stack([np.interp(times + by, t, along) for along in trajectory.xy.T])
+        for by in (-TURN, 0.0, TURN)
+    )
+    (x, y), (bend_x, bend_y) = c - a, a - 2 * b + c
+    length = np.hypot(x, y)
+    across: Floats = np.abs(x * bend_y - y * bend_x) / np.where(length > NANOMETRE, length, np.inf)
+    return across / TURN**2
+
+
+def _speeds(trajectory: Trajectory, error: float) -> tuple[Floats, Floats, Floats]:
+    """Times (m,), and the lowest and the highest speed (m - 1,) between them, given ``error`` (m/s)
+    and ROUNDING.
 
     Samples less than WINDOW apart are merged; otherwise rounding would appear as speed.
     """
@@ -172,14 +211,14 @@ def _speeds(trajectory: Trajectory) -> tuple[Floats, Floats, Floats]:
         kept[max(len(kept) - 1, 1) :] = [len(t) - 1]
     spans = np.diff(t[kept])
     v = np.diff(trajectory.arc()[kept]) / spans
-    error = (v + 1) * ROUNDING / spans
-    return t[kept], v - error, v + error
+    either_way = error + (v + 1) * ROUNDING / spans
+    return t[kept], v - either_way, v + either_way
 
 
 def _acceleration(prescribed: Trajectory, planned: Trajectory, limits: Limits) -> bool:
     """Check v(t + reaction) - v(t) for every t: it only changes when one of the two times passes a
     step of v."""
-    steps, low, high = _speeds(prescribed)
+    steps, low, high = _speeds(prescribed, limits.speed_error)
     before = _speed_at(planned, float(steps[0]))
     low, high = (
         np.concatenate([v[:1] if before is None else [before], v, [0.0] if still else v[-1:]])

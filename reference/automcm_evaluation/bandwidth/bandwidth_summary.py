@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from automcm.kernels.thin import EVERY
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.lane_change import Plan
 from automcm.scenarios.road import ROAD_M
@@ -106,7 +105,6 @@ def _model() -> Values:
         "delta_v_kmh": round(plan.delta_v * 3.6, 3),
         "gain_m": plan.gain_m,
         "ahead_m": ROAD_M,
-        "every": EVERY,
     }
 
 
