@@ -299,18 +299,22 @@ def test_told_to_stop_while_it_listens_a_station_ends_well() -> None:
 
 
 @pytest.mark.slow
-def test_driving_software_at_the_other_end_of_a_bridge() -> None:
+def test_driving_software_at_the_other_end_of_a_bridge(tmp_path: Path) -> None:
     """station --bridge, and automcm drive, which asks for a lane change and completes it."""
+    (tmp_path / "token").write_text("0123456789abcdef\n")
+    token = ["--token-file", str(tmp_path / "token")]
     with running("link", "relay", "--port", "0") as relay:
         via = ["--via", f"127.0.0.1:{report(relay)['port']}", "--listen", "0", "--first"]
         bridged = ["--bridge", "0", "--set", "t_timeout=500", "--for", "20000"]
         with (
-            running("station", "--id", "1", *bridged, *via) as router,
+            running("station", "--id", "1", *bridged, *token, *via) as router,
             running("station", "--id", "2", *via),
         ):
             uri = f"ws://127.0.0.1:{report(router)['bridge']}"
+            denied = automcm_process("drive", "--uri", uri)
+            assert denied.returncode == 3 and "it requires a token" in denied.stderr
             with running(
-                "drive", "--uri", uri, "--request-after", "500", "--for", "20000"
+                "drive", "--uri", uri, "--request-after", "500", "--for", "20000", *token
             ) as drive:
                 assert report(drive)["event"] == "connected"
                 seen = []
@@ -330,3 +334,16 @@ def test_a_bridge_that_cannot_be_reached_or_opened_is_exit_code_3() -> None:
     assert busy.returncode == 3 and str(port) in busy.stderr
     gone = automcm_process("drive", "--uri", f"ws://127.0.0.1:{port}", "--attempts", "1")
     assert gone.returncode == 3 and f"ws://127.0.0.1:{port}" in gone.stderr
+
+
+def test_a_bridge_beyond_loopback_needs_a_token(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("short")
+    beyond = ["--bridge", "0", "--host", "0.0.0.0", "--allow-remote"]
+    for more, code, problem in (
+        (beyond, 3, "'0.0.0.0' is not a loopback address, so the bridge needs a token: give"),
+        ([*beyond, "--token-file", tmp_path / "token"], 3, "token: a token must be 16 to 256"),
+        (["--bridge", "0", "--token-file", tmp_path / "none"], 3, "none: No such file"),
+        (["--token-file", tmp_path / "token"], 2, "--token-file needs --bridge"),
+    ):
+        refused = automcm_process("station", "--id", "1", "--listen", "0", "--for", "1", *more)
+        assert refused.returncode == code and problem in " ".join(refused.stderr.split()), refused

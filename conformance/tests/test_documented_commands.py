@@ -132,6 +132,7 @@ TABLE: dict[str, Way] = {
     "automcm demo --second-prescriber": DEMO,
     "automcm drive --request-after 500": BRIDGE,
     "automcm drive --uri ws://127.0.0.1:9090": BRIDGE,
+    "automcm drive --uri ws://192.0.2.7:9090 --token-file token": BRIDGE,
     "automcm experiment all --profile quick": SWEEP,
     **{f"automcm experiment {name} --profile quick --seed 1": SWEEP for name in NAMES},
     "automcm experiment render runs/evaluation": SWEEP,
@@ -157,6 +158,8 @@ TABLE: dict[str, Way] = {
     "automcm spec simulate two_by_three": LONG,
     "automcm spec worker 192.0.2.7": WORKERS,
     "automcm station --id 1 --first --bridge 9090": BRIDGE,
+    "automcm station --id 1 --first --bridge 9090 --host 192.0.2.7 --allow-remote "
+    "--token-file token": BRIDGE,
     "automcm station --id 2 --first": STATION,
     "automcm station --id 7 --first": LIVE,
     "automcm station --id 7 --request-after 500": STATION,

@@ -8,11 +8,12 @@ import contextlib
 import json
 import math
 from collections.abc import AsyncIterator, Callable
+from types import SimpleNamespace
 from typing import Any
 
 from websockets.asyncio.client import ClientConnection, connect
 
-from automcm.bridge.websocket_bridge import WebSocketBridge
+from automcm.bridge.websocket_bridge import WebSocketBridge, _Client
 from automcm.links.clock import AsyncioClock
 from automcm.links.simulated_radio import Channel, Radio
 from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
@@ -23,6 +24,7 @@ from automcm_spec.vocabulary.parameters import Parameters
 
 BRIDGED, OTHER = 1001, 2002
 QUICK = Parameters(t_timeout=300, t_resend=100, t_decide=1000, t_cam_loss=1100, t_cam=50)
+TOKEN = "0123456789abcdef"
 PATIENCE = 20
 """Seconds after which a test has failed; nothing is asserted about how long anything takes."""
 
@@ -81,6 +83,24 @@ class World:
         await self.bridge.close()
 
 
+class Operator:
+    """A connection without a socket, for virtual time."""
+
+    def __init__(self, bridge: WebSocketBridge, name: str = "") -> None:
+        self.bridge, self.texts = bridge, list[str]()
+        socket = SimpleNamespace(transport=None)
+        self.client = _Client(socket, name)  # type: ignore[arg-type]
+        self.client.outbox.put = self.texts.append  # type: ignore[method-assign]
+
+    def publish(self, topic: str, **msg: Any) -> None:
+        fields = {"op": "publish", "topic": f"/v2x/mcm/input/{topic}", "msg": msg}
+        self.bridge._take(self.client, json.dumps(fields))
+
+    def statuses(self) -> list[str]:
+        every = map(json.loads, self.texts)
+        return [fields["msg"] for fields in every if fields["op"] == "status"]
+
+
 class Client:
     """Driving software that knows nothing but rosbridge's JSON."""
 
@@ -124,9 +144,12 @@ class Client:
 
 
 @contextlib.asynccontextmanager
-async def client(world: World, *topics: str, drives: bool = True) -> AsyncIterator[Client]:
+async def client(
+    world: World, *topics: str, drives: bool = True, name: str = ""
+) -> AsyncIterator[Client]:
     """A client that has subscribed, and if it drives says all the time where it is."""
-    async with connect(world.uri, compression=None, ping_interval=None) as connection:
+    uri = f"{world.uri}/?client={name}"
+    async with connect(uri, compression=None, ping_interval=None) as connection:
         it = Client(connection)
         await it.subscribe(*topics)
         driving = asyncio.create_task(drive(it)) if drives else None

@@ -63,10 +63,12 @@ async def test_remote_reconnects_within_a_commitment() -> None:
     async with World(other) as world, remote(world, mine, expect=[LANE_CHANGE]) as it:
         world.other.command(LANE_CHANGE)
         await holds(lambda: mine.names() == ["load"])
-        before = it._socket
+        before, driver = it._socket, world.bridge._role.driver
         before.transport.abort()
         await holds(lambda: it._socket not in (None, before) and it.connected.is_set())
         await holds(lambda: other.names() == ["load"])
+        assert isinstance(driver, str), "it has given itself a name"
+        await holds(lambda: world.bridge._role.driver == driver)
         world.other.command(other.told[0][1].complete())
         await holds(lambda: "finished" in mine.names())
         assert mine.names() == ["load", "finished"]

@@ -14,14 +14,26 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from bridge_stage import OTHER, PATIENCE, Recorder, World, client, committed, holds, plans, points
+from bridge_stage import (
+    OTHER,
+    PATIENCE,
+    TOKEN,
+    Recorder,
+    World,
+    client,
+    committed,
+    holds,
+    plans,
+    points,
+)
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from automcm.bridge import autoware
 from automcm.bridge import rosbridge as ros
+from automcm.bridge.bounded_socket import MAX_SOCKETS
 from automcm.bridge.remote_application import RemoteApplication
-from automcm.bridge.websocket_bridge import MAX_SOCKETS, WebSocketBridge
+from automcm.bridge.websocket_bridge import WebSocketBridge
 from automcm.links.link import LinkError
 from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.service.application import Proposal
@@ -34,7 +46,9 @@ from automcm_spec.vocabulary.messages import Trajectory
 def test_only_loopback(host: str) -> None:
     with pytest.raises(LinkError, match=f"'{host}' is not a loopback address"):
         WebSocketBridge(host)
-    WebSocketBridge(host, allow_remote=True)
+    with pytest.raises(LinkError, match=f"'{host}' .* needs a token"):
+        WebSocketBridge(host, allow_remote=True)
+    WebSocketBridge(host, allow_remote=True, token=TOKEN)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost", "127.9.9.9"])

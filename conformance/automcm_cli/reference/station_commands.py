@@ -24,6 +24,13 @@ if TYPE_CHECKING:
 Target = Annotated[
     int, typer.Option(help="station_id of the station to prescribe (0 = the first that answers).")
 ]
+TokenFile = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with the bridge's token.  Without it: the environment variable "
+        "AUTOMCM_BRIDGE_TOKEN."
+    ),
+]
 For = Annotated[int | None, typer.Option("--for", help="Stop after this many ms.")]
 
 FINISH_S = 0.2
@@ -144,6 +151,7 @@ def station(
             max=65_535,
         ),
     ] = None,
+    token_file: TokenFile = None,
     request_after: Annotated[
         int | None, typer.Option(help="Request a lane change after this many ms.")
     ] = None,
@@ -174,7 +182,7 @@ def station(
 
     With --bridge, its application is at the other end of a WebSocket: driving software that speaks
     rosbridge JSON, or automcm drive.  Without --bridge, it drives straight on and accepts
-    proposals.
+    proposals.  Beyond loopback the bridge needs a token.
 
     The station starts as after a restart unless --first is given or the --number-file does not
     exist yet: it takes its session number from the clock, and for some seconds it joins no session.
@@ -201,7 +209,9 @@ def station(
         maneuver_ms=maneuver,
         concerned_by_all=concerned,
     )
-    served = None if bridge is None else _bridge(bridge, host, allow_remote)
+    if bridge is None and token_file is not None:
+        raise typer.BadParameter("--token-file needs --bridge")
+    served = None if bridge is None else _bridge(bridge, host, allow_remote, token_file)
     parameters = chosen(set_ or [])
 
     with code_3("station", LinkError):
@@ -232,13 +242,15 @@ def station(
     carry_out("station", run)
 
 
-def _bridge(port: int, host: str, allow_remote: bool) -> WebSocketBridge:
+def _bridge(port: int, host: str, allow_remote: bool, token_file: Path | None) -> WebSocketBridge:
+    from automcm.bridge.access import read_token
     from automcm.links.link import LinkError
 
     with code_3("station", LinkError):
         from automcm.bridge.websocket_bridge import WebSocketBridge
 
-        return WebSocketBridge(host, port, allow_remote=allow_remote)
+        token = read_token(token_file)
+        return WebSocketBridge(host, port, allow_remote=allow_remote, token=token)
 
 
 def drive(
@@ -247,6 +259,7 @@ def drive(
         int | None, typer.Option(help="Request a lane change this many ms after connecting.")
     ] = None,
     target: Target = 0,
+    token_file: TokenFile = None,
     attempts: Annotated[
         int, typer.Option(help="Maximum attempts for the first connection.", min=1)
     ] = 5,
@@ -263,7 +276,10 @@ def drive(
     from automcm.service.station_process import stopping
 
     with code_3("drive", LinkError):
+        from automcm.bridge.access import read_token
         from automcm.bridge.remote_application import RemoteApplication
+
+        token = read_token(token_file)
 
     async def run(lines: Lines) -> None:
         over = stopping(for_ms)
@@ -272,6 +288,7 @@ def drive(
             uri,
             expect=[LANE_CHANGE],
             attempts=attempts,
+            token=token,
         )
         running = asyncio.create_task(remote.run())
         connected = asyncio.create_task(remote.connected.wait())

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import random
+import secrets
 from collections.abc import Sequence
 from typing import Any
 
 from automcm.bridge import rosbridge as ros
+from automcm.bridge.access import authorization
 from automcm.bridge.autoware import NO_TRAJECTORY, to_odometry, to_trajectory
+from automcm.bridge.bounded_socket import Outbox
 from automcm.bridge.websocket_bridge import OWN_REASONS, QUEUE
 from automcm.links.clock import AsyncioClock, Clock
 from automcm.links.link import LinkError
@@ -20,10 +23,10 @@ from automcm.service.application import Advertised, AgreedManeuver, Application
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory
 
-# After rosbridge, whose import error names the extra to install.
+# After bounded_socket, whose import error names the extra to install.
 # isort: split
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidURI
+from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI
 
 OPEN_S = 3
 CLOSE_S = 1
@@ -38,7 +41,7 @@ class RemoteApplication:
 
     Kinematics and plans are published every ``period_ms``.  ``run`` makes ``attempts`` attempts for
     the first connection, and reconnects without limit.  The waits grow from the first to the second
-    value of ``backoff_ms``; ``seed`` randomizes them.
+    value of ``backoff_ms``; ``seed`` randomizes them.  ``token`` is the bridge's.
     """
 
     def __init__(
@@ -53,15 +56,19 @@ class RemoteApplication:
         ping_ms: int = 5000,
         clock: Clock | None = None,
         seed: int = 0,
+        token: str | None = None,
     ) -> None:
         self._application, self._uri, self._expect = application, uri, tuple(expect)
+        self._headers = authorization(token)
+        self._named = uri if "?" in uri else f"{uri}?client={secrets.token_hex(8)}"
+        """The address with a name, so that the bridge recognizes the client's next connection."""
         self._period_ms, self._attempts, self._backoff_ms = period_ms, attempts, backoff_ms
         self._ping_ms, self._random = ping_ms, random.Random(seed)
         self._given_clock = clock
         self._clock: Clock
         self.connected = asyncio.Event()
         """Set while there is a connection on which the bridge has sent its state."""
-        self._outbox: ros.Outbox | None = None
+        self._outbox: Outbox | None = None
         self._socket: ClientConnection | None = None
         self._offset = 0
         self._time = 0
@@ -98,7 +105,8 @@ class RemoteApplication:
             attempt += 1
             try:
                 return await connect(
-                    self._uri,
+                    self._named,
+                    additional_headers=self._headers,
                     compression=None,
                     max_size=ros.MAX_OUT + 1024,
                     max_queue=4,
@@ -114,8 +122,10 @@ class RemoteApplication:
                     f"not {self._uri!r}"
                 ) from None
             except (OSError, TimeoutError, InvalidHandshake, EOFError) as error:
-                if attempts is not None and attempt >= attempts:
+                if attempts is not None and (attempt >= attempts or _is_unauthorized(error)):
                     why = str(error) or type(error).__name__
+                    if _is_unauthorized(error):
+                        why = "it has another token" if self._headers else "it requires a token"
                     raise LinkError(f"cannot reach the bridge at {self._uri}: {why}") from None
             wait = min(high, low * 2 ** min(attempt - 1, 30))
             await asyncio.sleep(wait * self._random.uniform(0.5, 1) / 1000)
@@ -127,7 +137,7 @@ class RemoteApplication:
 
     async def _serve(self, socket: ClientConnection) -> None:
         """Serve one connection until it ends."""
-        self._socket, self._outbox = socket, ros.Outbox(socket, QUEUE, ros.MAX_OUT)
+        self._socket, self._outbox = socket, Outbox(socket, QUEUE, ros.MAX_OUT)
         sending = asyncio.create_task(self._outbox.send())
         try:
             for topic, model in ros.OUTPUTS.items():
@@ -298,6 +308,10 @@ class RemoteApplication:
             self._loaded, self._over = None, session
             self._application.fallback(session, "bridge_loss")
         self._repeat_last()
+
+
+def _is_unauthorized(error: Exception) -> bool:
+    return isinstance(error, InvalidStatus) and error.response.status_code == 401
 
 
 def _ends(command: commands.Command | None, session: Session) -> bool:

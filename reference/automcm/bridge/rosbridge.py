@@ -1,12 +1,7 @@
-"""The protocol of the bridge: rosbridge v2, its topics and its messages (docs/bridge.md).
-
-Needs the extra ``automcm[ws]``; importing this without it raises LinkError.
-"""
+"""The protocol of the bridge: rosbridge v2, its topics and its messages (docs/bridge.md)."""
 
 from __future__ import annotations
 
-import asyncio
-from collections import deque
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
 from pydantic import Field, ValidationError
@@ -23,7 +18,7 @@ from automcm.bridge.autoware import (
     to_trajectory,
     trajectory,
 )
-from automcm.links.link import LinkError
+from automcm.bridge.driven_trajectory import timed_trajectory
 from automcm.service import application
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.application import Phase, Role
@@ -33,18 +28,11 @@ from automcm_spec.vocabulary.messages import (
     Natural,
     Positive,
     StationId,
+    Trajectory,
     refusal,
     short,
 )
 from automcm_spec.vocabulary.messages import Session as SessionKey
-
-try:
-    from websockets.asyncio.connection import Connection
-    from websockets.exceptions import ConnectionClosed
-except ModuleNotFoundError as error:  # pragma: no cover - a test runs this in a process of its own
-    if (error.name or "").split(".")[0] != "websockets":
-        raise
-    raise LinkError("the WebSocket bridge needs websockets: pip install 'automcm[ws]'") from None
 
 PORT = 9090
 """The default port of rosbridge."""
@@ -283,11 +271,10 @@ class Request(_Input):
     details: Details = Field(default_factory=dict)
     planned: AutowareTrajectory = NO_TRAJECTORY
 
-    def command(self) -> commands.Request:
-        """The command for the station.  Raises ValueError."""
+    def command(self, planned: Trajectory | None) -> commands.Request:
+        """The command for the station, with the converted ``planned``.  Raises ValueError."""
         if len(to_json(self.details)) > MAX_DETAILS:
             raise MessageError(f"msg.details: more than {MAX_DETAILS} bytes")
-        planned = trajectory(self.planned, "msg.planned") if self.planned.points else None
         return commands.Request(scenario=self.scenario, details=self.details, planned=planned)
 
 
@@ -326,7 +313,7 @@ class Prescribe(_OfSession):
             session=self.key,
             proposal=self.proposal,
             target=self.target,
-            prescribed=trajectory(self.prescribed, "msg.prescribed"),
+            prescribed=timed_trajectory(self.prescribed, "msg.prescribed"),
             hold_ms=self.hold_ms,
             lease_ms=self.lease_ms,
         )
@@ -429,40 +416,3 @@ def read(model: type[M], msg: Any) -> M:
         return model.model_validate(msg)
     except ValidationError as error:
         raise refusal(error, "msg") from None
-
-
-class Outbox:
-    """The queue of messages for a socket.  A peer that does not read is disconnected."""
-
-    def __init__(self, socket: Connection, messages: int, size: int) -> None:
-        self._socket, self._messages, self._size = socket, messages, size
-        self._texts: deque[str] = deque()
-        self._bytes = 0
-        self._wake = asyncio.Event()
-        self._cut = False
-
-    def put(self, text: str) -> None:
-        """Append a message; disconnect if the queue is full."""
-        if self._cut:
-            return
-        self._texts.append(text)
-        self._bytes += len(text)
-        if len(self._texts) > self._messages or self._bytes > self._size:
-            self._cut = True
-            self._texts.clear()
-            self._socket.transport.abort()
-        self._wake.set()
-
-    async def send(self) -> None:
-        """Send the queue until the connection ends or the task is cancelled."""
-        try:
-            while not self._cut:
-                await self._wake.wait()
-                self._wake.clear()
-                while self._texts:
-                    text = self._texts.popleft()
-                    self._bytes -= len(text)
-                    await self._socket.send(text)
-        except ConnectionClosed:
-            self._cut = True
-            self._texts.clear()

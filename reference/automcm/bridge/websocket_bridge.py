@@ -10,25 +10,27 @@ questions that it cannot represent in ROS messages.
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 import logging
-import socket
 from collections import OrderedDict
 from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any, Self
+from urllib.parse import parse_qs, urlsplit
 
 from pydantic import ValidationError
 
-from automcm.bridge import autoware
+from automcm.bridge import access, autoware
 from automcm.bridge import rosbridge as ros
+from automcm.bridge.bounded_socket import BoundedSocket, Outbox
+from automcm.bridge.driven_trajectory import own_trajectory
+from automcm.bridge.driver_role import DriverRole
 from automcm.links.link import LinkError
 from automcm.service import application
 from automcm.service.service import McService
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory, refusal, short
 
-# After rosbridge, whose import error names the extra to install.
+# After bounded_socket, whose import error names the extra to install.
 # isort: split
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -37,17 +39,9 @@ from websockets.http11 import Response
 from websockets.typing import Origin
 
 MAX_CLIENTS = 8
-MAX_SOCKETS = 64
-"""Maximum number of connections, including those before their WebSocket handshake."""
 QUEUE = 256
 """Maximum messages that wait for one client; it is disconnected beyond that."""
 QUEUE_BYTES = 2 * ros.MAX_OUT
-CHUNK = 2**12
-"""Bytes read from a socket at a time."""
-KERNEL = 2**16
-"""Size of the system's send buffer for one client, in bytes."""
-PONGS = 2**16
-"""Maximum bytes of answers to pings that wait for one client."""
 HANDSHAKE_S = 3
 CLOSE_S = 1
 
@@ -57,29 +51,13 @@ _SILENT_LOGGER.setLevel(logging.CRITICAL)
 """The library would log a traceback for each failed handshake."""
 
 
-class _Socket(ServerConnection):
-    """A connection whose peer can neither block the loop with one read nor fill the memory."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        if hasattr(transport, "max_size"):  # asyncio reads 256 KiB at a time: 40,000 pings
-            transport.max_size = CHUNK
-        super().connection_made(transport)
-        plain: socket.socket = transport.get_extra_info("socket")
-        plain.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, KERNEL)
-        if len(self.server.handler_tasks) > MAX_SOCKETS:
-            self.transport.abort()
-
-    def data_received(self, data: bytes) -> None:
-        super().data_received(data)
-        if self.transport.get_write_buffer_size() > ros.MAX_OUT + PONGS:
-            self.transport.abort()
-
-
 class _Client:
-    """A connection and the topics to which it has subscribed."""
+    """A connection, the client that it belongs to, and the topics to which it has subscribed."""
 
-    def __init__(self, connection: ServerConnection) -> None:
-        self.outbox = ros.Outbox(connection, QUEUE, QUEUE_BYTES)
+    def __init__(self, connection: ServerConnection, name: str = "") -> None:
+        self.client: object = name or self
+        """The name, or without one the connection itself."""
+        self.outbox = Outbox(connection, QUEUE, QUEUE_BYTES)
         self.topics: set[str] = set()
 
     def status(self, error: MessageError, id_: Any) -> None:
@@ -93,9 +71,10 @@ class WebSocketBridge:
     """The application interface for driving software in another process or on another computer.
 
     Give it to an ``McService`` as its application, start the service, and ``await open()``.
-    ``host`` must be a loopback address unless ``allow_remote``, because clients are not
-    authenticated.  A web page is refused unless its origin is one of ``origins``.  A plan is valid
-    for ``plan_ms``.  A peer that answers no ping for ``ping_ms`` is disconnected.
+    ``host`` must be a loopback address, or ``allow_remote`` and a ``token`` be given; clients then
+    present the token (``Authorization: Bearer``).  A web page is refused unless its origin is one
+    of ``origins``.  A plan is valid for ``plan_ms``.  A peer that answers no ping for ``ping_ms``
+    is disconnected.  ``return_ms``: see ``DriverRole``.
     """
 
     def __init__(
@@ -104,26 +83,29 @@ class WebSocketBridge:
         port: int = ros.PORT,
         *,
         allow_remote: bool = False,
+        token: str | None = None,
         origins: Sequence[str] = (),
         plan_ms: int = 1000,
+        return_ms: int = 5000,
         ping_ms: int = 5000,
         max_clients: int = MAX_CLIENTS,
     ) -> None:
-        if not allow_remote and not _loopback(host):
-            raise LinkError(f"{host!r} is not a loopback address; allow_remote permits it")
+        access.check_listening(host, token, allow_remote)
         if not 0 <= port <= 65_535:
             raise LinkError(f"port must be between 0 and 65535, not {port}")
         self._host, self._port = host, port
+        self._token = None if token is None else access.checked(token, "token")
         self._origins = [*map(Origin, origins), None]
         self._plan_ms, self._ping_ms, self._max_clients = plan_ms, ping_ms, max_clients
+        self._return_ms = return_ms
         self._server: Server | None = None
         self._service: McService
         self._turn = asyncio.Lock()
         self._clients: set[_Client] = set()
-        self._driver: _Client | None = None
-        self._published_ms: int | None = None
-        """The time of the last publication of any driver, in ms."""
-        self._kinematics = application.Kinematics()
+        self._role: DriverRole
+        self._kinematics: application.Kinematics | None = None
+        self._kinematics_ms = 0
+        """The time of the publication of the kinematics."""
         self._plans: OrderedDict[str, tuple[Trajectory, int]] = OrderedDict()
         """For each scenario the planned trajectory, and the time of its publication in ms."""
         self._question: application.Choice | application.Proposal | None = None
@@ -165,7 +147,7 @@ class WebSocketBridge:
                 close_timeout=CLOSE_S,
                 ping_interval=self._ping_ms / 1000,
                 ping_timeout=self._ping_ms / 1000,
-                create_connection=_Socket,
+                create_connection=BoundedSocket,
                 logger=_SILENT_LOGGER,
             )
         except OSError as error:
@@ -187,12 +169,18 @@ class WebSocketBridge:
         await self.close()
 
     def _admit(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
+        given = request.headers.get_all("Authorization")
+        if self._token is not None and not access.authorized(given, self._token):
+            text = "the header Authorization: Bearer TOKEN is missing or has another token\n"
+            response = connection.respond(HTTPStatus.UNAUTHORIZED, text)
+            response.headers["WWW-Authenticate"] = "Bearer"
+            return response
         if len(self._clients) >= self._max_clients:
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, "too many clients\n")
         return None
 
     async def _handle(self, connection: ServerConnection) -> None:
-        client = _Client(connection)
+        client = _Client(connection, _name(connection))
         self._clients.add(client)
         sending = asyncio.create_task(client.outbox.send())
         try:
@@ -206,8 +194,9 @@ class WebSocketBridge:
             )
         finally:
             self._clients.discard(client)
-            if self._driver is client:
-                self._leave_driver()
+            if all(other.client != client.client for other in self._clients):
+                self._role.leave(client.client)
+                self._forget_plans()
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
 
@@ -252,16 +241,15 @@ class WebSocketBridge:
 
     def _published(self, client: _Client, message: ros.Input) -> None:
         now = self._service.now()
-        content = _content(message)
-        if self._driver is not client and self._driver is not None and not self._silent(now):
+        content = self._content(message)
+        before = self._role.driver
+        if not self._role.publish(client.client, now, self._service.state.bound):
             raise MessageError("topic: another connection is the driver")
-        if self._driver is not client:
-            self._leave_driver()
-            self._driver = client
-        self._published_ms = now
+        if self._role.driver != before:
+            self._plans.clear()
         match message:
             case ros.OdometryIn():
-                self._kinematics = autoware.kinematics(message)
+                self._kinematics, self._kinematics_ms = autoware.kinematics(message), now
             case ros.Plan():
                 self._keep(message.scenarios, content, now)
             case ros.Accept():
@@ -269,6 +257,27 @@ class WebSocketBridge:
             case _:
                 self._command(content)
         self._show()
+
+    def _content(self, message: ros.Input) -> Any:
+        """The command or the trajectory in a message.  Raises MessageError."""
+        try:
+            match message:
+                case ros.OdometryIn():
+                    return None
+                case ros.Plan():
+                    return self._own(message.trajectory, "msg.trajectory")
+                case ros.Request():
+                    return message.command(self._own(message.planned, "msg.planned"))
+                case ros.Accept():
+                    return message.key
+            return message.command()
+        except ValidationError as error:
+            raise refusal(error, "msg") from None
+
+    def _own(self, planned: autoware.AutowareTrajectory, place: str) -> Trajectory | None:
+        if not planned.points:
+            return None
+        return own_trajectory(planned, place, self._kinematics, self._kinematics_ms)
 
     def _keep(self, scenarios: list[str], planned: Trajectory | None, now: int) -> None:
         for scenario in scenarios:
@@ -294,14 +303,10 @@ class WebSocketBridge:
 
     # -- the driver
 
-    def _silent(self, now: int) -> bool:
-        lost_after = self._service.parameters.t_cam_loss
-        return self._published_ms is None or now - self._published_ms >= lost_after
-
-    def _leave_driver(self) -> None:
-        """Remove the driver and its plans, so that no maneuver concerns the vehicle."""
-        self._driver = None
-        self._plans.clear()
+    def _forget_plans(self) -> None:
+        """Without a driver, no maneuver concerns the vehicle."""
+        if self._role.driver is None:
+            self._plans.clear()
 
     def _give_up(self, session: Session, reason: str) -> None:
         self._given_up = session, reason
@@ -352,7 +357,7 @@ class WebSocketBridge:
                 phase=st.phase,
                 role=st.role,
                 session=ros.to_session(st.session),
-                driver=self._driver is not None,
+                driver=self._role.driver is not None,
                 lost_after_ms=service.parameters.t_cam_loss,
             )
         )
@@ -360,7 +365,7 @@ class WebSocketBridge:
     def _show(self, always: bool = False) -> None:
         """Publish the state if it has changed, or ``always``."""
         st = self._service.state
-        shown = (st.phase, st.role, st.session, self._driver is not None)
+        shown = (st.phase, st.role, st.session, self._role.driver is not None)
         if always or shown != self._shown:
             self._shown = shown
             self._publish(ros.State.topic, self._state())
@@ -381,18 +386,20 @@ class WebSocketBridge:
         if not isinstance(service, McService):
             raise TypeError("the bridge needs an McService: it publishes the station's state")
         self._service = service
+        self._role = DriverRole(service.parameters.t_cam_loss, self._return_ms)
         self._alone(None, "")
 
     def kinematics(self, now_ms: int) -> application.Kinematics:
         """The last published kinematics.  Also checks for a silent driver, at every CAM."""
         self._look("left")
-        if self._silent(now_ms):
-            self._leave_driver()
+        if self._role.silent(now_ms):
+            self._role.release()
+            self._forget_plans()
             session = self._service.state.session
             if session is not None and (self._given_up or ((0, 0), ""))[0] != session:
                 self._give_up(session, "no_driver")
         self._show(always=True)
-        return self._kinematics
+        return self._kinematics or application.Kinematics()
 
     def concerned(self, advertised: application.Advertised) -> Trajectory | None:
         """The driving software's last plan for this scenario, if it is still valid.
@@ -465,27 +472,10 @@ _OWN = {"complete": "completed", "proceed": "proceeded", "abort": "aborted"}
 OWN_REASONS = frozenset(_OWN.values())
 
 
-def _loopback(host: str) -> bool:
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _content(message: ros.Input) -> Any:
-    """The command or the trajectory in a message.  Raises MessageError."""
-    match message:
-        case ros.OdometryIn():
-            return None
-        case ros.Plan():
-            planned = message.trajectory
-            return autoware.trajectory(planned, "msg.trajectory") if planned.points else None
-        case ros.Accept():
-            return message.key
-    try:
-        return message.command()
-    except ValidationError as error:
-        raise refusal(error, "msg") from None
+def _name(connection: ServerConnection) -> str:
+    """The client's name: ``planner`` in ws://127.0.0.1:9090/?client=planner, or none."""
+    path = connection.request.path if connection.request else ""
+    return parse_qs(urlsplit(path).query).get("client", [""])[0]
 
 
 def _model(fields: dict[str, Any], known: dict[str, Any]) -> Any:
