@@ -68,6 +68,7 @@ WEBSOCKET = By(f"{HERE}websocket.py::test_the_reference_passes_over_a_websocket"
 CHECK = By(f"{HERE}cli.py::test_check_shows_and_writes_a_counterexample")
 KERNELS = By(f"{HERE}simulate_command.py::test_bench_kernels_prints_ratios")
 MEASURED = By(f"{HERE}simulate_command.py::test_bench_station_has_every_figure_beside_a_baseline")
+DRIVES = By(f"{HERE}simulate_command.py::test_drives_are_counted_by_what_b_does")
 DRAWN = By(f"{HERE}simulate_command.py::test_the_lane_change_is_told_and_drawn")
 PAGE = By(f"{HERE}model_pages.py::test_a_page_shows_its_counterexample")
 MUTANTS = By("spec/tests/test_mutants.py::test_the_command_reports")
@@ -138,6 +139,7 @@ TABLE: dict[str, Way] = {
     "automcm experiment render runs/evaluation": SWEEP,
     "automcm generate": FRESH,
     "automcm link relay --port 47200 --loss 0.2 --delay 5:40": DEMO,
+    "automcm simulate drives --drives 20": DRIVES,
     "automcm simulate lane-change --vehicles 4 --speed 30": DRAWN,
     "automcm spec bench --seconds 120": ENCODINGS,
     "automcm spec check --property T-2": LONG,

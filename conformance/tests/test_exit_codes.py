@@ -72,6 +72,7 @@ TABLE: dict[str, Cheap | str] = {
     "experiment render": "needs the results of a sweep",
     "generate": MINUTES,
     "link relay": SERVES,
+    "simulate drives": Cheap(["--drives", "1"], files=(JSON,), slow=True),
     "simulate lane-change": Cheap(["--vehicles", "4"], files=(OUT, JSON), slow=True),
     "spec bench": TLC,
     "spec check": Cheap(["bare_ack"], files=("--traces", JSON), slow=True),

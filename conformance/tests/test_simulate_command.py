@@ -57,6 +57,21 @@ def test_without_messages_the_receiver_stops(tmp_path: Path) -> None:
     assert code == 0 and json.loads(said)["vehicles"]["B"]["slowest_kmh"] == 0
 
 
+def test_drives_are_counted_by_what_b_does() -> None:
+    code, said = run("simulate", "drives", "--drives", "4", "--json", "-")
+    report = json.loads(said)
+    assert code == 0 and report["bad"] == [] and report["drives"] == 4
+    assert sum(kind["drives"] for kind in report["kinds"].values()) == 4
+
+
+def test_app_2_a_bad_drive_is_exit_code_1_and_named_by_its_seed() -> None:
+    args = ["--drives", "8", "--without", "any"]
+    code, said = run("simulate", "drives", *args)
+    assert code == 1 and "seed " in said and "braking 8.0 m/s²" in said
+    code, _ = run("simulate", "drives", "--without", "eyes")
+    assert code == 2
+
+
 def test_a_lane_change_that_is_not_done_is_exit_code_1(tmp_path: Path) -> None:
     args = ["--loss", "1", "--seconds", "9", "--out", str(tmp_path)]
     assert run("simulate", "lane-change", *args)[0] == 1

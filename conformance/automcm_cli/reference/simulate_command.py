@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -69,6 +70,49 @@ def lane_change(
         if not report["done"]:
             typer.echo(f"the lane change was not completed within {seconds:g} s", err=True)
     raise typer.Exit(0 if report["done"] else 1)
+
+
+@app.command("drives", epilog=example("simulate drives --drives 20"))
+def drives(
+    count: Annotated[int, typer.Option("--drives", help="Number of drives.", min=1)] = 100,
+    seed: Annotated[int, typer.Option(help="Seed of the first drive; then the next.", min=0)] = 0,
+    without: Annotated[
+        str, typer.Option(help="Mechanism to take away: CAMs, perception, look before, ...")
+    ] = "",
+    json_: Json = None,
+) -> None:
+    """Look for lane changes into an occupied lane (APP-1 to APP-5).
+
+    In each drive some stations do not answer, only send CAMs, have no radio, or do not drive what
+    they accepted, and messages are lost.  A drive is bad if less than 2 m of room is left, or
+    somebody brakes harder than 4 m/s².  The exit code is 1 if a drive is bad.
+    """
+    from automcm.scenarios.occupancy_sweep import KINDS, WITHOUT, drive
+
+    if without and without not in WITHOUT:
+        raise typer.BadParameter(f"expected one of {', '.join(WITHOUT)}, got {without!r}")
+    found = [drive(each, without) for each in range(seed, seed + count)]
+    bad = [asdict(each) for each in found if each.bad]
+    kinds = {
+        kind: {
+            "drives": len(some),
+            "changed": sum(each.changed for each in some),
+            "returned": sum(each.returned for each in some),
+            "bad": sum(each.bad for each in some),
+        }
+        for kind in KINDS
+        for some in [[each for each in found if each.kind == kind]]
+    }
+    report = {"seed": seed, "drives": count, "without": without, "kinds": kinds, "bad": bad}
+    if write_json(json_, report):
+        for kind, figures in kinds.items():
+            counts = ", ".join(f"{number} {name}" for name, number in figures.items())
+            typer.echo(f"{kind:<16} {counts}")
+        for each in bad:
+            room = "-" if each["room_m"] is None else f"{each['room_m']} m"
+            braking = f"braking {each['braking']} m/s²"
+            typer.echo(f"seed {each['seed']}, {each['kind']}: room {room}, {braking}")
+    raise typer.Exit(1 if bad else 0)
 
 
 def _report(drive: SimulatedDrive) -> dict[str, Any]:

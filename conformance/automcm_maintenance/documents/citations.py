@@ -21,7 +21,7 @@ COLUMNS = (
     *("specification", "must fail", "code", "case", "log tools", "vector", "counterexample"),
     "test",
 )
-_ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|S|L|R|T)-\d\b")
+_ID = re.compile(r"\b(?:ADV|PRE|NEG|ACT|END|REL|CMD|MSG|MEM|KIN|APP|S|L|R|T)-\d\b")
 CODE, EXPERIMENTS = ("reference/automcm/**/*.py",), "/experiments/"
 """The packages that implement rules; experiments only measure them."""
 _LOG_TOOLS = ("traces/automcm_traces/**/*.py",)
@@ -34,7 +34,7 @@ Cell = list[tuple[str, str]]
 
 
 def summaries() -> dict[str, str]:
-    """Every rule, kernel rule and property, with a summary in one line."""
+    """Every rule, kernel rule, application rule and property, with a summary in one line."""
     names = [name for name in vectors.KERNELS if name != "extents"]  # of KIN-3, as collide
     kernels = dict(zip(uncited.KINEMATIC, names, strict=True))
     return (
@@ -43,6 +43,7 @@ def summaries() -> dict[str, str]:
             rule: f"the kernel `{name}` ([kernels.md](kernels.md))"
             for rule, name in kernels.items()
         }
+        | uncited.APPLICATION
         | {id_: f"property `{models.PROPERTIES[id_]}`" for id_ in uncited.PROPERTIES}
     )
 
@@ -71,7 +72,7 @@ def found(root: Path) -> dict[str, dict[str, Cell]]:
 def reasons() -> dict[tuple[str, str], str]:
     """The reason for each empty cell by rule and column.  Raises ValueError for two reasons."""
     found: dict[tuple[str, str], str] = {}
-    others = (*RULES, *uncited.PROPERTIES)
+    others = (*RULES, *uncited.APPLICATION, *uncited.PROPERTIES)
     for column, rules, why in [*uncited.WHY, ("vector", others, uncited.VECTORLESS)]:
         for rule in rules:
             if (rule, column) in found:
@@ -120,7 +121,9 @@ def _ids(text: str) -> list[str]:
     """The ids in a text; a test may carry one in its name (``test_neg_4_…``)."""
     return _ID.findall(text) + [
         each.upper().replace("_", "-")
-        for each in re.findall(r"(?<=test_)(?:adv|pre|neg|act|end|rel|cmd|msg|mem|kin)_\d", text)
+        for each in re.findall(
+            r"(?<=test_)(?:adv|pre|neg|act|end|rel|cmd|msg|mem|kin|app)_\d", text
+        )
     ]
 
 

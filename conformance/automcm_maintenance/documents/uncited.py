@@ -8,13 +8,23 @@ _STEP = "a step of the session, not a protection: `probe_station` must reach it"
 _NOTHING = "no effect on the station: the comparison gives every such input to every state"
 _LIMIT = "a memory limit: the graph `tight` reaches it, and the closed models stay below it"
 _TRAJECTORY = "about trajectories, which the specification does not contain"
+_APPLICATION = "a rule of the application, not of the station: the simulated drives check it"
 _EARLY = "ends a session before an agreement: no shortest counterexample needs it"
 _IDLE = "no effect on the station: no shortest counterexample has such a step"
 
 KINEMATIC = tuple(f"KIN-{n}" for n in range(1, 8))
+APPLICATION = {
+    "APP-1": "an application knows everybody heard or seen, whether they answered or not",
+    "APP-2": "it proceeds or prescribes only if everybody known is clear or follows the target",
+    "APP-3": "when a vehicle is clear: gap, margin, braking",
+    "APP-4": "it looks again before it moves over",
+    "APP-5": "it looks on while it moves over, up to the point of no return",
+}
+"""Rules of an application, not of the station, in one line each."""
 PROPERTIES = tuple(id_ for id_ in models.PROPERTIES if id_ != "TypeInv")
 _OF_ONE = ("S-9", "S-10", "S-11", "S-12", "S-13", "S-14", "S-15", "S-16")
 _OF_SEVERAL = tuple(id_ for id_ in PROPERTIES if id_ not in _OF_ONE)
+_ABOVE = ("specification", "must fail", "case", "log tools", "counterexample")
 VECTORLESS = "not a kernel rule: vectors exist for KIN-1 to KIN-7"
 
 WHY: list[tuple[str, tuple[str, ...], str]] = [
@@ -49,5 +59,6 @@ WHY: list[tuple[str, tuple[str, ...], str]] = [
         ("L-2", "L-3", "R-1", "R-2", *_OF_ONE, "T-7"),
         "only checked by TLC; its must-fail model shows that the check can fail",
     ),
+    *((column, tuple(APPLICATION), _APPLICATION) for column in _ABOVE),
 ]
 """Column, rules, and the reason for their empty cells.  Only KIN has vectors (VECTORLESS)."""

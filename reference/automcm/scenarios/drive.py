@@ -34,7 +34,7 @@ class Driver(Application, Protocol):
 
 
 class SimulatedDrive:
-    """The vehicles of these drivers, their services and a radio.
+    """The vehicles of these drivers, their services and a radio; ``others`` have no radio.
 
     A given ``simulation`` determines the seed, the channel and the logs.
     """
@@ -49,9 +49,10 @@ class SimulatedDrive:
         logs: Path | None = None,
         codec: Codec = JSON,
         simulation: Simulation | None = None,
+        others: Sequence[Vehicle] = (),
     ) -> None:
         self.drivers = drivers
-        self.road = Road([driver.vehicle for driver in drivers])
+        self.road = Road([*(driver.vehicle for driver in drivers), *others])
         self.simulation = simulation or Simulation(seed=seed, channel=channel, logs=logs)
         self.sent: list[tuple[int, int, str]] = []
         """Time in ms, station and type of each message except CAMs."""

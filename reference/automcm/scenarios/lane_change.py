@@ -19,14 +19,18 @@ from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, from_message, to_message
 from automcm.kernels.verify import Limits, Reason, verify
+from automcm.scenarios import occupancy
+from automcm.scenarios.occupancy import Perception, Track, nothing_seen
 from automcm.scenarios.road import LANE_WIDTH, ROAD_M, Vehicle
 from automcm.service.application import (
     Advertised,
     AgreedManeuver,
     Choice,
+    Heard,
     Kinematics,
     Proposal,
     Service,
+    heard_by,
 )
 from automcm_spec.vocabulary import messages
 from automcm_spec.vocabulary.application import Command, Request
@@ -39,6 +43,14 @@ MOST_POINTS = 500
 """Maximum points of a received trajectory; thinning more would exceed the time to decide."""
 UNKNOWN_S = 0.5
 """The time from now on for which another's position may be unknown, because clocks differ."""
+FRESH_MS = 300
+"""The target's CAM must be newer than this when the lane change begins (APP-4)."""
+WAIT_MS = 5000
+"""The longest wait for a gap that is not open in time (APP-4)."""
+NO_RETURN_M = (LANE_WIDTH + occupancy.WIDTH_M) / 2
+"""The point of no return: the vehicle has left its old lane (APP-5)."""
+SLACK_M = 2.0
+"""The gap is opened this much wider than needed."""
 OF_IT = (Reason.EXPIRED, Reason.PATH)
 """Reasons that are checked on the trajectory as it was received."""
 LIMITS = Limits(acceleration=3.0, deceleration=3.0, v_max=130 / 3.6)
@@ -167,6 +179,7 @@ class LaneChange(Coordinated):
 
     Call ``tick``, its control loop, about every 0.1 s.  ``zone`` gives a lane as a polygon, by
     default that of the simulated road; it can be that of a map (lanelet_map.LaneMap.zone).
+    ``occupied`` is the vehicle's own perception (APP-1).
     """
 
     def __init__(
@@ -175,8 +188,10 @@ class LaneChange(Coordinated):
         plan: Plan | None = None,
         limits: Limits | None = None,
         zone: Callable[[int], Floats] = lane_zone,
+        occupied: Perception = nothing_seen,
     ) -> None:
         super().__init__(vehicle)
+        self.occupied = occupied
         self._zone, self.plan, self.limits = zone, plan or Plan(), limits or LIMITS
         self.wanted: int | None = None
         """The lane to which it changes."""
@@ -184,6 +199,9 @@ class LaneChange(Coordinated):
         """Its actions, with times in ms."""
         self._drive: AgreedManeuver | None = None
         self._begins_ms: int | None = None
+        self._gives_up_ms = 0
+        self._others: dict[int, Trajectory] = {}
+        self._target: int | None = None
         self._proposal: tuple[Proposal, Trajectory] | None = None
 
     # -- prescriber
@@ -217,21 +235,29 @@ class LaneChange(Coordinated):
         self.service.command(command)
 
     def _chosen(self, choice: Choice) -> Command:
+        now_ms, change_s = self.service.now(), self.vehicle.driving.lane_change_s
         if choice.proposal == 1:
             self._others = {s: read(f"Intention of {s}", t) for s, t in choice.planned.items()}
-            self._target = self._discover()
+        known = self._known(choice.heard, choice.session)
+        if choice.proposal == 1:
+            self._target = self._discover(known)
         if self._target is None:
+            if reason := self._blocked(known, 0.0, change_s):
+                return self._given_up(choice, reason)
             self._note("nobody is in the way")
-            self._begins_ms = self.service.now()
+            self._begins_ms, self._gives_up_ms = now_ms, now_ms + FRESH_MS
             return choice.proceed()
-        plan, now = self.plan, self.service.now() / 1000
+        plan, now = self.plan, now_ms / 1000
         slower = plan.delta_v * 0.7 ** (choice.proposal - 1)
         theirs = self._others[self._target].since(now)
+        gain = max(plan.gain_m, self._missing(theirs, known))
         asked = prescribe(
-            theirs, now, hold=plan.hold_s, delta_v=slower, gain=plan.gain_m, v_min=plan.v_min
+            theirs, now, hold=plan.hold_s, delta_v=slower, gain=gain, v_min=plan.v_min
         )
-        action_s = gained_at(theirs, asked, plan.gain_m) - now
-        lease_s = action_s + self.vehicle.driving.lane_change_s + MARGIN_S
+        action_s = gained_at(theirs, asked, gain) - now
+        if reason := self._blocked(known, action_s, action_s + change_s):
+            return self._given_up(choice, reason)
+        lease_s = action_s + change_s + MARGIN_S
         prescribed = to_message(thin(asked))
         self._note(f"prescribes {self._target} to drive {slower * 3.6:.0f} km/h slower")
         self._action_ms = round(action_s * 1000)
@@ -242,27 +268,98 @@ class LaneChange(Coordinated):
             lease_ms=round(lease_s * 1000),
         )
 
-    def _discover(self) -> int | None:
+    def _given_up(self, choice: Choice, reason: str) -> Command:
+        self._note(f"gives up: {reason}")
+        self._alone()
+        return choice.abort()
+
+    def _missing(self, theirs: Trajectory, known: list[Track] | None) -> float:
+        """The gain at which the target's gap is as wide as needed, at the present speeds, m."""
+        v = self.vehicle
+        speeds = theirs.speeds()
+        speed = max(v.speed, float(speeds[0]) if len(speeds) else 0.0)
+        at = next((t.x for t in known or () if t.station_id == self._target), theirs.xy[0, 0])
+        gap = occupancy.needed_gap(speed, v.speed) + speed * occupancy.LATENCY_S
+        gap += (v.length + occupancy.LENGTH_M) / 2
+        return float(at - v.x + gap + SLACK_M)
+
+    def _discover(self, known: list[Track] | None) -> int | None:
         """The target: the leader of the vehicles in the lane that would come too close.
 
-        A vehicle whose position during the lane change is unknown counts as too close.
+        A vehicle whose position during the lane change is unknown counts as too close; so does one
+        that would have to brake hard (APP-3).
         """
         assert self.wanted is not None
-        now = self.service.now() / 1000
+        now, change_s = self.service.now() / 1000, self.vehicle.driving.lane_change_s
         mine = planned(self._moved_over(), self.service.now())
-        needed = now + self.vehicle.driving.lane_change_s
+        needed = now + change_s
+        own = self._own()
+        tight = {t.station_id for t in known or () if not occupancy.clear(own, t, 0.0, change_s)}
         near = []
         for station_id, theirs in self._others.items():
             common = common_time(mine, theirs)
-            known = common is not None and common[0] <= now + UNKNOWN_S and common[1] >= needed
+            known_ = common is not None and common[0] <= now + UNKNOWN_S and common[1] >= needed
             risk = collision(
                 mine, theirs, self.plan.threshold_m, clock_error=self.plan.clock_error_s
             )
-            if risk or not known:
-                here = theirs.since(now) if known and theirs.t[0] <= now else theirs
+            if risk or not known_ or station_id in tight:
+                here = theirs.since(now) if known_ and theirs.t[0] <= now else theirs
                 near.append(Candidate(station_id, here.xy[0], direction(here)))
         self._note(f"would come too close to {[c.station_id for c in near] or 'nobody'}")
         return discover(near, self._zone(self.wanted))
+
+    # -- occupancy (APP-1 to APP-5)
+
+    def _own(self) -> Track:
+        v = self.vehicle
+        return Track(x=v.x, y=v.y, vx=v.speed, length=v.length)
+
+    def _known(
+        self, heard: tuple[Heard, ...] | None, session: Session | None
+    ) -> list[Track] | None:
+        """Everyone in the lane that is known (APP-1); None if the service passes on no CAMs."""
+        assert self.wanted is not None
+        if heard is None:
+            return None
+        now, zone = self.service.now(), self._zone(self.wanted)
+        seen = self.occupied(zone, now, now + round(self.vehicle.driving.lane_change_s * 1000))
+        all_ = occupancy.tracks(heard, seen, self._others, session, now)
+        return [track for track in all_ if occupancy.in_lane(track, zone)]
+
+    def _blocked(
+        self, known: list[Track] | None, begins_s: float, ends_s: float, *, now_open: bool = False
+    ) -> str:
+        """Why the lane is not free from ``begins_s`` to ``ends_s`` from now, or "" (APP-2).
+
+        Vehicles behind the target follow it.  ``now_open``: the target must be behind, and its gap
+        open.
+        """
+        if known is None:
+            return "no CAMs: its surroundings are unknown"
+        hardest = occupancy.HARDEST if self.vehicle.changing else occupancy.FORCED
+        own = self._own()
+        target = next((t for t in known if t.station_id == self._target), None)
+        shield = target if target is not None and (target.x < own.x or not now_open) else None
+        for track in known:
+            if shield is not None and track.x < shield.x:
+                continue
+            if track is target and not now_open:
+                continue
+            if not occupancy.clear(own, track, begins_s, ends_s, hardest):
+                return f"{track.name} is in the way"
+        return ""
+
+    def _look(self, now_ms: int) -> str:
+        """Why it must not be in the other lane; empty if it may (APP-4, APP-5)."""
+        session = self._drive.session if self._drive is not None else None
+        heard = heard_by(self.service)
+        if self._drive is not None and not self.vehicle.changing:
+            told = next((h for h in heard or () if h.station_id == self._target), None)
+            if told is None or now_ms - told.received_ms > FRESH_MS or session not in told.marks:
+                return f"no fresh CAM of {self._target}"
+        return self._blocked(
+            self._known(heard, session), 0.0, self.vehicle.driving.lane_change_s, now_open=True
+        )
 
     # -- receiver
 
@@ -305,21 +402,47 @@ class LaneChange(Coordinated):
         else:
             self._note("is accepted, and waits for the gap")
             self._begins_ms = self.service.now() + self._action_ms
+            last_ms = maneuver.until_ms - round(self.vehicle.driving.lane_change_s * 1000)
+            self._gives_up_ms = min(self._begins_ms + WAIT_MS, last_ms)
 
     def tick(self, now_ms: int) -> None:
         """The prescriber's control loop: change lanes at the right time, then complete."""
         if self.wanted is None:
             return
-        if self._begins_ms is not None and now_ms >= self._begins_ms:
-            self._begins_ms = None
-            self._note("moves over")
-            self.vehicle.change_lane(self.wanted, now_ms / 1000)
-        elif self.vehicle.lane == self.wanted and not self.vehicle.changing:
+        if self.vehicle.changing:
+            self._watch(now_ms)
+        elif self._begins_ms is not None and now_ms >= self._begins_ms:
+            self._begin(now_ms)
+        elif self.vehicle.lane == self.wanted:
             self.wanted = None
             self._note("has changed lanes")
             if self._drive is not None:
                 self.service.command(self._drive.complete())
                 self._drive = None
+
+    def _begin(self, now_ms: int) -> None:
+        """Move over if the lane is free now; wait, or give up (APP-4)."""
+        assert self.wanted is not None
+        if reason := self._look(now_ms):
+            if now_ms >= self._gives_up_ms:
+                self._break_off(f"gives up: {reason}")
+            return
+        self._begins_ms = None
+        self._note("moves over")
+        self.vehicle.change_lane(self.wanted, now_ms / 1000)
+
+    def _watch(self, now_ms: int) -> None:
+        """Return if the lane is no longer free, before the point of no return (APP-5)."""
+        if self.vehicle.moved_m < NO_RETURN_M and (reason := self._look(now_ms)):
+            self.vehicle.turn_back(now_ms / 1000)
+            self._break_off(f"returns: {reason}")
+
+    def _break_off(self, why: str) -> None:
+        self._note(why)
+        if self._drive is not None:
+            self.service.command(self._drive.abort())
+        self._alone()
+        self.wanted = None
 
     def fallback(self, session: Session, reason: str) -> None:
         """Drive alone: give up a lane change that has not begun, or finish it."""
@@ -345,6 +468,20 @@ class LaneChange(Coordinated):
 
     def _note(self, what: str) -> None:
         self.story.append((self.service.now(), what))
+
+
+class PaperLaneChange(LaneChange):
+    """The paper's application, for its evaluation: it counts answers and does not look, so that the
+    protocol is measured alone (APP-2 to APP-5 are added)."""
+
+    def _known(self, heard: tuple[Heard, ...] | None, session: Session | None) -> list[Track]:
+        return []
+
+    def _look(self, now_ms: int) -> str:
+        return ""
+
+    def _missing(self, theirs: Trajectory, known: list[Track] | None) -> float:
+        return 0.0
 
 
 def direction(trajectory: Trajectory) -> Floats:

@@ -103,6 +103,18 @@ class Vehicle:
         if lane != self.target_lane and not self.changing:
             self._moved_from, self.target_lane, self._moving_since = self.lane, lane, now
 
+    @property
+    def moved_m(self) -> float:
+        """The distance from the middle of the lane that it leaves."""
+        return abs(self.y - self._moved_from * LANE_WIDTH)
+
+    def turn_back(self, now: float) -> None:
+        """Return to the lane that it leaves, in the time that it took to come here."""
+        if self._moving_since is not None:
+            left = self.driving.lane_change_s - (now - self._moving_since)
+            self._moved_from, self.target_lane = self.target_lane, self._moved_from
+            self._moving_since = now - left
+
     def profile_speed(self, now: float) -> float | None:
         """The prescribed speed now; None without a prescription.  A stop is permanent."""
         p = self._profile

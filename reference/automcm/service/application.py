@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from automcm_spec.vocabulary.application import (
     Abort,
@@ -24,6 +24,9 @@ from automcm_spec.vocabulary.application import (
 )
 from automcm_spec.vocabulary.messages import Plain, Session, Trajectory
 
+HEARD_MS = 30_000
+"""A station is passed on to the application for this time after its last CAM (APP-1)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
@@ -33,6 +36,24 @@ class Kinematics:
     y_mm: int = 0
     heading_mrad: int = 0
     speed_mm_s: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """The last CAM of another station (APP-1): when it arrived, on the service's clock, and its
+    content."""
+
+    station_id: int
+    received_ms: int
+    x_mm: int
+    y_mm: int
+    heading_mrad: int
+    speed_mm_s: int
+    marks: tuple[Session, ...] = ()
+
+    def bound_elsewhere(self, session: Session | None) -> bool:
+        """Whether its marks name another session: ADV-4 then keeps it from answering."""
+        return any(mark != session for mark in self.marks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +72,8 @@ class Choice:
 
     For proposal 1, ``planned`` holds the planned trajectory of each receiver by station id, and
     ``target`` is 0: the application chooses it.  For later proposals the target is fixed, and
-    ``reason`` is the reason of its refusal.
+    ``reason`` is the reason of its refusal.  ``heard`` holds the stations whose CAMs were heard
+    lately, whether they answered or not (APP-1); None if the service does not pass on CAMs.
     """
 
     session: Session
@@ -59,6 +81,7 @@ class Choice:
     planned: Mapping[int, Trajectory]
     target: int = 0
     reason: str = ""
+    heard: tuple[Heard, ...] | None = None
 
     def prescribe(
         self, target: int, prescribed: Trajectory, *, hold_ms: int, lease_ms: int
@@ -140,6 +163,22 @@ class Service(Protocol):
 
     def command(self, command: Command, after_ms: int = 0) -> None:
         """Give a command, now or later.  From within a callback, it takes effect after it."""
+
+
+@runtime_checkable
+class Surroundings(Protocol):
+    """A service that passes on the CAMs that it hears."""
+
+    def heard(self) -> tuple[Heard, ...]:
+        """The stations heard within HEARD_MS, in the order in which they were heard last."""
+
+
+def heard_by(service: Service) -> tuple[Heard, ...] | None:
+    """The stations that the service has heard; None if it does not pass on CAMs (APP-1).
+
+    The service at the far end of a bridge does not.
+    """
+    return service.heard() if isinstance(service, Surroundings) else None
 
 
 class Application(Protocol):

@@ -22,7 +22,15 @@ from automcm.encoding.codec import JSON, Codec
 from automcm.links.clock import Cancel, Clock
 from automcm.links.link import Link
 from automcm.service import event_log
-from automcm.service.application import Advertised, AgreedManeuver, Application, Choice, Proposal
+from automcm.service.application import (
+    HEARD_MS,
+    Advertised,
+    AgreedManeuver,
+    Application,
+    Choice,
+    Heard,
+    Proposal,
+)
 from automcm.service.statistics import Statistics
 from automcm_spec.vocabulary.application import (
     Abort,
@@ -113,7 +121,7 @@ class McService:
             decode=codec.decode,
         )
         self.application, self.statistics = application, Statistics()
-        self.neighbours: OrderedDict[int, Cam] = OrderedDict()
+        self.neighbours: OrderedDict[int, Heard] = OrderedDict()
         """The last CAM of each of the ``NEIGHBOURS`` most recently received stations."""
         self._link, self._clock, self._codec, self._log = link, clock, codec, log
         self._keep_number, self._observers = keep_number, observers
@@ -215,6 +223,11 @@ class McService:
 
         self._do(take)
         return src
+
+    def heard(self) -> tuple[Heard, ...]:
+        """As ``Surroundings.heard`` (APP-1)."""
+        since = self.now() - HEARD_MS
+        return tuple(each for each in self.neighbours.values() if each.received_ms >= since)
 
     def command(self, command: Command, after_ms: int = 0) -> None:
         """Take a command of the application, now (within a callback: after it) or later."""
@@ -393,10 +406,7 @@ class McService:
 
     def _notify(self, effect: Effects) -> None:
         if isinstance(effect.input, Cam) and effect.input.src != self.station_id:
-            self.neighbours[effect.input.src] = effect.input
-            self.neighbours.move_to_end(effect.input.src)
-            if len(self.neighbours) > NEIGHBOURS:
-                self.neighbours.popitem(last=False)
+            self._hear(effect.input, effect.now_ms)
         elif isinstance(effect.input, Accept) and effect.rule == "NEG-2":
             p, now = self._proposal, effect.now_ms
             assert p is not None
@@ -407,6 +417,14 @@ class McService:
         for indication in effect.indications:
             self._indicate(indication, effect)
 
+    def _hear(self, cam: Cam, now_ms: int) -> None:
+        kept = ("x_mm", "y_mm", "heading_mrad", "speed_mm_s", "marks")
+        values = {name: getattr(cam, name) for name in kept}
+        self.neighbours[cam.src] = Heard(cam.src, now_ms, **values)
+        self.neighbours.move_to_end(cam.src)
+        if len(self.neighbours) > NEIGHBOURS:
+            self.neighbours.popitem(last=False)
+
     def _indicate(self, indication: Indication, effect: Effects) -> None:
         application, now = self.application, effect.now_ms
         match indication:
@@ -415,10 +433,11 @@ class McService:
             case Undecided():
                 application.refused("undecided", effect.rule)
             case Choose(session=session, intentions=intentions):
-                application.choose(Choice(session, 1, {i.src: i.planned for i in intentions}))
+                planned = {i.src: i.planned for i in intentions}
+                application.choose(Choice(session, 1, planned, heard=self.heard()))
             case Propose(session=session, proposal=proposal, reason=reason):
                 target = effect.state.target
-                application.choose(Choice(session, proposal, {}, target, reason))
+                application.choose(Choice(session, proposal, {}, target, reason, self.heard()))
             case Verify(session=session, prescription=m):
                 self._proposal = Proposal(session, m.proposal, m.prescribed, m.hold_ms, m.lease_ms)
                 application.verify(self._proposal)

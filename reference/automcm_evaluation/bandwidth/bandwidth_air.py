@@ -16,7 +16,7 @@ from automcm.encoding import sizes
 from automcm.encoding.codec import JSON, CodecError, codec
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange, intention
+from automcm.scenarios.lane_change import PaperLaneChange, intention
 from automcm.scenarios.road import Vehicle
 from automcm_evaluation.framework.experiment import ExperimentError, Values
 from automcm_spec.vocabulary.messages import Cam, Cancel, Intention, Message, Session, Trajectory
@@ -152,7 +152,7 @@ def _offered_52() -> Bytes:
     return measured(on_air(offered(1, Trajectory(t0=0, points=((0, 0, 0),))), POINTS))
 
 
-def column(receivers: int, beside: Sequence[int], gap_m: float = GAP_M) -> list[LaneChange]:
+def column(receivers: int, beside: Sequence[int], gap_m: float = GAP_M) -> list[PaperLaneChange]:
     """Prescribers, each just ahead of one of the receivers, which drive in a row in the other lane.
 
     ``beside`` has the place of that receiver in the row for each prescriber, counted from the
@@ -165,7 +165,7 @@ def column(receivers: int, beside: Sequence[int], gap_m: float = GAP_M) -> list[
         Vehicle(n, row[place] + BESIDE_M, 0, speed, speed) for n, place in enumerate(beside, 1)
     ]
     others = [Vehicle(first + place, x, 1, speed, speed) for place, x in enumerate(row)]
-    return [LaneChange(vehicle) for vehicle in (*prescribers, *others)]
+    return [PaperLaneChange(vehicle) for vehicle in (*prescribers, *others)]
 
 
 @dataclass
@@ -204,7 +204,7 @@ def record(
     air.now = clock.now
     end = SIGNAL_MS + MANEUVER_MS * len(beside)
 
-    def signal(prescriber: LaneChange) -> Callable[[], None]:
+    def signal(prescriber: PaperLaneChange) -> Callable[[], None]:
         return lambda: prescriber.signal(1)
 
     def offer() -> None:

@@ -16,7 +16,7 @@ from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import to_message
 from automcm.scenarios import drive as driving
 from automcm.scenarios.drive import STEP_MS, FourVehicles
-from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.scenarios.lane_change import PaperLaneChange, Plan
 from automcm.scenarios.road import STEP_S, Vehicle
 from automcm.scenarios.simulation import Simulation
 from automcm.service.application import AgreedManeuver, Choice, Proposal
@@ -48,7 +48,7 @@ def stage(
     raise ValueError(f"there is no stage {name!r}")
 
 
-class Changer(LaneChange):
+class Changer(PaperLaneChange):
     """The lane change of an application that can give up without a command.
 
     ``open_m``: it prescribes slower driving until this much is gained, which is more than it needs,
@@ -91,17 +91,17 @@ class Changer(LaneChange):
         return command.model_copy(update=changed)
 
     def choose(self, choice: Choice) -> None:
-        """As ``LaneChange``, unless the application is absent."""
+        """As ``PaperLaneChange``, unless the application is absent."""
         if not self.absent:
             super().choose(choice)
 
     def verify(self, proposal: Proposal) -> None:
-        """As ``LaneChange``, unless the application is absent."""
+        """As ``PaperLaneChange``, unless the application is absent."""
         if not self.absent:
             super().verify(proposal)
 
     def load(self, maneuver: AgreedManeuver) -> None:
-        """As ``LaneChange``, unless the application is absent."""
+        """As ``PaperLaneChange``, unless the application is absent."""
         if not self.absent:
             self.executing = maneuver.role == "receiver"
             super().load(maneuver)

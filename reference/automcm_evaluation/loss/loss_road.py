@@ -6,7 +6,7 @@ from random import Random
 
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import SimulatedDrive, arrival_s
-from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.scenarios.lane_change import PaperLaneChange, Plan
 from automcm.scenarios.road import Late, Vehicle
 from automcm_evaluation.framework.experiment import ExperimentError, Values, columns
 from automcm_spec.vocabulary.parameters import Parameters
@@ -16,7 +16,7 @@ SPEED_KMH = 30.0
 TOO_LATE_S = 300.0
 
 
-class Insists(LaneChange):
+class Insists(PaperLaneChange):
     """A prescriber that changes lanes even without an agreement, as the paper's does without
     coordination (section VI-B)."""
 
@@ -36,7 +36,7 @@ def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Val
     """
     speed, t_timeout = SPEED_KMH / 3.6, values["t_timeout"]
     prescriber = Insists(Vehicle(1, beside_m, 0, speed, speed), Plan(hold_s=t_timeout / 1000))
-    receiver = LaneChange(Vehicle(2, 0.0, 1, speed, speed, late=Late()))
+    receiver = PaperLaneChange(Vehicle(2, 0.0, 1, speed, speed, late=Late()))
     driven = SimulatedDrive(
         [prescriber, receiver],
         seed=seed,

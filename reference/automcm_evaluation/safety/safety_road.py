@@ -11,7 +11,7 @@ import numpy as np
 
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import STEP_MS, FourVehicles, SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange
+from automcm.scenarios.lane_change import PaperLaneChange
 from automcm.scenarios.road import Late, Sample, Vehicle
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
@@ -99,7 +99,7 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
     )
     ablation = BY_NAME.get(name, WHOLE)
     watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
-    made = setting.on(watched, ablation.parameters)
+    made = setting.on(watched, ablation.parameters, PaperLaneChange)
     _informed(made, watched)
     inject(faults, watched, ROLES)
     made.run(UNTIL_S)
@@ -127,7 +127,7 @@ def _driven(made: SimulatedDrive, watched: Watched) -> Driven:
     room, gap, ttc = nearest(samples, prescriber.vehicle)
     hazards = watched.over()
     begun = False
-    if isinstance(prescriber, LaneChange):
+    if isinstance(prescriber, PaperLaneChange):
         moved = [t for t, what in prescriber.story if what == "moves over"]
         begun = any(t < h.until_ms for t in moved for h in hazards)  # it acts no longer than that
     own = prescriber.vehicle.station_id

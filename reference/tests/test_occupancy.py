@@ -1,0 +1,309 @@
+"""A lane is free if everybody known is clear of it: APP-1 to APP-5."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from road_stage import answers_of, driven, lane_changers, said
+
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios import occupancy, occupancy_sweep
+from automcm.scenarios.drive import FourVehicles, SimulatedDrive
+from automcm.scenarios.lane_change import (
+    FRESH_MS,
+    NO_RETURN_M,
+    WAIT_MS,
+    LaneChange,
+    PaperLaneChange,
+    lane_zone,
+)
+from automcm.scenarios.occupancy import FORCED, LEAST_M, Track, clear, needed_gap
+from automcm.scenarios.occupancy_sweep import KINDS, PERCEPTION, WITHOUT, CamOnly, drive, sight
+from automcm.scenarios.road import LANE_WIDTH, Driving, Vehicle, idm
+from automcm.scenarios.simulation import Simulation
+from automcm.service.application import HEARD_MS, Advertised, Choice, Heard, heard_by
+from automcm_spec.vocabulary.messages import Trajectory
+
+OWN = Track(x=0.0, y=0.0, vx=10.0)
+
+
+def car(station_id: int, x: float, lane: int = 1) -> Vehicle:
+    return Vehicle(station_id, x, lane, 8.33, 8.33)
+
+
+# -- APP-1
+
+
+class Records(LaneChange):
+    """Keeps the choices that it is asked to make."""
+
+    def choose(self, choice: Choice) -> None:
+        self.asked = choice
+        super().choose(choice)
+
+
+def test_app_1_a_choice_names_everybody_heard_whether_they_answered_or_not() -> None:
+    prescriber, silent = Records(car(1, 0, 0)), CamOnly(car(3, -3))
+    bound, binder = LaneChange(car(2, -60)), occupancy_sweep.Binder(car(9, -300, 7), 2)
+    drive_ = SimulatedDrive([prescriber, silent, bound, binder, LaneChange(car(4, -90))])
+    drive_.simulation.clock.at(100, binder.ask)
+    drive_.simulation.clock.at(4000, lambda: prescriber.signal(1))
+    drive_.run(7)
+    choice = prescriber.asked
+    assert choice.heard is not None and set(choice.planned) == {4}
+    assert {h.station_id for h in choice.heard} == {2, 3, 4, 9}
+    assert {h.station_id for h in choice.heard if h.bound_elsewhere(choice.session)} == {2, 9}
+    at = next(h for h in choice.heard if h.station_id == 3)
+    assert at.speed_mm_s == 8330 and at.y_mm == 3500 and 6000 <= at.received_ms <= 6100
+
+
+def test_app_1_a_station_is_passed_on_for_so_long_after_its_last_cam() -> None:
+    first = LaneChange(car(1, 0, 0))
+    drive_ = SimulatedDrive([first, LaneChange(car(3, -3))])
+    counts = []
+    clock, radio = drive_.simulation.clock, drive_.simulation.radio
+    clock.at(1000, lambda: radio.partition([1], [3]))
+    for t in (1000, HEARD_MS + 800, HEARD_MS + 1200):
+        clock.at(t, lambda: counts.append(len(heard_by(first.service) or ())))
+    drive_.run(HEARD_MS / 1000 + 2)
+    assert counts == [1, 1, 0]
+
+
+def test_app_1_without_cams_it_aborts() -> None:
+    driver = LaneChange(car(1, 0, 0))
+    given = answers_of(driver)
+    driver.wanted = 1
+    driver.choose(Choice((1, 1), 1, {}))
+    assert given == ["abort"] and said(driver)[-1] == "gives up: " + (
+        "no CAMs: its surroundings are unknown"
+    )
+
+
+def test_app_1_what_is_seen_where_a_station_is_heard_is_that_station() -> None:
+    heard = Heard(3, 900, 0, 3500, 0, 10_000)
+    near, far = Track(x=3.0, y=3.5, vx=9.0), Track(x=20.0, y=3.5, vx=9.0)
+    fused, other = occupancy.tracks([heard], [near, far], [3], (1, 1), 1000)
+    assert (fused.station_id, fused.answered, fused.x, fused.vx) == (3, True, 3.0, 9.0)
+    assert other is far and not other.answered
+    (alone,) = occupancy.tracks([heard], [], [], (1, 1), 1000)
+    assert alone.x == pytest.approx(1.0) and not alone.answered
+
+
+# -- APP-3
+
+
+@pytest.mark.parametrize("rear", [0.0, 5.0, 14.0, 25.0, 36.0])
+@pytest.mark.parametrize("faster", [0.0, 2.0, 6.0])
+def test_app_3_at_the_needed_gap_the_simulated_driver_brakes_as_hard_as_allowed(
+    rear: float, faster: float
+) -> None:
+    front = max(0.0, rear - faster)
+    gap = needed_gap(rear, front)
+    braking = -idm(gap, rear, front, max(rear, 0.1), Driving())
+    assert gap >= LEAST_M
+    assert braking == pytest.approx(FORCED) if gap > LEAST_M else braking <= FORCED
+    assert needed_gap(rear, rear + 5) == needed_gap(rear, rear)
+
+
+def test_app_3_clear_is_from_begin_to_end_with_the_margin() -> None:
+    least = needed_gap(10, 10) + OWN.length
+    ahead = Track(x=least + 0.01, y=3.5, vx=10.0, answered=True)
+    assert clear(OWN, ahead, 0, 4) and not clear(OWN, replace(ahead, x=least - 0.01), 0, 4)
+    assert not clear(OWN, replace(ahead, answered=False), 0, 4)
+    assert clear(OWN, replace(ahead, x=least + 5.01, answered=False), 0, 4)
+    assert not clear(OWN, replace(ahead, x=least + 5.01, answered=False, age_s=1.0), 0, 4)
+    assert not clear(OWN, replace(ahead, x=-least - 1.0), 0, 4), "a CAM is older than it says"
+    assert clear(OWN, replace(ahead, x=-least - 1.6), 0, 4)
+    assert not clear(OWN, replace(ahead, x=60.0, vx=-10.0), 0, 4), "slow and ahead"
+    assert not clear(OWN, replace(ahead, x=-100.0, vx=60.0), 0, 4), "passes meanwhile"
+
+
+def test_app_2_a_vehicle_is_in_a_lane_that_its_side_touches() -> None:
+    lane = lane_zone(1)
+    assert occupancy.in_lane(Track(x=0, y=LANE_WIDTH, vx=10), lane)
+    assert occupancy.in_lane(Track(x=0, y=1.5 * LANE_WIDTH + 0.8, vx=10), lane)
+    assert not occupancy.in_lane(Track(x=0, y=2 * LANE_WIDTH, vx=10), lane)
+    assert occupancy.in_lane(Track(x=0, y=2 * LANE_WIDTH, vx=10, vy=-1.0), lane)
+
+
+# -- APP-2, APP-4, APP-5 on the road
+
+HARM = [
+    ("bound elsewhere", "CAMs"),
+    ("CAM only", "CAMs"),
+    ("seen only", PERCEPTION),
+    ("does not slow", "look before"),
+    ("cuts in", "look while"),
+]
+
+
+@pytest.mark.parametrize(("kind", "mechanism"), HARM)
+def test_app_2_app_4_app_5_each_mechanism_is_needed(kind: str, mechanism: str) -> None:
+    bad = next(seed for seed in range(30) if drive(seed, mechanism, kind).bad)
+    assert drive(bad, "any", kind).bad
+    assert not drive(bad, "", kind).bad
+
+
+def test_app_2_in_bursts_silence_is_not_a_free_lane() -> None:
+    channel = Channel(loss=0.4, burst_ms=1000)
+
+    def unagreed(driver: type[LaneChange], seed: int) -> bool:
+        made = FourVehicles(seed=seed, signal_s=11)
+        simulation = Simulation(seed=seed, channel=channel)
+        drive_ = made.on(simulation, None, driver)
+        drive_.run(26)
+        words = said(lane_changers(drive_)[0])
+        return "moves over" in words and not any("is accepted" in each for each in words)
+
+    bad = [seed for seed in range(40) if unagreed(PaperLaneChange, seed)]
+    assert bad and not any(unagreed(LaneChange, seed) for seed in bad)
+
+
+def test_app_2_a_small_sweep_has_no_bad_drive() -> None:
+    drives = [drive(seed) for seed in range(20)]
+    assert {each.kind for each in drives} == set(KINDS)
+    assert not [each for each in drives if each.bad] and any(each.changed for each in drives)
+
+
+def pair(**more: Any) -> tuple[LaneChange, LaneChange, SimulatedDrive]:
+    prescriber, target = LaneChange(car(1, 0, 0)), LaneChange(car(3, -3))
+    return prescriber, target, SimulatedDrive([prescriber, target], **more)
+
+
+def moved_over_ms(driver: LaneChange) -> int:
+    return next(t for t, what in driver.story if what == "moves over")
+
+
+def test_app_2_a_vehicle_ahead_of_the_target_that_did_not_answer_ends_the_request() -> None:
+    prescriber, target, between = LaneChange(car(1, 0, 0)), LaneChange(car(3, -3)), car(2, 9)
+    drive_ = SimulatedDrive([prescriber, target, CamOnly(between)])
+    drive_.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    drive_.run(8)
+    assert said(prescriber)[1:] == ["would come too close to [3]", "gives up: 2 is in the way"]
+    assert said(target) == ["drives alone: abort"]
+
+
+class ClockAhead(LaneChange):
+    """Its clock is half a second ahead."""
+
+    def concerned(self, advertised: Advertised) -> Trajectory | None:
+        planned = super().concerned(advertised)
+        return planned and planned.model_copy(update={"t0": planned.t0 + 500})
+
+
+@pytest.mark.parametrize(("driver", "x"), [(LaneChange, -10.0), (ClockAhead, -3.0)])
+def test_app_3_who_answered_is_asked_if_the_gap_to_its_cam_is_too_small(
+    driver: type[LaneChange], x: float
+) -> None:
+    prescriber = LaneChange(Vehicle(1, 0, 0, 16, 16))
+    target = driver(Vehicle(3, x, 1, 16, 16))
+    drive_ = driven(lambda: prescriber.signal(1), prescriber, target, until=4)
+    assert "would come too close to [3]" in said(prescriber)
+    assert [t for _, _, t in drive_.sent if t == "Prescription"]
+
+
+def test_app_3_the_prescribed_gain_is_what_the_gap_needs_at_this_speed() -> None:
+    drive_ = FourVehicles(vehicles=2, speed_kmh=120).run()
+    prescriber = lane_changers(drive_)[0]
+    accepted = next(t for t, what in prescriber.story if "is accepted" in what)
+    assert moved_over_ms(prescriber) - accepted < 9000, "with D_add alone it waits for the gap"
+    v, other = drive_.road.vehicles
+    assert v.x - other.x - v.length > needed_gap(other.speed, v.speed) - 1
+
+
+def test_app_2_nobody_follows_a_target_that_has_overtaken() -> None:
+    """In this drive the target accepts, does not slow and is ahead when the time has come."""
+    assert not drive(6428).bad
+
+
+def test_app_4_a_target_that_names_the_session_no_more_is_no_target() -> None:
+    prescriber, _, drive_ = pair()
+    drive_.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    drive_.simulation.restart(3, moved_over_by_default_ms() - 250)
+    drive_.run(20)
+    assert "moves over" not in said(prescriber)
+    assert said(prescriber)[-1] == "drives alone: cam_loss"
+
+
+def moved_over_by_default_ms() -> int:
+    prescriber, _, drive_ = pair()
+    drive_.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    drive_.run(12)
+    return moved_over_ms(prescriber)
+
+
+def test_app_4_it_does_not_move_over_without_a_fresh_cam() -> None:
+    due_ms = moved_over_by_default_ms()
+    prescriber, _, drive_ = pair()
+    clock, radio = drive_.simulation.clock, drive_.simulation.radio
+    clock.at(1000, lambda: prescriber.signal(1))
+    clock.at(due_ms - FRESH_MS - 150, lambda: radio.cut(3, 1))
+    clock.at(due_ms + 650, radio.mend)
+    drive_.run(16)
+    assert due_ms + 650 < moved_over_ms(prescriber) < due_ms + 1000
+    assert said(prescriber)[-1] == "has changed lanes"
+
+
+def test_app_4_a_gap_that_does_not_open_is_given_up_within_the_lease() -> None:
+    prescriber, target, drive_ = pair()
+    drive_.simulation.clock.at(1000, lambda: prescriber.signal(1))
+    target.vehicle.follow = lambda trajectory: None  # type: ignore[method-assign]
+    drive_.run(25)
+    assert "moves over" not in said(prescriber) and prescriber.wanted is None
+    (t, what) = prescriber.story[-1]
+    assert what == "gives up: 3 is in the way" and said(target)[-1] == "drives alone: abort"
+    accepted = next(t for t, what in prescriber.story if "is accepted" in what)
+    assert WAIT_MS < t - accepted < WAIT_MS + 8000
+
+
+@pytest.mark.parametrize(("after_ms", "lane"), [(500, 0), (2900, 0), (3200, 1)])
+def test_app_5_it_returns_before_the_point_of_no_return_and_completes_after_it(
+    after_ms: int, lane: int
+) -> None:
+    prescriber, target, drive_ = pair()
+    vehicle, clock = prescriber.vehicle, drive_.simulation.clock
+    seen: list[Track] = []
+    prescriber.occupied = lambda region, t0, t1: seen
+    moved = []
+
+    def appears() -> None:
+        moved.append(vehicle.moved_m)
+        seen.append(Track(x=vehicle.x - 1, y=LANE_WIDTH, vx=vehicle.speed))
+
+    def begun() -> None:
+        later = clock.now() + after_ms
+        clock.at(*((later, appears) if vehicle.changing else (clock.now() + 100, begun)))
+
+    clock.at(1000, lambda: prescriber.signal(1))
+    clock.at(1000, begun)
+    drive_.run(25)
+    assert (moved[0] < NO_RETURN_M) == (lane == 0)
+    assert vehicle.lane == lane and vehicle.y == lane * LANE_WIDTH and not vehicle.changing
+    returns = [what for what in said(prescriber) if what.startswith("returns")]
+    assert returns == (["returns: a vehicle that is only seen is in the way"] if not lane else [])
+    assert said(target)[-1] == ("is done" if lane else "drives alone: abort")
+
+
+def test_app_5_the_way_back_is_the_way_there() -> None:
+    drive_ = driven(lambda: None, changer := LaneChange(car(1, 0, 0)), until=0.1)
+    v, road = changer.vehicle, drive_.road
+    v.change_lane(1, road.t)
+    for _ in range(15):
+        road.step()
+    there = v.y
+    v.turn_back(road.t)
+    assert v.changing and v.lanes == {0, 1} and v.y == there
+    for _ in range(15):
+        assert v.changing
+        road.step()
+        assert v.y < there
+    assert not v.changing and v.lane == 0 and v.y == 0.0
+
+
+def test_sight_has_a_range_and_does_not_see_itself() -> None:
+    vehicles = [car(1, 0, 0), car(2, 99), car(3, 101)]
+    (seen,) = sight(vehicles[0], vehicles)(lane_zone(1), 0, 1)
+    assert (seen.x, seen.y, seen.vx, seen.station_id) == (99, LANE_WIDTH, 8.33, 0)
+    assert set(WITHOUT) == {mechanism for _, mechanism in HARM} | {"any"}
