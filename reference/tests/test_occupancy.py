@@ -146,6 +146,7 @@ def test_app_2_app_4_app_5_each_mechanism_is_needed(kind: str, mechanism: str) -
     assert not drive(bad, "", kind).bad
 
 
+@pytest.mark.slow
 def test_app_2_in_bursts_silence_is_not_a_free_lane() -> None:
     channel = Channel(loss=0.4, burst_ms=1000)
 

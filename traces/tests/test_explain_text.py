@@ -50,6 +50,7 @@ def hazard(folder: Path, ahead: int) -> SystemReport:
     return judge([apart(read(path), path, ahead) for path in paths])
 
 
+@pytest.mark.slow
 def test_the_report_of_a_run_is_the_same_whatever_the_epoch(tmp_path: Path) -> None:
     one, other = hazard(tmp_path / "1", 0), hazard(tmp_path / "2", EPOCH)
     zero = dict.fromkeys(other.files, EPOCH)

@@ -140,6 +140,7 @@ def inputs(lines: list[Json]) -> list[int]:
     return [n for n, r in enumerate(lines) if r.get("ev") in ends or r.get("op") == "expire"]
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("by", [700, 2000, 60_000])
 def test_a_clock_that_jumps(by: int, run: list[Path], tmp_path: Path) -> None:
     """Wherever it diverges because timers seem overdue, the hint names the amount."""

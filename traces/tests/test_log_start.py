@@ -96,6 +96,7 @@ def test_no_cut_of_the_corpus_diverges_at_any_event(tmp_path: Path) -> None:
             assert verdict.verdict == "cannot_tell", (file, cut, text(verdict))
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("seed", [0, 1, 2, 1006, 1026, 1027])  # the last restart in the pause
 def test_a_cut_log_is_judged_after_a_pause(seed: int, tmp_path: Path) -> None:
     chance = random.Random(seed)
@@ -110,6 +111,7 @@ def test_a_cut_log_is_judged_after_a_pause(seed: int, tmp_path: Path) -> None:
                 assert n or 0 < verdict.judged_from < len(part) - cut, text(verdict)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_divergence_after_the_part_that_cannot_be_judged_is_found(
     seed: int, tmp_path: Path

@@ -352,6 +352,7 @@ MADE = {
 }
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("name", MADE)
 def test_all_views_agree_on_runs_with_faults(tmp_path: Path, name: str) -> None:
     MADE[name](tmp_path / "logs")

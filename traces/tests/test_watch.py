@@ -101,6 +101,7 @@ def found(reports: Sequence[Report]) -> list[tuple[object, ...]]:
     return [outlined(r.fields) for r in reports if r.what == "hazard" and not r.fields["open"]]
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
 def test_the_hazards_are_those_of_explain(
@@ -117,6 +118,7 @@ def test_the_hazards_are_those_of_explain(
     assert [v.verdict for v in watch.verdicts] == ["allowed"] * 3
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("ahead", [0, 7, 100_000])
 @pytest.mark.parametrize("named", [True, False])
 def test_neither_other_clocks_nor_unnamed_transmissions_hide_a_hazard(
