@@ -140,7 +140,7 @@ WITHOUT = [
     ("kit", "experiment bandwidth", "needs asn1tools: pip install 'automcm[asn1]'"),
     ("kit", f"{LITTLE} tcp://127.0.0.1:1", "needs Dask: pip install 'automcm[dask]'"),
     ("kit", "trace export 1001.ndjson --to mcap", "mcap is missing: pip install 'automcm[mcap]'"),
-    ("kit", "experiment arrival --set sumo=true", "needs SUMO: pip install 'automcm[sumo]'"),
+    ("kit", "experiment arrival --set sumo=true", "SUMO needs it: pip install 'automcm[sumo]'"),
     ("kit", "station --id 7 --bridge 0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "adapter --websocket 127.0.0.1:0", "needs websockets: pip install 'automcm[ws]'"),
     ("kit", "conform run -- ws://127.0.0.1:1", "needs websockets: pip install 'automcm[ws]'"),

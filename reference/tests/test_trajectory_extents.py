@@ -125,6 +125,15 @@ def test_on_straight_lines_the_rectangles_are_within_the_errors(
     assert found.distance - 1e-6 <= exact <= max(found.distance, 0) + errors + step + 1e-6
 
 
+def test_it_is_near_from_its_first_disc_on() -> None:
+    """A lorry drives up to a standing car: its foremost disc comes near first."""
+    lorry, car = Trajectory([0, 10], [(0, 0), (100, 0)]), Trajectory([0, 10], [(50, 0), (50, 0)])
+    found = extents.clearance(lorry, car, LORRY, CAR, 1.0)
+    cover = extents.cover(LORRY)
+    way = 50 - max(cover.offsets) - cover.radius - discs(car, CAR).radius - 1.0
+    assert found is not None and found.since == pytest.approx(way / 10, abs=1e-6)
+
+
 def test_a_lorry_is_not_a_point() -> None:
     """16.5 m long and a lane beside: 2 m of it are still abreast of a car 8 m behind its middle."""
     lorry = Trajectory([0, 10], [(0, 0), (200, 0)])

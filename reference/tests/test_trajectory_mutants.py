@@ -59,7 +59,7 @@ MUTANTS = [
      "searchsorted(segment, side=\"right\") - 1, 1)", "extents", "brute standing"),
     ("extents", "if length.min() <= NANOMETRE", "if False", "extents", "standing"),
     ("extents", "share[near[:, k], k].min()", "0", "extents", "brute symmetric lorry within"),
-    ("extents", "min(begins)", "max(begins)", "extents", "brute"),
+    ("extents", "min(begins)", "max(begins)", "extents", "first_disc"),
     ("discover", "> NANOMETRE).sum", "< -NANOMETRE).sum", "discover", "foremost abreast"),
     ("discover", "> NANOMETRE).sum", "> 0).sum", "discover", "abreast"),
     ("discover", "return min((", "return max((", "discover", "foremost abreast"),
