@@ -17,7 +17,7 @@ from hypothesis import Phase, settings
 import automcm.kernels.convert
 
 QUICK = settings(
-    max_examples=100, database=None, phases=[Phase.explicit, Phase.generate], deadline=None
+    max_examples=1000, database=None, phases=[Phase.explicit, Phase.generate], deadline=None
 )
 
 # kernel, old text, new text, the test file, the properties of which one must fail
