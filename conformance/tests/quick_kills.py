@@ -24,7 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import cache_from_source
@@ -68,18 +68,16 @@ def modules(only: str) -> list[Path]:
     ]
 
 
-def drawn(paths: Sequence[Path], count: int, seed: int) -> Iterator[tuple[Path, Mutant]]:
-    """One fault each of ``count`` modules, drawn by a hash; several of each if there are fewer."""
+Order = Callable[[str], str]
 
-    def order(text: str) -> str:
-        return hash_of(f"{seed} {text}")
 
+def drawn(paths: Sequence[Path], order: Order) -> Iterator[tuple[Path, Mutant]]:
+    """One fault of each module, then another, in ``order``."""
     turn = 0
-    while count and turn < 1000:
+    while turn < 1000:
         for path in sorted(paths, key=lambda path: order(str(path.relative_to(ROOT)))):
             mutants = sorted(of_file(path), key=lambda mutant: order(mutant.id))
-            if turn < len(mutants) and count:
-                count -= 1
+            if turn < len(mutants):
                 yield path, mutants[turn]
         turn += 1
 
@@ -120,7 +118,7 @@ def faults(kind: str, only: str, seed: int) -> Iterator[Fault]:
         return hash_of(f"{seed} {text}")
 
     if kind == "source":
-        for path, mutant in drawn(modules(only), sys.maxsize, seed):
+        for path, mutant in drawn(modules(only), order):
             name = f"{mutant.file}:{mutant.line} {mutant.old}  =>  {mutant.new}"
             yield Fault(name, path, mutant.source)
     elif kind == "seeded":

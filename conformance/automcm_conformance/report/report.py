@@ -9,7 +9,6 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from junitparser import Error, JUnitXml, Skipped, TestCase, TestSuite
 from junitparser import Failure as Failed
 from pydantic import TypeAdapter, ValidationError
@@ -25,6 +24,7 @@ from automcm_conformance.exchange.results import (
 )
 from automcm_spec.support import files
 from automcm_spec.support.bad_input import BadInput
+from automcm_spec.support.templates import environment
 from automcm_traces.viewer import page as page_
 from automcm_traces.viewer.page_data import load as load_logs
 from automcm_traces.viewer.page_part import PageError
@@ -123,14 +123,8 @@ def html(reports: list[Report]) -> str:
     """
     if not reports:
         raise ValueError("there is no report to show")
-    page = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=_shown,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    ).get_template("report.html.j2")
+    templates = environment(Path(__file__).parent, autoescape=True, finalize=_shown)
+    page = templates.get_template("report.html.j2")
     names = Counter((r.implementation.name, r.implementation.version) for r in reports)
     cases = {case.id: case for report in reversed(reports) for case in reversed(report.cases)}
     text = page.render(

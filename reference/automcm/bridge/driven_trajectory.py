@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from automcm.bridge.autoware import AutowareTrajectory, trajectory
-from automcm.encoding.codec import FRAME_BYTES
 from automcm.kernels import trajectory as kernel
 from automcm.kernels.convert import V_EPS, closest_points, convert
-from automcm.kernels.thin import prescription_bytes, thin
+from automcm.kernels.thin import excess, thin
 from automcm.service.application import Kinematics
 from automcm_spec.vocabulary.messages import MessageError, Trajectory, short
 
@@ -32,7 +31,7 @@ def own_trajectory(
     _check_speeds(speed, int(closest_points(xy, np.array([here])).segment[0]), place)
     try:
         full = convert(xy, speed, here, at_ms / 1000)
-        return kernel.to_message(full) if _fits(full) else _thinned(full, place)
+        return kernel.to_message(full) if excess(full) is None else _thinned(full, place)
     except kernel.TrajectoryError as error:
         raise MessageError(short(place, str(error))) from None
 
@@ -44,7 +43,7 @@ def timed_trajectory(of: AutowareTrajectory, place: str) -> Trajectory:
     """
     given = trajectory(of, place)
     full = kernel.from_message(given)
-    return given if _fits(full) else _thinned(full, place)
+    return given if excess(full) is None else _thinned(full, place)
 
 
 def _check_speeds(speed: kernel.Floats, first: int, place: str) -> None:
@@ -60,14 +59,6 @@ def _check_speeds(speed: kernel.Floats, first: int, place: str) -> None:
         where = f"{place}.points.{first + stops[0]}.longitudinal_velocity_mps"
         why = f"a stop (below {V_EPS}) before the end has no known duration: give time_from_start"
         raise MessageError(short(where, why))
-
-
-def _fits(full: kernel.Trajectory) -> bool:
-    """Whether a message can carry it in one frame."""
-    try:
-        return prescription_bytes(full) <= FRAME_BYTES
-    except kernel.TrajectoryError:  # two samples within a millisecond; thinning keeps one
-        return False
 
 
 def _thinned(full: kernel.Trajectory, place: str) -> Trajectory:

@@ -127,10 +127,8 @@ def clearance(
 
 def discs(of: Trajectory, extent: Extent) -> Cover:
     """The discs of a vehicle: ``cover``, or one around it if it never moves."""
-    if math.dist(of.xy[0], of.xy[-1]) > NANOMETRE or of.arc()[-1] > NANOMETRE:
-        return cover(extent)
-    radius = math.hypot(extent.length, extent.width) / 2
-    return Cover((0.0,), radius, radius - min(extent.length, extent.width) / 2)
+    moves = math.dist(of.xy[0], of.xy[-1]) > NANOMETRE or of.arc()[-1] > NANOMETRE
+    return cover(extent, None if moves else 1)
 
 
 def _directions(of: Trajectory, t: Floats) -> Floats:

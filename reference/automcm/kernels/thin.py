@@ -94,14 +94,14 @@ def thin(
         return pick(trajectory, np.sort(ranked[:count]))
 
     thinned = first(ends)
-    problem = _excess(thinned, budget, size)
+    problem = excess(thinned, budget, size)
     if problem is not None:
         raise TrajectoryError(f"budget: too small for the required points ({ends}): {problem}")
     fits, exceeds, more = ends, len(ranked) + 1, FIRST_GUESS
     while exceeds - fits > 1:
         count = min(fits + more, exceeds - 1) if more else (fits + exceeds) // 2
         tried = first(count)
-        if _excess(tried, budget, size) is None:
+        if excess(tried, budget, size) is None:
             fits, thinned, more = count, tried, 2 * more
         else:
             exceeds, more = count, 0
@@ -132,9 +132,14 @@ def _one_per_ms(t: Floats) -> Indices:
     return np.union1d(first[:-1], [0, len(t) - 1])
 
 
-def _excess(thinned: Trajectory, budget: int, size: Callable[[Trajectory], int]) -> str | None:
+def excess(
+    trajectory: Trajectory,
+    budget: int = FRAME_BYTES,
+    size: Callable[[Trajectory], int] = prescription_bytes,
+) -> str | None:
+    """Why a message cannot carry it in ``budget`` bytes; None if it can."""
     try:
-        bytes_ = size(thinned)
+        bytes_ = size(trajectory)
     except TrajectoryError as error:
         return str(error)
     return f"{bytes_} bytes, the budget is {budget}" if bytes_ > budget else None

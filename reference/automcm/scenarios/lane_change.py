@@ -298,12 +298,12 @@ class LaneChange(Coordinated):
         near = []
         for station_id, theirs in self._others.items():
             common = common_time(mine, theirs)
-            known_ = common is not None and common[0] <= now + UNKNOWN_S and common[1] >= needed
+            sure = common is not None and common[0] <= now + UNKNOWN_S and common[1] >= needed
             risk = collision(
                 mine, theirs, self.plan.threshold_m, clock_error=self.plan.clock_error_s
             )
-            if risk or not known_ or station_id in tight:
-                here = theirs.since(now) if known_ and theirs.t[0] <= now else theirs
+            if risk or not sure or station_id in tight:
+                here = theirs.since(now) if sure and theirs.t[0] <= now else theirs
                 near.append(Candidate(station_id, here.xy[0], direction(here)))
         self._note(f"would come too close to {[c.station_id for c in near] or 'nobody'}")
         return discover(near, self._zone(self.wanted))

@@ -103,8 +103,13 @@ def tracks(
         for other in left:
             if abs(other.x - track.x) <= SAME_M[0] and abs(other.y - track.y) <= SAME_M[1]:
                 left.remove(other)
-                at = {name: getattr(other, name) for name in ("x", "y", "vx", "vy", "length")}
-                track = replace(track, age_s=0.0, **at)
+                track = replace(
+                    other,
+                    age_s=0.0,
+                    station_id=track.station_id,
+                    answered=track.answered,
+                    bound=track.bound,
+                )
                 break
         found.append(track)
     return found + left

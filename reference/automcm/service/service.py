@@ -418,9 +418,9 @@ class McService:
             self._indicate(indication, effect)
 
     def _hear(self, cam: Cam, now_ms: int) -> None:
-        kept = ("x_mm", "y_mm", "heading_mrad", "speed_mm_s", "marks")
-        values = {name: getattr(cam, name) for name in kept}
-        self.neighbours[cam.src] = Heard(cam.src, now_ms, **values)
+        self.neighbours[cam.src] = Heard(
+            cam.src, now_ms, cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s, cam.marks
+        )
         self.neighbours.move_to_end(cam.src)
         if len(self.neighbours) > NEIGHBOURS:
             self.neighbours.popitem(last=False)

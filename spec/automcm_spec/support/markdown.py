@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from automcm_spec.support.templates import environment
 
 
 def page(template: Path, **values: Any) -> str:
@@ -13,12 +13,6 @@ def page(template: Path, **values: Any) -> str:
 
     Besides Jinja's own filters there is ``fmt``, Python's ``format``.
     """
-    environment = Environment(
-        loader=FileSystemLoader(template.parent),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    environment.filters["fmt"] = format
-    return environment.get_template(template.name).render(values)
+    templates = environment(template.parent, keep_trailing_newline=True)
+    templates.filters["fmt"] = format
+    return templates.get_template(template.name).render(values)

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
+from automcm_spec.support.templates import environment
 from automcm_spec.vocabulary.condition_coverage import (
     BOTH,
     ConditionCoverage,
@@ -52,13 +51,8 @@ def page(coverage: Coverage) -> str:
         name: [_shown(conditions, line) for line in body]
         for name, body in by_operator(conditions).items()
     }
-    template = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    ).get_template("coverage.html.j2")
+    templates = environment(Path(__file__).parent, autoescape=True)
+    template = templates.get_template("coverage.html.j2")
     return template.render(
         coverage=coverage,
         problems=problems(coverage),

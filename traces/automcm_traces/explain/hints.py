@@ -28,6 +28,7 @@ from automcm_traces.format.log import (
     Send,
     TimerArm,
     TimerEnd,
+    transmission,
     typed,
 )
 from automcm_traces.format.number_sets import Numbers
@@ -63,7 +64,7 @@ class Hints(Watcher):
         """Take note of an event."""
         self._time(event.t_ms)
         if isinstance(event, Send):
-            if not self._sent.add(int(event.tx.partition(":")[2])) and not self._again:
+            if not self._sent.add(transmission(event.tx)[1]) and not self._again:
                 again = "each transmission needs its own, also a copy"
                 self._again = f"line {line} uses tx {event.tx} a second time: {again}"
             self._own_cam(event)

@@ -25,7 +25,7 @@ from automcm_spec.vocabulary.rules import RULES
 from automcm_traces.checker.finding import At, Finding
 from automcm_traces.checker.track import PHASES, ROLES
 from automcm_traces.format.line_problems import KINDS, line_problems, plain
-from automcm_traces.format.log import problems
+from automcm_traces.format.log import problems, transmission
 from automcm_traces.format.number_sets import Numbers
 from automcm_traces.format.problems import join
 from automcm_traces.format.reader import LONGEST_LINE, NotJsonError, cut, parse
@@ -376,7 +376,7 @@ class _Lint:
             yield self._found("unknown", "rule", f"{rule!r} is not a protocol rule")
 
     def _transmission(self, tx: str) -> Iterator[Finding]:
-        station, number = (int(part) for part in tx.split(":"))
+        station, number = transmission(tx)
         if type(self._station) is int and station != self._station:
             problem = f"{tx} must begin with {self._station}, the station of this log"
             yield self._found("tx", "tx", problem)

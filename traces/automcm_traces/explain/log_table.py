@@ -9,16 +9,24 @@ stations.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_traces.format.event_text import Kind, kind, safe, session_of, summary
-from automcm_traces.format.log import End, Event, Header, Receive, Send, TimerArm, TimerEnd
-from automcm_traces.format.number_sets import Numbers
-from automcm_traces.format.reader import Notice, records
+from automcm_traces.format.log import (
+    End,
+    Event,
+    Header,
+    Receive,
+    Send,
+    TimerArm,
+    TimerEnd,
+    transmission,
+)
+from automcm_traces.format.reader import Notice, header_of, records
 from automcm_traces.system.fates import Arrow, Fate
 from automcm_traces.system.streamed_fates import StreamedFates
 
@@ -81,8 +89,7 @@ class Logs:
                 raise BadInput(
                     path, 0, "", "is a pipe, but must be read twice; save it to a file first"
                 )
-            header = next(iter(records(path))).record
-            assert isinstance(header, Header), "records() yields the header first"
+            header = header_of(path)
             if header.station in self._paths:
                 other = self._paths[header.station]
                 problem = f"{header.station} is also the station of {name_of(other)}"
@@ -100,15 +107,12 @@ class Logs:
         feeds = {station: self._feed(station) for station in self.stations}
         heads = {station: row for station in feeds if (row := next(feeds[station], None))}
         times = dict.fromkeys(self.stations, 0)
-        sent = {station: Numbers() for station in self.stations}
         while heads:
             for station, row in heads.items():
                 times[station] = times[station] if row.event is None else row.event.t_ms
-            free = [s for s, row in heads.items() if not _waits(row, sent, fates)]
+            free = [s for s, row in heads.items() if not _waits(row, fates)]
             station = min(free or heads, key=lambda s: (times[s], s))
             row = heads.pop(station)
-            if isinstance(row.event, Send):
-                sent[station].add(int(row.event.tx.split(":")[1]))
             yield _noted(row, fates)
             if (after := next(feeds[station], None)) is not None:
                 heads[station] = after
@@ -131,14 +135,12 @@ class Logs:
             yield Row(station, error.line, None, f"-- UNREADABLE: {problem}", problem=True)
 
 
-def _waits(row: Row, sent: Mapping[int, Numbers], fates: StreamedFates) -> bool:
+def _waits(row: Row, fates: StreamedFates) -> bool:
     """Whether the row is the reception of a message that has yet to be sent."""
     if not isinstance(row.event, Receive) or row.event.tx is None:
         return False
-    sender, number = (int(part) for part in row.event.tx.split(":"))
-    if sender not in sent or sender == row.station or number in sent[sender]:
-        return False
-    return fates.has_sent(sender, number)
+    sender, number = transmission(row.event.tx)
+    return sender != row.station and fates.is_ahead(sender, number)
 
 
 _MARKS: dict[Fate, str] = {"lost": "x", "in_flight": "?"}

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from automcm_traces.explain.log_table import Logs, Row
-from automcm_traces.format.log import Header
-from automcm_traces.format.reader import records
+from automcm_traces.format.reader import header_of
 
 
 def arrow_rows(paths: Sequence[Path]) -> Iterator[tuple[Path, Row]]:
@@ -19,8 +18,7 @@ def arrow_rows(paths: Sequence[Path]) -> Iterator[tuple[Path, Row]]:
     """
     runs: dict[str, list[tuple[int, Path]]] = defaultdict(list)
     for path in paths:
-        header = next(iter(records(path))).record
-        assert isinstance(header, Header), "records() yields the header first"
+        header = header_of(path)
         runs[header.run].append((header.station, path))
     for logs in runs.values():
         file_of = dict(logs)

@@ -100,6 +100,12 @@ Base64 = Annotated[
 ]
 
 
+def transmission(tx: str) -> tuple[int, int]:
+    """The station and the counter of a transmission id."""
+    station, counter = tx.split(":")
+    return int(station), int(counter)
+
+
 class Part(BaseModel):
     """An object of the log: immutable, strict, without unknown fields except vendor fields."""
 

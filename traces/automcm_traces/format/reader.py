@@ -128,6 +128,13 @@ class GrowingLog:
         self._entries = self._reader.entries(self._lines)
 
 
+def header_of(path: str | Path) -> Header:
+    """The header of a log. Raises BadInput."""
+    first = next(records(path)).record
+    assert isinstance(first, Header), "records() yields the header first"
+    return first
+
+
 def records(path: str | Path, *, gaps: bool = False) -> Iterator[Entry]:
     """Read the log at `path` line by line: header, events, end, and notices in between.
 

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, get_args
 
 from automcm_spec.vocabulary.messages import Fields
 from automcm_spec.vocabulary.parameters import Parameters
-from automcm_traces.format.log import Header, Send
+from automcm_traces.format.log import Header, Send, transmission
 from automcm_traces.format.reader import Log
 from automcm_traces.system.clock_offsets import Clocks
 from automcm_traces.system.log_merge import Node
@@ -100,7 +100,7 @@ class Coverage:
     @staticmethod
     def of(log: Log) -> Coverage:
         """The coverage of a log in memory."""
-        numbers = [number(e.tx) for _, e in log.events if isinstance(e, Send)]
+        numbers = [transmission(e.tx)[1] for _, e in log.events if isinstance(e, Send)]
         span = (log.events[0][1].t_ms, log.events[-1][1].t_ms) if log.events else (0, 0)
         lost = None if log.end is None else log.end.lost_records
         last = max(numbers, default=0)
@@ -116,7 +116,7 @@ class Coverage:
             return None
         if logged:
             return f"{self.file} has another message under this tx"
-        if not self.ended and (tx is None or number(tx) > self.last_sent):
+        if not self.ended and (tx is None or transmission(tx)[1] > self.last_sent):
             return None
         return f"{self.file} contains no such sent message"
 
@@ -177,7 +177,7 @@ def addressees(sender: int, message: Fields, stations: Sequence[int]) -> list[in
 def sender_of(message: Fields, tx: str | None) -> int | None:
     """The station that sent a received message, by its tx, or as the message says."""
     if tx is not None:
-        return int(tx.split(":")[0])
+        return transmission(tx)[0]
     src = message.get("src")
     return src if type(src) is int else None
 
@@ -186,8 +186,3 @@ def source_of(message: Fields | None) -> int:
     """The station that a received message names as its sender; ANYONE if it names none."""
     src = None if message is None else message.get("src")
     return src if type(src) is int and src > 0 else ANYONE
-
-
-def number(tx: str) -> int:
-    """The counter of a transmission id."""
-    return int(tx.split(":")[1])

@@ -9,11 +9,11 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import zip_longest
 from math import inf
 
-from automcm_spec.vocabulary.parameters import DEFAULTS, Parameters
+from automcm_spec.vocabulary.parameters import DEFAULTS, MOST_OF
 from automcm_traces.checker.follow import NEEDED, Ending, Follower
 from automcm_traces.checker.track import Step, Track
 from automcm_traces.format.log import Event, Receive, Send, TimerArm, TimerEnd
@@ -23,7 +23,7 @@ from automcm_traces.system.log_merge import MergeError
 from automcm_traces.system.timeline import Moment, Period, Recorder, Session, Timeline
 from automcm_traces.system.world import World
 
-SILENT_MS = next(row.metadata["most"] for row in fields(Parameters) if row.name == "t_cam")
+SILENT_MS = MOST_OF["t_cam"]
 """The longest legal CAM interval in ms. A station that sends nothing for longer has stopped."""
 MOST = 2000
 """The maximum number of events kept of the present session, besides those of the last seconds."""

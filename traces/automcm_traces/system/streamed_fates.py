@@ -16,7 +16,7 @@ from pathlib import Path
 
 from automcm_spec.support.bad_input import BadInput, name_of
 from automcm_spec.vocabulary.messages import Fields
-from automcm_traces.format.log import End, Event, Header, Receive, Send
+from automcm_traces.format.log import End, Event, Header, Receive, Send, transmission
 from automcm_traces.format.number_sets import Numbers
 from automcm_traces.format.reader import Notice, records
 from automcm_traces.system.clock_offsets import Clocks, Travels
@@ -26,7 +26,6 @@ from automcm_traces.system.fates import (
     Coverage,
     Fates,
     addressees,
-    number,
     sender_of,
     source_of,
 )
@@ -75,12 +74,12 @@ class Ledger:
 
     def _add(self, event: Event) -> None:
         if isinstance(event, Send):
-            self.sent.add(number(event.tx), event.t_ms, event.message)
+            self.sent.add(transmission(event.tx)[1], event.t_ms, event.message)
         elif isinstance(event, Receive) and event.message is not None:
             sender = sender_of(event.message, event.tx)
             self.senders.append(sender if sender is not None and 0 < sender < NO_TX else ANYONE)
             self.received.add(
-                NO_TX if event.tx is None else number(event.tx), event.t_ms, event.message
+                NO_TX if event.tx is None else transmission(event.tx)[1], event.t_ms, event.message
             )
 
 
@@ -150,9 +149,9 @@ class StreamedFates:
         """By receiver and sender, the numbers received so far without a matching transmission."""
         self._next: Counter[tuple[int, str]] = Counter()
 
-    def has_sent(self, station: int, number_: int) -> bool:
-        """Whether the log of a station contains a transmission with this number, here or later."""
-        return self._ledgers[station].sent.find(number_) is not None
+    def is_ahead(self, station: int, number: int) -> bool:
+        """Whether the log of a station contains a transmission with this number further on."""
+        return number not in self._sent.get(station, ()) and self._is_logged(station, number)
 
     def arrows(self, station: int, event: Event) -> tuple[Arrow, ...]:
         """The arrows of the next event of a station's log."""
@@ -166,7 +165,7 @@ class StreamedFates:
     def _sent_arrows(self, me: int, event: Send) -> Iterator[Arrow]:
         k = self._next[me, "send"]
         self._next[me, "send"] += 1
-        self._sent[me].add(number(event.tx))
+        self._sent[me].add(transmission(event.tx)[1])
         for to in addressees(me, event.message, self._stations):
             ledger = self._ledgers.get(to)
             if ledger is None or k not in ledger.arrived[me]:
@@ -184,14 +183,18 @@ class StreamedFates:
             return None if sender == me else Arrow(sender, me, fate)
         again = logged = False
         if sender is not None and tx is not None:
-            again = not self._copies[me, sender].add(number(tx))
-            logged = sender in self._ledgers and self.has_sent(sender, number(tx))
+            again = not self._copies[me, sender].add(transmission(tx)[1])
+            logged = self._is_logged(sender, transmission(tx)[1])
         unmatched, _ = self._fates.unmatched(me, sender, tx, logged, again)
         return None if unmatched is None else Arrow(source_of(m), me, unmatched)
 
+    def _is_logged(self, station: int, number: int) -> bool:
+        ledger = self._ledgers.get(station)
+        return ledger is not None and ledger.sent.find(number) is not None
+
     def _result(self, me: int, sender: int | None, tx: str | None) -> int:
         if not self._ledgers:  # of one log, only its own messages can match
-            own = sender == me and tx is not None and number(tx) in self._sent[me]
+            own = sender == me and tx is not None and transmission(tx)[1] in self._sent[me]
             return MATCHED if own else UNMATCHED
         k = self._next[me, "receive"]
         self._next[me, "receive"] += 1

@@ -12,8 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
+from automcm_spec.support.templates import environment
 from automcm_traces.edit.log_diff import text
 from automcm_traces.format.event_text import safe, summary
 from automcm_traces.viewer.page_data import Page, as_dict
@@ -38,16 +37,9 @@ def html(page: Page) -> bytes:
     data = as_dict(page)
     style = (VIEWER / "page.css").read_text(encoding="utf-8")
     script = "\n".join((VIEWER / name).read_text(encoding="utf-8") for name in SCRIPTS)
-    environment = Environment(
-        loader=FileSystemLoader(VIEWER),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    templates = environment(VIEWER, autoescape=True, keep_trailing_newline=True)
     first, last = _part(page, data)
-    page_text = environment.get_template("page.html").render(
+    page_text = templates.get_template("page.html").render(
         title=safe(page.title),
         style=style,
         script=script,

@@ -128,7 +128,7 @@ def load(paths: Sequence[Path], late_ms: int | None = None, part: Part | None = 
         if refused and not logs:
             raise refused[0]
     try:
-        merged = merge([_unpromised(log) if part or log.mid_session else log for _, log in logs])
+        merged = merge([_unpromised(log) if part else log for _, log in logs])
     except MergeError as error:
         raise PageError(str(error)) from None
     alone = [one.verdict for one in found]
