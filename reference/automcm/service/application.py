@@ -30,12 +30,19 @@ HEARD_MS = 30_000
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """The vehicle's position, heading and speed for its CAM: mm, milliradians, mm/s."""
+    """The vehicle's position, heading and speed for its CAM: mm, milliradians, mm/s.
+
+    ``length_mm`` and ``width_mm`` are its extent, ``sigma_mm`` is the standard deviation of the
+    position along either axis; None if unknown.
+    """
 
     x_mm: int = 0
     y_mm: int = 0
     heading_mrad: int = 0
     speed_mm_s: int = 0
+    length_mm: int | None = None
+    width_mm: int | None = None
+    sigma_mm: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +57,11 @@ class Heard:
     heading_mrad: int
     speed_mm_s: int
     marks: tuple[Session, ...] = ()
+    length_mm: int | None = None
+    width_mm: int | None = None
+    sigma_mm: int | None = None
+    in_step: bool = True
+    """Whether its clock may be within 100 ms of the service's (APP-6)."""
 
     def bound_elsewhere(self, session: Session | None) -> bool:
         """Whether its marks name another session: ADV-4 then keeps it from answering."""
