@@ -83,6 +83,14 @@ def test_a_copy_must_be_the_same(oracle: Oracle) -> None:
     assert (judged.verdict, "Intention.planned" in judged.reason) == ("FAIL", True)
 
 
+@pytest.mark.parametrize(("length_mm", "verdict"), [(4500, "PASS"), (0, "FAIL"), (None, "FAIL")])
+def test_an_intention_may_state_an_extent(
+    oracle: Oracle, length_mm: int | None, verdict: str
+) -> None:
+    change = only("Intention", lambda m: [(3, m | {"length_mm": length_mm, "width_mm": 1800})])
+    assert judge(oracle, "intention", change).verdict == verdict
+
+
 def test_what_is_no_trajectory_is_not_free(oracle: Oracle) -> None:
     for planned in ({"t0": 0, "points": []}, {"t0": 0.5, "points": [[0, 0, 0]]}, None):
         change = only("Intention", lambda m, p=planned: [(3, m | {"planned": p})])

@@ -45,11 +45,62 @@ def test_trajectories_come_back_as_they_were(trajectory: Trajectory) -> None:
     assert autoware.trajectory(again) == trajectory
 
 
-@given(st.integers(-3141, 3141), COORDINATE, COORDINATE, COORDINATE)
-def test_kinematics_come_back_as_they_were(heading: int, x: int, y: int, speed: int) -> None:
-    at = Kinematics(x_mm=x, y_mm=y, heading_mrad=heading, speed_mm_s=speed)
+@given(
+    st.integers(-3141, 3141), COORDINATE, COORDINATE, COORDINATE, st.none() | st.integers(1, 10**7)
+)
+def test_kinematics_come_back_as_they_were(
+    heading: int, x: int, y: int, speed: int, sigma: int | None
+) -> None:
+    at = Kinematics(x_mm=x, y_mm=y, heading_mrad=heading, speed_mm_s=speed, sigma_mm=sigma)
     form = autoware.to_odometry(at, 5).model_dump_json()
     assert autoware.kinematics(autoware.Odometry.model_validate(json.loads(form))) == at
+
+
+def odometry(xx: float, xy: float, yx: float, yy: float) -> dict[str, Any]:
+    covariance = [0.0] * 36
+    covariance[0], covariance[1], covariance[6], covariance[7] = xx, xy, yx, yy
+    return {"pose": {"covariance": covariance}}
+
+
+@pytest.mark.parametrize(
+    ("block", "sigma"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), None),
+        ((0.25, 0.0, 0.0, 0.04), 500),
+        ((0.04, 0.0, 0.0, 0.25), 500),
+        ((1.0, 1.0, 1.0, 1.0), 1415),  # a line along the diagonal: the root of 2 m, rounded up
+        ((2.5, -1.5, -1.5, 2.5), 2000),
+        ((1.0, 1.0 + 1e-8, 1.0, 1.0), 1415),
+        ((1e-12, 0.0, 0.0, 0.0), 1),
+    ],
+)
+def test_sigma_is_the_long_axis_of_the_ellipse(
+    block: tuple[float, float, float, float], sigma: int | None
+) -> None:
+    read = ros.read(ros.OdometryIn, odometry(*block))
+    assert autoware.kinematics(read).sigma_mm == sigma
+
+
+@pytest.mark.parametrize(
+    ("block", "problem"),
+    [
+        ((-1.0, 0.0, 0.0, 1.0), "not positive semidefinite"),
+        ((1.0, 0.0, 0.0, -1.0), "not positive semidefinite"),
+        ((1.0, 2.0, 2.0, 1.0), "not positive semidefinite"),
+        ((1.0, 0.5, -0.5, 1.0), "not positive semidefinite"),
+        ((0.0, 1.0, 1.0, 0.0), "not positive semidefinite"),
+        ((math.nan, 0.0, 0.0, 1.0), "finite"),
+        ((math.inf, 0.0, 0.0, 1.0), "finite"),
+    ],
+)
+def test_an_impossible_covariance_is_refused(
+    block: tuple[float, float, float, float], problem: str
+) -> None:
+    with pytest.raises(MessageError, match=rf"^msg\.pose\.covariance.*{problem}"):
+        ros.read(ros.OdometryIn, odometry(*block))
+    short = {"pose": {"covariance": [1.0] * 7}}
+    with pytest.raises(MessageError, match=r"^msg\.pose\.covariance: must have 36 numbers, not 7"):
+        ros.read(ros.OdometryIn, short)
 
 
 def test_velocity_and_heading_are_those_to_the_next_point() -> None:

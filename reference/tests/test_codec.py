@@ -34,8 +34,10 @@ from automcm_spec.vocabulary.messages import (
     Trajectory,
     decode,
     encode,
+    to_dict,
 )
 
+EXTRAS = Cam.model_fields.keys() - to_dict(cam(1, 0)).keys()
 BOTH: list[Codec] = [JSON, UPER]
 EXAMPLES = decoder_fuzz.examples()
 
@@ -141,6 +143,20 @@ def test_uper_has_one_encoding_of_a_message() -> None:
     assert UPER.decode(packed(seq=("n16", 700))) == fin(seq=700)
 
 
+@pytest.mark.parametrize("extras", [{"length-mm": ("n8", 99)}, {"width-mm": ("n32", 102_101)}])
+def test_end_5_uper_refuses_extras_out_of_bounds(extras: dict[str, Any]) -> None:
+    data = bytes(asn1tools.compile_files(str(SCHEMA), "uper").types["Extras"].encode(extras))
+    refused(UPER, UPER.encode(cam(1, 0)) + data, f"CAM.{next(iter(extras)).replace('-', '_')}")
+    refused(UPER, UPER.encode(fin()) + data, "Fin." + next(iter(extras)).replace("-", "_"))
+
+
+def test_extras_only_add_bytes_after_those_of_before() -> None:
+    bare, extent = cam(1, 0, (9, 1)), {"length_mm": 4500, "width_mm": 1800}
+    for used, more in ((JSON, 33), (UPER, 5)):
+        data, longer = used.encode(bare), used.encode(bare.model_copy(update=extent))
+        assert longer.startswith(data.removesuffix(b"}")) and len(longer) == len(data) + more
+
+
 def test_end_5_details_in_uper_are_compact_json() -> None:
     one, data = advertisement(details={"a": 1}), b'{"a":1}'
     packet = UPER.encode(one)
@@ -167,9 +183,13 @@ def test_end_5_details_in_uper_are_compact_json() -> None:
 
 @pytest.mark.parametrize("message", EXAMPLES, ids=lambda m: m.type)
 def test_end_5_what_is_cut_off_is_refused_with_the_field(message: Message | Cam) -> None:
-    data = UPER.encode(message)
+    bare = message.model_copy(update=dict.fromkeys(EXTRAS & type(message).model_fields.keys()))
+    data, whole = UPER.encode(message), len(UPER.encode(bare))
     for length in range(len(data)):
-        refused(UPER, data[:length], "out of data" if length < len(data) - 1 else "")
+        if length == whole:
+            assert UPER.decode(data[:length]) == bare
+        else:
+            refused(UPER, data[:length], "" if length in (whole - 1, len(data) - 1) else "out of")
     refused(UPER, data[:3], f"{message.type}.src: out of data")
 
 

@@ -120,6 +120,8 @@ def test_on_the_air_ids_and_times_are_long() -> None:
     cam = Cam(src=1, generation_ms=9, x_mm=1, y_mm=2, heading_mrad=3, speed_mm_s=4, marks=((2, 5),))
     there = on_air(cam)
     assert isinstance(there, Cam)
+    extras = {"length_mm": 4500, "width_mm": 1800, "station_type": 5, "sigma_mm": 9}
+    assert on_air(cam.model_copy(update=extras)) == there
     assert there.generation_ms == 1_800_000_000_009 and there.marks == ((3_000_000_002, 5),)
     broadcast = on_air(offered(1, trajectory()))
     assert not isinstance(broadcast, Cam) and broadcast.dst == 0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any, get_args
 
 import pytest
@@ -23,6 +25,11 @@ from hypothesis import strategies as st
 
 from automcm_spec.vocabulary.messages import (
     ANSWER_REASONS,
+    CAR_MM,
+    EXTENTS_MM,
+    LIMIT,
+    MAX_EXTENT_MM,
+    MIN_EXTENT_MM,
     Acceptance,
     Ack,
     Advertisement,
@@ -64,6 +71,9 @@ FIELDS: dict[str, st.SearchStrategy[Any]] = {
     **dict.fromkeys(("hold_ms", "generation_ms"), naturals),
     **dict.fromkeys(("x_mm", "y_mm", "heading_mrad", "speed_mm_s"), anything),
     **dict.fromkeys(("planned", "prescribed"), trajectories),
+    **dict.fromkeys(("length_mm", "width_mm"), st.none() | st.integers(100, 102_100)),
+    "station_type": st.none() | st.integers(0, 255),
+    "sigma_mm": st.none() | naturals,
     "session": sessions,
     "scenario": texts,
     "details": details,
@@ -111,6 +121,11 @@ ONE_OF_EACH: list[Message | Cam] = [
     cancel(),
     ack(fin()),
     cam(1, 0, (9, 1)),
+]
+LORRY = {"length_mm": 16_500, "width_mm": 2_550}
+WITH_EXTENT: list[Message | Cam] = [
+    intention(**LORRY),
+    cam(1, 0, (9, 1)).model_copy(update=LORRY | {"station_type": 8, "sigma_mm": 700}),
 ]
 
 
@@ -177,7 +192,7 @@ NEEDED = [
 ] + [(cancel(), "reason")]
 INTEGERS = [
     (m, n)
-    for m in ONE_OF_EACH
+    for m in [*ONE_OF_EACH, *WITH_EXTENT]
     for n, value in to_dict(m).items()
     if type(value) is int and n != "v" and (m.type, n) != ("Ack", "seq")
 ]
@@ -212,6 +227,11 @@ WRONG: list[tuple[Message | Cam, str, Any]] = [
     ),
     (cam(1, 0), "marks", [[9]]),
     (cam(1, 0), "generation_ms", -1),
+    *((m, n, v) for m in WITH_EXTENT for n in LORRY for v in (None, -4500, 0, 99, 102_101)),
+    *((cam(1, 0), "station_type", value) for value in (None, -1, 256)),
+    *((cam(1, 0), "sigma_mm", value) for value in (None, -1, LIMIT + 1)),
+    *((m, n, 500) for m in ONE_OF_EACH for n in LORRY if m.type not in ("CAM", "Intention")),
+    *((m, n, 5) for m in ONE_OF_EACH[:-1] for n in ("station_type", "sigma_mm")),
     (intention(), "planned", []),
     *(
         (intention(), "planned", {"t0": 0, "points": points})
@@ -244,6 +264,45 @@ REFUSED: list[tuple[bytes, str]] = [
 @pytest.mark.parametrize(("data", "text"), REFUSED, ids=range(len(REFUSED)))
 def test_end_5_end_6_what_breaks_the_grammar_is_refused_by_name(data: bytes, text: str) -> None:
     refused(data, text)
+
+
+@pytest.mark.parametrize(
+    ("fields", "extent"),
+    [
+        ({}, CAR_MM),
+        ({"station_type": 5}, CAR_MM),
+        ({"station_type": 1}, CAR_MM),
+        ({"station_type": 200}, CAR_MM),
+        ({"station_type": 8}, (18_750, 2_600)),
+        ({"station_type": 8, "length_mm": 9_000}, (9_000, 2_600)),
+        ({"station_type": 7, "width_mm": 2_000}, (7_500, 2_000)),
+        (LORRY, (16_500, 2_550)),
+        (LORRY | {"station_type": 5}, (16_500, 2_550)),
+    ],
+)
+def test_an_absent_extent_is_that_of_the_station_type(
+    fields: dict[str, int], extent: tuple[int, int]
+) -> None:
+    read = decode(changed(cam(1, 0), **fields))
+    assert isinstance(read, Cam) and read.extent_mm == extent
+
+
+def test_the_page_has_the_same_assumed_extents() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
+    rows = re.findall(r"^\| (.*) \| (\d+) \W (\d+) \|", page, re.MULTILINE)
+    found = {n: (int(length), int(width)) for text, length, width in rows for n in numbers(text)}
+    assert found == {None: CAR_MM} | EXTENTS_MM
+
+
+def numbers(text: str) -> list[int | None]:
+    """The station types that a row names; None for all that no row names."""
+    return [int(n) for n in re.findall(r"\d+", text)] or [None]
+
+
+def test_every_assumed_extent_could_be_stated() -> None:
+    for extent in (CAR_MM, *EXTENTS_MM.values()):
+        assert all(MIN_EXTENT_MM <= each <= MAX_EXTENT_MM for each in extent)
+        assert all(each >= car for each, car in zip(extent, CAR_MM, strict=True))
 
 
 def test_the_word_null_in_a_text_is_no_null() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
+import automcm_stage
 from service_stage import PATH, Jumpy, Noted, alone, cam, pair
 
 from automcm.links.simulated_radio import Channel
@@ -84,12 +85,23 @@ def test_act_2_cams_go_out_at_t_cam_in_every_phase_with_the_marks() -> None:
 def test_a_cam_says_where_the_application_is() -> None:
     class Parked(Noted):
         def kinematics(self, now_ms: int) -> Kinematics:
-            return Kinematics(1000, -200, 1571, 5)
+            return Kinematics(1000, -200, 1571, 5, 9000, 2500, 300)
 
     _, wire, clock = alone(Parked())
     clock.run(100)
     cam = wire.of("CAM")[0]
     assert (cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s) == (1000, -200, 1571, 5)
+    assert (cam.length_mm, cam.width_mm, cam.sigma_mm) == (9000, 2500, 300)
+
+
+def test_app_1_the_application_knows_the_extent_of_whom_it_hears() -> None:
+    service, _, clock = alone()
+    clock.run(100)
+    bare = automcm_stage.cam(2, 1)
+    for src, fields in ((2, {}), (3, {"station_type": 8, "sigma_mm": 700, "width_mm": 2500})):
+        service.receive(encode(bare.model_copy(update={"src": src} | fields)))
+    heard = [(h.length_mm, h.width_mm, h.sigma_mm) for h in service.heard()]
+    assert heard == [(4500, 1800, None), (18_750, 2500, 700)]
 
 
 def test_end_8_the_number_is_kept_before_it_goes_on_the_air() -> None:

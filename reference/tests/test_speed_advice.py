@@ -15,6 +15,7 @@ def test_a_driver_says_where_it_is_and_notes_what_was_refused() -> None:
     driver = SpeedAdvice(Vehicle(2, 7, 1, 9, 9))
     at = driver.kinematics(0)
     assert (at.x_mm, at.y_mm, at.speed_mm_s) == (7000, round(1000 * LANE_WIDTH), 9000)
+    assert (at.length_mm, at.width_mm) == (4500, 1800)
     driver.refused("request", "END-7")
     assert driver.ended == ["request END-7"]
 

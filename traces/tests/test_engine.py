@@ -162,6 +162,18 @@ def test_act_5_an_own_cam_as_an_echo_is_nobody_s(tmp_path: Path) -> None:
     assert explain(read(path)).verdict == "allowed"
 
 
+@pytest.mark.parametrize(("length_mm", "verdict"), [(4500, "allowed"), (0, "diverges")])
+def test_a_logged_cam_may_state_an_extent(tmp_path: Path, length_mm: int, verdict: str) -> None:
+    def hear(service: McService) -> None:
+        zeros = dict.fromkeys(("x_mm", "y_mm", "heading_mrad", "speed_mm_s", "generation_ms"), 0)
+        extent = {"length_mm": 4500, "width_mm": 1800, "station_type": 5, "sigma_mm": 300}
+        service.receive(encode(Cam.model_validate({"src": 2, "marks": ()} | zeros | extent)))
+
+    path = alone(tmp_path, Parameters(), first=(1000, hear))
+    path.write_text(path.read_text().replace('"length_mm":4500', f'"length_mm":{length_mm}'))
+    assert explain(read(path)).verdict == verdict
+
+
 def test_pre_5_a_choice_without_a_proposal_is_a_wrong_one(tmp_path: Path) -> None:
     """The station refuses it, and nothing else follows."""
     with LogWriter(

@@ -19,7 +19,7 @@ from automcm_conformance.exchange.exchange import Exchange
 from automcm_conformance.exchange.results import Line
 from automcm_conformance.suite.scripted import number
 from automcm_conformance.suite.scripts import THEIRS, Script, Wait
-from automcm_spec.vocabulary.messages import same
+from automcm_spec.vocabulary.messages import MAX_EXTENT_MM, MIN_EXTENT_MM, same
 from automcm_spec.vocabulary.station import Cam, Command, Expire, Input, Message, Receive, Timer
 from automcm_traces.checker.finding import Finding, Kind
 
@@ -209,10 +209,12 @@ class Live:
             received = None
 
     def _fits(self, wanted: Object, found: Object) -> bool:
-        """Whether ``found`` is the message ``wanted``; a new Intention may plan any trajectory."""
+        """Whether ``found`` is the message ``wanted``; a new Intention may plan any trajectory and
+        state an extent."""
         new = all(m is not wanted for m in self._known)
         if new and wanted["type"] == "Intention" and _trajectory(found.get("planned")):
             wanted["planned"] = found["planned"]
+            wanted |= {n: found[n] for n in ("length_mm", "width_mm") if _extent(found.get(n))}
         return same(wanted, found)
 
     def _overdue(self, wanted: Object, by: int) -> NoReturn:
@@ -296,6 +298,10 @@ def _marks(value: object) -> TypeGuard[list[list[int]]]:
         type(session) is list and len(session) == 2 and all(type(n) is int for n in session)
         for session in value
     )
+
+
+def _extent(value: object) -> bool:
+    return type(value) is int and MIN_EXTENT_MM <= value <= MAX_EXTENT_MM
 
 
 def _trajectory(value: object) -> bool:

@@ -17,6 +17,7 @@ LARGE = 2**53 - 1
 TEXT = 65_507
 DEPTH = 32
 MARKS = 255
+EXTENT_MM = (100, 102_100)
 ABSENT = object()
 """The value of a field that is to be left out."""
 _POINT = [0, 0, 0]
@@ -43,8 +44,12 @@ def invalid(message: Message) -> Iterator[tuple[str, Message]]:
         if name != "type":
             changes += [{name: other} for other in _wrong(name, value)]
     foreign = {"proposal": 1, "reason": "abort", "marks": [], "planned": _TRAJECTORY}
+    foreign |= {name: values[0] for name, values in _OPTIONAL["CAM"].items()}
     may_have = {"Advertisement": {"planned"}, "Acceptance": {"reason"}}.get(type_, set())
+    may_have |= _OPTIONAL.get(type_, {}).keys()
     changes += [{n: v} for n, v in foreign.items() if n not in message.keys() | may_have]
+    for name in _OPTIONAL.get(type_, ()):
+        changes += [{name: other} for other in (None, *_wrong(name, 1))]
     for change in [*changes, *_UNFIT.get(type_, ())]:
         kept = {n: v for n, v in {**message, **change}.items() if v is not ABSENT}
         yield ", ".join(f"{n} {_told(v)}" for n, v in change.items()), kept
@@ -57,6 +62,12 @@ def _told(value: Json) -> str:
     return text if len(text) < 80 else f"{text[:60]}… ({len(text)} characters)"
 
 
+_EXTENTS: dict[str, tuple[int, ...]] = {"length_mm": EXTENT_MM, "width_mm": EXTENT_MM}
+_OPTIONAL: dict[str, dict[str, tuple[int, ...]]] = {
+    "Intention": _EXTENTS,
+    "CAM": _EXTENTS | {"station_type": (0, 255), "sigma_mm": (0, LARGE)},
+}
+"""Optional fields about the vehicle, each with its least and greatest value."""
 _NO_TRAJECTORIES: tuple[Json, ...] = (None, [], {"t0": 0}, {"t0": 0, "points": [[0, 0]]})
 _REFUSES: Message = {"accepted": False, "selected": ABSENT}
 _UNFIT: dict[str, list[Message]] = {
@@ -114,6 +125,13 @@ def _wrong(name: str, value: Json) -> Iterable[Json]:
             deep = ({"a": {"b": [1.5]}}, {"a": [None]}, nested(DEPTH + 1))
             long = ({"a": "x" * (TEXT + 1)}, {"x" * (TEXT + 1): 1})
             return (5, [], "x", {"a": 1.5}, {"a": None}, {"a": [LARGE + 1]}, *deep, *long)
+        case "length_mm" | "width_mm":
+            low, high = EXTENT_MM
+            return (-low, 0, low - 1, high + 1, 0.5, float(low), str(low), True, [low])
+        case "station_type":
+            return (-1, 256, 5.0, "5", "passengerCar", True, [5])
+        case "sigma_mm":
+            return (-1, LARGE + 1, 0.5, 500.0, "500", True, [500])
         case "accepted":
             return (0, 1, "true")
         case "reason":
@@ -162,6 +180,9 @@ def edge_cases(message: Message) -> Iterator[tuple[str, Message]]:
     if message["type"] == "Advertisement":
         for other in _odd_trajectories():
             yield f"planned {_told(other)}", {"planned": other}
+    for name, values in _OPTIONAL.get(message["type"], {}).items():
+        for value in values:
+            yield f"{name} {value}", {name: value}
 
 
 def _odd(name: str, value: Json, message: Message) -> Iterable[Json]:

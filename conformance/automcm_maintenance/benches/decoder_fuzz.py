@@ -81,11 +81,13 @@ def examples() -> list[Message | Cam]:
     long = Trajectory(t0=2**40, points=tuple((600 * i, 5000 * i, 17 * i) for i in range(20)))
     zone = [[0, 1, -7], {"open": True, "name": "B\u00e9\n"}]
     lane = {"lane": 2, "zone": zone, "": {}, "n": LIMIT}
+    extent = {"length_mm": 16_500, "width_mm": 2550}
     to_all = {"src": 9, "session": (9, 1), "seq": 1, "scenario": "lane_change"}
     made: list[Message | Cam] = [
         Advertisement.model_validate(to_all | {"details": {}}),
         Advertisement.model_validate(to_all | {"details": lane, "planned": short}),
         *(Intention.model_validate(car | {"planned": each}) for each in (short, far, long)),
+        Intention.model_validate(car | {"planned": short} | extent),
         Acceptance.model_validate(car | {"proposal": 1, "accepted": True, "selected": short}),
         Fin.model_validate(car),
         Fin.model_validate(car | {"session": (2**32 - 1, LIMIT), "seq": 2**33}),
@@ -105,6 +107,7 @@ def examples() -> list[Message | Cam]:
     for marks in ((), ((1001, 3),), ((1001, 3), (2002, 2**40))):
         at = {"src": 7, "generation_ms": 2**41, "marks": marks}
         made.append(Cam.model_validate(at | place))
+        made.append(Cam.model_validate(at | place | extent | {"station_type": 8, "sigma_mm": 700}))
     return made
 
 

@@ -38,6 +38,8 @@ inline bool any_integer(const json& value) { return is_integer(value); }
 inline bool from_zero(const json& value) { return is_integer(value, 0); }
 inline bool from_one(const json& value) { return is_integer(value, 1); }
 inline bool is_station(const json& value) { return is_integer(value, 1, max_station); }
+inline bool is_extent(const json& value) { return is_integer(value, 100, 102'100); }
+inline bool is_station_type(const json& value) { return is_integer(value, 0, 255); }
 inline bool is_bool(const json& value) { return value.is_boolean(); }
 
 // The bound of a text counts characters, not the bytes of their UTF-8.
@@ -150,7 +152,8 @@ inline const std::map<std::string, Fields>& message_fields() {
     static const std::map<std::string, Fields> fields{
         {"Advertisement", with(broadcast, {{"scenario", is_text}, {"details", is_details},
                                            {"planned", is_trajectory, false}})},
-        {"Intention", with(addressed, {{"planned", is_trajectory}})},
+        {"Intention", with(addressed, {{"planned", is_trajectory}, {"length_mm", is_extent, false},
+                                       {"width_mm", is_extent, false}})},
         {"Prescription", with(addressed, {{"proposal", from_one}, {"prescribed", is_trajectory},
                                           {"hold_ms", from_zero}, {"lease_ms", from_one}})},
         {"Acceptance", with(addressed, {{"proposal", from_one}, {"accepted", is_bool},
@@ -161,7 +164,10 @@ inline const std::map<std::string, Fields>& message_fields() {
         {"Ack", with(addressed, {{"of", is_acknowledged}})},
         {"CAM", with(every, {{"generation_ms", from_zero}, {"x_mm", any_integer},
                              {"y_mm", any_integer}, {"heading_mrad", any_integer},
-                             {"speed_mm_s", any_integer}, {"marks", is_marks}})}};
+                             {"speed_mm_s", any_integer}, {"marks", is_marks},
+                             {"length_mm", is_extent, false}, {"width_mm", is_extent, false},
+                             {"station_type", is_station_type, false},
+                             {"sigma_mm", from_zero, false}})}};
     return fields;
 }
 

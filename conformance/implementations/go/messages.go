@@ -111,6 +111,7 @@ var (
 	fromZero   = integer(0, maxInteger)
 	fromOne    = integer(1, maxInteger)
 	isStation  = integer(1, maxStation)
+	isExtent   = integer(100, 102_100)
 )
 
 func isSession(value any) bool {
@@ -207,7 +208,9 @@ var forms = map[string]form{
 	"Advertisement": ofSession(map[string]check{
 		"scenario": isText, "details": isDetails, "planned": isTrajectory,
 	}, "planned"),
-	"Intention": ofSession(map[string]check{"planned": isTrajectory}),
+	"Intention": ofSession(map[string]check{
+		"planned": isTrajectory, "length_mm": isExtent, "width_mm": isExtent,
+	}, "length_mm", "width_mm"),
 	"Prescription": ofSession(map[string]check{
 		"proposal": fromOne, "prescribed": isTrajectory, "hold_ms": fromZero, "lease_ms": fromOne,
 	}),
@@ -225,8 +228,9 @@ var forms = map[string]form{
 	"CAM": {fields: map[string]check{
 		"v": integer(1, 1), "type": isText, "src": isStation, "generation_ms": fromZero,
 		"x_mm": anyInteger, "y_mm": anyInteger, "heading_mrad": anyInteger,
-		"speed_mm_s": anyInteger, "marks": isMarks,
-	}},
+		"speed_mm_s": anyInteger, "marks": isMarks, "length_mm": isExtent, "width_mm": isExtent,
+		"station_type": integer(0, 255), "sigma_mm": fromZero,
+	}, optional: []string{"length_mm", "width_mm", "station_type", "sigma_mm"}},
 }
 
 // parse gives the message that a decoded object holds, or false if it is

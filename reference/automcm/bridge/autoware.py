@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from automcm.service.application import Kinematics
-from automcm_spec.vocabulary.messages import MessageError, Trajectory, refusal, short
+from automcm_spec.vocabulary.messages import MessageError, Trajectory, fault, refusal, short
 
 MAX_POINTS = 1000
 """Maximum points of a trajectory.  Any such trajectory fits in a message of the protocol."""
@@ -113,9 +113,42 @@ class _WithCovariance(Ros):
 
 
 class PoseWithCovariance(_WithCovariance):
-    """geometry_msgs/PoseWithCovariance."""
+    """geometry_msgs/PoseWithCovariance.  The covariance of x and y must be positive semidefinite;
+    zeros mean unknown, as in ROS."""
 
     pose: Pose = Pose()
+
+    @field_validator("covariance")
+    @classmethod
+    def _possible(cls, covariance: list[float]) -> list[float]:
+        if len(covariance) not in (0, 36):
+            raise fault("", f"must have 36 numbers, not {len(covariance)}")
+        xx, xy, yx, yy = _of_xy(covariance)
+        tolerance = 1e-6 * max(abs(xx), abs(yy))  # of a filter in floats
+        if abs(xy - yx) > tolerance or min(xx, yy, _eigenvalue(-1, xx, xy, yy)) < -tolerance:
+            text = f"[[{xx}, {xy}], [{yx}, {yy}]] of x and y is not positive semidefinite"
+            raise fault("", text)
+        return covariance
+
+    @property
+    def sigma_mm(self) -> int | None:
+        """The greatest standard deviation of the position along any axis, rounded up; None if
+        unknown."""
+        xx, xy, _, yy = _of_xy(self.covariance)
+        largest = _eigenvalue(1, xx, xy, yy)
+        # less what rounding may have added
+        return max(1, math.ceil(1000 * math.sqrt(largest) - 1e-6)) if largest > 0 else None
+
+
+def _of_xy(covariance: Sequence[float]) -> tuple[float, float, float, float]:
+    if not covariance:
+        return 0.0, 0.0, 0.0, 0.0
+    return covariance[0], covariance[1], covariance[6], covariance[7]
+
+
+def _eigenvalue(sign: int, xx: float, xy: float, yy: float) -> float:
+    """The larger (1) or the smaller (-1) eigenvalue of [[xx, xy], [xy, yy]]."""
+    return (xx + yy) / 2 + sign * math.hypot((xx - yy) / 2, xy)
 
 
 class Twist(Ros):
@@ -208,18 +241,22 @@ def kinematics(of: Odometry) -> Kinematics:
         y_mm=y_mm,
         heading_mrad=round(of.pose.pose.orientation.yaw * 1000),
         speed_mm_s=round(of.twist.twist.linear.x * 1000),
+        sigma_mm=of.pose.sigma_mm,
     )
 
 
 def to_odometry(of: Kinematics, now_ms: int) -> Odometry:
-    """The kinematics in Autoware's form.  Raises ValidationError for numbers out of bounds."""
+    """The kinematics in Autoware's form, which has no extent, and no error of 0.  Raises
+    ValidationError for numbers out of bounds."""
     at = Pose(
         position=Vector(x=of.x_mm / 1000, y=of.y_mm / 1000),
         orientation=_heading(of.heading_mrad / 1000),
     )
     moving = Twist(linear=Vector(x=of.speed_mm_s / 1000))
+    variance = ((of.sigma_mm or 0) / 1000) ** 2
+    covariance = [variance if n in (0, 7) else 0.0 for n in range(36)] if variance else []
     return Odometry(
         header=Header(stamp=to_time(now_ms)),
-        pose=PoseWithCovariance(pose=at),
+        pose=PoseWithCovariance(pose=at, covariance=covariance),
         twist=TwistWithCovariance(twist=moving),
     )

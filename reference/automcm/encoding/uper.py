@@ -47,12 +47,13 @@ _REASONS = {
     for reason in (*get_args(RefusalReason), *get_args(CancelReason))
 }
 _ENUMERATED = {text: name for name, text in (_BODIES | _REASONS).items()}
+_EXTRAS = ("length_mm", "width_mm", "station_type", "sigma_mm")
 _DETAILS: TypeAdapter[dict[str, Any]] = TypeAdapter(Details)
 
 
 @cache
-def _packet() -> Any:
-    return asn1tools.compile_files(str(SCHEMA), "uper").types["Packet"]
+def _types() -> Any:
+    return asn1tools.compile_files(str(SCHEMA), "uper").types
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,17 +62,19 @@ class _Uper:
 
     def encode(self, message: Message | Cam) -> bytes:
         body = (_ENUMERATED[message.type], _body(message))
-        return bounded(bytes(_packet().encode({"v": message.v, "body": body})))
+        packet = bytes(_types()["Packet"].encode({"v": message.v, "body": body}))
+        return bounded(packet + _extras(message))
 
     def decode(self, data: bytes) -> Message | Cam:
-        try:
-            packet = _packet().decode(bounded(data))
-        except asn1tools.DecodeError as error:
-            raise _malformed(error) from None
-        except UnicodeDecodeError:
-            raise MessageError("Advertisement: scenario or details is not UTF-8") from None
-        message = from_dict(_fields(packet))
-        if self.encode(message) != data:
+        fields = _fields(_decoded("Packet", bounded(data)))
+        message = from_dict(fields)
+        encoded = self.encode(message)
+        if len(encoded) < len(data) and data.startswith(encoded):
+            extras = _decoded("Extras", data[len(encoded) :]).items()
+            fields |= {name.replace("-", "_"): value[1] for name, value in extras}
+            message = from_dict(fields)
+            encoded = self.encode(message)
+        if encoded != data:
             raise MessageError("message: not the canonical encoding of its content")
         return message
 
@@ -79,10 +82,27 @@ class _Uper:
 UPER = _Uper()
 
 
+def _decoded(type_: str, data: bytes) -> dict[str, Any]:
+    """The values of the type at the beginning of ``data``.  Raises MessageError."""
+    try:
+        values: dict[str, Any] = _types()[type_].decode(data)
+    except asn1tools.DecodeError as error:
+        raise _malformed(error) from None
+    except UnicodeDecodeError:
+        raise MessageError("Advertisement: scenario or details is not UTF-8") from None
+    return values
+
+
 def _malformed(error: Any) -> MessageError:
     names = [part.name.replace("-", "_") for part in reversed(error.location) if part.name]
     names = [_BODIES.get(name, name) for name in names if name not in ("Packet", "body", "header")]
     return MessageError(short(".".join(names) or "message", error.message))
+
+
+def _extras(message: Message | Cam) -> bytes:
+    values = {name: getattr(message, name, None) for name in _EXTRAS}
+    given = {n.replace("_", "-"): _natural(v) for n, v in values.items() if v is not None}
+    return bytes(_types()["Extras"].encode(given)) if given else b""
 
 
 def _body(message: Message | Cam) -> dict[str, Any]:

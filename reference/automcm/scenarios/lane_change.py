@@ -155,8 +155,8 @@ class Coordinated:
     def kinematics(self, now_ms: int) -> Kinematics:
         """As ``Application.kinematics``."""
         v = self.vehicle
-        x_mm, y_mm, speed_mm_s = (round(1000 * value) for value in (v.x, v.y, v.speed))
-        return Kinematics(x_mm=x_mm, y_mm=y_mm, speed_mm_s=speed_mm_s)
+        values = (v.x, v.y, 0.0, v.speed, v.length, occupancy.WIDTH_M)
+        return Kinematics(*(round(1000 * value) for value in values))
 
     def fallback(self, session: Session, reason: str) -> None:
         """As ``Application.fallback``."""

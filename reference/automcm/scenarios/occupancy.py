@@ -16,11 +16,10 @@ from automcm.kernels.discover import inside
 from automcm.kernels.trajectory import Floats
 from automcm.scenarios.road import Driving
 from automcm.service.application import Heard
-from automcm_spec.vocabulary.messages import Session
+from automcm_spec.vocabulary.messages import CAR_MM, Session
 
-WIDTH_M = 1.8
-LENGTH_M = 4.5
-"""Assumed length of a vehicle that does not state its own, m."""
+LENGTH_M, WIDTH_M = (mm / 1000 for mm in CAR_MM)
+"""Assumed length and width of a vehicle that does not state its own, m."""
 FORCED = 3.0
 """The lane change begins only if it forces nobody to brake harder than this, m/s²."""
 HARDEST = 4.0

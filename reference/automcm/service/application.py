@@ -48,7 +48,8 @@ class Kinematics:
 @dataclass(frozen=True, slots=True)
 class Heard:
     """The last CAM of another station (APP-1): when it arrived, on the service's clock, and its
-    content."""
+    content.  The service fills in an extent that the CAM leaves out (``Cam.extent_mm``); the error
+    of the position stays None if unknown."""
 
     station_id: int
     received_ms: int

@@ -387,6 +387,9 @@ class McService:
             heading_mrad=at.heading_mrad,
             speed_mm_s=at.speed_mm_s,
             marks=self._marks(self.state),
+            length_mm=at.length_mm,
+            width_mm=at.width_mm,
+            sigma_mm=at.sigma_mm,
         )
         errors: list[Exception] = []
         tx = self._send(cam, errors)
@@ -418,8 +421,18 @@ class McService:
             self._indicate(indication, effect)
 
     def _hear(self, cam: Cam, now_ms: int) -> None:
+        length_mm, width_mm = cam.extent_mm
         self.neighbours[cam.src] = Heard(
-            cam.src, now_ms, cam.x_mm, cam.y_mm, cam.heading_mrad, cam.speed_mm_s, cam.marks
+            station_id=cam.src,
+            received_ms=now_ms,
+            x_mm=cam.x_mm,
+            y_mm=cam.y_mm,
+            heading_mrad=cam.heading_mrad,
+            speed_mm_s=cam.speed_mm_s,
+            marks=cam.marks,
+            length_mm=length_mm,
+            width_mm=width_mm,
+            sigma_mm=cam.sigma_mm,
         )
         self.neighbours.move_to_end(cam.src)
         if len(self.neighbours) > NEIGHBOURS:

@@ -98,7 +98,8 @@ class Air:
 
 def on_air(message: Message | Cam, points: int = 0, lean: bool = False) -> Message | Cam:
     """The message with ids of ten digits and times since 1970, as on a road, because small ids and
-    times of a simulation have short encodings.
+    times of a simulation have short encodings.  A CAM loses its optional fields: the
+    experiment counts CAMs without them.
 
     ``points``: replace its trajectory, if it has one, by one with this many points.
     ``lean``: remove the trajectory of an Advertisement.
@@ -111,6 +112,7 @@ def on_air(message: Message | Cam, points: int = 0, lean: bool = False) -> Messa
     if isinstance(message, Cam):
         changed["generation_ms"] = _EPOCH_MS + message.generation_ms
         changed["marks"] = tuple(map(named, message.marks))
+        changed |= dict.fromkeys(("length_mm", "width_mm", "station_type", "sigma_mm"))
         return message.model_copy(update=changed)
     changed["session"] = named(message.session)
     if message.dst:

@@ -34,6 +34,24 @@ MAX_MARKS = 255
 """The maximum number of sessions in a CAM: more than a station can name (MEM-1)."""
 MAX_DEPTH = 32
 """The maximum nesting depth of lists and objects in ``details``, including itself."""
+MIN_EXTENT_MM, MAX_EXTENT_MM = 100, 102_100
+"""The least and the greatest length or width of a vehicle: the range of VehicleLength in ETSI
+TS 102 894-2.  They also bound length / width, and so the number of discs that cover a vehicle."""
+CAR_MM = (4_500, 1_800)
+"""Assumed length and width of a vehicle that states neither them nor a larger station type."""
+_LORRY_MM = (18_750, 2_600)
+"""The longest combination and the widest body that Directive 96/53/EC allows."""
+EXTENTS_MM = {
+    6: _LORRY_MM,  # bus
+    7: (7_500, 2_200),  # lightTruck
+    8: _LORRY_MM,  # heavyTruck
+    9: _LORRY_MM,  # trailer
+    10: _LORRY_MM,  # specialVehicle
+    11: (45_000, 2_650),  # tram
+    14: _LORRY_MM,  # agricultural
+}
+"""Assumed length and width by DE_StationType of ETSI TS 102 894-2, which has no lengths; every
+other type counts as a passenger car (section 2).  Those of lightTruck and tram are our guess."""
 
 Integer = Annotated[int, Field(ge=-LIMIT, le=LIMIT)]
 Natural = Annotated[int, Field(ge=0, le=LIMIT)]
@@ -41,6 +59,8 @@ Positive = Annotated[int, Field(ge=1, le=LIMIT)]
 # With the bound, pydantic also rejects invalid Unicode (a lone surrogate).
 Text = Annotated[str, Field(max_length=MAX_BYTES)]
 StationId = Annotated[int, Field(ge=1, le=2**32 - 1)]
+ExtentMm = Annotated[int, Field(ge=MIN_EXTENT_MM, le=MAX_EXTENT_MM)]
+StationType = Annotated[int, Field(ge=0, le=255)]
 Array = Strict(False)
 """For a tuple that is an array in JSON; its items stay strict."""
 Session = Annotated[tuple[StationId, Positive], Array]
@@ -186,6 +206,8 @@ class Intention(_Message):
 
     type: Literal["Intention"] = "Intention"
     planned: Trajectory
+    length_mm: ExtentMm | None = None
+    width_mm: ExtentMm | None = None
 
 
 class Prescription(_Message):
@@ -248,7 +270,11 @@ class Ack(_Message):
 
 
 class Cam(_Frozen):
-    """The periodic position message, which names the sessions of its sender (ACT-2, ACT-5)."""
+    """The periodic position message, which names the sessions of its sender (ACT-2, ACT-5).
+
+    ``station_type`` is a DE_StationType of ETSI TS 102 894-2; ``sigma_mm`` is the standard
+    deviation of the position along either axis.
+    """
 
     v: Version = 1
     type: Literal["CAM"] = "CAM"
@@ -259,6 +285,16 @@ class Cam(_Frozen):
     heading_mrad: Integer
     speed_mm_s: Integer
     marks: Annotated[tuple[Session, ...], Array] = Field(fail_fast=True, max_length=MAX_MARKS)
+    length_mm: ExtentMm | None = None
+    width_mm: ExtentMm | None = None
+    station_type: StationType | None = None
+    sigma_mm: Natural | None = None
+
+    @property
+    def extent_mm(self) -> tuple[int, int]:
+        """The length and the width; an absent one is assumed by the station type."""
+        length, width = EXTENTS_MM.get(self.station_type or 0, CAR_MM)
+        return self.length_mm or length, self.width_mm or width
 
 
 Message = Advertisement | Intention | Prescription | Acceptance | Fin | Cancel | Ack
