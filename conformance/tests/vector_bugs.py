@@ -87,6 +87,11 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "forgets-first": (KEPT, '"kept": kept[1:],'),
         "ends-twice": (KEPT, '"kept": [*kept, len(drive.t) - 1],'),
         "every-fifth": (KEPT, '"kept": sorted({*range(0, len(drive.t), 5), len(drive.t) - 1}),'),
+        "step-of-the-start": (
+            KEPT,
+            '"kept": sorted({*range(0, len(drive.t), kept[1]), len(drive.t) - 1}),',
+        ),
+        "only-the-middle": ("for n in range(begin, end):", "for n in (begin, (begin + end) // 2):"),
         "thins-nothing": (KEPT, '"kept": list(range(len(drive.t))),'),
         "forgets-speed": ("if abs(v - even) > speed:", "if False:"),
         "across-only": (
@@ -325,6 +330,11 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
             "/ distance(a, c) / TURN**2",
             "/ distance(a, c) * 576 / dot(along, along)",
         ),
+        "lateral-in-the-mean": (
+            LATERAL,
+            'if (across := lateral(prescribed)) and sum(across) / len(across) > limits["lateral"]:',
+        ),
+        "lateral-to-the-left": ("across = abs(along[0] *", "across = (along[0] *"),
         "lateral-at-one-step": ("TURN = Fraction(1)", "TURN = Fraction(1, 100)"),
         "takes-any-speed": ("slowest <= v <= fastest", "slowest <= v"),
         "takes-any-slowness": ("slowest <= v <= fastest", "v <= fastest"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -14,12 +16,20 @@ def test_report() -> None:
     report = kernel_bench.run(0.05, points=(40,), pairs=(1, 4))
     assert {row.kernel for row in report.rows} == {
         *("convert", "thin", "thin_noisy", "discover", "prescribe", "verify", "success"),
-        *("closest_approach", "collision", "clearance", "pairs", "many"),
+        *("closest_approach", "collision", "clearance", "clearance_lorry", "pairs", "many"),
     }
     fields = report.as_dict()
     assert len(fields["rows"]) == len(report.rows)
     assert all(row["us"] > 0 and row["floor_us"] > 0 for row in fields["rows"])
     assert set(fields["missing"]) <= {"shapely", "commonroad_dc.pycrcc"}
+    assert fields["discs_to_points"][40]["clearance"] > 0
+
+
+def test_a_peer_that_is_not_there_has_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "commonroad_dc.pycrcc", None)
+    report = kernel_bench.run(0.05, points=(40,), pairs=(1,))
+    assert "commonroad_dc.pycrcc" in report.missing["commonroad_dc.pycrcc"]
+    assert all(row.pycrcc_us is None for row in report.rows)
 
 
 def test_peers_agree() -> None:

@@ -30,8 +30,8 @@ def zones(draw: st.DrawFn) -> Floats:
 
 
 @st.composite
-def candidates(draw: st.DrawFn, one_way: bool = False) -> list[discover.Candidate]:
-    ids = draw(st.lists(st.integers(1, 2**32 - 1), unique=True, max_size=7))
+def candidates(draw: st.DrawFn, one_way: bool = False, most: int = 7) -> list[discover.Candidate]:
+    ids = draw(st.lists(st.integers(1, 2**32 - 1), unique=True, max_size=most))
     grid = st.tuples(st.integers(-3, 3), st.integers(-3, 3)).map(lambda p: (10.0 * p[0], p[1]))
     towards = st.tuples(numbers(-3, 3), numbers(-3, 3)).filter(lambda d: math.hypot(*d) > 0.01)
     same = draw(towards)
@@ -134,6 +134,52 @@ def test_only_those_in_the_zone() -> None:
     assert discover.discover(of, zone) == 2
     assert discover.discover(of[:1], zone) is None
     assert discover.discover([], zone) is None
+
+
+def count(of: list[discover.Candidate]) -> int | None:
+    """The rule word for word: for each how many are in front of it."""
+    in_front = [
+        (sum(each.direction @ (other.xy - each.xy) > 1e-9 for other in of), each.station_id)
+        for each in of
+    ]
+    return min(in_front)[1] if of else None
+
+
+@given(candidates() | candidates(one_way=True) | candidates(most=40))
+def test_it_is_the_one_whom_a_loop_counts(of: list[discover.Candidate]) -> None:
+    assert discover.discover(of, LANE) == count(of)
+
+
+def test_the_leader_is_found_without_comparing_each_with_each(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """20,000 in a bend: one is compared with all."""
+    compared = []
+    in_front = discover._in_front
+
+    def counted(xy: Floats, of: Floats, direction: Floats) -> int:
+        compared.append(of)
+        return in_front(xy, of, direction)
+
+    monkeypatch.setattr(discover, "_in_front", counted)
+    angle = np.linspace(0, 1, 20_000)
+    xy = np.stack([50 * np.sin(angle), 50 * (1 - np.cos(angle))], axis=1)
+    of = [
+        discover.Candidate(k + 1, place, np.array([math.cos(a), math.sin(a)]))
+        for k, (place, a) in enumerate(zip(xy, angle, strict=True))
+    ]
+    assert discover.discover(of, LANE) == 20_000
+    assert len(compared) == 1
+
+
+@given(st.lists(places | st.tuples(st.integers(-2, 2), st.integers(-2, 2)), min_size=1))
+def test_the_furthest_is_that_of_all(points: list[tuple[float, float]]) -> None:
+    """With points that are repeated and on a line, in directions along and across the edges."""
+    xy = np.array(points, float)
+    angles = np.arange(-8, 9) * math.pi / 8
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    found = (discover.furthest(xy, directions) * directions).sum(axis=1)
+    assert found == pytest.approx((xy @ directions.T).max(axis=0), abs=1e-12)
 
 
 def test_in_a_ring_each_is_in_front_of_another() -> None:

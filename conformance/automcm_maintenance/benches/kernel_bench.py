@@ -1,9 +1,9 @@
 """The cost of the trajectory kernels, each figure with its peers measured in the same run.
 
-Times are the best of several repetitions in microseconds, for batched kernels per pair.  ``floor``
-is a copy of the bytes that must at least be read, in the same arrays.  shapely and pycrcc solve a
-simpler problem: the STRtree has no time, and pycrcc only checks time steps.  docs/kernels.md
-discusses the results.
+Times are CPU times, the best of several repetitions, in microseconds, for batched kernels per pair.
+``floor`` is a copy of the bytes that must at least be read, in the same arrays.  shapely and pycrcc
+solve a simpler problem: the STRtree has no time, and pycrcc, and both for rectangles, only check
+time steps.  docs/kernels.md discusses the results.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import importlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,13 +33,18 @@ from automcm.kernels.trajectory import Floats, Trajectory
 from automcm.kernels.verify import Limits, verify
 from automcm_maintenance.benches.core_bench import best_us
 
-POINTS = (50, 100, 500, 1000)
+POINTS = (50, 100, 500, 1000, 10_000)
 PAIRS = (1, 256, 4096)
 MOST_SAMPLES = 2**21
 """Greater batches would take longer than all the others."""
 PEERS = ("numpy", "python", "shapely", "pycrcc")
+DISCS = ("clearance", "clearance_lorry")
+MEASURED, MEASURED_OF_PAIRS = 36, 9
+"""How many times are measured for each number of points, and for each number of pairs above 1."""
+QUADRATIC = 1000
+"""Peers that compare each point with each are not measured beyond: it takes a minute."""
 THRESHOLD = 4.0
-CAR = Extent(4.5, 1.8)
+CAR, LORRY = Extent(4.5, 1.8), Extent(16.5, 2.55)
 SPEED = 30 / 3.6
 ZONE = ((-1e4, -2.0), (1e4, -2.0), (1e4, 2.0), (-1e4, 2.0))
 
@@ -80,13 +86,28 @@ class Report:
     """All figures of one run."""
 
     rows: tuple[Row, ...]
-    missing: tuple[str, ...]
-    """Peers that are not installed."""
+    missing: dict[str, str]
+    """Why a peer could not be imported."""
+
+    @property
+    def discs_to_points(self) -> dict[int, dict[str, float]]:
+        """By number of points, the ratio of ``clearance`` of two cars, and of a lorry and a car, to
+        ``closest_approach``."""
+        us = {(row.points, row.kernel): row.us for row in self.rows}
+        return {
+            n: {name: us[n, name] / us[n, "closest_approach"] for name in DISCS}
+            for n in sorted({row.points for row in self.rows})
+        }
 
     def as_dict(self) -> dict[str, Any]:
         """The report for ``--json``."""
         rows = [{**asdict(r), "to_floor": r.to_floor, "ahead": r.ahead} for r in self.rows]
-        return {"rows": rows, "missing": list(self.missing)}
+        return {
+            "rows": rows,
+            "discs_to_points": self.discs_to_points,
+            "missing": list(self.missing),
+            "reasons": self.missing,
+        }
 
 
 def run(
@@ -96,8 +117,14 @@ def run(
     notify: Callable[[str], None] = lambda text: None,
 ) -> Report:
     """Measure all figures in about ``seconds``."""
-    peers = {name: _peer(name) for name in ("shapely", "commonroad_dc.pycrcc")}
-    each = seconds / (len(points) * (7 + 2 * len(pairs)) * 3)
+    peers: dict[str, Any] = {}
+    missing: dict[str, str] = {}
+    for name in ("shapely", "commonroad_dc.pycrcc"):
+        try:
+            peers[name] = importlib.import_module(name)
+        except ImportError as error:
+            peers[name], missing[name] = None, str(error)
+    each = seconds / (len(points) * (MEASURED + MEASURED_OF_PAIRS * (len(pairs) - 1)))
     rows: list[Row] = []
     for n in points:
         notify(f"{n} points")
@@ -106,14 +133,7 @@ def run(
             if count > 1 and count * n <= MOST_SAMPLES:
                 notify(f"{n} points, {count} pairs")
                 rows += _batched(n, count, each, peers)
-    return Report(tuple(rows), tuple(name for name, peer in peers.items() if peer is None))
-
-
-def _peer(name: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        return None
+    return Report(tuple(rows), missing)
 
 
 def _copy_us(arrays: Sequence[Floats], seconds: float, count: int = 1) -> float:
@@ -167,13 +187,21 @@ def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
     path = [plan.t, plan.xy]
 
     lines = [shapely.LineString(each.xy) for each in (plan, noisy, prescribed)] if shapely else []
+    near = shapely.Point(here) if shapely else None
+    zone = shapely.Polygon(ZONE) if shapely else None
+    crowd = np.array([each.xy for each in cars]).T
 
     def row(
-        name: str, read: Sequence[Floats], call: Call, python: Call, geos: Call | None = None
+        name: str,
+        read: Sequence[Floats],
+        call: Call,
+        python: Call | None,
+        geos: Call | None = None,
     ) -> Row:
         us, floor = best_us(call, seconds), _copy_us(read, seconds / 3)
+        loop = best_us(python, seconds) if python else None
         peer = best_us(geos, seconds) if geos and shapely else None
-        return Row(name, n, 1, us, floor, None, best_us(python, seconds), peer, None)
+        return Row(name, n, 1, us, floor, None, loop, peer, None)
 
     return [
         row(
@@ -181,6 +209,7 @@ def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
             [plan.xy, speed],
             lambda: convert(plan.xy, speed, here, 0.0),
             lambda: _python_convert(places, speeds, here),
+            lambda: lines[0].project(near),  # the closest point only
         ),
         row(
             "thin",
@@ -201,6 +230,7 @@ def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
             [np.array([each.xy for each in cars])],
             lambda: discover(cars, ZONE),
             lambda: _python_discover(cars),
+            lambda: shapely.contains_xy(zone, *crowd),  # the zone only
         ),
         row(
             "prescribe",
@@ -212,8 +242,9 @@ def _kernels(n: int, seconds: float, shapely: Any) -> list[Row]:
             "verify",
             [*path, prescribed.t, prescribed.xy],
             lambda: verify(prescribed, plan, 1.5, limits, None, None),
-            lambda: _python_follows(prescribed.xy.tolist(), places),
-            lambda: shapely.hausdorff_distance(lines[0], lines[2]),  # the path only
+            (lambda: _python_follows(prescribed.xy.tolist(), places)) if n <= QUADRATIC else None,
+            # the path only
+            (lambda: shapely.hausdorff_distance(lines[0], lines[2])) if n <= QUADRATIC else None,
         ),
         row(
             "success",
@@ -240,14 +271,20 @@ def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
     steps = 0.6 * np.arange(n)
     at = [np.stack([np.interp(steps, e.t, e.xy[:, k]) for k in (0, 1)], axis=1) for e in (a, b)]
     circles = best_us(_circles(crcc, at[0][None], at[1][None]), seconds) if crcc else None
-    return [
+    points = [
         Row(name, n, 1, best_us(call, seconds), floor, cheap, python, tree, circles)
         for name, call in (
             ("closest_approach", lambda: closest_approach(a, b)),
             ("collision", lambda: collision(a, b, THRESHOLD)),
-            ("clearance", lambda: clearance(a, b, CAR, CAR, 0.5)),
         )
     ]
+    discs = []
+    for name, first in zip(DISCS, (CAR, LORRY), strict=True):
+        us = best_us(partial(clearance, a, b, first, CAR, 0.5), seconds)
+        boxes = best_us(_boxes(crcc, at, (first, CAR)), seconds) if crcc else None
+        areas = best_us(_areas(shapely, at, (first, CAR)), seconds) if shapely else None
+        discs.append(Row(name, n, 1, us, floor, cheap, None, areas, boxes))
+    return points + discs
 
 
 def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
@@ -265,7 +302,7 @@ def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[
             _python_approach(one, other)
 
     shapely, crcc = peers["shapely"], peers["commonroad_dc.pycrcc"]
-    tree = best_us(_tree(shapely, a, b), seconds, pairs) if shapely else None
+    tree = best_us(_tree(shapely, a[:some], b[:some]), seconds, some) if shapely else None
     circles = best_us(_circles(crcc, a, b), seconds, pairs) if crcc else None
     python = best_us(loop, seconds, some)
     aligned = best_us(lambda: closest_approach_pairs(t, a, b), seconds, pairs)
@@ -379,6 +416,35 @@ def _circles(pycrcc: Any, a: Floats, b: Floats) -> Call:
                 one.collide(other)
 
     return call
+
+
+def _headings(way: Floats) -> Floats:
+    step_x, step_y = np.gradient(way, axis=0).T
+    angles: Floats = np.arctan2(step_y, step_x)
+    return angles
+
+
+def _boxes(pycrcc: Any, ways: Sequence[Floats], extents: Sequence[Extent]) -> Call:
+    """Two rectangles at each time step; only the collision check is timed."""
+    one, other = (pycrcc.TimeVariantCollisionObject(0) for _ in ways)
+    for made, way, size in zip((one, other), ways, extents, strict=True):
+        for (x, y), angle in zip(way.tolist(), _headings(way).tolist(), strict=True):
+            made.append_obstacle(pycrcc.RectOBB(size.length / 2, size.width / 2, angle, x, y))
+    return lambda: one.collide(other)
+
+
+def _areas(shapely: Any, ways: Sequence[Floats], extents: Sequence[Extent]) -> Call:
+    """The distance of two rectangles at each time step; only the distance is timed."""
+
+    def rectangles(way: Floats, size: Extent) -> Any:
+        ahead = np.exp(1j * _headings(way))[:, None]
+        corners = np.array([1 + 1j, 1 - 1j, -1 - 1j, -1 + 1j])
+        corners = corners.real * size.length / 2 + 1j * corners.imag * size.width / 2
+        places = (way[:, 0] + 1j * way[:, 1])[:, None] + ahead * corners
+        return shapely.polygons(np.stack([places.real, places.imag], axis=2))
+
+    one, other = map(rectangles, ways, extents)
+    return lambda: shapely.distance(one, other).min()
 
 
 def _python_convert(

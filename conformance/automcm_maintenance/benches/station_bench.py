@@ -128,5 +128,8 @@ def show_kernels(report: KernelReport, console: Console) -> None:
             *(f"{row.ahead[name]:.2f}" if name in row.ahead else "" for name in PEERS),
         )
     console.print(table)
-    for name in report.missing:
-        console.print(f"not measured: {name}", highlight=False)
+    for points, ratios in report.discs_to_points.items():
+        text = ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items())
+        console.print(f"{points} points, ratio to closest_approach: {text}", highlight=False)
+    for name, reason in report.missing.items():
+        console.print(f"not measured: {name} ({reason})", highlight=False)

@@ -79,6 +79,9 @@ def discover(candidates: Sequence[Candidate], zone: ArrayLike) -> int | None:
     ``station_id``; a nanometre or less is abreast), directions that differ so much that each is in
     front of the other (the paper's loop would depend on the order; the count does not).
 
+    O(n log n) if one has nobody in front of it.  Otherwise, as in a roundabout, each is compared
+    with each.
+
     Raises TrajectoryError for a ``station_id`` given twice or a bad zone.
     """
     ids = [each.station_id for each in candidates]
@@ -87,10 +90,41 @@ def discover(candidates: Sequence[Candidate], zone: ArrayLike) -> int | None:
         raise TrajectoryError(f"candidates: station_id {twice} occurs twice")
     xy = np.array([each.xy for each in candidates]).reshape(-1, 2)
     n = np.array([each.direction for each in candidates]).reshape(-1, 2)
-    here = np.flatnonzero(inside(xy, zone))
-    if len(here) == 0:
+    here = sorted(np.flatnonzero(inside(xy, zone)), key=lambda i: ids[i])
+    if not here:
         return None
     xy, n = xy[here], n[here]
-    ahead = ((xy - xy[:, None]) * n[:, None]).sum(axis=2)
-    in_front = (ahead > NANOMETRE).sum(axis=1)
-    return min((int(in_front[k]), ids[i]) for k, i in enumerate(here))[1]
+
+    ahead = ((furthest(xy, n) - xy) * n).sum(axis=1)
+    for k in np.flatnonzero(ahead <= NANOMETRE):
+        if _in_front(xy, xy[k], n[k]) == 0:
+            return ids[here[k]]
+    return min((_in_front(xy, *each), ids[i]) for *each, i in zip(xy, n, here, strict=True))[1]
+
+
+def _in_front(xy: Floats, of: Floats, direction: Floats) -> int:
+    return int(((xy - of) @ direction > NANOMETRE).sum())
+
+
+def furthest(points: Floats, directions: Floats) -> Floats:
+    """Of ``points`` (p, 2) the one furthest along each of ``directions`` (d, 2), up to rounding:
+    the corner of the convex hull between whose two edges it points.  O((p + d) log p)."""
+    ascending = sorted(points.tolist())
+    corners = ascending[:1]
+    for way in (ascending[1:], ascending[-2::-1]):
+        base = len(corners)
+        for x, y in way:
+            while len(corners) > base and _right(corners[-2], corners[-1], x, y):
+                corners.pop()
+            corners.append([x, y])
+    hull = np.array(corners)
+    edges = np.diff(hull, axis=0)
+    outward = np.arctan2(0 - edges[:, 0], edges[:, 1])  # ascending from -pi
+    towards = np.arctan2(directions[:, 1], directions[:, 0])
+    found: Floats = hull[outward.searchsorted(towards)]
+    return found
+
+
+def _right(a: list[float], b: list[float], x: float, y: float) -> bool:
+    """Whether (x, y) is to the right of the way from a to b, or on it."""
+    return (b[0] - a[0]) * (y - a[1]) <= (b[1] - a[1]) * (x - a[0])

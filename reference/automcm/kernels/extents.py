@@ -12,9 +12,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from automcm.kernels.collide import falls, least_share, relative, tie
+from automcm.kernels.collide import relative, tie
 from automcm.kernels.trajectory import NANOMETRE, Floats, Trajectory, number
+
+Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,55 +97,69 @@ def clearance(
     discs_a, discs_b = discs(a, extent_a), discs(b, extent_b)
     radii = discs_a.radius + discs_b.radius
     limit = margin + radii
-    _, middle = least_share(pair.x[:-1], pair.y[:-1], pair.x[1:], pair.y[1:])
+    # Complex numbers, turned so that the relative motion of an interval is along the real axis.
+    place = pair.x + 1j * pair.y
+    motion = place[1:] - place[:-1]
+    way = np.abs(motion)
+    still = way <= NANOMETRE
+    turn = motion.conj() / (way + still)
+    turn[still], way[still] = 1, 0
+    middle = place[:-1] * turn
     # A pair of discs is at most this much nearer than the middles, and one of them at most this
     # much further apart.
     nearer = discs_a.offsets[-1] + discs_b.offsets[-1]
     further = discs_a.inmost + discs_b.inmost
-    within = max(math.sqrt(middle.min()) + further, limit) + nearer + NANOMETRE
-    i = np.flatnonzero(middle <= within * within)
+    square = _squares(middle, way)
+    within = max(math.sqrt(square.min()) + further, limit) + nearer + NANOMETRE
+    i = np.flatnonzero(square <= within * within)
 
-    x, y = pair.x[i], pair.y[i]
-    wx, wy = pair.x[i + 1] - x, pair.y[i + 1] - y
-    t = pair.t[i]
-    off_a = np.multiply.outer(discs_a.offsets, _directions(a, t))
-    off_b = np.multiply.outer(discs_b.offsets, _directions(b, t))
-    off = (off_a[:, None] - off_b).reshape(-1, 2, len(i))
-    x, y = x + off[:, 0], y + off[:, 1]
-    share, square = least_share(x, y, x + wx, y + wy)
+    t, turn, way = pair.t[i], turn[i], way[i]
+    off_a = np.multiply.outer(discs_a.offsets, _directions(a, t) * turn)
+    off_b = np.multiply.outer(discs_b.offsets, _directions(b, t) * turn)
+    apart = ((off_a + middle[i])[:, None] - off_b).reshape(-1, len(i))
+    along, aside = apart.real, apart.imag
+    square = _squares(apart, way)
     least = square.min()
     near = square <= tie(least)
+
     k = int(near.any(axis=0).argmax())
-    time, _, _ = pair.at(int(i[k]), float(share[near[:, k], k].min()))
+    gone = np.minimum(np.maximum(-along[near[:, k], k], 0), way[k])
+    time, _, _ = pair.at(int(i[k]), float(gone.min() / (way[k] or 1)))
     since = None
-    if least < limit * limit:
-        k = int((square < limit * limit).any(axis=0).argmax())
-        begins = (
-            falls(x[d, k], y[d, k], wx[k], wy[k], limit)
-            for d in np.flatnonzero(square[:, k] < limit * limit)
-        )
-        since, _, _ = pair.at(int(i[k]), min(begins))
+    below = square < limit * limit
+    if below.any():
+        k = int(below.any(axis=0).argmax())
+        enters = -along[below[:, k], k] - np.sqrt(limit * limit - aside[below[:, k], k] ** 2)
+        since, _, _ = pair.at(int(i[k]), max(float(enters.min()), 0) / (way[k] or 1))
     return Clearance(time, math.sqrt(least) - radii, since)
+
+
+def _squares(apart: Complex, way: Floats) -> Floats:
+    """The least squared distance in each interval, at whose begin they are ``apart``."""
+    along, aside = apart.real, apart.imag
+    beyond = np.maximum(np.maximum(along, -way - along), 0)
+    square: Floats = beyond * beyond + aside * aside
+    return square
 
 
 def discs(of: Trajectory, extent: Extent) -> Cover:
     """The discs of a vehicle: ``cover``, or one around it if it never moves."""
-    moves = math.dist(of.xy[0], of.xy[-1]) > NANOMETRE or of.arc()[-1] > NANOMETRE
+    (x0, y0), (x1, y1) = of.xy[0].tolist(), of.xy[-1].tolist()
+    moves = math.hypot(x1 - x0, y1 - y0) > NANOMETRE or of.arc()[-1] > NANOMETRE
     return cover(extent, None if moves else 1)
 
 
-def _directions(of: Trajectory, t: Floats) -> Floats:
-    """Its direction from each of these times on, unit vectors, (2, n); 0 if it never moves."""
-    segment = np.minimum(of.t.searchsorted(t, side="right"), max(len(of) - 1, 1)) - 1
-    x, y = of.xy[:, 0], of.xy[:, 1]
-    after = np.minimum(segment + 1, len(of) - 1)
-    step_x, step_y = x[after] - x[segment], y[after] - y[segment]
-    length = np.hypot(step_x, step_y)
-    if length.min() <= NANOMETRE:
-        moving = np.flatnonzero(np.diff(of.arc()) > NANOMETRE)
+def _directions(of: Trajectory, t: Floats) -> Complex:
+    """Its direction from each of these times on, complex numbers of length 1; any direction if it
+    never moves."""
+    place = of.xy[:, 0] + 1j * of.xy[:, 1]
+    steps = place[1:] - place[:-1]
+    segment = np.minimum(of.t[1:].searchsorted(t, side="right"), len(steps) - 1)
+    length = np.abs(steps)
+    if length.min(initial=np.inf) <= NANOMETRE or len(steps) == 0:
+        moving = np.flatnonzero(length > NANOMETRE)
         if len(moving) == 0:
-            return np.zeros((2, len(t)))
+            return np.ones(len(t), np.complex128)
         segment = moving[np.maximum(moving.searchsorted(segment, side="right") - 1, 0)]
-        step_x, step_y = x[segment + 1] - x[segment], y[segment + 1] - y[segment]
-        length = np.hypot(step_x, step_y)
-    return np.array([step_x / length, step_y / length])
+    directions: Complex = steps[segment] / length[segment]
+    return directions

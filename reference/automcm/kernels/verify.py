@@ -143,21 +143,23 @@ def _follows(prescribed: Trajectory, planned: Trajectory, limit: float) -> bool:
     closest points of the whole path count: a path that comes within ``limit`` of itself may be
     refused although it is the same.
     """
-    whole = planned.arc()
+    plan, drive = _moving(planned.xy), _moving(prescribed.xy)
+    steps = np.diff(plan, axis=0)
+    whole = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
     # The boxes that contain all positions within the limit of each planned segment.
-    ends = planned.xy[:-1].T, planned.xy[1:].T
+    ends = plan[:-1].T, plan[1:].T
     (left, lower), (right, upper) = np.minimum(*ends) - limit, np.maximum(*ends) + limit
     feet = []
-    for begin in range(0, len(prescribed), TOGETHER):
-        xy = prescribed.xy[begin : begin + TOGETHER]
+    for begin in range(0, len(drive), TOGETHER):
+        xy = drive[begin : begin + TOGETHER]
         (x0, y0), (x1, y1) = xy.min(axis=0), xy.max(axis=0)
         near = np.flatnonzero((left <= x1) & (right >= x0) & (lower <= y1) & (upper >= y0))
-        if len(near) == 0 and len(planned) > 1:
+        if len(near) == 0 and len(plan) > 1:
             return False
-        found = closest_points(planned.xy, xy, near)
+        found = closest_points(plan, xy, near)
         if (found.distance > limit + NANOMETRE).any():
             return False
-        off = found.place - planned.xy[found.segment]
+        off = found.place - plan[found.segment]
         feet.append(whole[found.segment] + np.hypot(off[:, 0], off[:, 1]))
     foot = np.concatenate(feet)
     if (np.maximum.accumulate(foot) - foot > limit).any():
@@ -167,11 +169,17 @@ def _follows(prescribed: Trajectory, planned: Trajectory, limit: float) -> bool:
     counts = np.maximum(np.searchsorted(whole, np.maximum(foot[1:], foot[:-1])) - first, 0)
     k = np.repeat(np.arange(len(counts)), counts)
     passed = np.arange(len(k)) + (first - np.cumsum(counts) + counts)[k]
-    away, step = planned.xy[passed] - prescribed.xy[k], np.diff(prescribed.xy, axis=0)[k]
+    away, step = plan[passed] - drive[k], np.diff(drive, axis=0)[k]
     square = (step * step).sum(axis=1)
     share = np.clip((away * step).sum(axis=1) / np.where(square > 0, square, 1), 0, 1)
     off = away - share[:, None] * step
     return bool((np.hypot(off[:, 0], off[:, 1]) <= limit + NANOMETRE).all())
+
+
+def _moving(xy: Floats) -> Floats:
+    """Without the places that repeat the one before: in a stand each is as near as each."""
+    moved: Floats = xy[np.concatenate([[True], (xy[1:] != xy[:-1]).any(axis=1)])]
+    return moved
 
 
 def _speed(prescribed: Trajectory, limits: Limits) -> bool:
