@@ -7,6 +7,7 @@ from typing import Any
 
 from automcm.scenarios.drive import SimulatedDrive
 from automcm.scenarios.lane_change import LaneChange
+from automcm.scenarios.ramp_merge import STOP_M, Merge
 from automcm_spec.vocabulary import messages
 
 
@@ -38,3 +39,11 @@ def answers_of(driver: Any) -> list[str]:
     answers: list[str] = []
     driver.service.command = lambda command, after_ms=0: answers.append(command.name)
     return answers
+
+
+def stands(drive: SimulatedDrive, driver: Merge) -> None:
+    """On the ramp, just before its end, after it has braked gently."""
+    v, ramp = driver.vehicle, driver.ramp
+    left = ramp.joins_m + ramp.length_m - v.x - v.length / 2
+    assert v.lane == 0 and not v.changing and v.speed < 0.05 and STOP_M / 2 < left < STOP_M * 2
+    assert min(sample.acceleration for sample in drive.road.of(v.station_id)) > -2.01

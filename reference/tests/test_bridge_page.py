@@ -14,6 +14,11 @@ from automcm.bridge import autoware
 from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.service.application import Choice
 
+POINT = (
+    *("time_from_start", "pose", "longitudinal_velocity_mps", "lateral_velocity_mps"),
+    *("acceleration_mps2", "heading_rate_rps", "front_wheel_angle_rad", "rear_wheel_angle_rad"),
+)
+"""The fields of autoware_planning_msgs/msg/TrajectoryPoint, by its public definition."""
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "bridge.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(
     r"^```(\w+)\n(.*?)^```$", PAGE[PAGE.index("## A session") :], re.MULTILINE | re.DOTALL
@@ -69,9 +74,15 @@ async def test_the_session_of_the_page() -> None:
 
 
 def test_the_trajectory_of_the_page_has_every_field() -> None:
-    """Of the definition as autoware.py has it, with the values that it has on the wire."""
+    """Of the public definition and of autoware.py, with the values that it has on the wire."""
     (plan,) = [fields for _, fields in SESSION if fields["topic"].endswith("plan")]
     way = plan["msg"]["trajectory"]
     read = autoware.AutowareTrajectory.model_validate(way)
     assert read.model_dump() == way
+    assert tuple(way) == ("header", "points")
+    assert way["header"] == {
+        "stamp": {"sec": 1763916000, "nanosec": 250_000_000},
+        "frame_id": "map",
+    }
+    assert all(tuple(point) == POINT for point in way["points"])
     assert all(point.time_from_start.ms == 0 for point in read.points)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from road_stage import answers_of, driven, rows
+from road_stage import answers_of, driven, rows, said, stands
 
 from automcm.scenarios.drive import SimulatedDrive, arrival_s
 from automcm.scenarios.ramp_merge import Merge, Ramp
@@ -30,15 +30,16 @@ def test_merge_the_first_in_conflict_lets_the_ramp_in() -> None:
     ahead, abreast = Merge(Vehicle(2, 60, 1, 10, 10), ramp), Merge(Vehicle(3, -5, 1, 10, 10), ramp)
     drive = driven(on_ramp.signal, on_ramp, ahead, abreast)
     assert on_ramp.vehicle.lane == 1 and not on_ramp.vehicle.changing
-    assert (ahead.ended, abreast.ended) == (["not_selected"], ["finished"])
-    assert abreast.delayed is not None and 0.5 < abreast.delayed < 0.95
+    assert said(on_ramp)[-1] == "has changed lanes"
+    assert said(ahead) == ["drives alone: not_selected"] and said(abreast)[-1] == "is done"
+    assert 5 < min(sample.speed for sample in drive.road.of(3)) < 9.5
     at = {n: arrival_s(drive.road.of(n), ramp.joins_m) for n in (1, 2, 3)}
     assert at[1] is not None and at[2] is not None and at[3] is not None
     assert at[2] < at[1] and at[3] - at[1] > ramp.apart_s * 0.75
     assert abreast.vehicle.speed == pytest.approx(10, abs=1)
 
 
-def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
+def test_merge_without_an_agreement_it_stops_before_the_end_of_the_ramp() -> None:
     for cut_ms in (3000, 50):
         on_ramp, other = ramp_and_road(-1, joins_m=120)
         drive = SimulatedDrive([on_ramp, other])
@@ -46,14 +47,14 @@ def test_merge_without_an_agreement_it_stays_on_the_ramp() -> None:
         drive.simulation.clock.at(
             cut_ms, lambda drive=drive: drive.simulation.radio.partition([1], [2])
         )
-        drive.run(30)
-        assert on_ramp.vehicle.lane == 0 and not on_ramp.merging and on_ramp._drive is None
-        assert on_ramp.ended in (["cam_loss"], ["no_participants"])
-        assert other.vehicle._profile is None
+        drive.run(60)
+        assert said(on_ramp)[-1] in ("drives alone: cam_loss", "drives alone: no_participants")
+        assert on_ramp.wanted is None and other.vehicle._profile is None
+        stands(drive, on_ramp)
 
 
 def test_merge_a_later_proposal_asks_for_less_and_never_to_come_earlier() -> None:
-    on_ramp, other = ramp_and_road(-22, joins_m=150, slowest=0.999)
+    on_ramp, other = ramp_and_road(-10, joins_m=150, slowest=0.999)
     drive = SimulatedDrive([on_ramp, other])
     asked: list[float] = []
     drive.simulation.services[2]._observers = (
@@ -90,14 +91,15 @@ def test_merge_nonsense_is_refused_and_crashes_nothing() -> None:
 
 def test_merge_without_conflict_needs_no_prescription() -> None:
     on_ramp, far = ramp_and_road(-90, joins_m=120)
-    driven(on_ramp.signal, on_ramp, far, until=25)
-    assert far.ended == ["not_needed"] and on_ramp.vehicle.lane == 1 and far.delayed is None
+    drive = driven(on_ramp.signal, on_ramp, far, until=25)
+    assert said(far) == ["drives alone: not_needed"] and on_ramp.vehicle.lane == 1
+    assert min(sample.speed for sample in drive.road.of(2)) > 9
 
 
 def test_merge_a_delay_that_is_too_long_is_refused() -> None:
     on_ramp, other = ramp_and_road(-1, joins_m=40, slowest=0.99)
     driven(on_ramp.signal, on_ramp, other, until=15, parameters=Parameters(t_timeout=500))
-    assert other.ended == ["no_agreement"] and other.delayed is None
+    assert said(other)[-1] == "drives alone: no_agreement"
 
 
 def test_a_sample_between_two_steps() -> None:

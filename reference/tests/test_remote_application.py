@@ -50,7 +50,8 @@ async def test_remote_prescriber() -> None:
 @pytest.mark.parametrize("expect", [(), (LANE_CHANGE,)])
 async def test_remote_receiver(expect: Any) -> None:
     other, mine = Recorder(), Recorder()
-    async with World(other) as world, remote(world, mine, expect=expect):
+    async with World(other) as world, remote(world, mine, expect=expect) as it:
+        await holds(lambda: [each.station_id for each in it.heard() or ()] == [OTHER])
         world.other.command(LANE_CHANGE)
         await holds(lambda: "finished" in mine.names())
         assert mine.names() == ["load", "finished"] and other.names() == ["load"]

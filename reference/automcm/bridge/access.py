@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hmac
-import ipaddress
 import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from automcm.links.link import LinkError
+from automcm.links.link import LinkError, is_loopback
 
 VARIABLE = "AUTOMCM_BRIDGE_TOKEN"
 """The environment variable of the token."""
@@ -44,7 +43,7 @@ def checked(token: str, source: str) -> str:
 
 def check_listening(host: str, token: str | None, allow_remote: bool) -> None:
     """Raise LinkError if the bridge may not listen on ``host``."""
-    if _loopback(host):
+    if is_loopback(host):
         return
     if not allow_remote:
         raise LinkError(f"{host!r} is not a loopback address; allow_remote permits it")
@@ -69,10 +68,3 @@ def authorized(headers: Iterable[str], token: str) -> bool:
 
 def _equal(given: str, token: str) -> bool:
     return hmac.compare_digest(given.encode(errors="surrogateescape"), token.encode())
-
-
-def _loopback(host: str) -> bool:
-    try:
-        return host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

@@ -10,6 +10,7 @@ import asyncio
 import random
 import secrets
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 from automcm.bridge import rosbridge as ros
@@ -19,7 +20,7 @@ from automcm.bridge.bounded_socket import Outbox
 from automcm.bridge.websocket_bridge import OWN_REASONS, QUEUE
 from automcm.links.clock import AsyncioClock, Clock
 from automcm.links.link import LinkError
-from automcm.service.application import Advertised, AgreedManeuver, Application
+from automcm.service.application import Advertised, AgreedManeuver, Application, Heard
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.messages import MessageError, Session, Trajectory
 
@@ -75,6 +76,9 @@ class RemoteApplication:
         self._received_ms = 0
         """The time of the bridge's last message, on the own clock, in ms."""
         self._lost_after_ms = 1500
+        self._heard: tuple[Heard, ...] | None = None
+        self._heard_ms = 0
+        """The time of the last surroundings, on the own clock, in ms."""
         self._asked: tuple[Session, int] | None = None
         self._last: commands.Command | None = None
         """The last answer or ending command, which is repeated if it may have been lost."""
@@ -194,6 +198,14 @@ class RemoteApplication:
         self._time = max(self._time, self._clock.now() + self._offset)
         return self._time
 
+    def heard(self) -> tuple[Heard, ...] | None:
+        """As ``Surroundings.heard``, with times on the clock of ``now`` (APP-1).
+
+        None if the bridge has sent no surroundings within its ``lost_after_ms``.
+        """
+        fresh = self._clock.now() - self._heard_ms < self._lost_after_ms
+        return self._heard if fresh else None
+
     def command(self, command: commands.Command, after_ms: int = 0) -> None:
         """Give a command, now or later.
 
@@ -229,10 +241,14 @@ class RemoteApplication:
             message = ros.read(model, fields.get("msg"))
             if isinstance(message, ros.State):
                 if not self.connected.is_set():
-                    self._time = 0  # the router may have restarted, and its clock with it
+                    # The router may have restarted, and its clock with it.
+                    self._time, self._heard = 0, None
                 self._offset = message.header.stamp.ms - self._received_ms
                 self._lost_after_ms = message.lost_after_ms
                 self.connected.set()
+            elif isinstance(message, ros.Surroundings):
+                self._heard = tuple(each.value() for each in message.heard)
+                self._heard_ms = self._received_ms
             elif isinstance(message, ros.Refused):
                 self._application.refused(message.command, message.rule)
             elif (session := message.session.key) is not None:
@@ -250,7 +266,7 @@ class RemoteApplication:
             case ros.Choice():
                 choice = message.choice(session)
                 if self._is_new(session, choice.proposal):
-                    self._application.choose(choice)
+                    self._application.choose(replace(choice, heard=self.heard()))
             case ros.Proposal():
                 proposal = message.asked(session)
                 if self._is_new(session, proposal.proposal):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
 from pydantic import Field, ValidationError
@@ -20,10 +21,13 @@ from automcm.bridge.autoware import (
 )
 from automcm.bridge.driven_trajectory import timed_trajectory
 from automcm.service import application
+from automcm.service.service import NEIGHBOURS
 from automcm_spec.vocabulary import application as commands
 from automcm_spec.vocabulary.application import Phase, Role
 from automcm_spec.vocabulary.messages import (
+    LIMIT,
     Details,
+    Integer,
     MessageError,
     Natural,
     Positive,
@@ -49,6 +53,8 @@ MAX_PLANNED = 8000
 MAX_DETAILS = 8192
 """Maximum bytes of a request's ``details``, as JSON."""
 MAX_SCENARIOS = 16
+MAX_NAMED = 8
+"""Maximum marks passed on of one station.  More would only repeat that it is bound elsewhere."""
 
 Scenario = Annotated[str, Field(max_length=256)]
 Duration = Annotated[int, Field(lt=2**31)]
@@ -111,6 +117,53 @@ class State(_Output):
     driver: bool
     """Whether there is a driver."""
     lost_after_ms: Natural
+
+
+Length = Annotated[int, Field(ge=-1, le=LIMIT)]
+"""A length in mm; -1 if it is unknown."""
+
+
+class Heard(Ros):
+    """The last CAM of another station, as ``application.Heard``."""
+
+    station_id: StationId
+    received: Time
+    x_mm: Integer
+    y_mm: Integer
+    heading_mrad: Integer
+    speed_mm_s: Integer
+    marks: list[Session] = Field(default=[], max_length=MAX_NAMED, fail_fast=True)
+    length_mm: Length = -1
+    width_mm: Length = -1
+    sigma_mm: Length = -1
+    in_step: bool = True
+
+    @classmethod
+    def of(cls, heard: application.Heard, session: SessionKey | None) -> Heard:
+        """The form of the bridge, with the mark of ``session``, the station's own, first."""
+        given = {field.name: getattr(heard, field.name) for field in fields(heard)}
+        known = {name: value for name, value in given.items() if value is not None}
+        marks = sorted(known.pop("marks"), key=lambda mark: mark != session)[:MAX_NAMED]
+        received = to_time(known.pop("received_ms"))
+        return cls(received=received, marks=[*map(to_session, marks)], **known)
+
+    def value(self) -> application.Heard:
+        """The value in the application's form.  Raises MessageError."""
+        given = dict(self) | {name: None for name in _LENGTHS if getattr(self, name) < 0}
+        received_ms = given.pop("received").ms
+        marks = tuple(mark.key for mark in given.pop("marks"))
+        if None in marks:
+            raise MessageError("msg.heard.marks: no session may be 0 and 0")
+        return application.Heard(received_ms=received_ms, marks=marks, **given)
+
+
+_LENGTHS = ("length_mm", "width_mm", "sigma_mm")
+
+
+class Surroundings(_Output):
+    """The stations that the service has heard lately, the last one last (APP-1)."""
+
+    heard: list[Heard] = Field(max_length=NEIGHBOURS, fail_fast=True)
 
 
 class Drive(_Output):
@@ -375,7 +428,7 @@ def of_command(command: commands.Command) -> Input:
 
 
 Input = OdometryIn | Plan | Request | Prescribe | Proceed | Accept | Refuse | Complete | Abort
-Output = State | Drive | Choice | Proposal | Advertised | Refused
+Output = State | Surroundings | Drive | Choice | Proposal | Advertised | Refused
 INPUTS: dict[str, type[Input]] = {c.topic: c for c in get_args(Input)}
 OUTPUTS: dict[str, type[Output]] = {c.topic: c for c in get_args(Output)}
 
@@ -388,6 +441,16 @@ def publication(message: Input | Output) -> str:
     """The operation that publishes a message."""
     envelope = to_json({"op": "publish", "topic": message.topic, "type": message.type})
     return f'{envelope[:-1].decode()},"msg":{message.model_dump_json()}}}'
+
+
+def addressed(fields: dict[str, Any], known: dict[str, Any]) -> Any:
+    """The message of the topic that an operation names, of those known.  Raises MessageError."""
+    topic, type_ = fields.get("topic"), fields.get("type")
+    if not isinstance(topic, str) or topic not in known:
+        raise MessageError(short("topic", f"must be one of {', '.join(known)}, not {topic!r}"))
+    if type_ is not None and type_ != known[topic].type:
+        raise MessageError(short("type", f"must be {known[topic].type} for {topic}"))
+    return known[topic]
 
 
 def operation(**fields: Any) -> str:

@@ -224,16 +224,18 @@ class WebSocketBridge:
     def _operate(self, client: _Client, fields: dict[str, Any]) -> None:
         match op := fields.get("op"):
             case "publish":
-                self._published(client, ros.read(_model(fields, ros.INPUTS), fields.get("msg")))
+                self._published(
+                    client, ros.read(ros.addressed(fields, ros.INPUTS), fields.get("msg"))
+                )
             case "subscribe":
                 if fields.get("compression", "none") != "none":
                     raise MessageError("compression: only none is supported")
-                client.topics.add(topic := _model(fields, ros.OUTPUTS).topic)
+                client.topics.add(topic := ros.addressed(fields, ros.OUTPUTS).topic)
                 self._send_again(client, topic)
             case "unsubscribe":
-                client.topics.discard(_model(fields, ros.OUTPUTS).topic)
+                client.topics.discard(ros.addressed(fields, ros.OUTPUTS).topic)
             case "advertise" | "unadvertise":
-                _model(fields, ros.INPUTS)
+                ros.addressed(fields, ros.INPUTS)
             case str():
                 raise MessageError(short("op", f"{op!r} is not supported"))
             case _:
@@ -332,6 +334,8 @@ class WebSocketBridge:
         self._look("left")
         if topic == ros.State.topic:
             client.outbox.put(self._state())
+        elif topic == ros.Surroundings.topic:
+            client.outbox.put(self._surroundings())
         elif topic == ros.Drive.topic:
             client.outbox.put(self._drive)
         elif self._question is not None and self._is_open():
@@ -361,6 +365,15 @@ class WebSocketBridge:
                 lost_after_ms=service.parameters.t_cam_loss,
             )
         )
+
+    def _surroundings(self) -> str:
+        service = self._service
+        heard = [ros.Heard.of(each, service.state.session) for each in service.heard()]
+        return ros.publication(ros.Surroundings(header=ros.stamped(service.now()), heard=heard))
+
+    def _show_surroundings(self) -> None:
+        if any(ros.Surroundings.topic in client.topics for client in self._clients):
+            self._publish(ros.Surroundings.topic, self._surroundings())
 
     def _show(self, always: bool = False) -> None:
         """Publish the state if it has changed, or ``always``."""
@@ -399,6 +412,7 @@ class WebSocketBridge:
             if session is not None and (self._given_up or ((0, 0), ""))[0] != session:
                 self._give_up(session, "no_driver")
         self._show(always=True)
+        self._show_surroundings()
         return self._kinematics or application.Kinematics()
 
     def concerned(self, advertised: application.Advertised) -> Trajectory | None:
@@ -419,7 +433,8 @@ class WebSocketBridge:
         return planned
 
     def choose(self, choice: application.Choice) -> None:
-        """Ask the driving software."""
+        """Ask the driving software, after it got the surroundings (APP-1)."""
+        self._show_surroundings()
         self._ask(choice, ros.Choice.of)
 
     def verify(self, proposal: application.Proposal) -> None:
@@ -476,13 +491,3 @@ def _name(connection: ServerConnection) -> str:
     """The client's name: ``planner`` in ws://127.0.0.1:9090/?client=planner, or none."""
     path = connection.request.path if connection.request else ""
     return parse_qs(urlsplit(path).query).get("client", [""])[0]
-
-
-def _model(fields: dict[str, Any], known: dict[str, Any]) -> Any:
-    """The message of the topic that an operation names.  Raises MessageError."""
-    topic, type_ = fields.get("topic"), fields.get("type")
-    if not isinstance(topic, str) or topic not in known:
-        raise MessageError(short("topic", f"must be one of {', '.join(known)}, not {topic!r}"))
-    if type_ is not None and type_ != known[topic].type:
-        raise MessageError(short("type", f"must be {known[topic].type} for {topic}"))
-    return known[topic]

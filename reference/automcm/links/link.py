@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from collections.abc import Callable
 from typing import Protocol
 
@@ -13,6 +14,14 @@ The result is the sender of the message, or None for an invalid message."""
 
 class LinkError(Exception):
     """A link cannot be opened; the text names the address or the port."""
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this host can reach ``host``; of names, this is known of localhost alone."""
+    try:
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 class Link(Protocol):

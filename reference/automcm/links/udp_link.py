@@ -14,7 +14,7 @@ import ipaddress
 import socket
 from collections import OrderedDict
 
-from automcm.links.link import LinkError, Receiver
+from automcm.links.link import LinkError, Receiver, is_loopback
 from automcm_spec.vocabulary.messages import BROADCAST
 
 Address = tuple[str, int]
@@ -66,7 +66,7 @@ def bind(
 
 def local_only(host: str, allow_remote: bool) -> None:
     """Raises LinkError for an address beyond loopback, unless ``allow_remote``."""
-    if not allow_remote and not ipaddress.IPv4Address(host).is_loopback:
+    if not (allow_remote or is_loopback(host)):
         raise LinkError(f"{host} is not a loopback address; --allow-remote permits it")
 
 

@@ -2,10 +2,19 @@
 
 A receiver that only has adaptive cruise control can be asked to set another speed.  Its
 "trajectory" is its position after one second, starting from 0, and so encodes its speed.
+
+The rules of occupancy (APP-2 to APP-5) do not apply: nobody takes a place.  The receiver stays in
+its lane, and keeps the distance to the vehicle ahead as before.  The vehicle behind has to keep its
+distance, as behind anybody who slows down; therefore the receiver slows down at most comfortably.
+It checks that the speed is not higher than its own and not a crawl.  The prescriber relies on no
+gap, so who did not answer does not matter.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
+from automcm.kernels import trajectory as kernel
 from automcm.scenarios.lane_change import MARGIN_S, Coordinated
 from automcm.scenarios.road import Vehicle
 from automcm.service.application import Advertised, AgreedManeuver, Choice, Proposal
@@ -34,7 +43,6 @@ class SpeedAdvice(Coordinated):
     ) -> None:
         super().__init__(vehicle)
         self.advice_mm_s, self.advice_ms, self.least_mm_s = advice_mm_s, advice_ms, least_mm_s
-        self._own = vehicle.desired
 
     def signal(self) -> None:
         """Request that another vehicle slows down."""
@@ -75,7 +83,9 @@ class SpeedAdvice(Coordinated):
         if maneuver.role == "receiver":
             speed = speed_in(maneuver.selected)
             assert speed is not None
-            self.vehicle.desired = speed / 1000
+            now, until = self.service.now() / 1000, maneuver.until_ms / 1000
+            way = np.array([(0.0, 0.0), (speed / 1000 * (until - now), 0.0)])
+            self.vehicle.follow(kernel.Trajectory(np.array([now, until]), way))
         else:
             self.service.command(maneuver.complete(), self.advice_ms)
 
@@ -84,4 +94,4 @@ class SpeedAdvice(Coordinated):
 
     def _over(self, how: str) -> None:
         super()._over(how)
-        self.vehicle.desired = self._own
+        self.vehicle.follow(None)

@@ -182,15 +182,15 @@ class Service(Protocol):
 class Surroundings(Protocol):
     """A service that passes on the CAMs that it hears."""
 
-    def heard(self) -> tuple[Heard, ...]:
-        """The stations heard within HEARD_MS, in the order in which they were heard last."""
+    def heard(self) -> tuple[Heard, ...] | None:
+        """The stations heard within HEARD_MS, in the order in which they were heard last.
+
+        None if unknown: at the far end of a bridge without a recent message.
+        """
 
 
 def heard_by(service: Service) -> tuple[Heard, ...] | None:
-    """The stations that the service has heard; None if it does not pass on CAMs (APP-1).
-
-    The service at the far end of a bridge does not.
-    """
+    """The stations that the service has heard; None if it does not pass on CAMs (APP-1)."""
     return service.heard() if isinstance(service, Surroundings) else None
 
 

@@ -1,0 +1,311 @@
+"""A merge from a ramp looks at who is there (APP-1 to APP-5), and stops before the ramp's end."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from road_stage import answers_of, driven, said, stands
+
+from automcm.links.simulated_radio import Channel
+from automcm.scenarios.drive import STEP_MS, SimulatedDrive
+from automcm.scenarios.lane_change import NO_RETURN_M, WAIT_MS, LaneChange, planned
+from automcm.scenarios.occupancy import HARDEST, LEAST_M, WIDTH_M, Track
+from automcm.scenarios.occupancy_sweep import (
+    BURSTS_MS,
+    PERCEPTION,
+    WITHOUT,
+    CamOnly,
+    DoesNotSlow,
+    sight,
+)
+from automcm.scenarios.ramp_merge import Merge, Ramp
+from automcm.scenarios.road import LANE_WIDTH, STEP_S, Driving, Vehicle
+from automcm.service.application import Choice, heard_by
+
+KINDS = ("answers", "CAM only", "seen only", "does not slow", "cuts in")
+"""What the vehicle that arrives together with the one on the ramp does.  ``cuts in``: it answers,
+and a vehicle from the third lane moves into the gap without looking."""
+SIGNAL_MS, UNTIL_S, AFTER_S = 1000, 60.0, 3.0
+
+
+def unlike(mechanism: type[Any]) -> type[Merge]:
+    """A merge with this change of a lane change."""
+    return Merge if mechanism is LaneChange else type(mechanism.__name__, (mechanism, Merge), {})
+
+
+def car(station_id: int, x: float, speed: float, lane: int = 1) -> Vehicle:
+    return Vehicle(station_id, x, lane, speed, speed)
+
+
+@dataclass(frozen=True)
+class Driven:
+    """One drive and its outcome, as ``occupancy_sweep.Driven``."""
+
+    merged: bool
+    stopped: bool
+    room_m: float
+    braking: float
+    over_the_end: bool
+
+    @property
+    def bad(self) -> bool:
+        return self.room_m < LEAST_M or self.braking > HARDEST + 1e-6 or self.over_the_end
+
+
+def drive(seed: int, without: str = "", kind: str = "") -> Driven:
+    draw = random.Random(seed)
+    drawn = draw.choice(KINDS)
+    kind = kind or drawn
+    channel = Channel(loss=draw.choice((0.0, 0.2, 0.4)), burst_ms=draw.choice(BURSTS_MS))
+    speed = draw.uniform(8, 20)
+    theirs, after_s = speed + draw.uniform(-2, 2), draw.uniform(10, 14)
+    ramp = Ramp(joins_m=speed * after_s)
+    beside = ramp.joins_m - theirs * (after_s + draw.uniform(-1.0, 2.0))
+    apart = 4.5 + draw.uniform(1.5, 4.0) * (2 + theirs)
+    sees = kind in ("seen only", "cuts in") or draw.random() < 0.5
+    own = car(1, 0, speed, 0)
+    mine = (unlike(WITHOUT[without]) if without else Merge)(own, ramp)
+    drivers, unheard = [mine], list[Vehicle]()
+    for n in (2, 3, 4):
+        one = car(n, beside + (3 - n) * apart, theirs)
+        how = kind if n == 3 else draw.choice(("answers", "answers", "CAM only", "seen only"))
+        if kind == "answers" or (how == "seen only" and not sees):
+            how = "answers"
+        if how == "seen only":
+            unheard.append(one)
+        else:
+            made = {"CAM only": unlike(CamOnly), "does not slow": unlike(DoesNotSlow)}
+            drivers.append(made.get(how, Merge)(one, ramp))
+    cutter, cuts_s = car(5, own.x, speed, 2), draw.uniform(0.0, 1.0)
+    cutter.driving = Driving(hardest=0.0)  # its driver looks at nobody
+    if kind == "cuts in":
+        unheard.append(cutter)
+    made_drive = SimulatedDrive(drivers, seed=seed, channel=channel, others=unheard)
+    if sees and without not in (PERCEPTION, "any"):
+        mine.occupied = sight(own, made_drive.road.vehicles)
+    made_drive.simulation.clock.at(SIGNAL_MS, mine.signal)
+    if kind == "cuts in":
+        cut_in(made_drive, cutter, cuts_s)
+    made_drive.run(UNTIL_S)
+    hardest = max(0.0, -min(s.acceleration for s in made_drive.road.samples))
+    return Driven(
+        merged=own.lane == 1,
+        stopped=own.lane == 0 and own.speed < 0.1,
+        room_m=room(made_drive),
+        braking=0.0 if kind == "cuts in" else hardest,
+        over_the_end=any(
+            s.x + own.length / 2 > ramp.joins_m + ramp.length_m and s.y < NO_RETURN_M
+            for s in made_drive.road.of(1)
+        ),
+    )
+
+
+def cut_in(made: SimulatedDrive, cutter: Vehicle, after_s: float) -> None:
+    """Let it cut in ``after_s`` after the merge began, unless that is over the marking."""
+    own, clock = made.road.vehicles[0], made.simulation.clock
+    waited = 0
+
+    def look() -> None:
+        nonlocal waited
+        waited += STEP_MS * own.changing
+        if waited <= after_s * 1000:
+            clock.at(clock.now() + STEP_MS, look)
+        elif own.moved_m < (LANE_WIDTH - WIDTH_M) / 2:
+            cutter.change_lane(1, clock.now() / 1000)
+
+    clock.at(SIGNAL_MS, look)
+
+
+def room(made: SimulatedDrive) -> float:
+    """The least distance, bumper to bumper: at the beginning to any vehicle on the main road; then
+    to any whose side overlaps with its own.  1000 without a merge."""
+    mine = made.road.of(1)
+    moved = [n for n, (p, q) in enumerate(pairwise(mine)) if p.y != q.y]
+    if not moved:
+        return 1000.0
+    first, last = moved[0], min(moved[-1] + round(AFTER_S / STEP_S), len(mine) - 1)
+    rooms = [1000.0]
+    for other in made.road.vehicles[1:]:
+        theirs = made.road.of(other.station_id)
+        for n in range(first, last + 1):
+            there = n == first and abs(theirs[n].y - LANE_WIDTH) < (LANE_WIDTH + WIDTH_M) / 2
+            if there or abs(theirs[n].y - mine[n].y) < WIDTH_M:
+                rooms.append(abs(theirs[n].x - mine[n].x) - 4.5)
+    return min(rooms)
+
+
+HARM = [
+    ("CAM only", "CAMs"),
+    ("seen only", PERCEPTION),
+    ("does not slow", "look before"),
+    ("cuts in", "look while"),
+]
+
+
+@pytest.mark.parametrize(("kind", "mechanism"), HARM)
+def test_app_2_app_4_app_5_each_mechanism_is_needed_to_merge(kind: str, mechanism: str) -> None:
+    bad = next(seed for seed in range(40) if drive(seed, mechanism, kind).bad)
+    assert not drive(bad, "", kind).bad
+
+
+def test_app_2_a_small_sweep_of_merges_has_no_bad_drive() -> None:
+    drives = [drive(seed) for seed in range(10)]
+    assert not [each for each in drives if each.bad]
+    assert any(each.merged for each in drives) and any(each.stopped for each in drives)
+    assert all(each.merged or each.stopped for each in drives)
+
+
+# -- single drives
+
+RAMP = Ramp(joins_m=120)
+
+
+def ramp_car(ramp: Ramp = RAMP) -> Merge:
+    return Merge(car(1, 0, 10, 0), ramp)
+
+
+def waits(x: float) -> Merge:
+    """Answers, and is not in the way."""
+    return Merge(car(4, x, 10), RAMP)
+
+
+def words_after(driver: Merge, first: str) -> list[str]:
+    words = said(driver)
+    return words[words.index(first) :]
+
+
+@pytest.mark.parametrize("seen", [False, True])
+def test_app_2_it_does_not_merge_beside_a_vehicle_that_did_not_answer(seen: bool) -> None:
+    on_ramp, beside = ramp_car(), car(3, -2, 10)
+    others: list[Any] = [] if seen else [unlike(CamOnly)(beside, RAMP)]
+    more = {"others": [beside]} if seen else {}
+    on_ramp.occupied = sight(on_ramp.vehicle, [beside]) if seen else on_ramp.occupied
+    drive_ = driven(on_ramp.signal, on_ramp, waits(-60), *others, until=60, **more)
+    who = "a vehicle that is only seen" if seen else "3"
+    assert said(on_ramp)[1:] == [f"gives up: {who} is in the way"]
+    assert [t for _, station, t in drive_.sent if station == 1][-1] == "Cancel"
+    stands(drive_, on_ramp)
+
+
+def test_app_4_it_does_not_merge_before_a_target_that_does_not_slow() -> None:
+    on_ramp, target = ramp_car(), unlike(DoesNotSlow)(car(3, -2, 10), RAMP)
+    drive_ = driven(on_ramp.signal, on_ramp, target, until=60)
+    assert said(on_ramp)[-2:] == ["is accepted, and waits for the gap", "gives up: 3 is in the way"]
+    assert said(target)[-1] == "drives alone: abort"
+    gave_up, begins = on_ramp.story[-1][0], 12_000
+    assert begins + WAIT_MS <= gave_up <= begins + WAIT_MS + 200
+    stands(drive_, on_ramp)
+
+
+@pytest.mark.parametrize("stays", [False, True])
+def test_app_4_after_proceed_it_waits_for_a_place_and_looks(stays: bool) -> None:
+    """The vehicle is seen only after the choice."""
+    on_ramp, beside = ramp_car(), car(3, 2, 10) if stays else car(3, -60, 16)
+    drive_ = SimulatedDrive([on_ramp, waits(-90)], others=[beside])
+    clock, see = drive_.simulation.clock, sight(on_ramp.vehicle, [beside])
+    on_ramp.occupied = lambda *region: see(*region) if clock.now() > 9000 else []
+    clock.at(100, on_ramp.signal)
+    drive_.run(60)
+    assert "nobody is in the way" in said(on_ramp)
+    if stays:
+        assert said(on_ramp)[-1] == "gives up: a vehicle that is only seen is in the way"
+        stands(drive_, on_ramp)
+    else:
+        assert said(on_ramp)[-1] == "has changed lanes" and room(drive_) > LEAST_M
+        joined_ms = next(s.t for s in drive_.road.of(1) if s.x >= RAMP.joins_m) * 1000
+        moved_ms = next(t for t, what in on_ramp.story if what == "moves over")
+        assert 0 < moved_ms - joined_ms < WAIT_MS
+
+
+def test_app_1_without_cams_it_does_not_merge() -> None:
+    driver = ramp_car()
+    given = answers_of(driver)
+    driver.wanted = 1
+    driver.choose(Choice((1, 1), 1, {}))
+    assert given == ["abort"]
+
+
+@pytest.mark.parametrize(("after_ms", "lane"), [(500, 0), (2900, 0), (3200, 1)])
+def test_app_5_it_returns_to_the_ramp_and_stops_or_completes(after_ms: int, lane: int) -> None:
+    on_ramp, target = ramp_car(), Merge(car(3, -2, 10), RAMP)
+    drive_ = SimulatedDrive([on_ramp, target])
+    vehicle, clock, seen = on_ramp.vehicle, drive_.simulation.clock, list[Track]()
+    on_ramp.occupied = lambda region, t0, t1: seen
+
+    def begun() -> None:
+        appears = lambda: seen.append(Track(x=vehicle.x - 1, y=LANE_WIDTH, vx=10))  # noqa: E731
+        later = clock.now() + after_ms
+        clock.at(*((later, appears) if vehicle.changing else (clock.now() + 100, begun)))
+
+    clock.at(100, on_ramp.signal)
+    clock.at(100, begun)
+    drive_.run(60)
+    if lane == 0:
+        assert words_after(on_ramp, "moves over")[1:] == [
+            "returns: a vehicle that is only seen is in the way"
+        ]
+        stands(drive_, on_ramp)
+    else:
+        assert said(on_ramp)[-1] == "has changed lanes" and vehicle.lane == lane
+
+
+def test_a_ramp_that_is_too_short_to_return_to_is_not_left() -> None:
+    on_ramp = ramp_car(Ramp(joins_m=120, length_m=40))
+    drive_ = driven(on_ramp.signal, on_ramp, waits(-90), until=60)
+    assert said(on_ramp)[-1] == "gives up: the ramp ends"
+    stands(drive_, on_ramp)
+
+
+def test_a_vehicle_that_has_merged_may_be_asked_to_slow_down() -> None:
+    """Its own ramp no longer matters."""
+    on_ramp = ramp_car()
+    drive_ = driven(on_ramp.signal, on_ramp, waits(-90), until=25)
+    asked = planned(on_ramp.vehicle, 25_000)
+    on_ramp.vehicle.follow(asked)
+    drive_.run(40)
+    assert on_ramp.vehicle._profile is asked
+    assert on_ramp.vehicle.x > RAMP.joins_m + RAMP.length_m
+
+
+def test_app_2_who_comes_earlier_but_is_not_clear_is_asked() -> None:
+    on_ramp, slower = ramp_car(), Merge(car(2, 30, 9), RAMP)
+    drive_ = driven(on_ramp.signal, on_ramp, slower, until=4)
+    assert "Prescription" in [t for _, station, t in drive_.sent if station == 1]
+
+
+def test_app_2_who_comes_later_but_is_not_clear_is_not_asked_to_come_earlier() -> None:
+    on_ramp, faster = ramp_car(), Merge(car(2, -90, 14), RAMP)
+    drive_ = driven(on_ramp.signal, on_ramp, faster, until=4)
+    assert "Prescription" not in [t for _, station, t in drive_.sent if station == 1]
+    assert said(on_ramp)[-1] == "gives up: 2 is in the way"
+
+
+def test_it_does_not_merge_before_the_ramp_joins_even_if_it_is_late() -> None:
+    on_ramp = ramp_car()
+    drive_ = SimulatedDrive([on_ramp, waits(-90)])
+    drive_.simulation.clock.at(100, on_ramp.signal)
+    drive_.simulation.clock.at(4000, lambda: setattr(on_ramp.vehicle, "desired", 9))
+    drive_.run(25)
+    assert said(on_ramp)[-1] == "has changed lanes"
+    assert next(s.x for s in drive_.road.of(1) if s.y > 0) > RAMP.joins_m
+
+
+def test_app_3_an_answer_does_not_count_after_proceed() -> None:
+    on_ramp = ramp_car()
+    drive_ = driven(on_ramp.signal, on_ramp, waits(-90), until=10)
+    known = on_ramp._known(heard_by(on_ramp.service), None)
+    assert [track.answered for track in known or ()] == [False]
+    assert said(on_ramp)[-1] == "nobody is in the way" and on_ramp.vehicle.lane == 0
+    drive_.run(25)
+    assert on_ramp.vehicle.lane == 1
+
+
+def test_it_does_not_brake_for_the_end_of_the_ramp_while_it_moves_over() -> None:
+    on_ramp = ramp_car(Ramp(joins_m=120, length_m=66))
+    drive_ = driven(on_ramp.signal, on_ramp, waits(-90), until=25)
+    assert on_ramp.vehicle.lane == 1
+    assert min(sample.speed for sample in drive_.road.of(1)) == pytest.approx(10)
