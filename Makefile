@@ -39,6 +39,7 @@ test-deep: ready
 test-foreign: ready .venv/foreign
 	@$(BIN)/python traces/tests/browser.py
 	@$(BIN)/python reference/tests/foreign_cam.py
+	@$(BIN)/python reference/tests/foreign_signature.py
 	@$(BIN)/python reference/tests/foreign_sumo.py
 	@$(BIN)/python conformance/tests/foreign.py $(ARGS)
 

@@ -10,6 +10,7 @@ import pytest
 
 from automcm.scenarios.drive import FourVehicles
 from automcm.scenarios.lane_change import LaneChange
+from automcm.scenarios.road import Late
 from automcm_evaluation.arrival import arrival, arrival_claims, sumo
 from automcm_evaluation.framework.experiment import Cell, ExperimentError
 from automcm_evaluation.sweeps import report, sweep
@@ -77,6 +78,20 @@ def test_without_coordination_it_stops_and_with_it_hardly_brakes_at_the_lane_cha
     assert without["stood_s"] >= MODEL["restart_s"] and without["slowest"] == 0
     assert with_["stood_s"] == 0 and with_["slowest"] > 50 / 3.6 - 20 / 3.6 - 0.5
     assert without["after"] >= 3 and with_["after"] < 0.5 < with_["hardest"]
+
+
+def test_the_driver_is_the_same_with_and_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with coordination the receiver stops late if the gap is not open."""
+    made: list[Json] = []
+    on = FourVehicles.on
+    monkeypatch.setattr(
+        FourVehicles, "on", lambda *args, **more: made.append(on(*args, **more)) or made[-1]
+    )
+    for coordinated in (True, False):
+        arrival.drive(values("trials"), (6.0, 50.0), MODEL, coordinated=coordinated, seed=3)
+    (_, with_), (_, without) = ([d.vehicle for d in drive.drivers] for drive in made)
+    assert (with_.late, with_.driving) == (without.late, without.driving)
+    assert with_.late == Late(**{name: MODEL[name] for name in arrival.MODEL})
 
 
 def test_with_the_calibrated_baseline_the_paper_s_gains_come_out() -> None:
@@ -150,6 +165,23 @@ def test_a_summary_by_hand() -> None:
     assert here["with"]["completed"] == 1 and here["with"]["stopped"] == 2
     assert found["by_29_s"] == {"with": 1, "without": 0, "trials": 2}
     assert found["tried"]["fit"] == 0 and found["tried"]["baselines"] == 1
+    assert here["range_s"] == [here["low_s"], here["high_s"]]
+
+
+def test_no_interval_is_narrower_than_what_the_choice_of_baseline_does(small: Json) -> None:
+    """Of gains at 30 and 50 km/h, the first two fit the paper."""
+    gains = {"30": [4.6, 5.4, 9.0, 4.6], "50": [6.6, 7.4, 7.0, 9.0]}
+    cells = [Cell(c["values"], c["result"]) for c in copy.deepcopy(small["cells"])]
+    for cell in cells:
+        if cell.values["part"] == "grid":
+            cell.values["restarts_s"] = [10.0, 11.0, 12.0, 13.0]
+            cell.values["restart_gaps"] = [45.0]
+            cell.result["gain_s"] = [gains[str(cell.values["speed_kmh"])]]
+    found = arrival_claims.summary([cell for cell in cells if cell.values["part"] != "one"])
+    for kmh, (low, high) in (("30", (4.6, 5.4)), ("50", (6.6, 7.4))):
+        here = found["speeds"][kmh]
+        assert here["range_s"] == [min(low, here["low_s"]), max(high, here["high_s"])]
+        assert here["range_s"][0] <= low < high <= here["range_s"][1]
 
 
 def test_the_ways_of_the_two_readings_by_hand() -> None:
@@ -167,7 +199,7 @@ def test_the_ways_of_the_two_readings_by_hand() -> None:
 
 def test_seconds_are_reproduced_only_where_no_baseline_was_fitted(small: Json) -> None:
     found = copy.deepcopy(small["summary"])
-    found["speeds"]["30"] |= {"gain_s": 5.2, "low_s": 5.1, "high_s": 5.3}
+    found["speeds"]["30"] |= {"gain_s": 5.2, "range_s": [5.1, 5.3]}
     found["tried"] |= {"least_s": {"30": 1.0}, "greatest_s": {"30": 9.0}}
 
     def claim() -> tuple[str, str]:
@@ -177,20 +209,20 @@ def test_seconds_are_reproduced_only_where_no_baseline_was_fitted(small: Json) -
     assert claim() == ("in shape only", "the baseline is fitted to it")
     found["tried"] |= {"least_s": {"30": 4.6}, "greatest_s": {"30": 5.4}}
     assert claim()[0] == "reproduced"
-    found["speeds"]["30"] |= {"gain_s": 4.4, "low_s": 4.3}
+    found["speeds"]["30"] |= {"gain_s": 4.4, "range_s": [4.3, 4.5]}
     assert claim() == ("in shape only", "the fitted baseline misses it")
-    found["speeds"]["30"] |= {"gain_s": 0.1, "low_s": -0.1}
+    found["speeds"]["30"] |= {"gain_s": 0.1, "range_s": [-0.1, 0.3]}
     assert claim()[0] == "not reproduced"
 
 
 def test_the_order_is_reproduced_only_where_all_baselines_have_it(small: Json) -> None:
     found = copy.deepcopy(small["summary"])
-    found["speeds"]["30"] |= {"gain_s": 5.0, "high_s": 5.1}
-    found["speeds"]["50"] |= {"gain_s": 7.0, "low_s": 6.9}
+    found["speeds"]["30"] |= {"gain_s": 5.0, "range_s": [4.6, 5.1]}
+    found["speeds"]["50"] |= {"gain_s": 7.0, "range_s": [6.9, 7.1]}
     for grows, verdict in ((9, "reproduced"), (8, "in shape only")):
         found["tried"] |= {"grows": grows, "baselines": 9}
         assert arrival_claims.order_claim(found).verdict == verdict
-    found["speeds"]["50"]["low_s"] = 5.05
+    found["speeds"]["50"]["range_s"] = [5.05, 7.1]
     assert arrival_claims.order_claim(found).verdict == "not reproduced"
 
 
@@ -236,7 +268,9 @@ def test_all_baselines_are_counted_once(small: Json) -> None:
 def test_the_page_has_the_figures_of_the_report(small: Json) -> None:
     text = report.page(small)
     for kmh, here in small["summary"]["speeds"].items():
-        assert f"{here['gain_s']:.2f} s (95 % interval" in text
+        low, high = here["range_s"]
+        assert f"{here['gain_s']:.2f} s, {low:.2f} to {high:.2f} s over the 1 baselines" in text
+        assert f"| {kmh} km/h | {here['gain_s']:.2f} | {low:.2f} to {high:.2f} | " in text
         for which in ("with", "without"):
             assert f"| {kmh} km/h, {which} | {here[which]['mean_s']:.2f} |" in text
     assert "Not run: it needs `automcm[sumo]`" in text and "| not run |" in text

@@ -18,6 +18,7 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
     Air,
     Recorded,
     Sent,
+    certificates,
     column,
     in_forms,
     measured,
@@ -28,7 +29,14 @@ from automcm_evaluation.bandwidth.bandwidth_air import (
     session,
 )
 from automcm_evaluation.bandwidth.bandwidth_claims import claims
-from automcm_evaluation.bandwidth.bandwidth_summary import CHANNEL_BIT_S, HEADERS, drive
+from automcm_evaluation.bandwidth.bandwidth_summary import (
+    CERTIFICATE,
+    CHANNEL_BIT_S,
+    DIGEST,
+    HEADERS,
+    RIVALS,
+    drive,
+)
 from automcm_evaluation.framework.experiment import Cell, ExperimentError, Values
 from automcm_evaluation.sweeps import report
 from automcm_evaluation.sweeps.sweep import run_cell
@@ -186,6 +194,12 @@ def test_a_session_is_counted_from_its_first_message_to_its_last(four: Recorded)
         session(four, 9)
 
 
+def test_each_station_sends_its_certificate_once_a_second() -> None:
+    sent = [Sent(ms, src, "Ack", 1, {}) for ms, src in ((0, 1), (5, 2), (999, 1), (1000, 1))]
+    assert certificates(sent) == 3
+    assert certificates([*sent, Sent(1999, 1, "Ack", 1, {}), Sent(2000, 1, "Ack", 1, {})]) == 4
+
+
 def test_cams_at_2_hz_change_no_message() -> None:
     """What drives with many vehicles rely on."""
     often, seldom = (record(3, [1], seed=3, parameters=Parameters(t_cam=ms)) for ms in (100, 500))
@@ -241,6 +255,15 @@ def test_the_summary_adds_up(made: Values) -> None:
         assert saving["factor"] == pytest.approx(
             two["always"]["sent"][name] / two["event"]["sent"][name], abs=0.005
         )
+        messages = two["count"].values()
+        assert two["signatures"] >= DIGEST * sum(messages)
+        event, always = two["event"]["sent"][name], two["always"]["sent"][name]
+        vehicle_s = 2 * two["s"]
+        for rate, plain, signed in ((10, "factor", "signed"), (1, "rare", "rare_signed")):
+            rival = always * rate / 10
+            assert saving[plain] == pytest.approx(rival / event, abs=0.005)
+            rival += vehicle_s * (CERTIFICATE + (rate - 1) * DIGEST)
+            assert saving[signed] == pytest.approx(rival / (event + two["signatures"]), abs=0.005)
         # At the break-even both send as much in a minute.
         minute = saving["break_even_per_min"] * two["event"]["sent"][name]
         assert minute == pytest.approx(60 * two["always"]["sent"][name] / two["s"], rel=0.002)
@@ -285,6 +308,7 @@ def verdicts(s: Values) -> list[str]:
         ({"cancelled": []}, 3, "not reproduced"),
         ({}, 4, "reproduced"),
         ({"factors": [1.5, 0.9]}, 4, "in shape only"),
+        *(({"rivals": {rival: 0.9}}, 4, "in shape only") for rival in RIVALS),
         ({"factors": [0.8, 0.9]}, 4, "not reproduced"),
     ],
 )
@@ -305,10 +329,10 @@ def test_each_verdict_is_from_the_figures(
                 amounts[kind] = times * found[2]["bytes"][codec_name][kind]
     if "cancelled" in changes:
         found[4]["cancelled"] = changes["cancelled"]
-    for n, factor in zip((2, 4), changes.get("factors", ()), strict=False):
+    for n, factor in zip((2, 4), changes.get("factors", (1.5, 1.5)), strict=True):
         for form in FORMS:
             for saving in found[n]["saving"][form].values():
-                saving["factor"] = factor
+                saving |= dict.fromkeys(RIVALS, factor) | changes.get("rivals", {})
     assert verdicts(s)[which] == verdict
 
 
@@ -341,7 +365,9 @@ def test_the_page_has_the_figures_of_the_report(made: Values) -> None:
     drive(s, 4)["count"]["Intention"] = 77
     s["sizes"]["Fin"]["uper"] = 8877
     s["many"][0]["channel"]["json"]["busiest"] = 0.777
+    s["drives"][0]["saving"]["sent"]["uper"]["rare_signed"] = 0.123
     changed = EXPERIMENT.page(made)
+    assert " | 0.123 | " in changed
     assert "| Intention | 1 |" in changed and "| 77 |" in changed
     assert "| 8,877 |" in changed and "| 77.7% |" in changed
 

@@ -33,7 +33,7 @@ def test_room_gap_and_time_to_collision() -> None:
 
 def test_on_the_road_the_target_lets_go_and_room_is_what_tells() -> None:
     values = {"part": "road", "ablation": WHOLE.name, "speed_kmh": 30, "delay_ms": 40}
-    values |= {"first": 0, "drives": 2}
+    values |= {"begins": "maneuver", "first": 0, "drives": 2}
     coordinated = safety.run(values, 3)
     alone = safety.run(values | {"ablation": safety_road.UNCOORDINATED}, 3)
     assert coordinated["bound_ms"] == 1540 and coordinated["wrong"] == []
@@ -46,8 +46,8 @@ def test_on_the_road_the_target_lets_go_and_room_is_what_tells() -> None:
 
 def on_the_road(monkeypatch: pytest.MonkeyPatch, fault: Fault, name: str) -> safety_road.Driven:
     monkeypatch.setattr(safety_road, "drawn", lambda *more: [fault])
-    values = {"part": "road", "ablation": name, "speed_kmh": 50, "delay_ms": 40}
-    return safety_road.drive(values, 1)
+    values = {"part": "road", "ablation": name, "speed_kmh": 50, "begins": "maneuver"}
+    return safety_road.drive(values | {"delay_ms": 40}, 1)
 
 
 def test_who_is_told_in_time_does_not_move_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,3 +72,22 @@ def test_only_who_is_not_committed_notices_late(monkeypatch: pytest.MonkeyPatch)
     nothing = Fault("cut back", 20_000, 21_000)
     assert on_the_road(monkeypatch, nothing, WHOLE.name).braking < Late().brake
     assert on_the_road(monkeypatch, nothing, safety_road.UNCOORDINATED).braking > 4
+
+
+def test_a_fault_may_begin_with_the_first_advertisement(monkeypatch: pytest.MonkeyPatch) -> None:
+    """B's answer is lost: who counts answers moves over beside it (APP-2)."""
+    times: list[tuple[int, int]] = []
+    monkeypatch.setattr(
+        safety_road, "drawn", lambda kinds, window, draw: times.append(window) or []
+    )
+    values = {"part": "road", "ablation": WHOLE.name, "speed_kmh": 30, "delay_ms": 40}
+    for begins in safety_road.WINDOWS_MS:
+        safety_road.drive(values | {"begins": begins}, 1)
+    (first, agreed), (same, _) = times
+    assert first == 1000 and agreed == same
+    cut = Fault("cut back", first, 4000)
+    counts, looks = (
+        on_the_road(monkeypatch, cut, name) for name in (WHOLE.name, safety_road.LOOKS)
+    )
+    assert counts.unasked and counts.room_m is not None and counts.room_m < safety_road.NEAR_M
+    assert looks.room_m is None

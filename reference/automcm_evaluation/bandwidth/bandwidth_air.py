@@ -28,6 +28,9 @@ SIGNAL_MS, MANEUVER_MS = 1000, 15_000
 """The time of the first turn signal; the time between two, and from the last to the end."""
 BIN_MS, OFFER_MS = 500, 1000
 """The width of a bar over time; the interval of measuring the always-on trajectories."""
+CERTIFICATE_MS = 1000
+"""A signed message has its sender's certificate this long after the last one that had it, and else
+its digest, as a CAM in ETSI TS 103 097."""
 RATE_HZ = 10
 """The rate of CAMs and of always-on trajectories, as in the paper (VI-A)."""
 POINTS = 52
@@ -248,6 +251,7 @@ def session(recorded: Recorded, prescriber: int) -> Values:
         "finished": any(sent.type == "Fin" for sent in own),
         "cancelled": sorted({sent.cancelled for sent in own if sent.cancelled}),
         "count": dict(sorted(Counter(sent.type for sent in own).items())),
+        "certificates": certificates(own),
         "bytes": {form: by_type(own, form) for form in FORMS},
         "by_station": {
             str(n): total([s for s in own if s.src == n])._asdict()
@@ -263,6 +267,16 @@ def session(recorded: Recorded, prescriber: int) -> Values:
             for form in FORMS[:2]
         },
     }
+
+
+def certificates(sent: Sequence[Sent]) -> int:
+    """The number of these messages that have a certificate if they are signed."""
+    number, last = 0, dict[int, int]()
+    for each in sent:
+        if each.src not in last or each.ms - last[each.src] >= CERTIFICATE_MS:
+            last[each.src] = each.ms
+            number += 1
+    return number
 
 
 def total(sent: Sequence[Sent], form: str = "sent") -> Bytes:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from automcm_evaluation.bandwidth.bandwidth_air import CODECS, FORMS
-from automcm_evaluation.bandwidth.bandwidth_summary import MARKED, drive
+from automcm_evaluation.bandwidth.bandwidth_summary import MARKED, RIVALS, drive
 from automcm_evaluation.framework import figures as drawing
 from automcm_evaluation.framework.experiment import PAGES, Values
 from automcm_spec.support import markdown
@@ -55,6 +55,7 @@ def page(report: Values) -> str:
         cases=CASES,
         always=ALWAYS,
         marked=MARKED,
+        rivals=RIVALS,
         sent={name: _sent(four, name) for name in CODECS},
     )
 

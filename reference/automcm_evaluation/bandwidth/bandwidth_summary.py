@@ -38,6 +38,21 @@ HEADERS = {
 }
 """Bytes around a payload in ITS-G5, without security; the lengths in the sources of Vanetza
 (github.com/riebl/vanetza: access/g5_link_layer.hpp, geonet/, btp/header.hpp)."""
+DIGEST, CERTIFICATE = 93, 235
+"""Bytes that a signature adds to a message of less than 128 bytes (two more above), with the digest
+of its sender's certificate and with the certificate: IEEE 1609.2 as profiled by ETSI TS 103 097,
+ECDSA on NIST P-256, an explicit certificate with two application permissions; encoded by pycrate
+(reference/tests/foreign_signature.py)."""
+RARE_HZ = 1
+"""A lower rate of always-on trajectories."""
+RIVALS = {
+    "factor": f"{RATE_HZ} Hz",
+    "rare": f"{RARE_HZ} Hz",
+    "signed": f"{RATE_HZ} Hz, signed",
+    "rare_signed": f"{RARE_HZ} Hz, signed",
+}
+"""The forms of the always-on alternative: at two rates, and with all messages of both sides
+signed."""
 CHANNEL_BIT_S = 6_000_000
 SPARSE_CAM_MS = 500
 """Between CAMs in drives with many vehicles, to save time; their bytes are counted at RATE_HZ."""
@@ -62,6 +77,7 @@ def summary(cells: Sequence[Cell]) -> Values:
             "here_per_point": round(sized["Intention"]["uper"] / POINTS, 2),
         },
         "headers": HEADERS,
+        "signature": {"digest": DIGEST, "certificate": CERTIFICATE},
         "channel_bit_s": CHANNEL_BIT_S,
         "points": {"paper": POINTS} | planned,
         "model": _model(),
@@ -131,6 +147,7 @@ def _drives(vehicles: int, loss: float, cells: Sequence[Cell]) -> Values:
     always = {form: _means([s["always"][form] for s in sessions]) for form in FORMS[:2]}
     always[FORMS[2]] = always[FORMS[1]]
     cams = _means([session["cams"] for session in sessions])
+    signatures = _mean([_signatures(session) for session in sessions])
     sent = [_event(session) for session in sessions]
     return {
         "vehicles": vehicles,
@@ -166,10 +183,11 @@ def _drives(vehicles: int, loss: float, cells: Sequence[Cell]) -> Values:
         "range": {name: [f(each[name] for each in sent) for f in (min, max)] for name in CODECS},
         "always": always,
         "cams": cams,
+        "signatures": signatures,
         "saving": {
             form: {
-                name: {
-                    "factor": round(always[form][name] / event[form][name], 2),
+                name: _times(event[form][name], signatures, always[form][name], seconds * vehicles)
+                | {
                     "with_cams": round(
                         (always[form][name] + cams[name]) / (event[form][name] + cams[name]), 2
                     ),
@@ -182,6 +200,27 @@ def _drives(vehicles: int, loss: float, cells: Sequence[Cell]) -> Values:
             for form in FORMS
         },
     }
+
+
+def _signatures(session: Values) -> int:
+    """Bytes of the signatures of a session's messages."""
+    messages, certificates = sum(session["count"].values()), session["certificates"]
+    return int(DIGEST * (messages - certificates) + CERTIFICATE * certificates)
+
+
+def _times(event: float, signatures: float, always: float, vehicle_s: float) -> Values:
+    """RIVALS: bytes of the always-on alternative, by those of event-driven messages.
+
+    ``always`` is at RATE_HZ without signatures; ``vehicle_s``: seconds times vehicles.  Each
+    vehicle sends its certificate once a second (CERTIFICATE_MS).
+    """
+    found = {}
+    for rate, names in ((RATE_HZ, ("factor", "signed")), (RARE_HZ, ("rare", "rare_signed"))):
+        plain = always * rate / RATE_HZ
+        signed = plain + vehicle_s * (CERTIFICATE + DIGEST * (rate - 1))
+        for name, ratio in zip(names, (plain / event, signed / (event + signatures)), strict=True):
+            found[name] = round(ratio, 2)
+    return found
 
 
 def _many(cell: Cell) -> Values:

@@ -13,7 +13,7 @@ from pydantic import Field
 from automcm_evaluation.arrival.arrival import Arrival
 from automcm_evaluation.framework.experiment import Experiment, Settings, Values
 from automcm_evaluation.loss import loss_page, loss_road, loss_sessions, loss_udp
-from automcm_evaluation.loss.loss_tables import T_TIMEOUTS, claims, summary
+from automcm_evaluation.loss.loss_tables import ROBUST, T_TIMEOUTS, claims, summary
 
 BLOCK, ROAD_BLOCK = 2500, 20
 """Numbers of sessions and of drives in one cell."""
@@ -39,7 +39,7 @@ class Loss(Settings):
     bursts_ms: tuple[Annotated[int, Field(ge=1, le=10_000)], ...] = (200, 1000)
     """Mean lengths of bursts (``Channel.burst_ms``)."""
     in_bursts: int = Field(default=500, ge=10, le=100_000)
-    """Sessions at each multiple of 10 %, for each length."""
+    """Sessions at each multiple of 10 %, for each length; and drives at ROBUST."""
     timeouts: tuple[Annotated[int, Field(ge=0, le=10_000)], ...] = (
         *(0, 100, 200, 300, 500, 700, 1000, 1500, 2000, 3000),
     )
@@ -79,18 +79,21 @@ def cells(settings: Loss) -> list[Values]:
         for burst_ms in settings.bursts_ms:
             for loss in TENS:
                 sessions("bursts", t_timeout, loss, settings.in_bursts, burst_ms)
+        road = [{"part": "road", "loss": n} for n in sorted({*settings.road_losses, ROBUST})]
+        road += [
+            {"part": "road bursts", "loss": ROBUST, "burst_ms": ms} for ms in settings.bursts_ms
+        ]
         found += [
-            {
-                "part": "road",
+            which
+            | {
                 "t_timeout": t_timeout,
-                "loss": loss,
                 "block": n // ROAD_BLOCK,
                 "trials": min(ROAD_BLOCK, settings.road - n),
                 "target_m": settings.target_m,
                 "beside_m": [PLACE.beside_m, PLACE.beside_m + PLACE.beside_span_m],
                 "signal_m": [PLACE.signal_m, PLACE.signal_m + PLACE.signal_span_m],
             }
-            for loss in settings.road_losses
+            for which in road
             for n in range(0, settings.road, ROAD_BLOCK)
         ]
         if settings.udp:
@@ -107,7 +110,7 @@ def cells(settings: Loss) -> list[Values]:
 def run(values: Values, seed: int) -> Values:
     """Run one cell.  Those over UDP run in real time, so a seed does not reproduce them."""
     match values["part"]:
-        case "road":
+        case "road" | "road bursts":
             return loss_road.block(values, seed)
         case "udp":
             return loss_udp.over_udp(

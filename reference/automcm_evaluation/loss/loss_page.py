@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING
 
 from automcm_evaluation.framework import figures
 from automcm_evaluation.framework.experiment import PAGES, Values
-from automcm_evaluation.loss.loss_tables import MODELS, NAMES, PAPER_KNEES, T_TIMEOUTS, late
+from automcm_evaluation.loss.loss_tables import (
+    MODELS,
+    NAMES,
+    PAPER_KNEES,
+    ROBUST,
+    T_TIMEOUTS,
+    late,
+    robust_drives,
+)
 from automcm_spec.support import markdown
 
 if TYPE_CHECKING:
@@ -33,6 +41,10 @@ def page(report: Values) -> str:
         paper_knees=PAPER_KNEES,
         late=late,
         by_loss=lambda points: {p["loss"]: p for p in points},
+        robust=ROBUST,
+        drives_at=lambda t: [
+            (name, rows[t]) for name, rows in robust_drives(report["summary"]).items()
+        ],
     )
 
 
@@ -41,7 +53,7 @@ def _seconds(t: int) -> str:
 
 
 def plots(report: Values) -> Iterator[tuple[str, Figure]]:
-    """The counterpart of Fig. 9, the success with its models, and the costs."""
+    """The counterpart of Fig. 9, the agreement with its models, and the costs."""
     s = report["summary"]
     figure, axes = figures.plots(1, 3, height=3.6)
     for plot, t in zip(axes, T_TIMEOUTS, strict=True):
@@ -54,7 +66,7 @@ def plots(report: Values) -> Iterator[tuple[str, Figure]]:
     figure, axes = figures.plots(1, 3, height=4.1)
     for plot, t in zip(axes, T_TIMEOUTS, strict=True):
         _measured(plot, s["points"][str(t)], t)
-    axes[0].set_ylabel("coordinations that succeed, %")
+    axes[0].set_ylabel("coordinations agreed, %")
     axes[1].set_xlabel("loss, %")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     yield "success", figure

@@ -29,8 +29,9 @@ class Insists(PaperLaneChange):
 
 
 def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Values:
-    """One drive: ``arrival_s`` of the receiver since the signal, whether they ``agreed`` and the
-    session was ``completed``, and whether the receiver ``stopped``.
+    """One drive: ``arrival_s`` of the receiver since the signal, whether they ``agreed``, whether
+    the prescriber ``completed`` (changed lanes as agreed and sent its Fin), and whether the
+    receiver ``stopped``.
 
     Raises ExperimentError if the receiver does not arrive.
     """
@@ -40,7 +41,7 @@ def drive(values: Values, seed: int, *, beside_m: float, signal_m: float) -> Val
     driven = SimulatedDrive(
         [prescriber, receiver],
         seed=seed,
-        channel=Channel(loss=values["loss"] / 100),
+        channel=Channel(loss=values["loss"] / 100, burst_ms=values.get("burst_ms", 0)),
         parameters=Parameters(t_timeout=t_timeout),
     )
     signal_ms = round(signal_m / speed * 1000)

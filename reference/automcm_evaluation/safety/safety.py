@@ -10,6 +10,7 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -55,7 +56,7 @@ class Safety(Settings):
     classes: int = Field(60, ge=1, le=10_000)
     """For each fault class, with a perfect radio, for three protocols."""
     road: int = Field(60, ge=1, le=10_000)
-    """On the road at each speed, with each protocol."""
+    """On the road at each speed, with each protocol and each window of faults."""
     block: int = Field(20, ge=1, le=1000)
     """Drives on the road in one cell."""
     speeds_kmh: tuple[Annotated[int, Field(ge=10, le=130)], ...] = Field(
@@ -82,15 +83,18 @@ def cells(settings: Safety) -> list[Values]:
         for name in CLASS_ABLATIONS
         for fault in CLASSES
     ]
-    for name in safety_road.PROTOCOLS:
-        for speed in settings.speeds_kmh:
-            for first in range(0, settings.road, settings.block):
-                count = min(settings.block, settings.road - first)
-                found.append(
-                    common
-                    | {"part": "road", "ablation": name, "speed_kmh": speed}
-                    | {"first": first, "drives": count}
-                )
+    for name, speed, begins, first in product(
+        safety_road.PROTOCOLS,
+        settings.speeds_kmh,
+        safety_road.WINDOWS_MS,
+        range(0, settings.road, settings.block),
+    ):
+        count = min(settings.block, settings.road - first)
+        found.append(
+            common
+            | {"part": "road", "ablation": name, "speed_kmh": speed, "begins": begins}
+            | {"first": first, "drives": count}
+        )
     return found
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from automcm_evaluation.framework.experiment import PAGES, Claim, Values, beyond
 from automcm_evaluation.framework.intervals import wilson
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
-from automcm_evaluation.safety.safety_road import UNCOORDINATED
+from automcm_evaluation.safety.safety_road import LOOKS, NEAR_M, UNCOORDINATED, WINDOWS_MS
 from automcm_evaluation.safety.safety_tables import HARD
 from automcm_spec.support import markdown
 
@@ -55,7 +55,14 @@ def claims(report: Values) -> list[Claim]:
             s, "The marks of CAMs shorten a restart of the target (ACT-5)", "target restarts", PLAIN
         ),
         _mechanism_claim(s),
-        _road_claim(s),
+        _road_claim(
+            s,
+            "Under faults from the first Advertisement on, counting answers leaves room",
+            WHOLE.name,
+        ),
+        _road_claim(
+            s, "Under the same faults, looking as well leaves room (APP-1 to APP-5)", LOOKS
+        ),
     ]
 
 
@@ -84,21 +91,27 @@ def _mechanism_claim(s: Values) -> Claim:
     )
 
 
-def _road_claim(s: Values) -> Claim:
-    whole = _road_sum(s["road"], WHOLE.name)
-    alone = _road_sum(s["road"], UNCOORDINATED)
+def _road_claim(s: Values, claim: str, name: str) -> Claim:
+    sums = {begins: road_sum(s["road"], name, begins) for begins in WINDOWS_MS}
+    alone = [road_sum(s["road"], UNCOORDINATED, begins) for begins in WINDOWS_MS]
+    near, moved = (sum(row[n] for row in alone) for n in ("near", "moved"))
+    texts = [
+        f"{row['near']} of {row['moved']} (fault in the {begins})" for begins, row in sums.items()
+    ]
     return beyond(
-        "Under faults a prescriber still moves over only where there is room",
-        f"{whole['near']} of {whole['moved']} with less than 2 m; "
-        f"without coordination {alone['near']} of {alone['moved']}",
-        whole["moved"] > 0 and whole["near"] * alone["moved"] < alone["near"] * whole["moved"],
-        f"receivers brake harder than {HARD:g} m/s² in {whole['hard']} of "
-        f"{whole['drives']} and {alone['hard']} of {alone['drives']} drives",
+        claim,
+        f"lane changes with less than {NEAR_M:g} m of room: {', '.join(texts)}; "
+        f"without coordination {near} of {moved}",
+        all(row["moved"] and not row["near"] for row in sums.values()),
+        f"receivers brake harder than {HARD:g} m/s² in "
+        + " and ".join(f"{row['hard']} of {row['drives']}" for row in sums.values())
+        + " drives",
     )
 
 
-def _road_sum(rows: Sequence[Values], name: str) -> Values:
-    some = [row for row in rows if row["ablation"] == name]
+def road_sum(rows: Sequence[Values], name: str, begins: str) -> Values:
+    """The counts of a protocol for a window of faults, at all speeds."""
+    some = [row for row in rows if (row["ablation"], row["begins"]) == (name, begins)]
     return {n: sum(row[n] for row in some) for n in ("drives", "moved", "near", "hard")}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import STEP_MS, FourVehicles, SimulatedDrive
-from automcm.scenarios.lane_change import PaperLaneChange
+from automcm.scenarios.lane_change import LaneChange, PaperLaneChange
 from automcm.scenarios.road import Late, Sample, Vehicle
 from automcm_evaluation.framework.experiment import Values
 from automcm_evaluation.safety.ablations import BY_NAME, WHOLE
@@ -21,8 +21,12 @@ from automcm_evaluation.safety.hazard_measures import Hazard, Watched, bound_ms,
 ROLES = Roles(prescriber=1, target=3)
 UNCOORDINATED = "no coordination"
 """The prescriber changes lanes without coordination, the paper's baseline."""
+LOOKS = "whole protocol, APP-1 to APP-5"
+"""The prescriber also uses the CAMs that it hears; elsewhere it only counts answers, as the
+paper's."""
 PROTOCOLS = (
     WHOLE.name,
+    LOOKS,
     "no CAM-loss fallback",
     "silent CAM-loss fallback",
     "plain CAMs count",
@@ -33,8 +37,9 @@ PROTOCOLS = (
 )
 KINDS = (*CUTS, "target aborts", "target restarts", "target crashes")
 """Faults that can leave a prescriber alone with its maneuver."""
-WINDOW_MS = (3100, 12_800)
-"""From the agreement to the end of an undisturbed lane change."""
+WINDOWS_MS = {"negotiation": (1000, 3100), "maneuver": (3100, 12_800)}
+"""When a fault begins: from the first Advertisement to the agreement, or from then to the end of
+the lane change, both if undisturbed."""
 LOSSES = (0.0, 0.3, 0.6)
 BESIDE_M = (0.0, 4.0)
 """The target's initial distance behind the prescriber, centre to centre."""
@@ -82,7 +87,7 @@ class Driven:
 
 
 def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
-    """One drive: a fault in the time from the agreement to the end of the maneuver, and loss.
+    """One drive: a fault that begins in the given one of WINDOWS_MS, and loss.
 
     A target that is committed at the beginning of the lane change follows the prescriber from then
     on; all other vehicles notice it late (road.Late).
@@ -90,7 +95,7 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
     draw = random.Random(seed)
     name = values["ablation"]
     channel = Channel(loss=draw.choice(LOSSES), duplicate=0.1, delay_ms=(2, values["delay_ms"]))
-    faults = drawn([draw.choice(KINDS)], WINDOW_MS, draw)
+    faults = drawn([draw.choice(KINDS)], WINDOWS_MS[values["begins"]], draw)
     setting = FourVehicles(
         speed_kmh=values["speed_kmh"],
         beside_m=draw.uniform(*BESIDE_M),
@@ -99,7 +104,8 @@ def drive(values: Values, seed: int, logs: Path | None = None) -> Driven:
     )
     ablation = BY_NAME.get(name, WHOLE)
     watched = Watched(seed=seed, channel=channel, logs=logs, service=ablation.service)
-    made = setting.on(watched, ablation.parameters, PaperLaneChange)
+    application = LaneChange if name == LOOKS else PaperLaneChange
+    made = setting.on(watched, ablation.parameters, application)
     _informed(made, watched)
     inject(faults, watched, ROLES)
     made.run(UNTIL_S)
@@ -127,7 +133,7 @@ def _driven(made: SimulatedDrive, watched: Watched) -> Driven:
     room, gap, ttc = nearest(samples, prescriber.vehicle)
     hazards = watched.over()
     begun = False
-    if isinstance(prescriber, PaperLaneChange):
+    if isinstance(prescriber, LaneChange):
         moved = [t for t, what in prescriber.story if what == "moves over"]
         begun = any(t < h.until_ms for t in moved for h in hazards)  # it acts no longer than that
     own = prescriber.vehicle.station_id

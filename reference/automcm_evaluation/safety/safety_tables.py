@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 from automcm_evaluation.framework.experiment import Cell, Values, canonical, chosen
 from automcm_evaluation.framework.intervals import quantile, wilson
@@ -120,11 +121,12 @@ def _class(cell: Cell) -> Values:
 
 
 def _road(cells: Sequence[Cell]) -> list[Values]:
-    """A row for each protocol and speed."""
+    """A row for each protocol, speed and window of faults."""
     rows = []
+    speeds = dict.fromkeys(cell.values["speed_kmh"] for cell in cells)
     for name in safety_road.PROTOCOLS:
-        for speed in dict.fromkeys(cell.values["speed_kmh"] for cell in cells):
-            some = chosen(cells, ablation=name, speed_kmh=speed)
+        for speed, begins in product(speeds, safety_road.WINDOWS_MS):
+            some = chosen(cells, ablation=name, speed_kmh=speed, begins=begins)
             found = lengths(some)
             rooms, gaps, times = (
                 [value for cell in some for value in cell.result[what] if value is not None]
@@ -134,6 +136,7 @@ def _road(cells: Sequence[Cell]) -> list[Values]:
                 {
                     "ablation": name,
                     "speed_kmh": speed,
+                    "begins": begins,
                     "drives": sum(cell.values["drives"] for cell in some),
                     "moved": len(rooms),
                     "with_hazard": sum(cell.result["with_hazard"] for cell in some),

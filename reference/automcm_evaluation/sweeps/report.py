@@ -21,6 +21,9 @@ from automcm_evaluation.bandwidth.bandwidth_summary import drive
 from automcm_evaluation.framework import figures
 from automcm_evaluation.framework.experiment import PAGES, Cell, Experiment, ExperimentError, Values
 from automcm_evaluation.loss.loss_tables import PAPER_KNEES, T_TIMEOUTS, percent
+from automcm_evaluation.safety.ablations import WHOLE
+from automcm_evaluation.safety.safety_page import road_sum
+from automcm_evaluation.safety.safety_road import LOOKS, NEAR_M, WINDOWS_MS
 from automcm_evaluation.sweeps.catalogue import NAMES, experiment
 from automcm_spec.support import files, markdown
 
@@ -144,6 +147,7 @@ def evaluation(folder: Path) -> str:
     reports = {name: load(folder / name / RESULTS) for name in NAMES}
     claims = [claim for report in reports.values() for claim in report["claims"]]
     mechanisms = [row for row in reports["safety"]["summary"]["mechanisms"] if row["rule"]]
+    road = reports["safety"]["summary"]["road"]
     return markdown.page(
         PAGES / "evaluation.md.j2",
         folder=folder.name,
@@ -155,6 +159,9 @@ def evaluation(folder: Path) -> str:
         paper_knees=PAPER_KNEES,
         percent=percent,
         sumo_gain=sumo_gain,
+        road=[road_sum(road, WHOLE.name, begins) for begins in WINDOWS_MS],
+        looks=[road_sum(road, LOOKS, begins) for begins in WINDOWS_MS],
+        near_m=NEAR_M,
         removed=len(mechanisms),
         broken=sum(bool(row["unexcused"] or row["beyond"]) for row in mechanisms),
     )
