@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from itertools import takewhile
 
-from automcm_spec.support.extras import kit_missing
+from automcm_spec.support.extras import missing
 
 
 def main() -> None:
     """Run the command.  Exits with code 3 if the extra ``kit`` is not installed."""
-    if missing := kit_missing():
+    if lacks := missing("kit"):
         name = " ".join(takewhile(lambda word: word[:1] != "-", sys.argv[1:3]))
-        print(f"{name or 'automcm'}: {missing}", file=sys.stderr)
+        print(f"{name or 'automcm'}: {lacks}", file=sys.stderr)
         sys.exit(3)
     from automcm_cli.main import main as command
 

@@ -68,6 +68,7 @@ WEBSOCKET = By(f"{HERE}websocket.py::test_the_reference_passes_over_a_websocket"
 CHECK = By(f"{HERE}cli.py::test_check_shows_and_writes_a_counterexample")
 KERNELS = By(f"{HERE}simulate_command.py::test_bench_kernels_prints_ratios")
 MEASURED = By(f"{HERE}simulate_command.py::test_bench_station_has_every_figure_beside_a_baseline")
+SIGNED = By(f"{HERE}simulate_command.py::test_bench_security_has_baselines_of_the_same_run")
 DRIVES = By(f"{HERE}simulate_command.py::test_drives_are_counted_by_what_b_does")
 DRAWN = By(f"{HERE}simulate_command.py::test_the_lane_change_is_told_and_drawn")
 PAGE = By(f"{HERE}model_pages.py::test_a_page_shows_its_counterexample")
@@ -88,6 +89,7 @@ TABLE: dict[str, Way] = {
     "automcm bench conform --must": LONG,
     "automcm bench kernels": KERNELS,
     "automcm bench kernels --seconds 60": KERNELS,
+    "automcm bench security --seconds 20": SIGNED,
     "automcm bench station": MEASURED,
     "automcm bench station --seconds 20": MEASURED,
     "automcm bench traces": LONG,

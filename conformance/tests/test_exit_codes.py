@@ -53,6 +53,7 @@ TABLE: dict[str, Cheap | str] = {
     "adapter": Cheap([], stdin='{"cmd":"hello"}\n'),
     "bench conform": MINUTES,
     "bench kernels": MINUTES,
+    "bench security": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench station": Cheap(["--seconds", "0.1"], files=(JSON,), slow=True),
     "bench traces": MINUTES,
     "conform certify": MINUTES,

@@ -75,6 +75,20 @@ try:
 except MapError as error:
     print(error)
 """
+SIGN = """
+from automcm.encoding.codec import JSON
+from automcm.security import certificates, cose
+from automcm.security.signer import Signer
+from automcm.security.verifier import Verifier
+from automcm_spec.vocabulary.messages import Fin
+from automcm_spec.vocabulary.parameters import Parameters
+authority, key = cose.new_key(), cose.new_key()
+own = certificates.issue(authority, key.public_key(), ids=[7], not_before=0, not_after=60)
+signer = Signer(certificates.Credentials(own, key), "json")
+message = JSON.encode(Fin(src=7, dst=8, session=(7, 1), seq=2))
+verifier = Verifier([authority.public_key()], JSON, Parameters())
+print(verifier.receive(signer.sign(message, 1000), 1000))
+"""
 LITTLE = "experiment loss --set road=1 --set road_losses=[10] --set sessions=10 --set fine=10"
 LITTLE += " --set in_bursts=10 --set cost=10 --set udp=0 --scheduler"
 LOCAL = {"n_workers": 1, "processes": False, "dashboard_address": None, "protocol": "tcp://"}
@@ -123,6 +137,7 @@ FIRST: dict[str, tuple[First, ...]] = {
     "plot": (
         _automcm("simulate lane-change --vehicles 2", "written runs/simulate/space-time.svg"),
     ),
+    "secure": (_python(SIGN, "Accepted(message="),),
     "sumo": (_automcm("experiment arrival --set sumo=true", "against a lane change at once"),),
     "ws": (_python(SERVE.replace("HELLO", HELLO.strip()), "automcm reference"),),
 }

@@ -115,6 +115,27 @@ def test_bench_station_prints_ratios() -> None:
 
 
 @pytest.mark.slow
+def test_bench_security_has_baselines_of_the_same_run() -> None:
+    code, said = run("bench", "security", "--seconds", "0.1", "--json", "-")
+    report = json.loads(said)
+    assert code == 0 and report["certificate"] < 200
+    assert {each["codec"] for each in report["sizes"]} == {"json", "uper"}
+    assert all(0 < each["digest"] < each["certificate"] < 300 for each in report["sizes"])
+    link, alone, bare, _ = report["rates"]
+    assert 0 < link["verifications"] < bare["verifications"]
+    assert 0 < alone["signatures"] < bare["signatures"]
+    assert 0 < report["latency_us"]["p50"] <= report["latency_us"]["p99"]
+    assert set(report["needed"]) == {"50", "200"}
+
+
+@pytest.mark.slow
+def test_bench_security_prints_ratios() -> None:
+    code, said = run("bench", "security", "--seconds", "0.1")
+    assert code == 0
+    for part in ("with certificate", "to openssl", "secured link", "at p99", "of a core"):
+        assert part in said
+
+
 def test_bench_kernels_prints_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     small = partial(kernel_bench.run, points=(40,), pairs=(1, 4))
     monkeypatch.setattr(kernel_bench, "run", small)

@@ -83,6 +83,7 @@ def test_an_event_keeps_what_it_says(tmp_path: Path) -> None:
         {**RECEIVE, "message": {"type": "CAM", "x_note": 1, "anything": [True, {"a": "b"}]}},
         RAW,
         {**RAW, "raw": "/wA="},
+        {**RAW, "rejected": "stale"},
         {**RESTART, "rule": "END-8", "phase": "STANDALONE"},
         {**TIMER, "timer": {"name": "giveup"}},
         {**TIMER, "timer": {"name": "forget", "station": 9}},
@@ -195,6 +196,8 @@ def test_header_without_what_is_optional(tmp_path: Path) -> None:
         (COMMAND, {"command": {"name": "abort", "why": None}}, "command.why", "null"),
         (INDICATION, {"indication": {}}, "indication.name", "missing"),
         (RAW, {"raw": "A"}, "raw", "must be base64"),
+        (RAW, {"rejected": ""}, "rejected", "must not be empty"),
+        (RECEIVE, {"rejected": "stale"}, "rejected", "only with 'raw'"),
     ],
 )
 def test_refuses_in_a_record(

@@ -26,6 +26,7 @@ TAKEN = [
     EVENT + '"ev":"send","tx":"7:1","message":{"type":"Fin","x_a":[1,{"b":true}]},"x_c":"d"}',
     EVENT + '"ev":"receive","tx":"8:1","message":{"type":"Advertisement"},"planned":{"t0":1}}',
     EVENT + '"ev":"receive","tx":"8:1","raw":"AA=="}',
+    EVENT + '"ev":"receive","raw":"AA==","rejected":"replayed"}',
     EVENT + '"ev":"timer","op":"arm","timer":{"name":"cam"},"deadline":9}',
     EVENT + '"ev":"timer","op":"stop","timer":{"name":"forget","station":8}}',
     EVENT + '"ev":"timer","op":"expire","timer":{"name":"giveup","message":'
@@ -50,6 +51,7 @@ REFUSED = [
     EVENT + '"ev":"send","tx":"7:1","message":{"type":"CAM","speed":1.5}}',
     EVENT + '"ev":"receive","tx":"8:1"}',
     EVENT + '"ev":"receive","tx":"8:1","message":{"type":"Fin"},"raw":"AA=="}',
+    EVENT + '"ev":"receive","message":{"type":"Fin"},"rejected":"stale"}',
     EVENT + '"ev":"timer","op":"arm","timer":{"name":"cam"}}',
     EVENT + '"ev":"timer","op":"stop","timer":{"name":"cam"},"deadline":9}',
     EVENT + '"ev":"timer","op":"stop","timer":{"name":"cam","station":8}}',

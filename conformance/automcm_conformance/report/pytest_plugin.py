@@ -35,10 +35,10 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("automcm_adapter") or config.getini("automcm_adapter"):
         import pytest
 
-        from automcm_spec.support.extras import kit_missing
+        from automcm_spec.support.extras import missing
 
-        if missing := kit_missing():
-            raise pytest.UsageError(f"--automcm-adapter {missing}")
+        if lacks := missing("kit"):
+            raise pytest.UsageError(f"--automcm-adapter {lacks}")
         from automcm_conformance.report.pytest_cases import Cases
 
         config.pluginmanager.register(Cases(config), "automcm-cases")

@@ -10,5 +10,6 @@ from automcm_maintenance.benches import conform_bench, station_bench, trace_benc
 app = typer.Typer()
 app.command(epilog=example("bench station --seconds 20"))(station_bench.station)
 app.command(epilog=example("bench kernels --seconds 60"))(station_bench.kernels)
+app.command(epilog=example("bench security --seconds 20"))(station_bench.security)
 app.command(epilog=example("bench conform --must"))(conform_bench.conform)
 app.command(epilog=example("bench traces --logs 200 --no-tlc"))(trace_bench.traces)

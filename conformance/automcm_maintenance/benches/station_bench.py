@@ -1,4 +1,4 @@
-"""``automcm bench station``: the figures as tables."""
+"""``automcm bench station``, ``kernels`` and ``security``: the figures as tables."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from automcm_cli.shared.common import Json, console_of, progress, table_of, write_json
+from automcm_cli.shared.common import Json, code_3, console_of, progress, table_of, write_json
+from automcm_spec.support.extras import MissingExtra
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from automcm_maintenance.benches.core_bench import Report
     from automcm_maintenance.benches.kernel_bench import Report as KernelReport
+    from automcm_maintenance.benches.security_bench import Report as SecurityReport
 
 
 def station(
@@ -48,6 +50,23 @@ def kernels(
         report = kernel_bench.run(seconds, notify=notify)
     if write_json(json_, report.as_dict()):
         show_kernels(report, console_of(110))
+
+
+def security(
+    seconds: Annotated[float, typer.Option(help="Approximate duration in seconds.", min=0.1)] = 20,
+    json_: Json = None,
+) -> None:
+    """Measure signed messages: bytes, rates on one core, latency.
+
+    The rates are compared with openssl speed and with the bare primitives in the same run.  There
+    is no verdict: the figures depend on the machine, the ratios less so.
+    """
+    with code_3("bench security", MissingExtra), progress() as notify:
+        from automcm_maintenance.benches import security_bench
+
+        report = security_bench.run(seconds, notify)
+    if write_json(json_, report.as_dict()):
+        show_security(report, console_of())
 
 
 def show(report: Report, console: Console) -> None:
@@ -133,3 +152,30 @@ def show_kernels(report: KernelReport, console: Console) -> None:
         console.print(f"{points} points, ratio to closest_approach: {text}", highlight=False)
     for name, reason in report.missing.items():
         console.print(f"not measured: {name} ({reason})", highlight=False)
+
+
+def show_security(report: SecurityReport, console: Console) -> None:
+    """Print the tables."""
+    console.print(f"bytes added; a certificate has {report.certificate}", highlight=False)
+    columns = ("message", "with digest", "with certificate", "fits a frame")
+    table = table_of("", "codec", "points", *columns)
+    for size in report.sizes:
+        added = (size.message, f"+{size.digest}", f"+{size.certificate}", size.fits and "yes")
+        row = (size.type, size.codec, size.points or "-", *added)
+        table.add_row(*(str(each or "no") for each in row))
+    console.print(table)
+    table = table_of("\na second on one core", "signatures", "to openssl", "verifications", "to it")
+    last = report.rates[-1]
+    for rate in report.rates:
+        pairs = (rate.signatures, last.signatures), (rate.verifications, last.verifications)
+        cells = []
+        for own, theirs in pairs:
+            cells += [f"{own:,.0f}" if own else "", f"{own / theirs:.2f}" if own and theirs else ""]
+        table.add_row(rate.name, *cells)
+    console.print(table)
+    spent = ", ".join(f"{us:.0f} us at {name}" for name, us in report.latency_us.items())
+    console.print(f"\nsigning and verifying a CAM: {spent}", highlight=False)
+    for vehicles, part in report.needed.items():
+        console.print(
+            f"CAMs of {vehicles} vehicles at 10 Hz: {part:.0%} of a core", highlight=False
+        )

@@ -20,7 +20,7 @@ PACKAGES = {
 LAYERS = {
     "automcm_spec": "support vocabulary model_checking graph compilation",
     "automcm_traces": "format checker system explain edit export viewer",
-    "automcm": "core encoding kernels links adapters service bridge scenarios",
+    "automcm": "core encoding kernels security links adapters service bridge scenarios",
     "automcm_evaluation": "framework arrival bandwidth comfort loss safety sweeps",
     "automcm_conformance": "adapter exchange scenarios suite explore live replay report vectors",
     "automcm_cli": "shared conform reference spec trace",
@@ -31,7 +31,7 @@ all."""
 BEGIN = {
     "automcm_spec": "files messages tlc oracle compiler",
     "automcm_traces": "log engine timeline explain log_shrinking itf_log page",
-    "automcm": "rules codec trajectory link spec_mapping service websocket_bridge drive",
+    "automcm": "rules codec trajectory verifier link spec_mapping service websocket_bridge drive",
     "automcm_evaluation": "experiment arrival bandwidth comfort loss safety report",
     "automcm_conformance": (
         "protocol exchange monitor graph_cases explore live graph_comparison report vectors"
@@ -43,7 +43,10 @@ BEGIN = {
 # Modules without protocol logic: those about the operating system, and the vocabulary.
 SHARED = {
     *(f"automcm_spec.vocabulary.{name}" for name in ("application", "messages", "parameters")),
-    *(f"automcm_spec.support.{name}" for name in ("children", "files", "markdown", "scratch")),
+    *(
+        f"automcm_spec.support.{name}"
+        for name in ("children", "extras", "files", "markdown", "scratch")
+    ),
 }
 MAY = {
     "automcm_spec": set[str](),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from automcm.encoding.codec import JSON, Codec
 from automcm.links.clock import VirtualClock
+from automcm.links.link import Link
 from automcm.links.simulated_radio import Channel, Radio
 from automcm.scenarios.straight_lane import LANE_CHANGE
 from automcm.service import event_log
@@ -50,7 +51,7 @@ class Simulation:
         codec: Codec = JSON,
     ) -> McService:
         """Add a station, which sends CAMs from now on.  Raises ValueError for a used id."""
-        link = self.radio.link(station_id)
+        link = self.link(station_id)
         parameters = parameters or Parameters()
         log = None
         if self._logs is not None:
@@ -79,6 +80,10 @@ class Simulation:
         self.services[station_id] = service
         service.start()
         return service
+
+    def link(self, station_id: int) -> Link:
+        """The link of a new station; subclasses can wrap it."""
+        return self.radio.link(station_id)
 
     def watching(self, station_id: int) -> tuple[Observer, ...]:
         """The observers of every station; subclasses can add some."""

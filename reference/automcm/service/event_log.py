@@ -71,3 +71,8 @@ def write(
     for indication in effects.indications:
         record = {"name": indication.name, "rule": effects.rule} | indication.as_dict()
         log.event("indication", t_ms, indication=record)
+
+
+def write_rejected(log: LogWriter, t_ms: int, reason: str, data: bytes, tx: str | None) -> None:
+    """Write a datagram that a secured link discarded for ``reason``."""
+    log.event("receive", t_ms, tx=tx, raw=base64.b64encode(data).decode(), rejected=reason)

@@ -224,6 +224,18 @@ class McService:
         self._do(take)
         return src
 
+    def rejected(self, reason: str, data: bytes, tx: str | None = None) -> None:
+        """Record a datagram that a secured link discarded; the station does not receive it."""
+
+        def record() -> None:
+            self.statistics.rejected[reason] += 1
+            now = self.now()
+            self._take(self.station.advance(now))  # a due timer precedes it in the log
+            if self._log is not None:
+                event_log.write_rejected(self._log, now, reason, data, tx)
+
+        self._do(record)
+
     def heard(self) -> tuple[Heard, ...]:
         """As ``Surroundings.heard`` (APP-1)."""
         since = self.now() - HEARD_MS

@@ -20,8 +20,9 @@ class Statistics:
     counts every received message.  ``malformed`` counts invalid ones (``oversized`` those that were
     too long), ``elsewhere`` those addressed to another station (MSG-1), ``broken`` those that broke
     the protocol (END-5), ``foreign`` those of another session (END-4), and ``repeated`` those of
-    its session that changed nothing: copies and stale ones.  ``rules`` counts the deciding rules of
-    all inputs.  ``latest_ms`` is the largest delay of an alarm.
+    its session that changed nothing: copies and stale ones.  ``rejected`` counts, by reason, the
+    datagrams that a secured link discarded, which are not counted elsewhere.  ``rules`` counts the
+    deciding rules of all inputs.  ``latest_ms`` is the largest delay of an alarm.
     """
 
     sent: Counter[str] = field(default_factory=Counter)
@@ -36,6 +37,7 @@ class Statistics:
     broken: int = 0
     foreign: int = 0
     repeated: int = 0
+    rejected: Counter[str] = field(default_factory=Counter)
     latest_ms: int = 0
 
     def count(self, effects: Effects, before: State) -> None:

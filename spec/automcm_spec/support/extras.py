@@ -1,13 +1,21 @@
-"""The extra ``kit``: neither the command ``automcm`` nor the pytest plugin works without it."""
+"""The extras without which a part of the software cannot be imported, such as the command
+``automcm``, the pytest plugin and secured links."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
 
-_KIT = ("typer", "rich", "jinja2", "junitparser")
+_PACKAGES = {
+    "kit": ("typer", "rich", "jinja2", "junitparser"),
+    "secure": ("cbor2", "cryptography"),
+}
 
 
-def kit_missing() -> str | None:
+class MissingExtra(ImportError):
+    """An extra is not installed; the text says how to install it."""
+
+
+def missing(extra: str) -> str | None:
     """Which packages of the extra are missing and how to install them, in one line; else None."""
-    missing = [name for name in _KIT if find_spec(name) is None]
-    return f"needs {', '.join(missing)}: pip install 'automcm[kit]'" if missing else None
+    names = [name for name in _PACKAGES[extra] if find_spec(name) is None]
+    return f"needs {', '.join(names)}: pip install 'automcm[{extra}]'" if names else None

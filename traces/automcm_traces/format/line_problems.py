@@ -139,7 +139,11 @@ def _between(line: Json) -> list[tuple[str, str]]:
         case "receive":
             message = line.get("message")
             if message is None or (isinstance(message, dict) and "type" in message):
-                return list(receive_problems(message, line.get("raw"), line.get("planned")))
+                return list(
+                    receive_problems(
+                        message, *(line.get(n) for n in ("raw", "planned", "rejected"))
+                    )
+                )
         case "command" if isinstance(command := line.get("command"), dict):
             return [(join("command", path), what) for path, what in command_problems(command)]
     return []

@@ -293,11 +293,13 @@ class EventBase(Part):
 
 
 def receive_problems(
-    message: Fields | None, raw: object, planned: object
+    message: Fields | None, raw: object, planned: object, rejected: object = None
 ) -> Iterator[tuple[str, str]]:
     """What is wrong between these fields of a ``receive``; None: absent."""
     if (message is None) == (raw is None):
         yield "message", "exactly one of 'message' and 'raw' must be present"
+    if rejected is not None and raw is None:
+        yield "rejected", "allowed only with 'raw'"
     if planned is not None and (message is None or message.get("type") != "Advertisement"):
         yield "planned", "allowed only with an Advertisement"
 
@@ -306,7 +308,10 @@ class Receive(EventBase):
     """A message was received, or bytes that are not a message."""
 
     model_config = ConfigDict(
-        json_schema_extra={"oneOf": [{"required": ["message"]}, {"required": ["raw"]}]}
+        json_schema_extra={
+            "oneOf": [{"required": ["message"]}, {"required": ["raw"]}],
+            "dependentRequired": {"rejected": ["raw"]},
+        }
     )
 
     ev: Literal["receive"]
@@ -315,13 +320,16 @@ class Receive(EventBase):
     Absent if the link does not provide it."""
     message: Message | None = None
     raw: Base64 | None = None
-    """The received bytes, if they are not a message."""
+    """The received bytes, if they are not a message or are rejected."""
+    rejected: Name | None = None
+    """Why a secured link discarded the bytes, such as ``stale``: the station did not receive
+    them."""
     planned: dict[str, Value] | None = None
     """The planned trajectory of the application, if the Advertisement concerns it."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        for wrong in receive_problems(self.message, self.raw, self.planned):
+        for wrong in receive_problems(self.message, self.raw, self.planned, self.rejected):
             raise fault(*wrong)
         return self
 
