@@ -15,14 +15,13 @@ from typing import Any
 
 from fault_reasons import WHY, Why
 
-from automcm.core.outcome import Received
+from automcm.core.outcome import Received, ReceivedCam
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.links.clock import AsyncioClock
 from automcm.links.udp_link import BROADCAST_HOST, UdpLink
 from automcm.scenarios.straight_lane import LANE_CHANGE, Straight
 from automcm.service.service import McService
-from automcm_spec.vocabulary.messages import Cam
 from automcm_spec.vocabulary.parameters import Parameters
 from automcm_traces.explain.explain import explain_file
 
@@ -154,8 +153,8 @@ class Cell:
 
     def _observe(self, before: State, effects: Effects) -> None:
         now = time.monotonic()
-        if isinstance(effects.input, Cam) and effects.input.src == 1:
-            self.marked.append((now, effects.input.marks))
+        if isinstance(effects.input, ReceivedCam) and effects.input.message.src == 1:
+            self.marked.append((now, effects.input.message.marks))
         if before.phase != effects.state.phase:
             reason = ""
             if isinstance(effects.input, Received):

@@ -27,6 +27,11 @@ def answer(c):
         m["generation_ms"] = max(m["generation_ms"], state().heard_ms + 1)
     return right(c)
 """
+LEAD = """
+from automcm.core import actuating
+lead = actuating.cam_lead
+actuating.cam_lead = lambda *of: lead(*of) + {}
+"""
 CAME = """
 step = station_.Station._step
 station_.Station.came = 0
@@ -92,7 +97,8 @@ from automcm.core import station as station_
 def receive(self, message, now):
     if isinstance(message, bytes):
         message = self._decode(message)
-    i = message if isinstance(message, station_.Cam) else self._received(message)
+    cam = isinstance(message, station_.Cam)
+    i = station_.ReceivedCam(message, now) if cam else self._received(message)
     return [self._step(i, now), *self.advance(now)]
 station_.Station.receive = receive
 """,
@@ -178,6 +184,21 @@ station_.Station.receive = receive
     ),
     "cam older": ("AMCM/RCV/ACT/BI-03", "", OTHER_CAM, "deadline"),
     "cam older, prescriber": ("AMCM/PRE/ACT/BI-03", "", OTHER_CAM, "deadline"),
+    "cam ahead, no bound": ("AMCM/RCV/ACT/BI-04", LEAD.format("2**53"), "", "deadline"),
+    "cam ahead, too generous": ("AMCM/PRE/ACT/BI-04", LEAD.format("1"), "", "deadline"),
+    "cam ahead, too strict": ("AMCM/RCV/ACT/BI-04", LEAD.format("-1"), "", "deadline"),
+    "cam ahead, from the last one that counted": (
+        "AMCM/PRE/ACT/BI-04",
+        """
+from automcm.core import rules
+row, *others = rules.RULES["receive CAM"]
+def count(me, st, i):
+    return row.then(me, st._replace(first_cam_ms=None), i)
+rules.RULES["receive CAM"] = (row._replace(then=count), *others)
+""",
+        "",
+        "deadline",
+    ),
     "restart at a deadline": (
         "AMCM/STA/END/TI-06",
         "",

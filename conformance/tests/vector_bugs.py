@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from automcm_conformance.adapter.kit_paths import VECTORS
-from automcm_conformance.vectors import exact_geometry, exact_kernels, vectors
+from automcm_conformance.vectors import exact_clocks, exact_geometry, exact_kernels, vectors
 
 CASES = [case for path in vectors.paths() for case in vectors.load(path)]
 SUCCESS = (VECTORS / "success.json").read_text()
@@ -385,19 +385,61 @@ MUTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
         "takes-no-resend": ("if t_resend <= 0:", "if False:"),
         "takes-negative-timeout": ("if t_timeout < 0:", "if False:"),
     },
+    "clock": {
+        "takes-no-cam": ("if least is None:", "if False:"),
+        "sign-error": (
+            "low = generated - received - rounded_up(age * drift)",
+            "low = received - generated - rounded_up(age * drift)",
+            "high = generated - received + delay",
+            "high = received - generated + delay",
+        ),
+        "no-delay": ("received + delay +", "received +"),
+        "delay-both-ways": ("low = generated - received", "low = generated - received - delay"),
+        "no-intersection": ('cams = given["cams"]', 'cams = given["cams"][-1:]'),
+        "no-drift": ("(hundredths + 99) // 100", "0"),
+        "drift-rounds-down": ("(hundredths + 99) // 100", "hundredths // 100"),
+        "drift-narrows": ("(hundredths + 99) // 100", "-(hundredths + 99) // 100"),
+        "late-cam-counts": ("late = high < least", "late = False"),
+        "no-late-boundary": ("late = high < least", "late = high <= least"),
+        "no-window": (
+            "if age <= 2000 and not late:",
+            "if not late:",
+            "if age <= 2000:",
+            "if True:",
+        ),
+        "window-exclusive": (
+            "if age <= 2000 and",
+            "if age < 2000 and",
+            "if age <= 2000:",
+            "if age < 2000:",
+        ),
+        "boundary-exclusive": (
+            "least <= 100 and greatest >= -100",
+            "least < 100 and greatest > -100",
+        ),
+        "one-sided": ("least <= 100 and greatest >= -100", "least <= 100"),
+        "middle-decides": (
+            "in_step = least <= 100 and greatest >= -100",
+            "in_step = abs(least + greatest) <= 200",
+        ),
+    },
 }
 """By kernel and name: an old text and the new one, and so on."""
 
 
-IMPORT = re.compile(r"from automcm_conformance.vectors.exact_geometry import \(.*?\)\n", re.DOTALL)
+IMPORT = re.compile(
+    r"from automcm_conformance.vectors.exact_\w+ import (\(.*?\)|[^(]*?)\n", re.DOTALL
+)
 
 
 def mutated(kernel: str, bug: str) -> vectors.Call:
     """The exact implementation with this bug."""
-    kernels, geometry = (
-        Path(module.__file__).read_text() for module in (exact_kernels, exact_geometry)
+    first, *others = (
+        Path(module.__file__).read_text()
+        for module in (exact_geometry, exact_clocks, exact_kernels)
     )
-    source = geometry + IMPORT.sub("", kernels).replace("from __future__", "# from __future__")
+    more = IMPORT.sub("", "".join(others)).replace("from __future__", "# from __future__")
+    source = first + more
     texts = MUTATIONS[kernel][bug]
     for old, new in zip(texts[::2], texts[1::2], strict=True):
         assert source.count(old) == 1, f"{kernel}: {bug}: {source.count(old)} times {old!r}"

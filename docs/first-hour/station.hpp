@@ -87,6 +87,7 @@ private:
     json session_ = json::array();
     std::int64_t proposal_ = 0;    // the newest seen in this session
     Time heard_ = -1;              // generation time of the last CAM that counted
+    Time ahead_ = 0;               // by which the first one was ahead of our clock (ACT-5)
     std::int64_t seq_ = 0;         // of the last message in this session
     std::map<std::int64_t, std::pair<std::int64_t, Time>> joined_;    // number, time of joining
     std::map<Timer, Time> timers_;
@@ -236,13 +237,14 @@ private:
         wait();
     }
 
-    // ACT-5: a CAM counts if it is from the prescriber, newer, and names the session.
+    // ACT-5: a CAM counts if it is from the prescriber, newer, not too far ahead, and names the session.
     void on_cam(const json& message) {
         if (phase_ != "ACTUATING" || message["src"] != session_[0]) return;
         const json& marks = message["marks"];
         const Time generated = message["generation_ms"];
         if (std::find(marks.begin(), marks.end(), session_) == marks.end()) return;
-        if (generated <= heard_) return;
+        if (heard_ < 0) ahead_ = generated - now_;
+        if (generated <= heard_ || generated > now_ + ahead_ + 4 * t_resend_) return;
         heard_ = generated;
         start(cam, t_cam_loss_);
     }

@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 from automcm.adapters.spec_mapping import abstract, abstract_input, answer, is_copy
-from automcm.core.outcome import Expiry, Received, Restart, Row
+from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart, Row
 from automcm.core.phases import WAYS
 from automcm.core.rules import RULES
 from automcm.core.state import State, Timer
@@ -176,7 +176,7 @@ class Lockstep:
             _no_message(before, effects)
             return
         given = effects.input.message if isinstance(effects.input, Received) else None
-        i = abstract_input(before, effects.input)
+        i = abstract_input(self._station.me, before, effects.input)
         outcome = self._specified.step(self._me, self._state, i)
         messages, told, arm, stop = answer(before, given, effects)
         done = [abstract(effects.state), messages, told, effects.rule, arm, stop]
@@ -218,9 +218,11 @@ class Lockstep:
             ):
                 raise broken("oracle content", f"{i}: {told} of {session}")
         heard_ms = before.heard_ms if after.heard_ms is not None else None
-        if isinstance(i, Cam) and effects.armed:
-            heard_ms = i.generation_ms
-        if after.heard_ms != heard_ms:
+        first = before.first_cam_ms if after.heard_ms is not None else None
+        if isinstance(i, ReceivedCam) and effects.armed:
+            heard_ms = i.message.generation_ms
+            first = first or (heard_ms, effects.now_ms)
+        if (after.heard_ms, after.first_cam_ms) != (heard_ms, first):
             raise broken("oracle content", f"{i}: heard at {after.heard_ms}, not {heard_ms} ms")
 
     def _timers(self, effects: Effects) -> None:

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from automcm_stage import Stage, fin
+from automcm_stage import Stage, cam, fin
 from pydantic import ValidationError
 
 from automcm.core.station import Station
@@ -60,3 +60,51 @@ def test_a_forged_fin_ends_the_session() -> None:
     forged = encode(fin())
     (effects,) = stage.hear(stage.now, forged)
     assert effects.rule == "ACT-3" and stage.at == ("none", "STANDALONE")
+
+
+FAR = 2**53 - 1
+Forgery = list[tuple[int, int]]
+"""When CAMs arrive, and by how much they are ahead, in ms."""
+
+
+def left_at(role: str, forged: Forgery, busy_ms: int = 0) -> int | None:
+    """When a station leaves although the CAMs of its peer come every 100 ms for 4 s.
+
+    It is busy at first, and then takes those that have come meanwhile.
+    """
+    stage = Stage().walk(role, "ACTUATING")
+    begin, session, peer = stage.now, stage.state.session, stage.state.peer
+    assert session is not None
+    honest = [(max(t, busy_ms), min(t - busy_ms, 0) - 3) for t in range(10, 4000, 100)]
+    for t, ahead in sorted([*honest, *forged]):
+        stage.hear(begin + t, encode(cam(peer, min(begin + t + ahead, FAR), session)))
+        if stage.state.phase != "ACTUATING":
+            return t
+    return None
+
+
+@pytest.mark.parametrize("role", ["prescriber", "receiver"])
+@pytest.mark.parametrize(
+    "forged",
+    [
+        [(500, FAR)],
+        [(500, 397)],
+        [(500 + n, 397 + n * 100) for n in range(90)],
+        [(t, 5_000) for t in range(15, 4000, 10)],
+        [(599, -180)],
+    ],
+    ids=["far ahead", "at the bound", "step by step", "all the time", "late"],
+)
+def test_act_5_a_cam_that_is_far_ahead_changes_nothing(role: str, forged: Forgery) -> None:
+    assert left_at(role, forged) is None
+
+
+@pytest.mark.parametrize("role", ["prescriber", "receiver"])
+def test_act_5_a_host_that_is_busy_at_first_loses_no_session(role: str) -> None:
+    assert left_at(role, [], busy_ms=360) is None
+
+
+@pytest.mark.parametrize("role", ["prescriber", "receiver"])
+def test_act_5_a_forged_first_cam_ends_the_session(role: str) -> None:
+    """Not protected (docs/security.md)."""
+    assert left_at(role, [(0, FAR)]) == 1510

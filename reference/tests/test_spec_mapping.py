@@ -12,7 +12,7 @@ from automcm.core.rules import RULES, decide
 from automcm.core.state import State
 
 IN_SESSION_1 = State(phase="INTENDING", role="receiver", session=(9, 1))
-LIMITS = Me(ME, 2, 2, 9, 2)
+LIMITS = Me(ME, 2, 2, 9, 2, 100, 1)
 
 
 def decided(message: Any, rule: str = "END-4") -> str:

@@ -252,9 +252,10 @@ async def test_what_the_system_refuses_to_send_is_counted() -> None:
 
 async def test_the_time_for_which_the_host_slept_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, rung = AsyncioClock(), list[int]()
-    before, asked = clock.now(), time.clock_gettime
+    before, asked, wall = clock.now(), time.clock_gettime, time.time
     asleep = {time.CLOCK_BOOTTIME: 9.95}
     monkeypatch.setattr(time, "clock_gettime", lambda which: asked(which) + asleep.get(which, 0))
+    monkeypatch.setattr(time, "time", lambda: wall() + 9.95)
     later = clock.now() + 30
     assert later - before >= 9_950
     clock.at(later, lambda: rung.append(clock.now()))

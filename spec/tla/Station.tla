@@ -21,7 +21,7 @@
 (*    a seq, a Fin without one) never gets here: the decoder reports it    *)
 (*    (END-5).                                                             *)
 (*  - generation times of CAMs: the input says whether a CAM is newer than *)
-(*    the last one that counted.                                           *)
+(*    the last one that counted, and not too far ahead (ACT-5.3).          *)
 (***************************************************************************)
 EXTENDS Naturals, FiniteSets
 

@@ -30,9 +30,10 @@ VARIABLES
   armed,  \* timers and their deadlines
   count,  \* seq of the last new message in the session
   lease,  \* how long the lease timer of the current Prescription lasts, or Untold
-  heard   \* generation time of the last CAM that counted
+  heard,  \* generation time of the last CAM that counted
+  anchor  \* when the first CAM that counted was generated and received
 
-vars == <<log, at, st, step, box, armed, count, lease, heard>>
+vars == <<log, at, st, step, box, armed, count, lease, heard, anchor>>
 
 (***************************************************************************)
 (* Logs                                                                    *)
@@ -172,7 +173,7 @@ Begin(line, r, must, given, of) ==
 \* Between two steps: nothing follows.
 Rest ==
   /\ step' = NoStep /\ box' = Kept
-  /\ UNCHANGED <<st, armed, count, lease, heard>>
+  /\ UNCHANGED <<st, armed, count, lease, heard, anchor>>
 
 \* What an Ack names, as Station.tla numbers it: what is not in the outbox has
 \* the number of an answer, which counts for nothing (END-6).
@@ -195,7 +196,7 @@ OnReceive(e) ==
       ms == IF /\ m.type = "Prescription" /\ r.st.phase = "NEGOTIATING"
                /\ st.phase # "NEGOTIATING" THEN m.lease ELSE lease
   IN /\ Begin(e.line, r, Promised("indication"), e.given, <<m.type, m.seq>>)
-     /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED heard
+     /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED <<heard, anchor>>
 
 \* END-5: bytes that are no message.  One that names another station may be
 \* dropped silently.
@@ -203,14 +204,28 @@ OnMalformed(e) ==
   /\ step' = [NoStep EXCEPT !.line = e.line, !.rule = "END-5",
                 !.told = <<"discarded">>,
                 !.must = e.must /\ Promised("indication")]
-  /\ box' = Kept /\ UNCHANGED <<st, armed, count, lease, heard>>
+  /\ box' = Kept /\ UNCHANGED <<st, armed, count, lease, heard, anchor>>
+
+\* Divided first, since the product may exceed TLC's integers.
+PerCent(p, ms) == p * (ms \div 100) + (p * (ms % 100) + 99) \div 100
+
+\* ACT-5: newer than the last CAM that counted, and not too far ahead of the
+\* first one.
+Newer(e) ==
+  LET elapsed == e.t - anchor.t IN
+  \/ ~st.heard
+  \/ /\ e.generation > heard
+     /\ e.generation - anchor.generation - elapsed - This.slack
+          <= PerCent(This.drift, elapsed)
 
 OnCamReceived(e) ==                                            \* ACT-5
   LET r == Step(Me, st, [ kind |-> "cam", src |-> e.src, marks |-> e.marks,
-                          newer |-> ~st.heard \/ e.generation > heard ])
+                          newer |-> Newer(e) ])
   IN /\ Begin(e.line, r, FALSE, <<>>, <<"none", 0>>)
      /\ armed' = Runs(r, e.t, lease, {}) /\ UNCHANGED lease
      /\ heard' = IF Timer("cam") \in r.arm THEN e.generation ELSE heard
+     /\ anchor' = IF Timer("cam") \in r.arm /\ ~st.heard
+                 THEN [generation |-> e.generation, t |-> e.t] ELSE anchor
 
 \* A new session may have any number above the last one: opens is that of the
 \* Advertisement that follows, or 0.
@@ -229,12 +244,12 @@ OnCommanded(e) ==
   LET r == Obeys(Command(e.name, e.session, e.proposal, e.target), e.opens)
       ms == IF e.name = "prescribe" /\ r.out # {} THEN e.lease ELSE lease
   IN /\ Begin(e.line, r, Promised("indication"), e.given, <<"none", 0>>)
-     /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED heard
+     /\ lease' = ms /\ armed' = Runs(r, e.t, ms, {}) /\ UNCHANGED <<heard, anchor>>
 
 Expire(line, t, timer) ==
   LET r == Step(Me, st, [kind |-> "expire", timer |-> timer])
   IN /\ Begin(line, r, Promised("indication"), <<>>, <<"none", 0>>)
-     /\ armed' = Runs(r, t, lease, {timer}) /\ UNCHANGED <<lease, heard>>
+     /\ armed' = Runs(r, t, lease, {timer}) /\ UNCHANGED <<lease, heard, anchor>>
 
 OnExpires(e) ==
   LET timer == Named(This.timers[e.timer]) IN
@@ -250,7 +265,7 @@ Restarted(line, t) ==
                 !.free = {a.timer : a \in armed}]
   /\ armed' = IF Promised("timer") THEN {}
               ELSE {Due(timer, t, lease) : timer \in r.arm}
-  /\ count' = 0 /\ UNCHANGED <<box, lease, heard>>
+  /\ count' = 0 /\ UNCHANGED <<box, lease, heard, anchor>>
 
 OnCamSent(e) ==                                                \* ACT-5
   IF e.src = Me /\ e.marks = Marks(st) THEN Rest
@@ -295,7 +310,7 @@ OnSent(e) ==
              /\ count' = IF new THEN m.seq ELSE count
              /\ lease' = IF new /\ m.type = "Prescription" THEN m.lease
                                                            ELSE lease
-             /\ UNCHANGED <<st, armed, heard>>
+             /\ UNCHANGED <<st, armed, heard, anchor>>
 
 OnArmed(e) ==
   LET timer == Named(This.timers[e.timer])
@@ -304,7 +319,7 @@ OnArmed(e) ==
      THEN /\ step' = [step EXCEPT !.arm = @ \ {timer}]
           /\ armed' = Without({timer}) \cup
                       {[timer |-> timer, due |-> e.t + e.lasts, sure |-> TRUE]}
-          /\ UNCHANGED <<st, box, count, lease, heard>>
+          /\ UNCHANGED <<st, box, count, lease, heard, anchor>>
      ELSE Diverges(e.line)
 
 OnStopped(e) ==
@@ -312,14 +327,14 @@ OnStopped(e) ==
   IF timer \in step.stop \cup step.free
   THEN /\ step' = [step EXCEPT !.stop = @ \ {timer}, !.free = @ \ {timer}]
        /\ armed' = IF timer \in step.stop THEN Without({timer}) ELSE armed
-       /\ UNCHANGED <<st, box, count, lease, heard>>
+       /\ UNCHANGED <<st, box, count, lease, heard, anchor>>
   ELSE Diverges(e.line)
 
 OnTold(e) ==
   IF /\ step.told[1] = e.name /\ step.told # Nothing
      /\ e.name = "fallback" /\ e.reason # "" => e.reason = step.told[2]
   THEN /\ step' = [step EXCEPT !.told = Nothing]
-       /\ UNCHANGED <<st, box, armed, count, lease, heard>>
+       /\ UNCHANGED <<st, box, armed, count, lease, heard, anchor>>
   ELSE Diverges(e.line)
 
 (***************************************************************************)
@@ -351,7 +366,7 @@ Unlogged(e) ==
              /\ Begin(e.line, r, Promised("indication"), <<>>, <<"none", 0>>)
              /\ armed' = Runs(r, e.t, Untold, {})
              /\ lease' = IF c.name = "prescribe" THEN Untold ELSE lease
-             /\ UNCHANGED heard
+             /\ UNCHANGED <<heard, anchor>>
      \/ ~Promised("restart") /\ Restarted(e.line, e.t)
 
 (***************************************************************************)
@@ -397,6 +412,7 @@ Init ==
   /\ log \in DOMAIN Logs /\ at = 1
   /\ st = Initial /\ step = NoStep /\ box = {} /\ armed = {}
   /\ count = 0 /\ lease = Untold /\ heard = 0
+  /\ anchor = [generation |-> 0, t |-> 0]
 
 Next ==
   IF at > Len(This.events) THEN AtEnd /\ UNCHANGED vars

@@ -116,6 +116,16 @@ def act_5_a_cam_that_is_older_counts(r: Records) -> int:
     return n + 1
 
 
+@wrong(RECEIVER)
+def act_5_a_cam_that_is_too_far_ahead_counts(r: Records) -> int:
+    n = find(r, "timer", 2, op="arm", name="cam")
+    first = find(r, "timer", 1, op="arm", name="cam") - 1
+    elapsed = r[n - 1]["t_ms"] - r[first]["t_ms"]
+    most = r[first]["message"]["generation_ms"] + elapsed - -elapsed // 100 + 400
+    r[n - 1]["message"]["generation_ms"] = most + 1
+    return n + 1
+
+
 @wrong("abort/2002")
 def end_2_the_reason_told_is_not_that_of_the_cancel(r: Records) -> int:
     return change(r, find(r, "indication", name="fallback"), "indication", reason="timeout")

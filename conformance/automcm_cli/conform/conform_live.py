@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from automcm_conformance.live.live_cases import Case, LiveResult, Session
 
 LARGEST = 65_535
-START_MS = 1_000
-"""Initial time of the clock, in ms, so that earlier times exist."""
 FIRST_CAM_MS = 5_000
 """How long to listen for the station, in ms; a CAM comes at least every second."""
 
@@ -118,11 +116,11 @@ class UdpAir:
     def __init__(self, own: socket, shared: socket, everyone: tuple[str, int]) -> None:
         self._own, self._sockets, self._everyone = own, (own, shared), everyone
         self._name = own.getsockname()
-        self._zero = time.monotonic()
+        self._zero = time.time() - time.monotonic()
 
     def now(self) -> int:
-        """ms of the host's monotonic clock."""
-        return int((time.monotonic() - self._zero) * 1000) + START_MS
+        """ms of UNIX time, by the host's monotonic clock since the start."""
+        return int((time.monotonic() + self._zero) * 1000)
 
     def send(self, data: bytes) -> None:
         """Send to all stations.  Raises OSError if the network is unreachable."""

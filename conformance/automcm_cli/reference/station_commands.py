@@ -169,9 +169,12 @@ def station(
     ] = 1100,
     for_ms: For = None,
     zero: Annotated[
-        float,
-        typer.Option(help="Time of the host's monotonic clock, in s, that counts as 0 ms."),
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            help="Time of the host's monotonic clock, in s, that counts as 0 ms.  "
+            "Default: UNIX time."
+        ),
+    ] = None,
 ) -> None:
     """Run one station on UDP until SIGTERM.
 
@@ -195,7 +198,7 @@ def station(
     from automcm.service.datagram_log import DatagramLog
     from automcm.service.station_process import NumberFile, StationProcess
 
-    if not 0 <= zero <= time.monotonic():
+    if zero is not None and not 0 <= zero <= time.monotonic():
         raise typer.BadParameter(
             f"--zero must be between 0 and the present time of the monotonic clock, not {zero}"
         )

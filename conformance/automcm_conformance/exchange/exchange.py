@@ -185,7 +185,7 @@ class Exchange:
         """
         if at is not None:
             self.now = at
-        said = self.wire.command(self.oracle.inputs[i], lease_ms)
+        said = self.wire.command(self.oracle.inputs[i], self.now, lease_ms)
         if fields and self.wire.given is not None:
             self.wire.given = {**self.wire.given, **fields}
             said["message" if said["cmd"] == "receive" else "command"] = self.wire.given
@@ -405,6 +405,7 @@ class Exchange:
             answer,
             self.oracle.states[answer.next],
             (lease or self.now) - self.now,
+            self.now,
         )
         step.pairs.append((answer.state, answer.input))
         step.expected.rule = step.expected.rule or answer.effect.rule

@@ -58,8 +58,8 @@ def long(soonest: str = "") -> dict[str, int]:
 
 
 ODD_SEQ = 77
-BEFORE_MS = 500
-"""The age of the first CAM at the start of the exchange."""
+BEFORE_MS = 150
+"""The age of a CAM that would not be newer than the first."""
 STEP_MS = 100
 COPY_REASONS = tuple(r for r in get_args(RefusalReason) if r not in ANSWER_REASONS)
 
@@ -145,6 +145,8 @@ class Wire:
     advertisement: dict[str, Json] | None = None
     seq: int = 0
     heard_ms: int | None = None
+    first_cam_ms: tuple[int, int] | None = None
+    """When the first CAM that counted was generated and received (ACT-5)."""
     given: dict[str, Json] | None = None
     """The message or command in the last line."""
     fresh: list[int] = field(default_factory=list)
@@ -176,8 +178,8 @@ class Wire:
 
     # -- inputs
 
-    def command(self, value: Input, lease_ms: int | None = None) -> dict[str, Json]:
-        """The adapter command for an input, without ``now``.
+    def command(self, value: Input, now: int, lease_ms: int | None = None) -> dict[str, Json]:
+        """The adapter command for an input at ``now``, without that field.
 
         ``lease_ms`` is for a Prescription with new content; a copy repeats its lease.
         """
@@ -190,7 +192,7 @@ class Wire:
                     out["planned"] = self.trajectory(self.given["session"], 0, 1)
                 return out
             case Cam():
-                self.given = self._cam(value)
+                self.given = self._cam(value, now)
                 return {"cmd": "receive", "message": self.given}
             case Command():
                 self.given = self._command(value, lease_ms or LONG_MS + value.proposal)
@@ -261,13 +263,18 @@ class Wire:
         other = (e["seq"] for e in mine if e["dst"] == src and e["type"] != type_)
         return next(foreign, next(other, ODD_SEQ))
 
-    def _cam(self, value: Cam) -> dict[str, Json]:
-        last = self.heard_ms or self.values.start_ms - BEFORE_MS
+    def _cam(self, value: Cam, now: int) -> dict[str, Json]:
+        if self.heard_ms is None or self.first_cam_ms is None:
+            last = now - BEFORE_MS
+            new = last + STEP_MS
+        else:
+            last, (generated, received) = self.heard_ms, self.first_cam_ms
+            new = max(last + 1, generated + now - received)
         return {
             "v": 1,
             "type": "CAM",
             "src": self.values.ids[value.src],
-            "generation_ms": last + STEP_MS if value.newer else last,
+            "generation_ms": new if value.newer else last,
             "x_mm": 0,
             "y_mm": 0,
             "heading_mrad": 0,
@@ -298,7 +305,13 @@ class Wire:
     # -- answers
 
     def expect(
-        self, before: State, value: Input, answer: Answer, after: State, lease_left: int
+        self,
+        before: State,
+        value: Input,
+        answer: Answer,
+        after: State,
+        lease_left: int,
+        now: int,
     ) -> tuple[list[dict[str, Json]], list[dict[str, Json]]]:
         """The expected messages and indications; reliable messages are remembered.
 
@@ -319,7 +332,7 @@ class Wire:
                 if m.seq:
                     new.append((key, message))
         if answer.changes:
-            self._remember(before, after, new, value)
+            self._remember(before, after, new, value, now)
         return messages, self._indications(effect.indication, before, after, lease_left)
 
     def _sent(self, m: Message) -> dict[str, Json]:
@@ -352,12 +365,17 @@ class Wire:
         return out
 
     def _remember(
-        self, before: State, after: State, new: list[tuple[Key, dict[str, Json]]], value: Input
+        self,
+        before: State,
+        after: State,
+        new: list[tuple[Key, dict[str, Json]]],
+        value: Input,
+        now: int,
     ) -> None:
         if before.session != after.session:
             if before.session == (0, 0):
                 self.seq = 0
-            self.advertisement = self.heard_ms = None
+            self.advertisement = self.heard_ms = self.first_cam_ms = None
         if len(new) == 1 and new[0][1]["type"] != "Advertisement":
             new[0][1]["seq"] = self.seq + 1
         else:
@@ -374,9 +392,10 @@ class Wire:
         if after.phase != "ADVERTISING":
             self.advertisement = None
         if isinstance(value, Cam) and self.given is not None:
-            self.heard_ms = self.given["generation_ms"]
+            self.heard_ms = generated = self.given["generation_ms"]
+            self.first_cam_ms = self.first_cam_ms or (generated, now)
         elif after.phase != "ACTUATING":
-            self.heard_ms = None
+            self.heard_ms = self.first_cam_ms = None
 
     def _indications(
         self, indication: tuple[str, ...], before: State, after: State, lease_left: int

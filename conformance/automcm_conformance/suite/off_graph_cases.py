@@ -103,7 +103,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
     x = fresh(USUAL)
     play(x, script)
     names: dict[bytes, str] = {}
-    for what, message in invalid(x.wire.command(good)["message"]):
+    for what, message in invalid(x.wire.command(good, x.now)["message"]):
         x.malformed(message)
         names[x.unwritten_lines[-1]] = f"{type_} with {what}"
     try:
@@ -119,7 +119,7 @@ def malformed(fresh: Fresh, type_: str) -> Played:
 def bounds(fresh: Fresh, type_: str) -> Played:
     """``bounds TYPE``: a message with an unusual valid value counts like any other."""
     script, good, after = scripts.RECEIVED[type_]
-    for what, fields in edge_cases(fresh(USUAL).wire.command(good)["message"]):
+    for what, fields in edge_cases(fresh(USUAL).wire.command(good, 0)["message"]):
         try:
             yield played(fresh(USUAL), [*script, With(fields, good), *after])
         except (Mismatch, Broken) as error:

@@ -8,7 +8,9 @@ from automcm_conformance.exchange.armed_timers import UNKNOWN
 from automcm_conformance.exchange.exchange import Exchange, Infeasible
 from automcm_conformance.exchange.wire import LONG_MS
 from automcm_conformance.suite.purposes import ROOM
-from automcm_conformance.suite.scripts import REFUSED, REQUEST, At, Older, Script, Wait, With
+from automcm_conformance.suite.scripts import REFUSED, REQUEST, Ahead, At, Older, Script, Wait, With
+from automcm_spec.vocabulary.messages import LIMIT
+from automcm_spec.vocabulary.parameters import cam_lead
 from automcm_spec.vocabulary.station import Expire, Input, Receive, Timer
 
 Fresh = Callable[..., Exchange]
@@ -38,6 +40,9 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
             case Older(ms, value):
                 generation_ms = max(0, (x.wire.heard_ms or 0) - ms)
                 x.give(number(x, value), fields={"generation_ms": generation_ms})
+            case Ahead(ms, value):
+                generation_ms = min(_latest(x) + ms, LIMIT)
+                x.give(number(x, value), fields={"generation_ms": generation_ms})
             case Expire(timer=timer):
                 if n >= len(script) - 2:
                     _before(x, timer)
@@ -45,6 +50,14 @@ def play(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> None:
             case _:
                 x.give(number(x, item), lease_ms=lease_ms)
     x.flush()
+
+
+def _latest(x: Exchange) -> int:
+    """The latest generation time of a CAM that may count now (ACT-5)."""
+    assert x.wire.first_cam_ms is not None
+    generated, received = x.wire.first_cam_ms
+    drift = x.parameters.get("clock_drift", 0)
+    return generated + cam_lead(drift, x.parameters["t_resend"], x.now - received)
 
 
 def played(x: Exchange, script: Script, lease_ms: int = LONG_MS) -> Exchange | None:
@@ -75,7 +88,7 @@ def _begins(value: Input) -> bool:
 def inputs(script: Script) -> list[Input]:
     """The inputs of a script, without its steps of time and fields."""
     return [
-        item.input if isinstance(item, At | With | Older) else item
+        item.input if isinstance(item, At | With | Older | Ahead) else item
         for item in script
         if not isinstance(item, Wait)
     ]

@@ -9,7 +9,7 @@ from automcm_conformance.adapter.protocol import DEFAULTS
 from automcm_conformance.exchange.wire import COPY_REASONS, ME, STRANGER
 from automcm_conformance.exchange.wire import PLAIN as VALUES
 from automcm_conformance.suite.malformed_messages import named_by_acks
-from automcm_spec.vocabulary.messages import ANSWER_REASONS, CancelReason
+from automcm_spec.vocabulary.messages import ANSWER_REASONS, LIMIT, CancelReason
 from automcm_spec.vocabulary.parameters import derived
 from automcm_spec.vocabulary.station import (
     Cam,
@@ -46,13 +46,20 @@ class With(NamedTuple):
 
 
 class Older(NamedTuple):
-    """A CAM with a generation time this long before the last one that counted."""
+    """A CAM with a generation time this long before that of the last one that counted."""
 
     ms: int
     input: Cam
 
 
-Script: TypeAlias = Sequence[Input | Wait | At | With | Older]
+class Ahead(NamedTuple):
+    """A CAM with a generation time this much above the latest that may count (ACT-5)."""
+
+    ms: int
+    input: Cam
+
+
+Script: TypeAlias = Sequence[Input | Wait | At | With | Older | Ahead]
 USUAL = DEFAULTS | {"backoff_min": 750, "backoff_max": 750}
 GIVEUP_MS = derived(USUAL)["t_giveup"]
 Y, MINE, THEIRS = 2, (1, 1), (2, 1)
@@ -290,6 +297,19 @@ def _older(cam: Cam) -> Sequence[Script]:
     return [[step] for step in steps] + [steps[::-1]]
 
 
+def _ahead(cam: Cam) -> Sequence[Script]:
+    """CAMs at the latest generation time that may count, and beyond it."""
+    again = cam._replace(newer=False)
+    beyond: list[Script] = [[Ahead(ms, again)] for ms in (1, 1000, LIMIT)]
+    return [
+        *beyond,
+        *([*script, Wait(100), cam] for script in beyond),
+        [Ahead(0, cam), Ahead(1, again), Wait(1), Ahead(0, cam), Wait(450), cam],
+        # A late CAM does not lower the bound.
+        [Wait(800), Older(-1, cam), Wait(100), cam, Ahead(1, again)],
+    ]
+
+
 _INTENDED_3 = received("Intention", MINE, source=3)
 _BOTH_RECORDED: list[Input] = [REQUEST, _INTENDED_3, INTENDED, WINDOW]
 _TO_3 = entry("Cancel", 3, MINE)
@@ -366,6 +386,13 @@ PLAIN: dict[str, Sequence[Script]] = {
     "cam older receiver": [
         [*COMMITTED, ACCEPTANCE_ACKED, *HEARD_TWICE, *older, expire("cam")]
         for older in _older(HEARD_THEM)
+    ],
+    "cam ahead receiver": [
+        [*COMMITTED, ACCEPTANCE_ACKED, *HEARD_TWICE, *ahead, expire("cam")]
+        for ahead in _ahead(HEARD_THEM)
+    ],
+    "cam ahead prescriber": [
+        [*ACTING, *TARGET_HEARD_TWICE, *ahead, expire("cam")] for ahead in _ahead(HEARD_TARGET)
     ],
     "cam older prescriber": [
         [*ACTING, *TARGET_HEARD_TWICE, *older, expire("cam")] for older in _older(HEARD_TARGET)

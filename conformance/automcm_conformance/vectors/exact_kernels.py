@@ -1,4 +1,4 @@
-"""A second, independent implementation of the kernels (KIN-1 to KIN-7): slow and exact.
+"""A second, independent implementation of the kernels (KIN-1 to KIN-7, APP-6): slow and exact.
 
 The expected outputs of the test vectors are computed here, never by the kernels under test.
 """
@@ -10,6 +10,7 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
+from automcm_conformance.vectors.exact_clocks import clock
 from automcm_conformance.vectors.exact_geometry import (
     Place,
     Refused,
@@ -465,6 +466,7 @@ KERNELS: dict[str, Callable[[Json], Json]] = {
     "prescribe": prescribe,
     "verify": verify,
     "success": success,
+    "clock": clock,
 }
 
 

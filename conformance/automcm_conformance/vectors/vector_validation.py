@@ -211,6 +211,25 @@ class Success(_Strict):
     session: Number
 
 
+class ClockInputs(_Strict):
+    """``cams``: when each was generated and received, in order of reception."""
+
+    cams: Annotated[
+        list[Annotated[list[int], Field(min_length=2, max_length=2)]], Field(min_length=1)
+    ]
+    now: int
+    delay: Annotated[int, Field(ge=0)]
+    drift: Annotated[int, Field(ge=0, le=99)]
+
+
+class Clock(_Strict):
+    """The bounds on the offset, and whether it may be in step."""
+
+    least: int
+    greatest: int
+    in_step: bool
+
+
 class Wrong(_Strict):
     """The name of the invalid input and its first invalid index; ``why`` is not compared."""
 
@@ -282,6 +301,11 @@ class SuccessFile(File[SuccessInputs, Success]):
     rule: Literal["KIN-7"]
 
 
+class ClockFile(File[ClockInputs, Clock]):
+    kernel: Literal["clock"]
+    rule: Literal["APP-6"]
+
+
 FILE: TypeAdapter[Any] = TypeAdapter(
     Annotated[
         ConvertFile
@@ -291,7 +315,8 @@ FILE: TypeAdapter[Any] = TypeAdapter(
         | DiscoverFile
         | PrescribeFile
         | VerifyFile
-        | SuccessFile,
+        | SuccessFile
+        | ClockFile,
         Field(discriminator="kernel"),
     ]
 )

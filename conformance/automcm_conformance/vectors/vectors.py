@@ -32,7 +32,10 @@ For an invalid input it returns ``{"error": {"name": ..., "index": ...}}``; the 
 SCHEMA = "vectors-1.schema.json"
 ROUNDING = 1e-9
 """What rounding may add to the errors of KIN-2, m and m/s."""
-KERNELS = ("convert", "thin", "collide", "extents", "discover", "prescribe", "verify", "success")
+KERNELS = (
+    *("convert", "thin", "collide", "extents", "discover", "prescribe", "verify", "success"),
+    "clock",
+)
 
 
 class VectorError(ValueError):

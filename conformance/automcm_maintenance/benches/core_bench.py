@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from automcm.core.outcome import Expiry, Received, Restart
+from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart
 from automcm.core.phases import PrescriberPhases
 from automcm.core.rules import decide
 from automcm.core.station import Effects, Station
@@ -149,7 +149,7 @@ def recorded() -> dict[int, list[tuple[int, Input]]]:
             match effects.input:
                 case Expiry() | Restart() | None:
                     pass
-                case Received(message):
+                case Received(message) | ReceivedCam(message):
                     to.append((effects.now_ms, message))
                 case other:
                     to.append((effects.now_ms, other))

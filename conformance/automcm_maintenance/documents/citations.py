@@ -35,7 +35,8 @@ Cell = list[tuple[str, str]]
 
 def summaries() -> dict[str, str]:
     """Every rule, kernel rule, application rule and property, with a summary in one line."""
-    names = [name for name in vectors.KERNELS if name != "extents"]  # of KIN-3, as collide
+    other = ("extents", "clock")  # of KIN-3, as collide, and of APP-6
+    names = [name for name in vectors.KERNELS if name not in other]
     kernels = dict(zip(uncited.KINEMATIC, names, strict=True))
     return (
         RULES
@@ -72,7 +73,7 @@ def found(root: Path) -> dict[str, dict[str, Cell]]:
 def reasons() -> dict[tuple[str, str], str]:
     """The reason for each empty cell by rule and column.  Raises ValueError for two reasons."""
     found: dict[tuple[str, str], str] = {}
-    others = (*RULES, *uncited.APPLICATION, *uncited.PROPERTIES)
+    others = (*RULES, *uncited.WITHOUT_VECTORS, *uncited.PROPERTIES)
     for column, rules, why in [*uncited.WHY, ("vector", others, uncited.VECTORLESS)]:
         for rule in rules:
             if (rule, column) in found:

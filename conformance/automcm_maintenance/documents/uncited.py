@@ -19,13 +19,15 @@ APPLICATION = {
     "APP-3": "when a vehicle is clear: gap, margin, braking",
     "APP-4": "it looks again before it moves over",
     "APP-5": "it looks on while it moves over, up to the point of no return",
+    "APP-6": "a station whose clock is out of step counts as one that did not answer",
 }
 """Rules of an application, not of the station, in one line each."""
 PROPERTIES = tuple(id_ for id_ in models.PROPERTIES if id_ != "TypeInv")
 _OF_ONE = ("S-9", "S-10", "S-11", "S-12", "S-13", "S-14", "S-15", "S-16")
 _OF_SEVERAL = tuple(id_ for id_ in PROPERTIES if id_ not in _OF_ONE)
 _ABOVE = ("specification", "must fail", "case", "log tools", "counterexample")
-VECTORLESS = "not a kernel rule: vectors exist for KIN-1 to KIN-7"
+WITHOUT_VECTORS = tuple(rule for rule in APPLICATION if rule != "APP-6")
+VECTORLESS = "not a kernel rule: vectors exist for KIN-1 to KIN-7 and APP-6"
 
 WHY: list[tuple[str, tuple[str, ...], str]] = [
     ("specification", ("ACT-1", *KINEMATIC), _TRAJECTORY),
@@ -61,4 +63,4 @@ WHY: list[tuple[str, tuple[str, ...], str]] = [
     ),
     *((column, tuple(APPLICATION), _APPLICATION) for column in _ABOVE),
 ]
-"""Column, rules, and the reason for their empty cells.  Only KIN has vectors (VECTORLESS)."""
+"""Column, rules, and the reason for their empty cells; for vectors see VECTORLESS."""

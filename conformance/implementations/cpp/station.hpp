@@ -39,6 +39,11 @@ struct Parameters {
         if (clock_drift == 0) return lease_ms;
         return std::max<Time>(1, lease_ms - (lease_ms * clock_drift + 99) / 100 - 1);
     }
+
+    // How far a CAM may be ahead of the first one that counted, so long after it (ACT-5).
+    Time cam_lead(Time elapsed) const {
+        return elapsed + (elapsed * clock_drift + 99) / 100 + 4 * t_resend;
+    }
 };
 
 enum class Phase {
@@ -180,6 +185,8 @@ private:
         Int proposal = 0;             // the newest one sent or seen
         Time lease_ms = 0;            // of that proposal
         Int last_cam = -1;            // generation time of the last CAM that counted
+        Int first_cam = -1;           // that of the first one
+        Time first_cam_at = 0;        // when it was received
         Time joined_at = 0;
         std::map<Id, json> recorded;  // what each recorded station plans
         std::set<Id> withdrawn;
@@ -699,8 +706,14 @@ private:
         const json& marks = message["marks"];
         const auto own = [this](const json& mark) { return is_own(mark); };
         if (std::none_of(marks.begin(), marks.end(), own)) return;
-        if (message["generation_ms"] <= own_.last_cam) return;
-        own_.last_cam = message["generation_ms"];
+        const Int generated = message["generation_ms"];
+        if (own_.first_cam < 0) {
+            own_.first_cam = generated;
+            own_.first_cam_at = now_;
+        }
+        const Int latest = own_.first_cam + p_.cam_lead(now_ - own_.first_cam_at);
+        if (generated <= own_.last_cam || generated > latest) return;
+        own_.last_cam = generated;
         arm(Timer::cam, p_.t_cam_loss);
     }
 

@@ -243,7 +243,15 @@ func (s *Station) wait() {
 }
 
 func (s *Station) onCAM(m *Message) { // ACT-5
-	if s.phase == Actuating && m.Src == s.peer && m.generation > s.heard && slices.Contains(m.marks, s.session) {
+	if s.phase != Actuating || m.Src != s.peer || !slices.Contains(m.marks, s.session) {
+		return
+	}
+	if s.heard < 0 {
+		s.firstCAM, s.firstCAMAt = m.generation, s.now
+	}
+	elapsed := s.now - s.firstCAMAt
+	lead := elapsed + (elapsed*s.p.ClockDrift+99)/100 + 4*s.p.Resend
+	if m.generation > s.heard && m.generation <= s.firstCAM+lead {
 		s.heard = m.generation
 		s.arm(timerCAM)
 	}

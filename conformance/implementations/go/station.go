@@ -135,6 +135,8 @@ type Station struct {
 	deciding      bool  // prescriber: NEGOTIATING, but the application's turn
 	leaseMS       int64 // receiver: of the Prescription it verifies
 	heard         int64 // generation time of the last CAM that counted, or -1
+	firstCAM      int64 // that of the first one
+	firstCAMAt    int64 // when it was received
 }
 
 // NewStation gives a station that has never had a session.

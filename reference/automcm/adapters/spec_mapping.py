@@ -16,7 +16,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from automcm.core.outcome import Expiry, Input, Me, Received, Restart, Row, Rules
+from automcm.core.outcome import Expiry, Input, Me, Received, ReceivedCam, Restart, Row, Rules
 from automcm.core.rules import RULES
 from automcm.core.state import EntryKey, State, Timer, armed, key
 from automcm.core.station import Effects, Station
@@ -36,7 +36,7 @@ from automcm_spec.vocabulary.messages import (
     Reliable,
     Trajectory,
 )
-from automcm_spec.vocabulary.parameters import Parameters
+from automcm_spec.vocabulary.parameters import Parameters, cam_lead
 
 _Input = TypeVar("_Input")
 
@@ -147,6 +147,7 @@ def concrete(value: spec.State) -> State:
         proposal=value.proposal,
         deciding=value.deciding,
         heard_ms=CAM_MS if value.heard else None,
+        first_cam_ms=(CAM_MS, NOW) if value.heard else None,
         number=value.number,
         joined=MappingProxyType(dict(sorted(value.joined))),
         outbox=tuple(map(_entry, sorted(value.outbox))),
@@ -188,14 +189,18 @@ def _set(values: Iterable[Any]) -> frozenset[Any]:
 # -- inputs and effects in the specification's form
 
 
-def abstract_input(st: State, i: Input) -> spec.Input:
+def abstract_input(me: Me, st: State, i: Input) -> spec.Input:
     """The specification's input for an input of the reference in this state."""
     match i:
         case Received(message, planned):
             return spec.Receive("receive", _received(st, message), planned is not None)
-        case Cam():
-            newer = st.heard_ms is None or i.generation_ms > st.heard_ms
-            return spec.Cam("cam", i.src, frozenset(i.marks), newer)
+        case ReceivedCam(cam, at_ms):
+            newer = True
+            if st.heard_ms is not None and st.first_cam_ms is not None:
+                generated, received = st.first_cam_ms
+                lead = cam_lead(me.clock_drift, me.t_resend, at_ms - received)
+                newer = st.heard_ms < cam.generation_ms <= generated + lead
+            return spec.Cam("cam", cam.src, frozenset(cam.marks), newer)
         case Expiry(timer):
             return spec.Expire("expire", _abstract_timer(timer, st))
         case Restart():

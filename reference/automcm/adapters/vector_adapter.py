@@ -15,6 +15,7 @@ from automcm.kernels.prescribe import prescribe
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError
 from automcm.kernels.verify import Limits, verify
+from automcm.links.clock_bounds import bounds, in_step
 
 Json = Any
 
@@ -117,6 +118,14 @@ def _success(given: Json) -> Json:
     }
 
 
+def _clock(given: Json) -> Json:
+    try:
+        found = bounds(given["cams"], given["now"], given["delay"], given["drift"])
+    except ValueError as error:
+        raise TrajectoryError(f"cams: {error}") from None
+    return {"least": found[0], "greatest": found[1], "in_step": in_step(found)}
+
+
 KERNELS: dict[str, Callable[[Json], Json]] = {
     "convert": _convert,
     "thin": _thin,
@@ -126,4 +135,5 @@ KERNELS: dict[str, Callable[[Json], Json]] = {
     "prescribe": _prescribe,
     "verify": _verify,
     "success": _success,
+    "clock": _clock,
 }

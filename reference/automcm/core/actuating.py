@@ -6,6 +6,7 @@ from automcm.core.outcome import (
     Me,
     Outcome,
     Received,
+    ReceivedCam,
     Row,
     ack,
     acked,
@@ -20,25 +21,39 @@ from automcm.core.outcome import (
 )
 from automcm.core.state import State, Timer
 from automcm_spec.vocabulary.application import Complete, Finished
-from automcm_spec.vocabulary.messages import Cam, Fin
+from automcm_spec.vocabulary.messages import Fin
+from automcm_spec.vocabulary.parameters import cam_lead
 
 
-def cam_counts(me: Me, st: State, i: Cam) -> bool:
-    """ACT-5: is the CAM marked with this session, and newer than the last one that counted?"""
+def newer(me: Me, st: State, i: ReceivedCam) -> bool:
+    """ACT-5: is the CAM newer than the last one that counted, and not too far ahead?"""
+    if st.heard_ms is None or st.first_cam_ms is None:
+        return True
+    generated, received = st.first_cam_ms
+    lead = cam_lead(me.clock_drift, me.t_resend, i.at_ms - received)
+    return st.heard_ms < i.message.generation_ms <= generated + lead
+
+
+def cam_counts(me: Me, st: State, i: ReceivedCam) -> bool:
+    """ACT-5: is the CAM of the peer, newer, and marked with this session?"""
+    m = i.message
     return (
-        st.phase == "ACTUATING"
-        and i.src == st.peer
-        and st.session in i.marks
-        and (st.heard_ms is None or i.generation_ms > st.heard_ms)
+        st.phase == "ACTUATING" and m.src == st.peer and st.session in m.marks and newer(me, st, i)
     )
 
 
-def count_cam(me: Me, st: State, i: Cam) -> Outcome:
+def count_cam(me: Me, st: State, i: ReceivedCam) -> Outcome:
     """ACT-5: the CAM counts, and the cam timer restarts."""
-    return Outcome(st._replace(heard_ms=i.generation_ms), again=(Timer("cam"),))
+    generated = i.message.generation_ms
+    first = st.first_cam_ms or (generated, i.at_ms)
+    counted = st._replace(heard_ms=generated, first_cam_ms=first)
+    return Outcome(counted, again=(Timer("cam"),))
 
 
-CAM: tuple[Row[Cam], ...] = (Row("ACT-5", cam_counts, count_cam), Row("ACT-5", always, ignore))
+CAM: tuple[Row[ReceivedCam], ...] = (
+    Row("ACT-5", cam_counts, count_cam),
+    Row("ACT-5", always, ignore),
+)
 
 
 def complete(me: Me, st: State, i: Complete) -> Outcome:

@@ -47,6 +47,8 @@ class Me(NamedTuple):
     max_participants: int
     outbox_limit: int
     memory_limit: int
+    t_resend: int
+    clock_drift: int
 
 
 M_co = TypeVar("M_co", bound=Message, covariant=True)
@@ -72,7 +74,14 @@ class Restart:
     """The station comes back and remembers no session (END-8)."""
 
 
-Input = Received[Message] | Cam | Command | Expiry | Restart
+class ReceivedCam(NamedTuple):
+    """A received CAM, and when it was received, in ms of the station's clock (ACT-5)."""
+
+    message: Cam
+    at_ms: int
+
+
+Input = Received[Message] | ReceivedCam | Command | Expiry | Restart
 OfSession = Prescribe | Proceed | Accept | Refuse | Complete | Abort
 """The commands that name a session: all but a request."""
 

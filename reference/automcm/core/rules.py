@@ -27,6 +27,7 @@ from automcm.core.outcome import (
     Me,
     Outcome,
     Received,
+    ReceivedCam,
     Restart,
     Row,
     Rules,
@@ -41,7 +42,7 @@ from automcm.core.phases import require
 from automcm.core.prescribing import PRESCRIBE, PROCEED, WINDOW_ENDS
 from automcm.core.state import State, Timer, key
 from automcm_spec.vocabulary.application import Fallback, Undecided
-from automcm_spec.vocabulary.messages import Cam, Reliable
+from automcm_spec.vocabulary.messages import Reliable
 
 
 def undecided(me: Me, st: State, i: Expiry) -> Outcome:
@@ -140,7 +141,7 @@ def kind(i: Input) -> str:
     """The key of the rows for ``i`` in RULES."""
     if isinstance(i, Received):
         return _RECEIVED[i.message.type]
-    if isinstance(i, Cam):
+    if isinstance(i, ReceivedCam):
         return "receive CAM"
     if isinstance(i, Expiry):
         return _EXPIRED[i.timer.name]

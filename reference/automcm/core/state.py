@@ -1,7 +1,7 @@
 """The state of a station: one immutable value with the fields of Station.tla.
 
 In addition to the specification it holds content (whole messages, not only their identification),
-the last ``seq``, and the generation time of the last CAM that counted.
+the last ``seq``, and the times of the CAMs that counted.
 """
 
 from __future__ import annotations
@@ -59,6 +59,8 @@ class State(NamedTuple):
     deciding: bool = False
     heard_ms: int | None = None
     """Generation time of the last CAM that counted in ACTUATING (ACT-5)."""
+    first_cam_ms: tuple[int, int] | None = None
+    """When the first CAM that counted in ACTUATING was generated and received (ACT-5)."""
     number: int = 0
     joined: Mapping[int, int] = _EMPTY
     """Newest session number joined, by prescriber (ADV-8)."""

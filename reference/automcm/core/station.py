@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
-from automcm.core.outcome import Expiry, Input, Me, Outcome, Received, Restart, Rules
+from automcm.core.outcome import Expiry, Input, Me, Outcome, Received, ReceivedCam, Restart, Rules
 from automcm.core.rules import RULES, decide
 from automcm.core.state import LEASE, State, Timer, armed
 from automcm_spec.vocabulary.application import Accepted, Command, Discarded, Indication
@@ -92,7 +92,8 @@ class Station:
         decode: Decode = decode,
     ) -> None:
         self.parameters = p = parameters or DEFAULT
-        self.me = Me(station_id, p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit)
+        limits = p.max_rounds, p.max_participants, p.outbox_limit, p.memory_limit
+        self.me = Me(station_id, *limits, p.t_resend, p.clock_drift)
         self.state = State(number=number)
         self.timers: dict[Timer, int] = {}
         """The deadline of each armed timer in ms, the oldest timer first."""
@@ -136,7 +137,7 @@ class Station:
                 indication = Discarded(detail=str(error))
                 effects.append(Effects(now, None, "END-5", self.state, indications=(indication,)))
                 return effects
-        i = message if isinstance(message, Cam) else self._received(message)
+        i = ReceivedCam(message, now) if isinstance(message, Cam) else self._received(message)
         effects.append(self._step(i, now))
         return effects
 

@@ -15,6 +15,17 @@ from typing import Protocol
 Cancel = Callable[[], None]
 
 
+SLEW = 0.004
+"""By how much an AsyncioClock runs faster or slower, at most, to follow the host's clock.
+
+Two of them then differ in rate by at most 0.8 percent, besides their quartzes; ``clock_drift``
+allows 1 percent."""
+CLOSE_S = 0.001
+"""An AsyncioClock that is this close to the host's clock runs at the rate of the monotonic time."""
+STEP_MS = 100
+"""A larger change of the host's clock between two readings is reported as a step."""
+
+
 class Clock(Protocol):
     """Time in ms that never decreases, and one-shot alarms."""
 
@@ -61,30 +72,88 @@ def _suspended() -> float:
 
 
 class AsyncioClock:
-    """The running event loop's clock: the host's monotonic time, less ``zero`` (s).
+    """The running event loop's clock: milliseconds of UNIX time, as on the wire.
 
-    The time continues over a restart of the process.  It includes the time for which the host is
-    suspended, because its peers continue.
+    It begins at the host's clock, continues with the monotonic time, and follows the host's clock
+    by at most ``SLEW``; it never steps.  ``stepped`` is called with the milliseconds by which the
+    host's clock has stepped, if more than ``STEP_MS``.  With ``zero`` it is the monotonic time less
+    ``zero`` (s) instead, for processes of one host.
+
+    It includes the time for which the host is suspended, because its peers continue.
     """
 
-    def __init__(self, zero: float = 0.0) -> None:
+    def __init__(
+        self, zero: float | None = None, stepped: Callable[[int], None] = lambda ms: None
+    ) -> None:
         self._loop = asyncio.get_running_loop()
-        self._zero = zero
         self._slept_before = _suspended()
         self._set = 0
+        self._stepped = stepped
+        self._follows = zero is None
+        self._read = self._monotonic()
+        """The monotonic time of the last reading, in s."""
+        self._offset = time.time() - self._read if zero is None else -zero
+        """From the monotonic time to the present one, in s."""
+        self._host = self._offset
+        """From the monotonic time to the host's clock, as last read, in s."""
 
     def _slept(self) -> float:
         slept = _suspended() - self._slept_before
         return slept if slept > 0.001 else 0.0  # the two clocks are read one after the other
 
+    def _monotonic(self) -> float:
+        return self._loop.time() + self._slept()
+
+    def _follow(self, monotonic: float) -> None:
+        """Approach the host's clock."""
+        host = time.time() - monotonic
+        if abs(step := host - self._host) > STEP_MS / 1000:
+            self._stepped(round(step * 1000))
+        if abs(host - self._offset) > CLOSE_S:
+            most = SLEW * (monotonic - self._read)
+            self._offset += max(-most, min(host - self._offset, most))
+        self._host, self._read = host, monotonic
+
     def now(self) -> int:
         """The time in ms."""
-        return int((self._loop.time() + self._slept() - self._zero) * 1000)
+        monotonic = self._monotonic()
+        if self._follows:
+            self._follow(monotonic)
+        return int((monotonic + self._offset) * 1000)
 
     def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
         """As ``Clock.at``."""
-        # The offset makes an alarm fire slightly late, because now() must not be before when_ms,
-        # and after earlier alarms, because asyncio does not keep the order of equal times.
+        # An alarm fires slightly late, because now() must not be before when_ms, and after earlier
+        # alarms, because asyncio does not keep the order of equal times.
         self._set = self._set % 10_000 + 1
-        when = self._zero + when_ms / 1000 - self._slept() + self._set * 1e-8
-        return self._loop.call_at(when, do).cancel
+        later = 2e-6 + self._set * 1e-8
+        handle: asyncio.TimerHandle
+
+        def set_() -> None:
+            nonlocal handle
+            when = when_ms / 1000 - self._offset - self._slept() + later
+            handle = self._loop.call_at(when, ring)
+
+        def ring() -> None:
+            if self.now() < when_ms:  # the clock has slowed down
+                set_()
+            else:
+                do()
+
+        set_()
+        return lambda: handle.cancel()
+
+
+class OffsetClock:
+    """A clock that is ``offset_ms`` ahead of another one."""
+
+    def __init__(self, clock: Clock, offset_ms: int) -> None:
+        self._clock, self._offset_ms = clock, offset_ms
+
+    def now(self) -> int:
+        """The time in ms."""
+        return self._clock.now() + self._offset_ms
+
+    def at(self, when_ms: int, do: Callable[[], None]) -> Cancel:
+        """As ``Clock.at``."""
+        return self._clock.at(when_ms - self._offset_ms, do)

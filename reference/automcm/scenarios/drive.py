@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
 from automcm.core.state import State
@@ -19,6 +20,7 @@ from automcm.service.application import Application
 from automcm_spec.vocabulary.parameters import Parameters
 
 STEP_MS = round(STEP_S * 1000)
+NO_OFFSETS: Mapping[int, int] = MappingProxyType({})
 NAMES = {1: "prescriber", 2: "A", 3: "B", 4: "C"}
 
 
@@ -36,7 +38,8 @@ class Driver(Application, Protocol):
 class SimulatedDrive:
     """The vehicles of these drivers, their services and a radio; ``others`` have no radio.
 
-    A given ``simulation`` determines the seed, the channel and the logs.
+    A given ``simulation`` determines the seed, the channel and the logs.  ``offsets_ms`` says by
+    how much the clock of a station is ahead of the road's, at least 0.
     """
 
     def __init__(
@@ -50,6 +53,7 @@ class SimulatedDrive:
         codec: Codec = JSON,
         simulation: Simulation | None = None,
         others: Sequence[Vehicle] = (),
+        offsets_ms: Mapping[int, int] = NO_OFFSETS,
     ) -> None:
         self.drivers = drivers
         self.road = Road([*(driver.vehicle for driver in drivers), *others])
@@ -57,22 +61,33 @@ class SimulatedDrive:
         self.sent: list[tuple[int, int, str]] = []
         """Time in ms, station and type of each message except CAMs."""
         for driver in drivers:
-            self._add(driver, parameters, codec)
+            offset_ms = offsets_ms.get(driver.vehicle.station_id, 0)
+            driver.vehicle.offset_s = offset_ms / 1000
+            self._add(driver, parameters, codec, offset_ms)
         self.simulation.clock.at(STEP_MS, self._step)
 
-    def _add(self, driver: Driver, parameters: Parameters | None, codec: Codec) -> None:
+    def _add(
+        self, driver: Driver, parameters: Parameters | None, codec: Codec, offset_ms: int
+    ) -> None:
         station_id = driver.vehicle.station_id
 
         def observe(before: State, effects: Effects) -> None:
             self.sent += [(effects.now_ms, station_id, m.type) for m in effects.messages]
 
-        self.simulation.add(station_id, driver, parameters, observers=(observe,), codec=codec)
+        self.simulation.add(
+            station_id,
+            driver,
+            parameters,
+            observers=(observe,),
+            codec=codec,
+            offset_ms=offset_ms,
+        )
 
     def _step(self) -> None:
-        clock = self.simulation.clock
+        clock, services = self.simulation.clock, self.simulation.services
         self.road.step()
         for driver in self.drivers:
-            driver.tick(clock.now())
+            driver.tick(services[driver.vehicle.station_id].now())
         clock.at(clock.now() + STEP_MS, self._step)
 
     def run(self, until_s: float) -> None:

@@ -74,6 +74,8 @@ class Vehicle:
     acceleration: float = 0.0
     y: float = 0.0
     target_lane: int = 0
+    offset_s: float = 0.0
+    """By how much the clock of its station, on which ``now`` and trajectories are, is ahead."""
     _moved_from: int = 0
     _moving_since: float | None = None
     _profile: Trajectory | None = None
@@ -101,7 +103,8 @@ class Vehicle:
     def change_lane(self, lane: int, now: float) -> None:
         """Begin a lane change, unless one is in progress."""
         if lane != self.target_lane and not self.changing:
-            self._moved_from, self.target_lane, self._moving_since = self.lane, lane, now
+            self._moved_from, self.target_lane = self.lane, lane
+            self._moving_since = now - self.offset_s
 
     @property
     def moved_m(self) -> float:
@@ -111,6 +114,7 @@ class Vehicle:
     def turn_back(self, now: float) -> None:
         """Return to the lane that it leaves, in the time that it took to come here."""
         if self._moving_since is not None:
+            now -= self.offset_s
             left = self.driving.lane_change_s - (now - self._moving_since)
             self._moved_from, self.target_lane = self.target_lane, self._moved_from
             self._moving_since = now - left
@@ -198,7 +202,7 @@ class Road:
         if v.late is not None and front is not None and front.changing:
             gap, front = math.inf, None  # not noticed yet
         following = idm(gap, v.speed, front.speed if front else 0.0, v.desired, d)
-        prescribed = v.profile_speed(self.t)
+        prescribed = v.profile_speed(self.t + v.offset_s)
         if prescribed is not None:
             feedback = d.gain * (prescribed - v.speed)
             following = min(following, max(feedback, -d.comfortable))

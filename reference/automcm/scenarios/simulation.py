@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from automcm.encoding.codec import JSON, Codec
-from automcm.links.clock import VirtualClock
+from automcm.links.clock import OffsetClock, VirtualClock
 from automcm.links.link import Link
 from automcm.links.simulated_radio import Channel, Radio
 from automcm.scenarios.straight_lane import LANE_CHANGE
@@ -49,8 +49,10 @@ class Simulation:
         *,
         observers: tuple[Observer, ...] = (),
         codec: Codec = JSON,
+        offset_ms: int = 0,
     ) -> McService:
-        """Add a station, which sends CAMs from now on.  Raises ValueError for a used id."""
+        """Add a station, which sends CAMs from now on.  Its clock is ``offset_ms`` ahead, at least
+        0.  Raises ValueError for a used id."""
         link = self.link(station_id)
         parameters = parameters or Parameters()
         log = None
@@ -70,7 +72,7 @@ class Simulation:
             station_id,
             application,
             link,
-            self.clock,
+            OffsetClock(self.clock, offset_ms) if offset_ms else self.clock,
             parameters=parameters,
             seed=self._seed * 1000 + station_id,
             codec=codec,

@@ -19,6 +19,7 @@ from automcm.service.application import (
 from automcm_spec.vocabulary.application import Prescribe, Request
 from automcm_spec.vocabulary.messages import Session, Trajectory
 
+DAY_MS = 86_400_000
 LANE_CHANGE = Request(scenario="lane_change", details={"lane": 2})
 
 
@@ -46,8 +47,9 @@ class Straight:
         self.service = service
 
     def kinematics(self, now_ms: int) -> Kinematics:
-        """As ``Application.kinematics``."""
-        return Kinematics(x_mm=self.speed_mm_s * now_ms // 1000, speed_mm_s=self.speed_mm_s)
+        """As ``Application.kinematics``: at midnight (UTC) it is at 0."""
+        x_mm = self.speed_mm_s * (now_ms % DAY_MS) // 1000
+        return Kinematics(x_mm=x_mm, speed_mm_s=self.speed_mm_s)
 
     def trajectory(self, per_cent: int = 100) -> Trajectory:
         """A trajectory of one second at ``per_cent`` of the speed."""
@@ -59,6 +61,9 @@ class Straight:
 
     def choose(self, choice: Choice) -> None:
         """As ``Application.choose``."""
+        if not choice.target and not choice.planned:
+            self.service.command(choice.abort())
+            return
         if not choice.target and self.target not in choice.planned:
             self.target = next(iter(choice.planned))
         self.service.command(self._proposal(choice), self.think_ms)

@@ -87,6 +87,7 @@ class Choice:
     ``target`` is 0: the application chooses it.  For later proposals the target is fixed, and
     ``reason`` is the reason of its refusal.  ``heard`` holds the stations whose CAMs were heard
     lately, whether they answered or not (APP-1); None if the service does not pass on CAMs.
+    ``planned`` lacks the stations whose clocks are out of step (APP-6), and may be empty.
     """
 
     session: Session

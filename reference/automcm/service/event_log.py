@@ -6,10 +6,10 @@ import base64
 from collections.abc import Sequence
 from typing import Any
 
-from automcm.core.outcome import Expiry, Received, Restart
+from automcm.core.outcome import Expiry, Received, ReceivedCam, Restart
 from automcm.core.state import Timer
 from automcm.core.station import Effects
-from automcm_spec.vocabulary.messages import Cam, to_dict
+from automcm_spec.vocabulary.messages import to_dict
 from automcm_traces.format.writer import LogWriter
 
 COMPLETE = ("command", "indication", "receive", "restart", "send", "timer")
@@ -53,7 +53,7 @@ def write(
         case Received(message, planned):
             plan = planned and planned.model_dump(mode="json")
             log.event("receive", t_ms, tx=tx, message=to_dict(message), planned=plan, **more)
-        case Cam() as cam:
+        case ReceivedCam(cam):
             log.event("receive", t_ms, tx=tx, message=to_dict(cam), **more)
         case Expiry(expired):
             log.event("timer", t_ms, op="expire", timer=timer(expired), **more)

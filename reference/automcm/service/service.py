@@ -14,12 +14,13 @@ from functools import partial
 from logging import getLogger
 from operator import attrgetter
 
-from automcm.core.outcome import Received, Rules
+from automcm.core.outcome import Received, ReceivedCam, Rules
 from automcm.core.rules import RULES
 from automcm.core.state import State
 from automcm.core.station import Effects, Station
 from automcm.encoding.codec import JSON, Codec
 from automcm.links.clock import Cancel, Clock
+from automcm.links.clock_bounds import WINDOW_MS
 from automcm.links.link import Link
 from automcm.service import event_log
 from automcm.service.application import (
@@ -31,6 +32,7 @@ from automcm.service.application import (
     Heard,
     Proposal,
 )
+from automcm.service.clock_offsets import ClockOffsets, OutOfStep
 from automcm.service.statistics import Statistics
 from automcm_spec.vocabulary.application import (
     Abort,
@@ -110,6 +112,7 @@ class McService:
         marks: Callable[[State], tuple[Session, ...]] = attrgetter("marks"),
         log: LogWriter | None = None,
         observers: tuple[Observer, ...] = (),
+        out_of_step: OutOfStep = lambda station_id, bounds: None,
     ) -> None:
         self.station = Station(
             station_id,
@@ -123,6 +126,7 @@ class McService:
         self.application, self.statistics = application, Statistics()
         self.neighbours: OrderedDict[int, Heard] = OrderedDict()
         """The last CAM of each of the ``NEIGHBOURS`` most recently received stations."""
+        self._offsets = ClockOffsets(station_id, NEIGHBOURS, self.parameters.known, out_of_step)
         self._link, self._clock, self._codec, self._log = link, clock, codec, log
         self._keep_number, self._observers = keep_number, observers
         self._marks = marks
@@ -215,10 +219,8 @@ class McService:
             self._take(self.station.advance(now))  # before the application can act
             effects = self.station.receive(data, now)
             match effects[-1].input:
-                case Received(message):
+                case Received(message) | ReceivedCam(message):
                     src = message.src
-                case Cam() as cam:
-                    src = cam.src
             self._take(effects, tx, data)
 
         self._do(take)
@@ -420,8 +422,8 @@ class McService:
         return self.application.concerned(Advertised(a.session, a.scenario, a.details, a.planned))
 
     def _notify(self, effect: Effects) -> None:
-        if isinstance(effect.input, Cam) and effect.input.src != self.station_id:
-            self._hear(effect.input, effect.now_ms)
+        if isinstance(effect.input, ReceivedCam) and effect.input.message.src != self.station_id:
+            self._hear(effect.input.message, effect.now_ms)
         elif isinstance(effect.input, Accept) and effect.rule == "NEG-2":
             p, now = self._proposal, effect.now_ms
             assert p is not None
@@ -433,6 +435,8 @@ class McService:
             self._indicate(indication, effect)
 
     def _hear(self, cam: Cam, now_ms: int) -> None:
+        in_step = self._offsets.heard(cam.src, cam.generation_ms, now_ms)
+        self.statistics.out_of_step = len(self._offsets.reported)
         length_mm, width_mm = cam.extent_mm
         self.neighbours[cam.src] = Heard(
             station_id=cam.src,
@@ -445,10 +449,16 @@ class McService:
             length_mm=length_mm,
             width_mm=width_mm,
             sigma_mm=cam.sigma_mm,
+            in_step=in_step,
         )
         self.neighbours.move_to_end(cam.src)
         if len(self.neighbours) > NEIGHBOURS:
             self.neighbours.popitem(last=False)
+
+    def _in_step(self, station_id: int) -> bool:
+        """APP-6; without a CAM lately, nothing is known of its clock."""
+        heard = self.neighbours.get(station_id)
+        return heard is None or heard.in_step or heard.received_ms < self.now() - WINDOW_MS
 
     def _indicate(self, indication: Indication, effect: Effects) -> None:
         application, now = self.application, effect.now_ms
@@ -458,14 +468,17 @@ class McService:
             case Undecided():
                 application.refused("undecided", effect.rule)
             case Choose(session=session, intentions=intentions):
-                planned = {i.src: i.planned for i in intentions}
+                planned = {i.src: i.planned for i in intentions if self._in_step(i.src)}
                 application.choose(Choice(session, 1, planned, heard=self.heard()))
             case Propose(session=session, proposal=proposal, reason=reason):
                 target = effect.state.target
                 application.choose(Choice(session, proposal, {}, target, reason, self.heard()))
             case Verify(session=session, prescription=m):
                 self._proposal = Proposal(session, m.proposal, m.prescribed, m.hold_ms, m.lease_ms)
-                application.verify(self._proposal)
+                if self._in_step(session[0]):
+                    application.verify(self._proposal)
+                else:
+                    self.command(self._proposal.refuse())
             case Accepted(session=session, selected=selected):
                 until = now + indication.lease_left_ms
                 application.load(AgreedManeuver(session, "prescriber", selected, now, until))

@@ -20,7 +20,7 @@ from automcm.core.outcome import Expiry, Received
 from automcm.core.state import State
 from automcm.core.station import Effects
 from automcm.encoding.codec import Codec
-from automcm.links.clock import AsyncioClock
+from automcm.links.clock import SLEW, AsyncioClock
 from automcm.links.link import LinkError
 from automcm.links.udp_link import UdpLink
 from automcm.service import event_log
@@ -104,8 +104,8 @@ class StationProcess:
     """How long to listen for another station with the same id before the start, in ms; a CAM comes
     at least every 1000 ms."""
     for_ms: int | None = None
-    zero: float = 0.0
-    """The time of the host's monotonic clock, in s, that counts as 0 ms."""
+    zero: float | None = None
+    """The time of the host's monotonic clock, in s, that counts as 0 ms, instead of UNIX time."""
     complain: Callable[[str], None] = lambda text: None
     """Takes a line about lost records while the station runs; also from another thread."""
     _idle: asyncio.Future[None] | None = field(default=None, init=False)
@@ -130,13 +130,14 @@ class StationProcess:
                 self.station_id,
                 self.application,
                 link,
-                AsyncioClock(self.zero),
+                AsyncioClock(self.zero, self._stepped),
                 parameters=self.parameters,
                 number=number,
                 keep_number=self.number_file.keep if self.number_file else lambda number: None,
                 seed=self.station_id,
                 codec=self.codec,
                 observers=(self._observe,),
+                out_of_step=self._out_of_step,
             )
             self._service = service
             await stack.enter_async_context(self.serving)
@@ -180,6 +181,16 @@ class StationProcess:
         last = self.number_file.last()
         self.number_file.keep(last or 0)
         return last or 0, last is not None
+
+    def _out_of_step(self, station_id: int, offset_ms: tuple[int, int]) -> None:
+        about = {"src": station_id, "offset_ms": list(offset_ms)}
+        self._report(self._service, event="out_of_step", **about)
+
+    def _stepped(self, ms: int) -> None:
+        self.complain(
+            f"the host's clock has stepped by {ms} ms; the station follows it by at most "
+            f"{SLEW * 1000:.0f} ms per second, and sends wrong times until then"
+        )
 
     def _end(self, service: McService, link: UdpLink) -> None:
         statistics = service.statistics.as_dict()

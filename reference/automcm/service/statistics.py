@@ -6,10 +6,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from automcm.core.outcome import Received
+from automcm.core.outcome import Received, ReceivedCam
 from automcm.core.state import State
 from automcm.core.station import Effects
-from automcm_spec.vocabulary.messages import Cam
 
 
 @dataclass(slots=True)
@@ -22,7 +21,8 @@ class Statistics:
     the protocol (END-5), ``foreign`` those of another session (END-4), and ``repeated`` those of
     its session that changed nothing: copies and stale ones.  ``rejected`` counts, by reason, the
     datagrams that a secured link discarded, which are not counted elsewhere.  ``rules`` counts the
-    deciding rules of all inputs.  ``latest_ms`` is the largest delay of an alarm.
+    deciding rules of all inputs.  ``latest_ms`` is the largest delay of an alarm.  ``out_of_step``
+    counts the stations whose clocks were out of step at least once (APP-6).
     """
 
     sent: Counter[str] = field(default_factory=Counter)
@@ -39,6 +39,7 @@ class Statistics:
     repeated: int = 0
     rejected: Counter[str] = field(default_factory=Counter)
     latest_ms: int = 0
+    out_of_step: int = 0
 
     def count(self, effects: Effects, before: State) -> None:
         """Count one input that the station received in state ``before``."""
@@ -56,7 +57,7 @@ class Statistics:
                     self.foreign += 1
                 elif effects.state is before:
                     self.repeated += 1
-            case Cam():
+            case ReceivedCam():
                 self.received["CAM"] += 1
 
     def as_dict(self) -> dict[str, Any]:

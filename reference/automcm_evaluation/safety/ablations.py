@@ -14,6 +14,7 @@ from operator import attrgetter
 from typing import Any
 
 from automcm.adapters.spec_mapping import without
+from automcm.core.actuating import newer
 from automcm.core.advertising import answer_closed
 from automcm.core.ending import ACK, FIRST
 from automcm.core.outcome import (
@@ -102,8 +103,7 @@ def _ignored(*rows: tuple[str, int]) -> Rules:
 
 def any_cam(me: Me, st: State, i: Any) -> bool:
     """ACT-5 without the marks."""
-    newer = st.heard_ms is None or i.generation_ms > st.heard_ms
-    return st.phase == "ACTUATING" and i.src == st.peer and newer
+    return st.phase == "ACTUATING" and i.message.src == st.peer and newer(me, st, i)
 
 
 def silent(me: Me, st: State, i: Any) -> Outcome:

@@ -188,6 +188,12 @@ def lease_lasts(clock_drift: int, role: str, lease_ms: int) -> int:
     return max(1, lease_ms - lost - 1)
 
 
+def cam_lead(clock_drift: int, t_resend: int, elapsed_ms: int) -> int:
+    """By how many ms, at most, the generation time of a CAM may exceed that of the first one that
+    counted, ``elapsed_ms`` after that one was received (ACT-5)."""
+    return elapsed_ms - (-elapsed_ms * clock_drift // 100) + 4 * t_resend
+
+
 def forgotten_at(p: Known, joined: int, now: int) -> int:
     """The time at which forget(p) expires, if the session joined at ``joined`` ends at ``now``
     (ADV-8)."""

@@ -110,7 +110,8 @@ class Engine:
         self.promised = frozenset(header.complete)
         self._late_ms = header.longest_delay if late_ms is None else late_ms
         rounds, *limits = (p.get(name, DEFAULTS[name]) for name in LIMITS)
-        self.track = Track(header.station, rounds, Limits(*limits))
+        resend = header.t_resend, self._clock_drift
+        self.track = Track(header.station, rounds, Limits(*limits), *resend)
         self._specification = specification(self.track.max_rounds, *limits)
         self.timers: dict[Timer, Deadline] = {}
         self.since_ms = 0
@@ -249,6 +250,8 @@ class Engine:
                 t.lease_ms = m.lease_ms if isinstance(m, Prescription) else 0
         if step.input.kind == "cam" and step.changes:
             t.last_cam_ms = m.generation_ms if isinstance(m, Cam) else t.last_cam_ms or 0
+            if isinstance(m, Cam) and t.first_cam_ms is None:
+                t.first_cam_ms = m.generation_ms, step.t_ms
 
     def _phase_is(self, at: int, event: Event) -> None:
         """Check the phase and the role after the step, where the log states them."""
@@ -286,7 +289,7 @@ class Engine:
 
     def _cam_received(self, at: int, event: Receive, m: Cam) -> None:
         """A received CAM. Most change nothing, so the step of an equal CAM is reused."""
-        key = m.src, *marked_and_newer(self.track, m)
+        key = m.src, *marked_and_newer(self.track, m, event.t_ms)
         k, t_ms = self._no_op_cams.get(key), event.t_ms
         if k is None:
             step = self._begin_step(at, t_ms, event, received(self.track, event, m))

@@ -25,7 +25,7 @@ from automcm_spec.vocabulary.messages import (
     same,
     to_dict,
 )
-from automcm_spec.vocabulary.parameters import DEFAULTS
+from automcm_spec.vocabulary.parameters import DEFAULTS, cam_lead
 from automcm_spec.vocabulary.rules import RULES, handler, line
 from automcm_spec.vocabulary.station import Input, State, Station
 from automcm_traces.format.log import (
@@ -90,12 +90,16 @@ class Track:
     me: int
     max_rounds: int = ROUNDS
     limits: Limits = DEFAULT_LIMITS
+    t_resend: int = DEFAULTS["t_resend"]
+    clock_drift: int = 0
     state: State = INITIAL
     outbox: list[Entry] = field(default_factory=list)
     """The entries of the state's outbox with their messages, in sending order."""
     advertisement: Message | None = None
     last_cam_ms: int | None = None
     """``generation_ms`` of the last CAM that counted (ACT-5); None if there was none."""
+    first_cam_ms: tuple[int, int] | None = None
+    """When the first CAM that counted was generated and received; None if unknown."""
     seq: int = 0
     """The last seq used in the session."""
     lease_ms: int = 0
@@ -106,7 +110,8 @@ class Track:
 
     def key(self) -> tuple[object, ...]:
         """A hashable value that identifies this state."""
-        return self.state, tuple(e.spec for e in self.outbox), self.last_cam_ms, self.seq
+        cams = self.last_cam_ms, self.first_cam_ms
+        return self.state, tuple(e.spec for e in self.outbox), cams, self.seq
 
     @property
     def session(self) -> tuple[int, int] | None:
@@ -278,7 +283,7 @@ def advance_track(t: Track, after: State, sent: Iterable[tuple[Expected, Message
     if not after.proposal:
         t.lease_ms = 0
     if not after.heard:
-        t.last_cam_ms = None
+        t.last_cam_ms = t.first_cam_ms = None
     t.outbox = [e for e in t.outbox if e.spec in after.outbox]
     for e, m in sent:
         if isinstance(m, Advertisement):  # its session may have any number above the last one
@@ -363,16 +368,22 @@ class Step:
 RESTARTED = SpecInput(spec.Restart("restart"), "restart")
 
 
-def marked_and_newer(t: Track, m: Cam) -> tuple[bool, bool]:
-    """Whether a CAM names the session, and is newer than the last that counted (ACT-5)."""
-    return t.state.session in m.marks, t.last_cam_ms is None or m.generation_ms > t.last_cam_ms
+def marked_and_newer(t: Track, m: Cam, t_ms: int) -> tuple[bool, bool]:
+    """Whether a CAM received at ``t_ms`` names the session, and is newer than the last that counted
+    and not too far ahead (ACT-5)."""
+    newer = t.last_cam_ms is None or m.generation_ms > t.last_cam_ms
+    if t.first_cam_ms is not None:
+        generated, received_ms = t.first_cam_ms
+        lead = cam_lead(t.clock_drift, t.t_resend, t_ms - received_ms)
+        newer = newer and m.generation_ms <= generated + lead
+    return t.state.session in m.marks, newer
 
 
 def received(t: Track, event: Receive, m: Message | Cam) -> SpecInput:
     """The input for a received message or CAM."""
     what = f"receive {m.type} from {m.src}"
     if isinstance(m, Cam):
-        marked, newer = marked_and_newer(t, m)
+        marked, newer = marked_and_newer(t, m, event.t_ms)
         return SpecInput(
             spec.Cam("cam", m.src, frozenset({t.state.session} if marked else ()), newer), what, m
         )

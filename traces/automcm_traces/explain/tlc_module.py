@@ -2,7 +2,8 @@
 
 TLC's integers have 31 bits, and it cannot compare the content of strings. So stations become 1, 2,
 ... in order of appearance (the log's own is 1), session numbers become their rank, times begin at
-1, and equal contents become equal numbers.
+1, and equal contents become equal numbers. Generation times of CAMs keep their differences, except
+those that are too large for ACT-5 whatever happens in the log.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any, get_args
 
 from automcm_spec.vocabulary.application import Indication, names
 from automcm_spec.vocabulary.messages import CancelReason, MessageType, RefusalReason
-from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, durations, lease_lasts
+from automcm_spec.vocabulary.parameters import DEFAULTS, LIMITS, cam_lead, durations, lease_lasts
 from automcm_traces.checker.track import PHASES, ROLES
 from automcm_traces.format.log import (
     ApplicationCommand,
@@ -98,6 +99,7 @@ class Translation:
     def _write(self, late_ms: int | None) -> str:
         header = self._log.header
         late = header.longest_delay if late_ms is None else late_ms
+        drift = header.known.get("clock_drift", 0)
         lasts = (f"{n} |-> {_clamped(ms)}" for n, ms in durations(header.known).items())
         events = ",\n".join(self._event(n) for n in range(len(self._log.events)))
         statements = ",".join(str(self._statement(event)) for _, event in self._log.events)
@@ -105,6 +107,7 @@ class Translation:
         return (
             f"[ me |-> 1, ended |-> {_bool(self._log.ended)}, complete |-> {{{complete}}},\n"
             f"late |-> {min(late, LARGEST)}, lasts |-> [{', '.join(lasts)}],\n"
+            f"drift |-> {drift}, slack |-> {_clamped(cam_lead(drift, header.t_resend, 0))},\n"
             f"messages |-> <<{_table(self._messages)}>>,\n"
             f"timers |-> <<{_table(self._timers)}>>,\n"
             f"said |-> <<{_table(self._statements)}>>,\nsays |-> <<{statements}>>,\n"
@@ -291,13 +294,29 @@ def _session(value: Json) -> tuple[int, int] | None:
 
 
 def _generations(log: Log) -> dict[int, int]:
-    """The rank of each generation time among the received CAMs."""
+    """A small number for each generation time of the received CAMs.
+
+    Differences are kept up to the largest lead that ACT-5 allows in this log, and a larger one
+    stays larger. Raises TooLarge.
+    """
     times = {
         _int_or_0(m.get("generation_ms"))
         for _, event in log.events
         if isinstance(event, Receive) and (m := event.message)
     }
-    return {t: rank for rank, t in enumerate(sorted(times), 1)}
+    if not times:
+        return {}
+    span = log.events[-1][1].t_ms - log.events[0][1].t_ms
+    known = log.header.known
+    most = 1 + cam_lead(known.get("clock_drift", 0), log.header.t_resend, span)
+    before, *later = sorted(times)
+    numbers = {before: 1}
+    for t in later:
+        numbers[t] = numbers[before] + min(t - before, most)
+        before = t
+    if numbers[before] > LARGEST:
+        raise TooLarge(f"the generation times of its CAMs span more than {LARGEST} ms")
+    return numbers
 
 
 def _place(table: dict[str, int], text: str) -> int:

@@ -5,7 +5,8 @@ seqs, transmissions and clocks. The effects of each station come from the behavi
 that the specification leaves open are made up here:
 
 * ids are the model's ids times 1001 (1001, 2002, …); session numbers stay;
-* a message is received as its latest transmission;
+* a message is received as its latest transmission; a CAM that is newer although that transmission
+  has arrived before is forged, with the largest generation time (``Forger.tla``);
 * a step takes ``STEP_MS``. The header states no durations, so the deadline of a timer is the time
   at
   which the behaviour lets it expire, or far in the future. Only the lease has a duration on the
@@ -23,6 +24,7 @@ from typing import Any
 
 from automcm_spec.vocabulary.conditions import EMPTY
 from automcm_spec.vocabulary.json_forms import canonical
+from automcm_spec.vocabulary.messages import LIMIT
 from automcm_spec.vocabulary.station import (
     Cam,
     Command,
@@ -124,6 +126,8 @@ class _Station:
 
     events: list[tuple[str, int, dict[str, Json]]] = field(default_factory=list)
     transmissions: int = 0
+    cams: set[str] = field(default_factory=set)
+    """The transmissions of the CAMs it has received."""
     marks: frozenset[Session] = EMPTY
     open: dict[Timer, int] = field(default_factory=dict)
     """For each armed timer, the index of its arm event in ``events``."""
@@ -187,6 +191,11 @@ class _LogBuilder:
                     raise BehaviourError(f"step {n + 1}: received but never sent: {canonical(key)}")
                 tx, received_message = self._air[key]
                 fields: dict[str, Json] = {"tx": tx, "message": received_message}
+                if isinstance(i, Cam):
+                    if i.newer and tx in me.cams:
+                        received_message = received_message | {"generation_ms": LIMIT}
+                        fields = {"message": received_message}
+                    me.cams.add(tx)
                 if isinstance(i, Receive) and i.message.type == "Advertisement" and i.concerned:
                     fields["planned"] = PLANNED
                 me.events.append(("receive", now, fields | more))

@@ -179,10 +179,14 @@ class Header(Part):
         return self.parameters.model_dump(exclude_none=True)
 
     @property
+    def t_resend(self) -> int:
+        """The parameter in ms; its default if the header lacks it."""
+        return self.known.get("t_resend") or DEFAULTS["t_resend"]
+
+    @property
     def longest_delay(self) -> int:
-        """D in ms, from the default if the header lacks t_resend. By default a timer may be late by
-        as much."""
-        return longest_delay({"t_resend": self.known.get("t_resend") or DEFAULTS["t_resend"]})
+        """D in ms. By default a timer may be late by as much."""
+        return longest_delay({"t_resend": self.t_resend})
 
     @property
     def unobserved(self) -> list[str]:

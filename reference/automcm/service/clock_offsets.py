@@ -1,0 +1,53 @@
+"""The CAMs of the last seconds of each station, and whether its clock is in step (APP-6)."""
+
+from __future__ import annotations
+
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from logging import getLogger
+
+from automcm.links.clock_bounds import Bounds, bounds, in_step
+from automcm_spec.vocabulary.parameters import Known, longest_delay
+
+CAMS = 32
+"""Maximum number of CAMs kept of each station."""
+OutOfStep = Callable[[int, Bounds], None]
+"""Called with a station and the bounds on the offset of its clock."""
+
+
+_logger = getLogger(__name__)
+
+
+class ClockOffsets:
+    """The CAMs of the last seconds of each of the ``most`` stations that ``me`` heard last.
+
+    ``out_of_step`` is called once for each station whose clock is out of step.
+    """
+
+    def __init__(self, me: int, most: int, p: Known, out_of_step: OutOfStep) -> None:
+        self._me, self._most = me, most
+        self._delay_ms, self._drift = longest_delay(p), p["clock_drift"]
+        self._out_of_step = out_of_step
+        self._cams: OrderedDict[int, deque[tuple[int, int]]] = OrderedDict()
+        self.reported: set[int] = set()
+        """At most ``most`` stations that were out of step."""
+
+    def heard(self, station_id: int, generated_ms: int, now_ms: int) -> bool:
+        """Note a CAM received now.  Returns whether the clock of its sender may be in step."""
+        cams = self._cams.setdefault(station_id, deque(maxlen=CAMS))
+        self._cams.move_to_end(station_id)
+        if len(self._cams) > self._most:
+            self._cams.popitem(last=False)
+        cams.append((generated_ms, now_ms))
+        found = bounds(cams, now_ms, self._delay_ms, self._drift)
+        if in_step(found):
+            return True
+        if station_id not in self.reported and len(self.reported) < self._most:
+            self.reported.add(station_id)
+            _logger.warning(
+                "%s: the clock of station %s is %d to %d ms ahead; it counts as one that did not "
+                "answer (APP-6)",
+                *(self._me, station_id, *found),
+            )
+            self._out_of_step(station_id, found)
+        return False
