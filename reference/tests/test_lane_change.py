@@ -14,7 +14,8 @@ from automcm.kernels.trajectory import TrajectoryError, from_message
 from automcm.kernels.verify import Limits
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import FourVehicles, SimulatedDrive
-from automcm.scenarios.lane_change import LaneChange, Plan, gained_at, read
+from automcm.scenarios.lane_change import LaneChange, Plan
+from automcm.scenarios.planning import gained_at, read
 from automcm.scenarios.road import LANE_WIDTH, Sample, Vehicle
 from automcm.service.application import Advertised
 from automcm_spec.vocabulary import messages

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from automcm.kernels.trajectory import Trajectory
+from automcm.scenarios.occupancy_sweep import bends
 from automcm.scenarios.road import LANE_WIDTH, STEP_S, Driving, Late, Road, Vehicle, idm
 
 D = Driving()
@@ -177,3 +178,17 @@ def test_without_coordination_it_is_noticed_late_with_a_hard_stop_and_a_restart(
 def test_a_station_is_on_the_road_once() -> None:
     with pytest.raises(ValueError, match="station_id"):
         Road([Vehicle(1, 0, 0, 1, 1), Vehicle(1, 9, 0, 1, 1)])
+
+
+def test_on_a_bend_a_vehicle_drives_its_speed_and_keeps_its_lane() -> None:
+    vehicle = Vehicle(1, 20, 1, 10, 10, line=bends(100.0, True, 300))
+    road, places = Road([vehicle]), []
+    for _ in range(50):
+        places.append((vehicle.x, vehicle.y))
+        road.step()
+    steps = np.hypot(*np.diff(places, axis=0).T)
+    assert steps.sum() == pytest.approx(49 * 10 * STEP_S, rel=1e-3)
+    assert vehicle.line.project(places).d == pytest.approx(LANE_WIDTH)
+    assert vehicle.heading == pytest.approx((20 + 5 * 10 / 0.965) / 100, abs=0.03)
+    with pytest.raises(ValueError, match="line: must be the same"):
+        Road([vehicle, Vehicle(2, 0, 0, 10, 10)])

@@ -16,7 +16,15 @@ def test_report() -> None:
     report = kernel_bench.run(0.05, points=(40,), pairs=(1, 4))
     assert {row.kernel for row in report.rows} == {
         *("convert", "thin", "thin_noisy", "discover", "prescribe", "verify", "success"),
-        *("closest_approach", "collision", "clearance", "clearance_lorry", "pairs", "many"),
+        *(
+            "closest_approach",
+            "collision",
+            "clearance",
+            "clearance_lorry",
+            "project",
+            "pairs",
+            "many",
+        ),
     }
     fields = report.as_dict()
     assert len(fields["rows"]) == len(report.rows)

@@ -77,21 +77,29 @@ def drives(
     count: Annotated[int, typer.Option("--drives", help="Number of drives.", min=1)] = 100,
     seed: Annotated[int, typer.Option(help="Seed of the first drive; then the next.", min=0)] = 0,
     without: Annotated[
-        str, typer.Option(help="Mechanism to take away: CAMs, perception, look before, ...")
+        str, typer.Option(help="Mechanism to take away: CAMs, perception, lengths, sigma, ...")
     ] = "",
+    by_sigma: Annotated[
+        bool,
+        typer.Option("--by-sigma", help="Drive each with position errors of 0, 0.5, 1 and 2 m."),
+    ] = False,
     json_: Json = None,
 ) -> None:
     """Look for lane changes into an occupied lane (APP-1 to APP-5).
 
     In each drive some stations do not answer, only send CAMs, have no radio, or do not drive what
-    they accepted, and messages are lost.  A drive is bad if less than 2 m of room is left, or
+    they accepted, messages are lost, the road bends, some vehicles are lorries, and positions have
+    errors.  A drive is bad if less than 2 m of room is left, or
     somebody brakes harder than 4 m/s².  The exit code is 1 if a drive is bad.
     """
-    from automcm.scenarios.occupancy_sweep import KINDS, WITHOUT, drive
+    from automcm.scenarios.occupancy_sweep import KINDS, drive
+    from automcm.scenarios.sweep_drivers import WITHOUT
 
     if without and without not in WITHOUT:
         raise typer.BadParameter(f"expected one of {', '.join(WITHOUT)}, got {without!r}")
-    found = [drive(each, without) for each in range(seed, seed + count)]
+    sigmas = (0.0, 0.5, 1.0, 2.0) if by_sigma else (None,)
+    seeds = range(seed, seed + count)
+    found = [drive(each, without, sigma=sigma) for sigma in sigmas for each in seeds]
     bad = [asdict(each) for each in found if each.bad]
     kinds = {
         kind: {
@@ -104,14 +112,32 @@ def drives(
         for some in [[each for each in found if each.kind == kind]]
     }
     report = {"seed": seed, "drives": count, "without": without, "kinds": kinds, "bad": bad}
+    errors = {
+        sigma: {
+            "completed": sum(each.changed for each in some),
+            "aborted": sum(not each.changed for each in some),
+            "bad": sum(each.bad for each in some),
+        }
+        for sigma in sigmas
+        if sigma is not None
+        for some in [[each for each in found if each.sigma == sigma]]
+    }
+    if by_sigma:
+        report["sigmas"] = errors
     if write_json(json_, report):
+        for sigma, outcomes in errors.items():
+            counts = ", ".join(f"{number} {name}" for name, number in outcomes.items())
+            typer.echo(f"sigma {sigma} m      {counts}")
         for kind, figures in kinds.items():
             counts = ", ".join(f"{number} {name}" for name, number in figures.items())
             typer.echo(f"{kind:<16} {counts}")
         for each in bad:
             room = "-" if each["room_m"] is None else f"{each['room_m']} m"
             braking = f"braking {each['braking']} m/s²"
-            typer.echo(f"seed {each['seed']}, {each['kind']}: room {room}, {braking}")
+            typer.echo(
+                f"seed {each['seed']}, {each['kind']}, sigma {each['sigma']} m: "
+                f"room {room}, {braking}"
+            )
     raise typer.Exit(1 if bad else 0)
 
 

@@ -24,10 +24,11 @@ from automcm.kernels.collide import (
     closest_approach_pairs,
     collision,
 )
-from automcm.kernels.convert import convert
+from automcm.kernels.convert import closest_points, convert
 from automcm.kernels.discover import Candidate, discover
 from automcm.kernels.extents import Extent, clearance
 from automcm.kernels.prescribe import prescribe
+from automcm.kernels.road_line import RoadLine
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Floats, Trajectory
 from automcm.kernels.verify import Limits, verify
@@ -35,11 +36,13 @@ from automcm_maintenance.benches.core_bench import best_us
 
 POINTS = (50, 100, 500, 1000, 10_000)
 PAIRS = (1, 256, 4096)
+PLACES = 100
+"""Places that are projected onto a road's line at a time."""
 MOST_SAMPLES = 2**21
 """Greater batches would take longer than all the others."""
 PEERS = ("numpy", "python", "shapely", "pycrcc")
 DISCS = ("clearance", "clearance_lorry")
-MEASURED, MEASURED_OF_PAIRS = 36, 9
+MEASURED, MEASURED_OF_PAIRS = 40, 9
 """How many times are measured for each number of points, and for each number of pairs above 1."""
 QUADRATIC = 1000
 """Peers that compare each point with each are not measured beyond: it takes a minute."""
@@ -129,6 +132,7 @@ def run(
     for n in points:
         notify(f"{n} points")
         rows += [*_kernels(n, each, peers["shapely"]), *_single(n, each, peers)]
+        rows.append(_project(n, each, peers["shapely"]))
         for count in pairs:
             if count > 1 and count * n <= MOST_SAMPLES:
                 notify(f"{n} points, {count} pairs")
@@ -285,6 +289,20 @@ def _single(n: int, seconds: float, peers: dict[str, Any]) -> list[Row]:
         areas = best_us(_areas(shapely, at, (first, CAR)), seconds) if shapely else None
         discs.append(Row(name, n, 1, us, floor, cheap, None, areas, boxes))
     return points + discs
+
+
+def _project(n: int, seconds: float, shapely: Any) -> Row:
+    """Places on a road's line, µs for each; the peers find the nearest point of the line."""
+    line = RoadLine(road(n).xy)
+    places = line.place(np.linspace(0, line.length, PLACES), 2.0)
+    us = best_us(lambda: line.project(places), seconds, PLACES)
+    floor = _copy_us([line.xy, places], seconds / 3, PLACES)
+    nearest = best_us(lambda: closest_points(line.xy, places), seconds, PLACES)
+    peer = None
+    if shapely:
+        geo, points = shapely.LineString(line.xy), shapely.points(places)
+        peer = best_us(lambda: shapely.line_locate_point(geo, points), seconds, PLACES)
+    return Row("project", n, PLACES, us, floor, nearest, None, peer, None)
 
 
 def _batched(n: int, pairs: int, seconds: float, peers: dict[str, Any]) -> list[Row]:

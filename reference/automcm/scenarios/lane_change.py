@@ -7,21 +7,32 @@ prescription.  All computations are kernels (docs/kernels.md).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from automcm.kernels.collide import collision, common_time
-from automcm.kernels.convert import convert
 from automcm.kernels.discover import Candidate, discover
+from automcm.kernels.extents import Extent, clearance
 from automcm.kernels.prescribe import prescribe
+from automcm.kernels.road_line import RoadLine
 from automcm.kernels.thin import thin
-from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, from_message, to_message
-from automcm.kernels.verify import Limits, Reason, verify
+from automcm.kernels.trajectory import Floats, Trajectory, TrajectoryError, to_message
+from automcm.kernels.verify import Limits
 from automcm.scenarios import occupancy
 from automcm.scenarios.occupancy import Perception, Track, nothing_seen
-from automcm.scenarios.road import LANE_WIDTH, ROAD_M, Vehicle
+from automcm.scenarios.planning import (
+    LIMITS,
+    direction,
+    gained_at,
+    intention,
+    judged,
+    nobody,
+    planned,
+    read,
+)
+from automcm.scenarios.prediction import Neighbour, neighbours
+from automcm.scenarios.road import LANE_WIDTH, Vehicle
 from automcm.service.application import (
     Advertised,
     AgreedManeuver,
@@ -39,8 +50,6 @@ from automcm_spec.vocabulary.messages import Session
 SCENARIO = "lane_change"
 MARGIN_S = 10.0
 """The time by which a lease exceeds the expected duration of the maneuver."""
-MOST_POINTS = 500
-"""Maximum points of a received trajectory; thinning more would exceed the time to decide."""
 UNKNOWN_S = 0.5
 """The time from now on for which another's position may be unknown, because clocks differ."""
 FRESH_MS = 300
@@ -51,10 +60,6 @@ NO_RETURN_M = (LANE_WIDTH + occupancy.WIDTH_M) / 2
 """The point of no return: the vehicle has left its old lane (APP-5)."""
 SLACK_M = 2.0
 """The gap is opened this much wider than needed."""
-OF_IT = (Reason.EXPIRED, Reason.PATH)
-"""Reasons that are checked on the trajectory as it was received."""
-LIMITS = Limits(acceleration=3.0, deceleration=3.0, v_max=130 / 3.6)
-"""Limits that allow a step of Table I's 20 km/h, down and up again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,75 +74,12 @@ class Plan:
     """D_add: the growth of the gap, in m."""
     v_min: float = 1.0
     threshold_m: float = 8.0
-    """Minimum distance from centre to centre, in m (KIN-3)."""
+    """Minimum distance from centre to centre, in m (KIN-3), of the paper's application."""
     clock_error_s: float = 0.0
-
-
-def planned(vehicle: Vehicle, now_ms: int) -> Trajectory:
-    """The vehicle's trajectory without coordination: its path as positions over time (KIN-1)."""
-    xy, speed = vehicle.path()
-    return convert(xy, speed, np.array([vehicle.x, vehicle.y]), now_ms / 1000)
-
-
-def intention(vehicle: Vehicle, now_ms: int) -> messages.Trajectory:
-    """The planned trajectory for a message, thinned (KIN-2)."""
-    return to_message(thin(planned(vehicle, now_ms)))
-
-
-def read(what: str, trajectory: messages.Trajectory) -> Trajectory:
-    """A received trajectory.
-
-    Raises TrajectoryError, which names ``what``, if it is invalid or has more than MOST_POINTS.
-    """
-    if len(trajectory.points) > MOST_POINTS:
-        raise TrajectoryError(f"{what}: more than {MOST_POINTS} points")
-    try:
-        return from_message(trajectory)
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{what}: {error}") from None
-
-
-def along(path: Trajectory, prescribed: Trajectory, now: float) -> Trajectory:
-    """The speeds of ``prescribed`` from ``now`` (s) on, along ``path`` from its first place."""
-    ways, whole = prescribed.arc(), path.arc()
-    kept = ways <= whole[-1]
-    xy = np.stack([np.interp(ways[kept], whole, path.xy[:, axis]) for axis in (0, 1)], axis=1)
-    t = prescribed.t[kept] - prescribed.t[0] + now
-    return Trajectory(t, xy, prescribed.stopped and bool(kept.all()))
-
-
-def judged(
-    prescribed: Trajectory, intended: Trajectory, vehicle: Vehicle, now_ms: int, limits: Limits
-) -> tuple[Trajectory, tuple[Reason, ...]]:
-    """The received trajectory on the vehicle's own path from its present position, and the reasons
-    not to drive it (NEG-2, KIN-6).
-
-    Path and age are checked on the received trajectory, against the intended path.
-    """
-    now = now_ms / 1000
-    alone = planned(vehicle, now_ms)
-    anchored = along(alone, prescribed, now)
-    received = verify(prescribed, intended, now, limits)
-    own = verify(anchored, alone, now, limits)
-    return anchored, tuple(
-        reason for reason in Reason if reason in (received if reason in OF_IT else own)
-    )
-
-
-def gained_at(planned: Trajectory, prescribed: Trajectory, gain: float) -> float:
-    """The time in s at which ``prescribed`` has fallen ``gain`` m behind ``planned``."""
-    times = prescribed.t[prescribed.t <= planned.t[-1]]
-    behind = np.interp(times, planned.t, planned.arc()) - np.interp(
-        times, prescribed.t, prescribed.arc()
-    )
-    return float(times[int(np.argmax(behind >= gain - 1e-3))])
-
-
-def lane_zone(lane: int) -> Floats:
-    """The lane as a polygon (KIN-4)."""
-    low, high = (lane - 0.5) * LANE_WIDTH, (lane + 0.5) * LANE_WIDTH
-    far = 100 * ROAD_M
-    return np.array([[-far, low], [far, low], [far, high], [-far, high]])
+    retries: int = 0
+    """How often it requests again after it has given up (APP-2)."""
+    retry_s: float = 5.0
+    """The wait before each."""
 
 
 class Coordinated:
@@ -155,8 +97,16 @@ class Coordinated:
     def kinematics(self, now_ms: int) -> Kinematics:
         """As ``Application.kinematics``."""
         v = self.vehicle
-        values = (v.x, v.y, 0.0, v.speed, v.length, occupancy.WIDTH_M)
-        return Kinematics(*(round(1000 * value) for value in values))
+        x, y, heading = v.line.pose(*v.measured)
+        return Kinematics(
+            x_mm=round(1000 * x),
+            y_mm=round(1000 * y),
+            heading_mrad=round(1000 * heading),
+            speed_mm_s=round(1000 * v.speed),
+            length_mm=round(1000 * v.length),
+            width_mm=round(1000 * v.width),
+            sigma_mm=None if v.error is None else round(1000 * v.error.sigma),
+        )
 
     def fallback(self, session: Session, reason: str) -> None:
         """As ``Application.fallback``."""
@@ -177,8 +127,8 @@ class Coordinated:
 class LaneChange(Coordinated):
     """A vehicle that can request a lane change, and joins those of others.
 
-    Call ``tick``, its control loop, about every 0.1 s.  ``zone`` gives a lane as a polygon, by
-    default that of the simulated road; it can be that of a map (lanelet_map.LaneMap.zone).
+    Call ``tick``, its control loop, about every 0.1 s.  ``zone`` gives a lane as a polygon (KIN-4),
+    by default that of the vehicle's road; it can be that of a map (lanelet_map.LaneMap.zone).
     ``occupied`` is the vehicle's own perception (APP-1).
     """
 
@@ -187,12 +137,13 @@ class LaneChange(Coordinated):
         vehicle: Vehicle,
         plan: Plan | None = None,
         limits: Limits | None = None,
-        zone: Callable[[int], Floats] = lane_zone,
+        zone: Callable[[int], Floats] | None = None,
         occupied: Perception = nothing_seen,
     ) -> None:
         super().__init__(vehicle)
         self.occupied = occupied
-        self._zone, self.plan, self.limits = zone, plan or Plan(), limits or LIMITS
+        self._zone = zone or vehicle.zone
+        self.plan, self.limits = plan or Plan(), limits or LIMITS
         self.wanted: int | None = None
         """The lane to which it changes."""
         self.story: list[tuple[int, str]] = []
@@ -203,6 +154,16 @@ class LaneChange(Coordinated):
         self._others: dict[int, Trajectory] = {}
         self._target: int | None = None
         self._proposal: tuple[Proposal, Trajectory] | None = None
+        self._lines: dict[int, RoadLine] = {}
+        self._retries = 0
+        """How often it may still request again."""
+        self._again: tuple[int, int] | None = None
+        """When (ms), and for which lane, it requests again."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether it wants another lane, is between two, or will request again."""
+        return self.wanted is not None or self._again is not None or self.vehicle.changing
 
     # -- prescriber
 
@@ -211,7 +172,11 @@ class LaneChange(Coordinated):
         if self.wanted is not None or self.vehicle.changing or lane == self.vehicle.lane:
             self._note(f"does not signal for lane {lane}")
             return
-        self.wanted = lane
+        self._retries = self.plan.retries
+        self._request(lane)
+
+    def _request(self, lane: int) -> None:
+        self.wanted, self._again = lane, None
         planned_ = intention(self._moved_over(), self.service.now())
         self._note(f"signals for lane {lane}")
         self.service.command(Request(scenario=SCENARIO, details={"lane": lane}, planned=planned_))
@@ -220,7 +185,7 @@ class LaneChange(Coordinated):
         """The vehicle's own trajectory if it changed lanes now."""
         assert self.wanted is not None
         v = self.vehicle
-        as_if = Vehicle(v.station_id, v.x, v.lane, v.speed, v.desired, driving=v.driving)
+        as_if = replace(v, _moving_since=None)
         as_if.change_lane(self.wanted, 0.0)
         return as_if
 
@@ -240,7 +205,7 @@ class LaneChange(Coordinated):
             self._others = {s: read(f"Intention of {s}", t) for s, t in choice.planned.items()}
         known = self._known(choice.heard, choice.session)
         if choice.proposal == 1:
-            self._target = self._discover(known)
+            self._target = self._discover(known, choice.heard or ())
         if self._target is None:
             if reason := self._blocked(known, 0.0, change_s):
                 return self._given_up(choice, reason)
@@ -278,12 +243,23 @@ class LaneChange(Coordinated):
         v = self.vehicle
         speeds = theirs.speeds()
         speed = max(v.speed, float(speeds[0]) if len(speeds) else 0.0)
-        at = next((t.x for t in known or () if t.station_id == self._target), theirs.xy[0, 0])
-        gap = occupancy.needed_gap(speed, v.speed) + speed * occupancy.LATENCY_S
-        gap += (v.length + occupancy.LENGTH_M) / 2
-        return float(at - v.x + gap + SLACK_M)
+        gap = occupancy.needed_gap(speed, v.speed) + speed * occupancy.LATENCY_S + SLACK_M
+        own = self._own(self.wanted)
+        target = next((t for t in known or () if t.station_id == self._target), None)
+        if target is None:
+            at = float(self._line(self.wanted).project(theirs.xy[:1]).s[0])
+            return at - own.x + gap + (own.length + occupancy.LENGTH_M) / 2
+        gap += (own.length + target.length) / 2 + occupancy.error(own, target)
+        return target.x - own.x + gap
 
-    def _discover(self, known: list[Track] | None) -> int | None:
+    def _too_close(self, mine: Trajectory, theirs: Trajectory, heard: Heard | None) -> bool:
+        """Whether their discs come closer than LEAST_M (KIN-3)."""
+        own = Extent(self.vehicle.length, self.vehicle.width)
+        other = occupancy.extent_of(heard)
+        found = clearance(mine, theirs, own, other, occupancy.LEAST_M)
+        return found is not None and found.since is not None
+
+    def _discover(self, known: list[Track] | None, heard: tuple[Heard, ...]) -> int | None:
         """The target: the leader of the vehicles in the lane that would come too close.
 
         A vehicle whose position during the lane change is unknown counts as too close; so does one
@@ -293,15 +269,14 @@ class LaneChange(Coordinated):
         now, change_s = self.service.now() / 1000, self.vehicle.driving.lane_change_s
         mine = planned(self._moved_over(), self.service.now())
         needed = now + change_s
-        own = self._own()
+        own = self._own(self.wanted)
         tight = {t.station_id for t in known or () if not occupancy.clear(own, t, 0.0, change_s)}
         near = []
         for station_id, theirs in self._others.items():
             common = common_time(mine, theirs)
             sure = common is not None and common[0] <= now + UNKNOWN_S and common[1] >= needed
-            risk = collision(
-                mine, theirs, self.plan.threshold_m, clock_error=self.plan.clock_error_s
-            )
+            last = next((h for h in heard if h.station_id == station_id), None)
+            risk = self._too_close(mine, theirs, last)
             if risk or not sure or station_id in tight:
                 here = theirs.since(now) if sure and theirs.t[0] <= now else theirs
                 near.append(Candidate(station_id, here.xy[0], direction(here)))
@@ -310,21 +285,43 @@ class LaneChange(Coordinated):
 
     # -- occupancy (APP-1 to APP-5)
 
-    def _own(self) -> Track:
-        v = self.vehicle
-        return Track(x=v.x, y=v.y, vx=v.speed, length=v.length)
+    def _line(self, lane: int | None) -> RoadLine:
+        """The middle of a lane."""
+        assert lane is not None
+        if lane not in self._lines:
+            self._lines[lane] = self.vehicle.line.parallel(lane * LANE_WIDTH)
+        return self._lines[lane]
+
+    def _own(self, lane: int | None) -> Track:
+        return occupancy.own_track(self.vehicle, self._line(lane))
 
     def _known(
         self, heard: tuple[Heard, ...] | None, session: Session | None
     ) -> list[Track] | None:
-        """Everyone in the lane that is known (APP-1); None if the service passes on no CAMs."""
-        assert self.wanted is not None
+        """Everyone in the wanted lane that is known (APP-1); None if the service passes on no
+        CAMs."""
+        return self._in_lane(self.wanted, heard, session)
+
+    def _in_lane(
+        self, lane: int | None, heard: tuple[Heard, ...] | None, session: Session | None
+    ) -> list[Track] | None:
         if heard is None:
             return None
-        now, zone = self.service.now(), self._zone(self.wanted)
-        seen = self.occupied(zone, now, now + round(self.vehicle.driving.lane_change_s * 1000))
-        all_ = occupancy.tracks(heard, seen, self._others, session, now)
-        return [track for track in all_ if occupancy.in_lane(track, zone)]
+        line, now = self._line(lane), self.service.now()
+        assert lane is not None
+        last = now + round(self.vehicle.driving.lane_change_s * 1000)
+        seen = self.occupied(self._zone(lane), now, last)
+        own = self._own(lane)
+        all_ = occupancy.tracks(heard, seen, self._others, session, now, line, own.sigma or 0.0)
+        return [track for track in all_ if occupancy.in_lane(own, track)]
+
+    def _around(self, prescribed: Trajectory) -> tuple[Neighbour | None, Neighbour | None]:
+        """The vehicles ahead and behind in the own lane, as far as known (KIN-6)."""
+        lane = self.vehicle.lane
+        known = self._in_lane(lane, heard_by(self.service), None) or []
+        line, now = self._line(lane), self.service.now() / 1000
+        own = self._own(lane)
+        return neighbours(own, known, prescribed, line, now)
 
     def _blocked(
         self, known: list[Track] | None, begins_s: float, ends_s: float, *, now_open: bool = False
@@ -336,8 +333,10 @@ class LaneChange(Coordinated):
         """
         if known is None:
             return "no CAMs: its surroundings are unknown"
+        own = self._own(self.wanted)
+        if math.isnan(own.x):
+            return "its own place on the road is unknown"
         hardest = occupancy.HARDEST if self.vehicle.changing else occupancy.FORCED
-        own = self._own()
         target = next((t for t in known if t.station_id == self._target), None)
         shield = target if target is not None and (target.x < own.x or not now_open) else None
         for track in known:
@@ -378,7 +377,7 @@ class LaneChange(Coordinated):
             prescribed = read("Prescription", proposal.prescribed)
             now_ms = self.service.now()
             anchored, reasons = judged(
-                prescribed, self._intended, self.vehicle, now_ms, self.limits
+                prescribed, self._intended, self.vehicle, now_ms, self.limits, self._around
             )
         except TrajectoryError as error:
             reasons = (str(error),)
@@ -408,8 +407,9 @@ class LaneChange(Coordinated):
     def tick(self, now_ms: int) -> None:
         """The prescriber's control loop: change lanes at the right time, then complete."""
         if self.wanted is None:
-            return
-        if self.vehicle.changing:
+            if self._again is not None and now_ms >= self._again[0] and not self.vehicle.changing:
+                self._request(self._again[1])
+        elif self.vehicle.changing:
             self._watch(now_ms)
         elif self._begins_ms is not None and now_ms >= self._begins_ms:
             self._begin(now_ms)
@@ -442,7 +442,7 @@ class LaneChange(Coordinated):
         if self._drive is not None:
             self.service.command(self._drive.abort())
         self._alone()
-        self.wanted = None
+        self._gives_up_lane()
 
     def fallback(self, session: Session, reason: str) -> None:
         """Drive alone: give up a lane change that has not begun, or finish it."""
@@ -458,13 +458,20 @@ class LaneChange(Coordinated):
         self._drive = self._proposal = self._begins_ms = None
         self.vehicle.follow(None)
         if not self.vehicle.changing:
-            self.wanted = None
+            self._gives_up_lane()
+
+    def _gives_up_lane(self) -> None:
+        """Request it again later, if the plan says so (APP-2)."""
+        if self.wanted is not None and self._retries:
+            self._retries -= 1
+            self._again = self.service.now() + round(self.plan.retry_s * 1000), self.wanted
+        self.wanted = None
 
     def refused(self, command: str, rule: str) -> None:
         """As ``Application.refused``."""
         self._note(f"{command} is refused by {rule}")
         if command == "request":
-            self.wanted = None
+            self._gives_up_lane()
 
     def _note(self, what: str) -> None:
         self.story.append((self.service.now(), what))
@@ -483,12 +490,9 @@ class PaperLaneChange(LaneChange):
     def _missing(self, theirs: Trajectory, known: list[Track] | None) -> float:
         return 0.0
 
+    def _too_close(self, mine: Trajectory, theirs: Trajectory, heard: Heard | None) -> bool:
+        plan = self.plan
+        return bool(collision(mine, theirs, plan.threshold_m, clock_error=plan.clock_error_s))
 
-def direction(trajectory: Trajectory) -> Floats:
-    """The direction of travel at the beginning, shape (2,); (1, 0) for a standing vehicle."""
-    if len(trajectory) < 2:
-        return np.array([1.0, 0.0])
-    step = trajectory.xy[1] - trajectory.xy[0]
-    length = float(np.hypot(*step))
-    ahead: Floats = step / length if length else np.array([1.0, 0.0])
-    return ahead
+    def _around(self, prescribed: Trajectory) -> tuple[None, None]:
+        return nobody(prescribed)

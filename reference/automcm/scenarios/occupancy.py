@@ -1,7 +1,7 @@
 """Whether a lane is free for a lane change: rules APP-2 to APP-4 (docs/protocol.md, section 6).
 
 Every vehicle known near the lane is a track: from its CAM, whether it answered or not, or from the
-vehicle's own perception.  SI units; x forward.
+vehicle's own perception.  SI units.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from automcm.kernels.discover import inside
+from automcm.kernels.extents import Extent
+from automcm.kernels.road_line import RoadLine
 from automcm.kernels.trajectory import Floats
-from automcm.scenarios.road import Driving
+from automcm.scenarios.road import LANE_WIDTH, Driving, Vehicle
 from automcm.service.application import Heard
 from automcm_spec.vocabulary.messages import CAR_MM, Session
 
@@ -27,7 +28,10 @@ HARDEST = 4.0
 LEAST_M = 2.0
 """Least gap, bumper to bumper, whatever the speeds."""
 ERROR_M = 1.0
-"""Error of the position of a vehicle that has not answered, m."""
+"""Error of the position of a vehicle that has not answered and states none, m."""
+SURE = 3.0
+"""Stated errors count with so many standard deviations: both errors last for seconds, so that a
+lane change meets few independent ones, and one in 740 exceeds this to the unsafe side."""
 CHANGE = 0.5
 """Assumed change of speed, m/s², of a vehicle that has not answered, for at most CHANGE_S; and of
 every vehicle since it was last heard."""
@@ -43,7 +47,8 @@ LATERAL_S = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
-    """A vehicle as it was last heard or seen."""
+    """A vehicle as it was last heard or seen: from perception in the plane, from ``tracks`` along
+    (x) and across (y) the middle of a lane."""
 
     x: float
     y: float
@@ -56,6 +61,16 @@ class Track:
     bound: bool = False
     """Whether its marks name another session."""
     length: float = LENGTH_M
+    width: float = WIDTH_M
+    sigma: float | None = None
+    """Standard deviation of x and of y, m; None if unknown."""
+    seen: bool = False
+    """Whether it is from perception, to whose position the own error adds nothing."""
+
+    @property
+    def extent(self) -> Extent:
+        """Its rectangle."""
+        return Extent(self.length, self.width)
 
     @property
     def name(self) -> str:
@@ -75,50 +90,125 @@ def nothing_seen(region: Floats, t0_ms: int, t1_ms: int) -> tuple[Track, ...]:
     return ()
 
 
+def on_line(found: Sequence[Track], line: RoadLine) -> list[Track]:
+    """These tracks, given in the plane, along and across ``line``; those clear of it are left out.
+
+    Where the road comes back to itself, x and y are NaN: such a track is in every lane, and clear
+    of nobody.
+    """
+    at = line.project(np.array([(t.x, t.y) for t in found]).reshape(-1, 2))
+    rows = zip(found, at.s.tolist(), at.d.tolist(), at.heading.tolist(), at.scale, strict=True)
+    return [
+        replace(
+            t,
+            x=s,
+            y=d,
+            vx=(t.vx * math.cos(heading) + t.vy * math.sin(heading)) / float(scale),
+            vy=t.vy * math.cos(heading) - t.vx * math.sin(heading),
+        )
+        for t, s, d, heading, scale in rows
+        if d != math.inf
+    ]
+
+
+def own_track(vehicle: Vehicle, line: RoadLine) -> Track:
+    """The vehicle's own track on ``line``, as it measures its position; x and y are NaN if that is
+    not on the road."""
+    x, y, heading = vehicle.line.pose(*vehicle.measured)
+    track = Track(
+        x=x,
+        y=y,
+        vx=vehicle.speed * math.cos(heading),
+        vy=vehicle.speed * math.sin(heading),
+        length=vehicle.length,
+        width=vehicle.width,
+        sigma=vehicle.error.sigma if vehicle.error is not None else None,
+    )
+    return next(iter(on_line([track], line)), replace(track, x=math.nan, y=math.nan))
+
+
+def extent_of(heard: Heard | None) -> Extent:
+    """The extent that its CAM states, or the assumed one."""
+    if heard is None:
+        return Extent(LENGTH_M, WIDTH_M)
+    return Extent(
+        (heard.length_mm or 1000 * LENGTH_M) / 1000, (heard.width_mm or 1000 * WIDTH_M) / 1000
+    )
+
+
 def tracks(
     heard: Iterable[Heard],
     seen: Sequence[Track],
     answered: Iterable[int],
     session: Session | None,
     now: int,
+    line: RoadLine,
+    own_sigma: float = 0.0,
 ) -> list[Track]:
-    """Every vehicle known (APP-1) at ``now`` (ms).  What is seen replaces the CAM of the station at
-    that place."""
-    left, replied, found = list(seen), frozenset(answered), []
+    """Every vehicle known on the road at ``now`` (ms), along and across ``line`` (APP-1).
+
+    What is seen replaces the CAM of the station that is nearest to that place.
+    """
+    replied, said = frozenset(answered), []
     for each in heard:
-        age_s = (now - each.received_ms) / 1000
         speed, heading = each.speed_mm_s / 1000, each.heading_mrad / 1000
-        vx, vy = speed * math.cos(heading), speed * math.sin(heading)
-        track = Track(
-            x=each.x_mm / 1000 + vx * age_s,
-            y=each.y_mm / 1000 + vy * min(age_s, LATERAL_S),
-            vx=vx,
-            vy=vy,
-            age_s=age_s,
-            station_id=each.station_id,
-            answered=each.station_id in replied,
-            bound=each.bound_elsewhere(session),
+        extent = extent_of(each)
+        said.append(
+            Track(
+                x=each.x_mm / 1000,
+                y=each.y_mm / 1000,
+                vx=speed * math.cos(heading),
+                vy=speed * math.sin(heading),
+                age_s=(now - each.received_ms) / 1000,
+                station_id=each.station_id,
+                answered=each.in_step and each.station_id in replied,
+                bound=each.bound_elsewhere(session),
+                length=extent.length,
+                width=extent.width,
+                sigma=None if each.sigma_mm is None else each.sigma_mm / 1000,
+            )
         )
-        for other in left:
-            if abs(other.x - track.x) <= SAME_M[0] and abs(other.y - track.y) <= SAME_M[1]:
-                left.remove(other)
-                track = replace(
-                    other,
-                    age_s=0.0,
-                    station_id=track.station_id,
-                    answered=track.answered,
-                    bound=track.bound,
-                )
-                break
+    left, found = on_line(seen, line), []
+    for track in on_line(said, line):
+        x = track.x + track.vx * track.age_s
+        track = replace(track, x=x, y=track.y + track.vy * min(track.age_s, LATERAL_S))
+        error = SURE * math.hypot(own_sigma, track.sigma or 0.0)
+        same = [
+            t
+            for t in left
+            if abs(t.x - track.x) <= SAME_M[0] + error and abs(t.y - track.y) <= SAME_M[1] + error
+        ]
+        if same:
+            other = min(same, key=lambda t: math.hypot(t.x - track.x, t.y - track.y))
+            left.remove(other)
+            track = replace(
+                other,
+                age_s=0.0,
+                station_id=track.station_id,
+                answered=track.answered,
+                bound=track.bound,
+                seen=True,
+            )
         found.append(track)
-    return found + left
+    return found + [replace(track, seen=True) for track in left]
 
 
-def in_lane(track: Track, zone: Floats) -> bool:
-    """Whether it touches the lane, or will soon."""
-    sides = [track.y + off for off in (-WIDTH_M / 2, 0.0, WIDTH_M / 2)]
-    points = [(track.x, y + track.vy * after) for y in sides for after in (0.0, LATERAL_S)]
-    return bool(inside(np.array(points), zone).any())
+def error(own: Track, other: Track) -> float:
+    """How wrong the distance of the two along the lane may be, m: SURE standard deviations."""
+    mine = 0.0 if other.seen else own.sigma or 0.0
+    return SURE * math.hypot(mine, other.sigma or 0.0)
+
+
+def in_lane(own: Track, other: Track) -> bool:
+    """Whether the side of ``other`` may touch the lane along whose middle both are given, or will
+    soon.
+
+    The lane is in the map, so that the own error counts for what is seen from the vehicle.
+    """
+    mine = own.sigma or 0.0 if other.seen else 0.0
+    reach = (LANE_WIDTH + other.width) / 2 + SURE * math.hypot(mine, other.sigma or 0.0)
+    now, soon = other.y, other.y + other.vy * LATERAL_S
+    return not (min(now, soon) > reach or max(now, soon) < -reach)
 
 
 def needed_gap(rear: float, front: float, hardest: float = FORCED) -> float:
@@ -136,10 +226,13 @@ def needed_gap(rear: float, front: float, hardest: float = FORCED) -> float:
     return max(LEAST_M, wanted * math.sqrt(d.acceleration / hardest))
 
 
-def margin(track: Track, after_s: float) -> float:
-    """The error in m of its position predicted ``after_s`` from now at constant speed (APP-3)."""
-    unknown = 0.0 if track.answered else ERROR_M + CHANGE * min(after_s, CHANGE_S) ** 2 / 2
-    return unknown + CHANGE * track.age_s**2 / 2
+def margin(own: Track, other: Track, after_s: float) -> float:
+    """The error, m, of their distance predicted ``after_s`` from now at constant speeds (APP-3)."""
+    known = error(own, other) + CHANGE * other.age_s**2 / 2
+    if other.answered:
+        return known
+    unstated = ERROR_M if other.sigma is None else 0.0
+    return known + unstated + CHANGE * min(after_s, CHANGE_S) ** 2 / 2
 
 
 def clear(
@@ -150,13 +243,13 @@ def clear(
     sides = set()
     for after in (begins_s, ends_s):
         ahead = other.x - own.x + (other.vx - own.vx) * after
-        gap = abs(ahead) - (own.length + other.length) / 2 - margin(other, after)
+        gap = abs(ahead) - (own.length + other.length) / 2 - margin(own, other, after)
         if ahead > 0:
             rear, front = own.vx, other.vx
         else:
             rear, front = other.vx, own.vx
             gap -= rear * LATENCY_S
-        if gap < needed_gap(rear, front, hardest):
+        if not gap >= needed_gap(rear, front, hardest):  # also if the gap is NaN
             return False
         sides.add(ahead > 0)
     return len(sides) == 1

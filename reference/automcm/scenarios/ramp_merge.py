@@ -15,16 +15,9 @@ import numpy as np
 from automcm.kernels.thin import thin
 from automcm.kernels.trajectory import Trajectory, TrajectoryError, to_message
 from automcm.scenarios import occupancy
-from automcm.scenarios.lane_change import (
-    LIMITS,
-    MARGIN_S,
-    NO_RETURN_M,
-    WAIT_MS,
-    LaneChange,
-    planned,
-    read,
-)
+from automcm.scenarios.lane_change import MARGIN_S, NO_RETURN_M, WAIT_MS, LaneChange
 from automcm.scenarios.occupancy import Perception, Track, nothing_seen
+from automcm.scenarios.planning import LIMITS, planned, read
 from automcm.scenarios.road import LANE_WIDTH, Vehicle
 from automcm.service.application import Advertised, Choice, Proposal
 from automcm_spec.vocabulary import messages
@@ -123,7 +116,7 @@ class Merge(LaneChange):
 
         One that comes earlier is there, too, if it is not clear by then (APP-3).
         """
-        own, ends_s = self._own(), joins_s + self.vehicle.driving.lane_change_s
+        own, ends_s = self._own(self.wanted), joins_s + self.vehicle.driving.lane_change_s
         tight = {t.station_id for t in known if not occupancy.clear(own, t, joins_s, ends_s)}
         there = {s: arrival(t, self.ramp.joins_m) for s, t in self._others.items()}
         close = {s: mine if at is None else at for s, at in there.items()}

@@ -1,23 +1,28 @@
-"""A straight two-lane road with vehicles, simulated in steps of 0.1 s.
+"""A road with vehicles, simulated in steps of 0.1 s.
 
 A vehicle follows the one ahead by the intelligent driver model (Treiber, Hennecke and Helbing,
 2000), and a prescribed trajectory by feedback to its stepwise speed, as the solid line of the
 paper's Fig. 4.  Without coordination a driver notices a vehicle in the way late: it brakes hard,
-stops and restarts (section VI-B).  SI units; x forward, y left; positions are those of a vehicle's
-centre.
+stops and restarts (section VI-B).  SI units; s along the road's line, d to its left, x and y in the
+plane; positions are those of a vehicle's centre.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from random import Random
 
 import numpy as np
 
+from automcm.kernels.road_line import RoadLine
 from automcm.kernels.trajectory import Floats, Trajectory
+from automcm_spec.vocabulary.messages import CAR_MM
 
 STEP_S = 0.1
 LANE_WIDTH = 3.5
+STRAIGHT = RoadLine([(0, 0), (1, 0)], reach=100.0)
+"""The x axis."""
 ROAD_M = 600.0
 """The length of a planned path, in m."""
 
@@ -58,21 +63,47 @@ class Late:
     restart_s: float = 1.5
 
 
+class PositionError:
+    """The error of a measured position, along and across the road, m.
+
+    It is a first-order Gauss-Markov process with a standard deviation of ``sigma`` along either
+    axis, because an error of GNSS lasts.
+    """
+
+    TIME_S = 10.0
+    """Its correlation time, an assumption."""
+
+    def __init__(self, sigma: float, seed: str) -> None:
+        self.sigma, self._random = sigma, Random(seed)
+        self.along, self.across = (self._random.gauss(0, sigma) for _ in range(2))
+
+    def step(self, after_s: float = STEP_S) -> None:
+        """The error so much later."""
+        kept = math.exp(-after_s / self.TIME_S)
+        new = self.sigma * math.sqrt(1 - kept * kept)
+        self.along = kept * self.along + self._random.gauss(0, new)
+        self.across = kept * self.across + self._random.gauss(0, new)
+
+
 @dataclass
 class Vehicle:
     """One vehicle on the road."""
 
     station_id: int
-    x: float
+    s: float
     lane: int
     speed: float
     desired: float
-    length: float = 4.5
+    length: float = CAR_MM[0] / 1000
     driving: Driving = field(default_factory=Driving)
     late: Late | None = None
     """If set, it brakes late and stops for a vehicle that changes to its lane ahead."""
     acceleration: float = 0.0
-    y: float = 0.0
+    d: float = 0.0
+    width: float = CAR_MM[1] / 1000
+    line: RoadLine = STRAIGHT
+    error: PositionError | None = None
+    """Of the position that it measures."""
     target_lane: int = 0
     offset_s: float = 0.0
     """By how much the clock of its station, on which ``now`` and trajectories are, is ahead."""
@@ -84,7 +115,29 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         self.target_lane = self._moved_from = self.lane
-        self.y = self.lane * LANE_WIDTH
+        self.d = self.lane * LANE_WIDTH
+
+    @property
+    def x(self) -> float:
+        """In the plane, m; as ``y``."""
+        return self.line.pose(self.s, self.d)[0]
+
+    @property
+    def y(self) -> float:
+        """In the plane, m."""
+        return self.line.pose(self.s, self.d)[1]
+
+    @property
+    def heading(self) -> float:
+        """That of the road, rad; the slip of a lane change is not simulated."""
+        return self.line.pose(self.s, self.d)[2]
+
+    @property
+    def measured(self) -> tuple[float, float]:
+        """Its s and d as it measures them."""
+        if self.error is None:
+            return self.s, self.d
+        return self.s + self.error.along, self.d + self.error.across
 
     @property
     def changing(self) -> bool:
@@ -109,7 +162,7 @@ class Vehicle:
     @property
     def moved_m(self) -> float:
         """The distance from the middle of the lane that it leaves."""
-        return abs(self.y - self._moved_from * LANE_WIDTH)
+        return abs(self.d - self._moved_from * LANE_WIDTH)
 
     def turn_back(self, now: float) -> None:
         """Return to the lane that it leaves, in the time that it took to come here."""
@@ -128,16 +181,22 @@ class Vehicle:
             return 0.0 if p.stopped else None
         return float(p.speeds()[np.searchsorted(p.t, now, side="right") - 1])
 
+    def zone(self, lane: int) -> Floats:
+        """The lane around the vehicle as a polygon, (n, 2), m (KIN-4)."""
+        low, high = (lane - 0.5) * LANE_WIDTH, (lane + 0.5) * LANE_WIDTH
+        return self.line.zone(low, high, self.s - ROAD_M, self.s + ROAD_M)
+
     def path(self) -> tuple[Floats, Floats]:
         """The planned path: points 5 m apart and the speed at each, shape (n, 2) and (n,).
 
         Before a lane change, the path leads straight to the other lane within ``lane_change_s``.
         """
-        x = self.x + np.arange(0.0, ROAD_M, 5.0)
+        s, d = self.measured
+        ahead = s + np.arange(0.0, ROAD_M, 5.0)
         over = max(self.speed, 1.0) * self.driving.lane_change_s
-        share = np.clip((x - self.x) / over, 0.0, 1.0)
-        y = self.y + share * (self.target_lane * LANE_WIDTH - self.y)
-        return np.column_stack([x, y]), np.full(len(x), self.speed)
+        share = np.clip((ahead - s) / over, 0.0, 1.0)
+        aside = d + share * (self.target_lane * LANE_WIDTH - d)
+        return self.line.place(ahead, aside), np.full(len(ahead), self.speed)
 
 
 def idm(gap: float, speed: float, ahead_speed: float, desired: float, d: Driving) -> float:
@@ -152,7 +211,7 @@ def idm(gap: float, speed: float, ahead_speed: float, desired: float, d: Driving
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The state of one vehicle at one time."""
+    """The state of one vehicle at one time; x is along the road's line and y to its left, m."""
 
     t: float
     station_id: int
@@ -169,6 +228,8 @@ class Road:
         ids = [vehicle.station_id for vehicle in vehicles]
         if len(set(ids)) != len(ids):
             raise ValueError(f"station_id: must be unique, not {ids}")
+        if len({id(vehicle.line) for vehicle in vehicles}) > 1:
+            raise ValueError("line: must be the same for all vehicles")
         self.vehicles = vehicles
         self.t = 0.0
         self.samples: list[Sample] = []
@@ -176,14 +237,15 @@ class Road:
 
     def ahead(self, of: Vehicle) -> Vehicle | None:
         """The next vehicle ahead on one of its lanes."""
-        inn = [v for v in self.vehicles if v is not of and v.x > of.x and v.lanes & of.lanes]
-        return min(inn, key=lambda v: v.x, default=None)
+        inn = [v for v in self.vehicles if v is not of and v.s > of.s and v.lanes & of.lanes]
+        return min(inn, key=lambda v: v.s, default=None)
 
     def gap(self, behind: Vehicle, front: Vehicle | None) -> float:
         """The gap to the vehicle ahead, bumper to bumper, m; infinite without one."""
         if front is None:
             return math.inf
-        return front.x - behind.x - (front.length + behind.length) / 2
+        way = (front.s - behind.s) * behind.line.scale(behind.s, behind.d)
+        return way - (front.length + behind.length) / 2
 
     def step(self) -> None:
         """Advance by STEP_S: all vehicles decide on the present state, then all move."""
@@ -214,8 +276,8 @@ class Road:
             others = (o for o in self.vehicles if o is not v and o.changing)
             v._braking = any(
                 v.lane == o.target_lane
-                and abs(o.y - o._moved_from * LANE_WIDTH) >= late.notice
-                and -o.length <= o.x - v.x <= late.range_m
+                and abs(o.d - o._moved_from * LANE_WIDTH) >= late.notice
+                and -o.length <= o.s - v.s <= late.range_m
                 for o in others
             )
             if not v._braking:
@@ -236,14 +298,17 @@ class Road:
         """Move with constant acceleration for one step, but never backwards."""
         after = v.speed + acceleration * STEP_S
         if after < 0:
-            v.x += v.speed**2 / (2 * -acceleration)
+            way = v.speed**2 / (2 * -acceleration)
             v.speed, v.acceleration = 0.0, -v.speed / STEP_S
         else:
-            v.x += (v.speed + after) / 2 * STEP_S
+            way = (v.speed + after) / 2 * STEP_S
             v.speed, v.acceleration = after, acceleration
+        v.s += way / v.line.scale(v.s, v.d)
+        if v.error is not None:
+            v.error.step()
         if v._moving_since is not None:
             share = (self.t + STEP_S - v._moving_since) / v.driving.lane_change_s + 1e-9
-            v.y = LANE_WIDTH * (v._moved_from + min(share, 1) * (v.target_lane - v._moved_from))
+            v.d = LANE_WIDTH * (v._moved_from + min(share, 1) * (v.target_lane - v._moved_from))
             if share >= 0.5:
                 v.lane = v.target_lane
             if share >= 1:
@@ -251,7 +316,7 @@ class Road:
 
     def _record(self) -> None:
         self.samples += [
-            Sample(self.t, v.station_id, v.x, v.y, v.speed, v.acceleration) for v in self.vehicles
+            Sample(self.t, v.station_id, v.s, v.d, v.speed, v.acceleration) for v in self.vehicles
         ]
 
     def of(self, station_id: int) -> list[Sample]:

@@ -17,7 +17,8 @@ import numpy as np
 
 from automcm.kernels.prescribe import prescribe
 from automcm.kernels.trajectory import Trajectory
-from automcm.scenarios.lane_change import Plan, gained_at
+from automcm.scenarios.lane_change import Plan
+from automcm.scenarios.planning import gained_at
 from automcm.scenarios.road import STEP_S, Driving
 from automcm_evaluation.framework.experiment import ExperimentError
 from automcm_spec.support import scratch

@@ -16,7 +16,8 @@ from automcm.encoding import sizes
 from automcm.encoding.codec import JSON, CodecError, codec
 from automcm.links.simulated_radio import Channel
 from automcm.scenarios.drive import SimulatedDrive
-from automcm.scenarios.lane_change import PaperLaneChange, intention
+from automcm.scenarios.lane_change import PaperLaneChange
+from automcm.scenarios.planning import intention
 from automcm.scenarios.road import Vehicle
 from automcm_evaluation.framework.experiment import ExperimentError, Values
 from automcm_spec.vocabulary.messages import Cam, Cancel, Intention, Message, Session, Trajectory
