@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+import logging
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import asdict
+from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from automcm_cli.shared.common import Json, code_3, example, write_json
+from automcm_cli.shared.common import Json, code_3, example, progress, write_json
+from automcm_spec.support import children
 
 if TYPE_CHECKING:
     from automcm.scenarios.drive import SimulatedDrive
+    from automcm.scenarios.occupancy_sweep import Driven
+
+FEW_DRIVES = 20
+"""Too few drives for a process of their own."""
 
 app = typer.Typer()
 
@@ -83,23 +94,24 @@ def drives(
         bool,
         typer.Option("--by-sigma", help="Drive each with position errors of 0, 0.5, 1 and 2 m."),
     ] = False,
+    workers: Annotated[int, typer.Option(help="Processes; 0: one per core.", min=0)] = 0,
     json_: Json = None,
 ) -> None:
     """Look for lane changes into an occupied lane (APP-1 to APP-5).
 
     In each drive some stations do not answer, only send CAMs, have no radio, or do not drive what
     they accepted, messages are lost, the road bends, some vehicles are lorries, and positions have
-    errors.  A drive is bad if less than 2 m of room is left, or
-    somebody brakes harder than 4 m/s².  The exit code is 1 if a drive is bad.
+    errors.  A drive is bad if less than 2 m of room is left, or somebody brakes harder than 4 m/s².
+    The exit code is 1 if a drive is bad.
     """
-    from automcm.scenarios.occupancy_sweep import KINDS, drive
+    from automcm.scenarios.occupancy_sweep import KINDS
     from automcm.scenarios.sweep_drivers import WITHOUT
 
     if without and without not in WITHOUT:
         raise typer.BadParameter(f"expected one of {', '.join(WITHOUT)}, got {without!r}")
     sigmas = (0.0, 0.5, 1.0, 2.0) if by_sigma else (None,)
-    seeds = range(seed, seed + count)
-    found = [drive(each, without, sigma=sigma) for sigma in sigmas for each in seeds]
+    asked = [(each, without, sigma) for sigma in sigmas for each in range(seed, seed + count)]
+    found = _driven(asked, workers)
     bad = [asdict(each) for each in found if each.bad]
     kinds = {
         kind: {
@@ -139,6 +151,32 @@ def drives(
                 f"room {room}, {braking}"
             )
     raise typer.Exit(1 if bad else 0)
+
+
+def _driven(asked: Sequence[tuple[int, str, float | None]], workers: int) -> list[Driven]:
+    """Each drive (seed, mechanism taken away, sigma), in this order."""
+    found: list[Driven] = []
+    with progress() as notify, ExitStack() as stack:
+        workers = min(workers or os.cpu_count() or 1, len(asked) // FEW_DRIVES + 1)
+        if workers > 1:
+            spawn = get_context("spawn")
+            pool = ProcessPoolExecutor(workers, spawn, initializer=children.end_with_parent)
+            results = stack.enter_context(pool).map(_drive, asked, chunksize=10)
+        else:
+            results = map(_drive, asked)
+        for one in results:
+            found.append(one)
+            notify(f"{len(found)} of {len(asked)} drives, {sum(d.bad for d in found)} bad")
+    return found
+
+
+def _drive(asked: tuple[int, str, float | None]) -> Driven:
+    from automcm.scenarios.occupancy_sweep import drive
+
+    # Clocks out of step and messages too long are drawn on purpose: no warnings.
+    logging.getLogger("automcm.service").setLevel(logging.ERROR)
+    seed, without, sigma = asked
+    return drive(seed, without, sigma=sigma)
 
 
 def _report(drive: SimulatedDrive) -> dict[str, Any]:
